@@ -1,0 +1,185 @@
+"""The combiner: chains into the hybrid system, constraints and their torques (eqs. 14–19).
+
+Two ways lead to the hybrid system and must agree. `hybrid_from_chains` is the paper's: each chain in
+its constrained form (eq. 15), added entry by entry where the coupling map says (eq. 18). The other
+is what the emitted code uses: the chains' inertia is summed at the root before it is projected, so
+the free rows are those of the reduced system, and each constrained joint adds its own row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.chains import Chain, coupling_map, decompose
+from gibbs_codegen.coordinates import ATTITUDE, POSITION, hybrid_coordinates
+from gibbs_codegen.equations import (
+    Matrix,
+    State,
+    chain_motions,
+    generalised_inertia_forces,
+    mass_matrix,
+)
+from gibbs_codegen.forces import input_matrix, motor_columns, motor_torque_about_arm_joint
+from gibbs_codegen.machine import Machine
+from gibbs_codegen.serial import composites, joint_column, link_wrench
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """matrix · unknowns = residual + inputs · u."""
+
+    matrix: Matrix
+    residual: list[sp.Expr]
+    inputs: Matrix
+
+
+def state_at_rest_acceleration(machine: Machine) -> State:
+    """The state with θ̈ = 0, whose generalised inertia forces are −R."""
+    zeros = [sp.Integer(0)] * len(machine.q)
+    return State(machine.v, zeros, machine.parameters.gravity)
+
+
+def reduced_system(machine: Machine) -> LinearSystem:
+    """M a = R + B u."""
+    tape, root, chain = machine.tape, machine.root, machine.reduced_chain
+    minus_r = generalised_inertia_forces(tape, root, chain, state_at_rest_acceleration(machine))
+    return LinearSystem(
+        mass_matrix(tape, root, chain), [-row for row in minus_r], input_matrix(machine)
+    )
+
+
+def constrained_chains(machine: Machine) -> tuple[Chain, ...]:
+    """Chains 1 … N − 1, each ending in a base arm that is held."""
+    return tuple(chain for chain in decompose(machine.robot) if chain.is_constrained)
+
+
+def constrained_joint_column(machine: Machine, chain: Chain) -> tuple[list[sp.Expr], sp.Expr]:
+    """Column of I_H for a constrained joint: its entries at θ₋₁, θ₀, θ₁, x, y, z and its own."""
+    tape, serial = machine.tape, machine.serial_chain(chain)
+    wrench, entries = joint_column(tape, serial, 1, composites(tape, serial)[1])
+    return list(machine.root.rows(tape, wrench)), entries[1]
+
+
+def constrained_joint_row(machine: Machine, chain: Chain, state: State) -> sp.Expr:
+    """∂S/∂θ̈ of a constrained joint at the given rates and accelerations of the free coordinates."""
+    tape, serial = machine.tape, machine.serial_chain(chain)
+    zero = sp.Integer(0)
+    own = State(
+        [*state.rates[:3], zero, *state.rates[-3:]],
+        [*state.accelerations[:3], zero, *state.accelerations[-3:]],
+        state.gravity,
+    )
+    motions = chain_motions(tape, machine.root, serial, own)
+    return link_wrench(tape, serial, 1, motions[1]).moment[2]
+
+
+def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
+    """I_H a_H = R_H + B_H u with the free rows taken from the reduced system (eqs. 18–19)."""
+    robot = machine.robot
+    n, arms = machine.joints, robot.rotors - 1
+    names = [coordinate.name for coordinate in hybrid_coordinates(robot)]
+    free = [0, 1, 2, *range(3 + arms, 6 + arms + n)]
+    root = [0, 1, 2, *range(3 + arms + n, 6 + arms + n)]
+    zero, one = sp.Integer(0), sp.Integer(1)
+    matrix: Matrix = [[zero] * len(names) for _ in names]
+    residual = [zero] * len(names)
+    thrust: Matrix = [[zero] * len(machine.u) for _ in names]
+    for i, row in enumerate(free):
+        for j, column in enumerate(free):
+            matrix[row][column] = reduced.matrix[i][j]
+        residual[row] = reduced.residual[i]
+        thrust[row] = list(reduced.inputs[i])
+    state = state_at_rest_acceleration(machine)
+    for m, chain in enumerate(constrained_chains(machine)):
+        here, torque = 3 + m, 6 + n + arms + m
+        column_entries, own = constrained_joint_column(machine, chain)
+        for row, entry in zip(root, column_entries, strict=True):
+            matrix[row][here] = matrix[here][row] = entry
+        matrix[here][here] = own
+        matrix[here][torque], matrix[torque][here] = -one, one
+        residual[here] = -constrained_joint_row(machine, chain, state)
+        thrust[here][1 + m] = motor_torque_about_arm_joint(machine, m + 2)
+    return LinearSystem(matrix, residual, thrust)
+
+
+def constraint_torques(machine: Machine) -> list[sp.Expr]:
+    """τ'_k for k = 2 … N, given the accelerations of the free coordinates and the inputs (eq. 14)."""
+    state = State(machine.v, machine.a, machine.parameters.gravity)
+    torques = []
+    for m, chain in enumerate(constrained_chains(machine)):
+        inertia_force = constrained_joint_row(machine, chain, state)
+        active = machine.tape.let(motor_torque_about_arm_joint(machine, m + 2) * machine.u[1 + m])
+        torques.append(machine.tape.let(inertia_force - active))
+    return torques
+
+
+def chain_system(machine: Machine, chain: Chain) -> LinearSystem:
+    """One chain in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where it is constrained.
+
+    A constrained chain has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
+    """
+    tape, root, serial = machine.tape, machine.root, machine.serial_chain(chain)
+    matrix = mass_matrix(tape, root, serial)
+    rates = _chain_values(machine, chain, machine.v)
+    state = State(rates, [sp.Integer(0)] * len(rates), machine.parameters.gravity)
+    residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
+    system = LinearSystem(matrix, residual, _chain_inputs(machine, chain))
+    return _bordered(system) if chain.is_constrained else system
+
+
+def hybrid_from_chains(machine: Machine) -> LinearSystem:
+    """The hybrid system by adding up the chains' systems where the coupling map places them."""
+    size, width = len(hybrid_coordinates(machine.robot)), len(machine.u)
+    zero = sp.Integer(0)
+    matrix: Matrix = [[zero] * size for _ in range(size)]
+    residual = [zero] * size
+    thrust: Matrix = [[zero] * width for _ in range(size)]
+    let = machine.tape.let
+    maps = coupling_map(machine.robot)
+    for chain, places in zip(decompose(machine.robot), maps, strict=True):
+        system = chain_system(machine, chain)
+        for i, row in enumerate(places):
+            residual[row] = let(residual[row] + system.residual[i])
+            for j, column in enumerate(places):
+                matrix[row][column] = let(matrix[row][column] + system.matrix[i][j])
+            for j in range(width):
+                thrust[row][j] = let(thrust[row][j] + system.inputs[i][j])
+    return LinearSystem(matrix, residual, thrust)
+
+
+def _chain_values(
+    machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...]
+) -> list[sp.Expr]:
+    """Rates or accelerations in the order of the chain's coordinates; a held joint has zero."""
+    by_name = {symbol.name: value for symbol, value in zip(machine.q, values, strict=True)}
+    return [by_name.get(name, sp.Integer(0)) for name in chain.coordinates]
+
+
+def _chain_inputs(machine: Machine, chain: Chain) -> Matrix:
+    zero, one = sp.Integer(0), sp.Integer(1)
+    names = list(chain.coordinates)
+    matrix: Matrix = [[zero] * len(machine.u) for _ in names]
+    columns = motor_columns(machine)
+    for motor in chain.motors:
+        for name, entry in zip((*ATTITUDE, *POSITION), columns[motor - 1], strict=True):
+            matrix[names.index(name)][motor - 1] = entry
+        if motor > 1:
+            matrix[3][motor - 1] = motor_torque_about_arm_joint(machine, motor)
+    if not chain.is_constrained:
+        first = machine.robot.rotors
+        for i in range(machine.joints):
+            matrix[3 + i][first + i] = one
+    return matrix
+
+
+def _bordered(system: LinearSystem) -> LinearSystem:
+    """Eq. 15: the unknown τ'_j with −ζ beside the mass matrix, and the row ζᵀθ̈_j = 0 below."""
+    zero, one = sp.Integer(0), sp.Integer(1)
+    size = len(system.residual)
+    zeta = [one if i == 3 else zero for i in range(size)]
+    matrix = [[*row, -z] for row, z in zip(system.matrix, zeta, strict=True)]
+    matrix.append([*zeta, zero])
+    width = len(system.inputs[0])
+    return LinearSystem(matrix, [*system.residual, zero], [*system.inputs, [zero] * width])

@@ -1,0 +1,64 @@
+"""The errors a user can meet: one root, and each says what is wrong, where, and what would be right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class GibbsCodegenError(Exception):
+    """Root of every error that this package raises on purpose.
+
+    `exit_code` is what the command line returns for it: 2 for wrong use or a refused robot file,
+    1 for work that was accepted and then failed.
+    """
+
+    exit_code = 2
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing wrong with a robot file: its key path, the line where it can be had, and why."""
+
+    path: str
+    message: str
+    line: int | None = None
+
+    def text(self, source: str) -> str:
+        """The fault as `source:line: key: message`."""
+        place = source if self.line is None else f"{source}:{self.line}"
+        return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
+
+
+class RobotFileError(GibbsCodegenError):
+    """A robot file that is refused; `faults` holds every reason, in the order of the file."""
+
+    def __init__(self, source: str, faults: Sequence[Fault]) -> None:
+        self.source = source
+        self.faults = tuple(faults)
+        super().__init__("\n".join(fault.text(source) for fault in self.faults))
+
+
+class SingularRobotError(GibbsCodegenError):
+    """A robot whose mass matrix is singular whatever its configuration.
+
+    `joint` names the coordinate that no mass or inertia resists.
+    """
+
+    def __init__(self, robot: str, joint: str) -> None:
+        self.robot = robot
+        self.joint = joint
+        super().__init__(
+            f"{robot}: nothing resists {joint}: its acceleration is not determined; "
+            "give the links that it moves mass or inertia about that joint"
+        )
+
+
+class UsageError(GibbsCodegenError):
+    """A request that cannot be met as it was put: an unknown name, target or folder."""
+
+
+class OutputError(GibbsCodegenError):
+    """Output that could not be written: a full disk, a folder without permission."""
+
+    exit_code = 1

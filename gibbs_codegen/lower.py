@@ -1,0 +1,288 @@
+"""From the tape to the program: slices of the tape, one per function, in plain nodes.
+
+A function takes from the tape the statements that its outputs need, in the tape's order. Those of
+the parameter stage go to `prepare`, shared by all functions. What is used once is written where it
+is used, as long as the line stays short.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.program import (
+    Call,
+    Function,
+    Name,
+    Node,
+    Number,
+    Output,
+    Product,
+    Program,
+    Reciprocal,
+    Statement,
+    Sum,
+)
+from gibbs_codegen.tape import Stage, Tape
+
+# Names and literals in one line, at most: keeps statements short enough to be read.
+_LEAVES = 7
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A function before it is lowered: its name, its arguments, and its output arrays."""
+
+    name: str
+    arguments: tuple[str, ...]
+    outputs: tuple[tuple[tuple[int, ...], tuple[sp.Expr, ...]], ...]
+
+
+def lower(
+    tape: Tape,
+    inputs: Mapping[str, tuple[str, ...]],
+    parameters: Sequence[str],
+    slices: Sequence[Slice],
+) -> Program:
+    """Lower every slice of the tape into one program."""
+    lowering = _Lowering(tape)
+    needed: set[sp.Symbol] = set()
+    functions = []
+    for piece in slices:
+        function, constants = lowering.function(piece)
+        functions.append(function)
+        needed |= constants
+    prepare = lowering.reachable(needed, Stage.PARAMETER)
+    return Program(
+        inputs=dict(inputs),
+        parameters=tuple(parameters),
+        constants=tuple(symbol.name for symbol in lowering.in_order(needed)),
+        prepare=tuple(Statement(s.name, lowering.node(tape.statements[s])) for s in prepare),
+        functions=tuple(functions),
+    )
+
+
+class _Lowering:
+    """Lowers statements, remembering what it has lowered."""
+
+    def __init__(self, tape: Tape) -> None:
+        self._tape = tape
+        self._nodes: dict[sp.Expr, Node] = {}
+        self._uses: dict[sp.Symbol, tuple[sp.Symbol, ...]] = {}
+
+    def in_order(self, symbols: set[sp.Symbol]) -> list[sp.Symbol]:
+        return sorted(symbols, key=self._tape.rank)
+
+    def function(self, piece: Slice) -> tuple[Function, set[sp.Symbol]]:
+        """The function, and the symbols of the parameter stage that it reads."""
+        entries = [entry for _, output in piece.outputs for entry in output]
+        roots = {symbol for entry in entries for symbol in entry.free_symbols}
+        tape = self._tape
+        order = self.reachable(roots, Stage.CONFIGURATION)
+        read = set(roots).union(*(self._operands(symbol) for symbol in order))
+        constants = {symbol for symbol in read if tape.stage(symbol) is Stage.PARAMETER}
+        statements = [Statement(s.name, self.node(tape.statements[s])) for s in order]
+        outputs = [
+            Output(shape, tuple(self.node(entry) for entry in output))
+            for shape, output in piece.outputs
+        ]
+        kept, outputs = _renamed(*_folded(statements, outputs))
+        names = tuple(symbol.name for symbol in self.in_order(constants))
+        return Function(piece.name, piece.arguments, names, kept, tuple(outputs)), constants
+
+    def reachable(self, roots: set[sp.Symbol], earliest: Stage) -> list[sp.Symbol]:
+        """Statements that `roots` need, back to stage `earliest`, in the tape's order."""
+        tape = self._tape
+        found: set[sp.Symbol] = set()
+        stack = list(roots)
+        while stack:
+            symbol = stack.pop()
+            if symbol in found or symbol not in tape.statements or tape.stage(symbol) < earliest:
+                continue
+            found.add(symbol)
+            stack.extend(self._operands(symbol))
+        return self.in_order(found)
+
+    def _operands(self, symbol: sp.Symbol) -> tuple[sp.Symbol, ...]:
+        if symbol not in self._uses:
+            self._uses[symbol] = tuple(self._tape.statements[symbol].free_symbols)
+        return self._uses[symbol]
+
+    def node(self, expression: sp.Expr) -> Node:
+        """Plain node of a tape expression."""
+        if expression not in self._nodes:
+            self._nodes[expression] = self._lowered(expression)
+        return self._nodes[expression]
+
+    def _lowered(self, expression: sp.Expr) -> Node:
+        if expression.is_Symbol:
+            return Name(expression.name)
+        if expression.is_number:
+            return Number(float(sp.N(expression, 30)))
+        if expression.is_Add:
+            return self._sum(expression)
+        if expression.is_Mul:
+            return self._product(expression)
+        if expression.is_Pow:
+            base, exponent = expression.args
+            if exponent == -1:
+                return Reciprocal(self.node(base))
+            return Product((self.node(base),) * int(exponent))
+        return Call(expression.func.__name__, self.node(expression.args[0]))
+
+    def _sum(self, expression: sp.Expr) -> Sum:
+        terms = []
+        for term in expression.args:
+            negative = term.could_extract_minus_sign()
+            node = self.node(-term if negative else term)
+            terms.append((-1 if negative else 1, node))
+        # Positive terms first, oldest names first: a line then seldom begins with a minus sign.
+        terms.sort(key=lambda term: (-term[0], self._age(term[1])))
+        return Sum(tuple(terms))
+
+    def _product(self, expression: sp.Expr) -> Node:
+        number, factors = expression.as_coeff_Mul()
+        if number.is_negative:
+            return Sum(((-1, self.node(-expression)),))
+        nodes: list[Node] = [] if number == 1 else [self.node(number)]
+        for factor in sp.Mul.make_args(factors):
+            node = self.node(factor)
+            nodes.extend(node.factors if isinstance(node, Product) else (node,))
+        numbers = [node.value for node in nodes if isinstance(node, Number)]
+        names = sorted((n for n in nodes if not isinstance(n, Number)), key=self._age)
+        if len(numbers) > 1:
+            return Product((Number(float(sp.N(number * _numeric(factors), 30))), *names))
+        return Product((*map(Number, numbers), *names))
+
+    def _age(self, node: Node) -> int:
+        return self._tape.rank(sp.Symbol(node.name)) if isinstance(node, Name) else -1
+
+
+def _numeric(factors: sp.Expr) -> sp.Expr:
+    return sp.Mul(*(factor for factor in sp.Mul.make_args(factors) if factor.is_number))
+
+
+def _folded(
+    statements: list[Statement], outputs: list[Output]
+) -> tuple[list[Statement], list[Output]]:
+    """Write what is used once where it is used, as long as the line stays short."""
+    uses: Counter[str] = Counter()
+    for statement in statements:
+        uses.update(_names(statement.value))
+    for output in outputs:
+        for entry in output.entries:
+            # An output entry keeps its name: what is returned twice must not be computed twice.
+            uses.update({name: 2 for name in _names(entry)})
+    pending: dict[str, Node] = {}
+    kept = []
+    for statement in statements:
+        value = _substituted(statement.value, pending)
+        if uses[statement.name] == 1 and not isinstance(value, Call | Reciprocal):
+            pending[statement.name] = value
+            continue
+        kept.append(Statement(statement.name, value))
+    return _spilled(kept, pending, statements), outputs
+
+
+def _substituted(node: Node, pending: Mapping[str, Node]) -> Node:
+    """`node` with pending definitions written in, the shortest first, while the line is short."""
+    names = [name for name in dict.fromkeys(_names(node)) if name in pending]
+    room = _LEAVES - _leaves(node)
+    chosen: dict[str, Node] = {}
+    for name in sorted(names, key=lambda name: _leaves(pending[name])):
+        cost = _leaves(pending[name]) - 1
+        if cost <= room:
+            chosen[name] = pending[name]
+            room -= cost
+    return _replaced(node, chosen)
+
+
+def _spilled(
+    kept: list[Statement], pending: Mapping[str, Node], statements: list[Statement]
+) -> list[Statement]:
+    """Restore, in place, the definitions of pending names that found no room."""
+    used = {name for statement in kept for name in _names(statement.value)}
+    missing = [name for name in used if name in pending]
+    needed = set()
+    while missing:
+        name = missing.pop()
+        if name not in needed:
+            needed.add(name)
+            missing.extend(n for n in _names(pending[name]) if n in pending)
+    values = {statement.name: statement.value for statement in kept}
+    values.update({name: pending[name] for name in needed})
+    return [Statement(s.name, values[s.name]) for s in statements if s.name in values]
+
+
+def _replaced(node: Node, values: Mapping[str, Node]) -> Node:
+    match node:
+        case Name(name):
+            return values.get(name, node)
+        case Number():
+            return node
+        case Sum(terms):
+            return Sum(tuple(_merged_terms(terms, values)))
+        case Product(factors):
+            return Product(tuple(_replaced(factor, values) for factor in factors))
+        case Reciprocal(argument):
+            return Reciprocal(_replaced(argument, values))
+        case Call(function, argument):
+            return Call(function, _replaced(argument, values))
+
+
+def _merged_terms(
+    terms: tuple[tuple[int, Node], ...], values: Mapping[str, Node]
+) -> list[tuple[int, Node]]:
+    """Terms with sums among them opened up: a + (b − c) is a + b − c, and no more work."""
+    merged: list[tuple[int, Node]] = []
+    for sign, term in terms:
+        value = _replaced(term, values)
+        if isinstance(value, Sum):
+            merged.extend((sign * inner, node) for inner, node in value.terms)
+        else:
+            merged.append((sign, value))
+    return sorted(merged, key=lambda term: -term[0])
+
+
+def _renamed(
+    statements: list[Statement], outputs: list[Output]
+) -> tuple[tuple[Statement, ...], list[Output]]:
+    """Number the temporaries of a function from 1, so that each function reads by itself."""
+    names: dict[str, Node] = {s.name: Name(f"t{i}") for i, s in enumerate(statements, start=1)}
+    renamed = tuple(
+        Statement(f"t{i}", _replaced(statement.value, names))
+        for i, statement in enumerate(statements, start=1)
+    )
+    return renamed, [
+        Output(output.shape, tuple(_replaced(entry, names) for entry in output.entries))
+        for output in outputs
+    ]
+
+
+def _names(node: Node) -> list[str]:
+    match node:
+        case Name(name):
+            return [name]
+        case Number():
+            return []
+        case Sum(terms):
+            return [name for _, term in terms for name in _names(term)]
+        case Product(factors):
+            return [name for factor in factors for name in _names(factor)]
+        case Reciprocal(argument) | Call(_, argument):
+            return _names(argument)
+
+
+def _leaves(node: Node) -> int:
+    match node:
+        case Sum(terms):
+            return sum(_leaves(term) for _, term in terms)
+        case Product(factors):
+            return sum(map(_leaves, factors))
+        case Reciprocal(argument) | Call(_, argument):
+            return _leaves(argument)
+        case Name() | Number():
+            return 1

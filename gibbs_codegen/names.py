@@ -1,0 +1,41 @@
+"""Which robot names may become a Python module and a C prefix."""
+
+from __future__ import annotations
+
+import keyword
+import re
+
+_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
+
+# Lower-case words that C99 … C23 or C++98 … C++23 reserve, Python's being asked of `keyword`.
+_C_KEYWORDS = frozenset(
+    """
+    alignas alignof and and_eq asm atomic_cancel atomic_commit atomic_noexcept auto bitand bitor
+    bool break case catch char char8_t char16_t char32_t class compl concept const consteval
+    constexpr constinit const_cast continue co_await co_return co_yield decltype default delete do
+    double dynamic_cast else enum explicit export extern false float for fortran friend goto if
+    inline int long mutable namespace new noexcept not not_eq nullptr operator or or_eq private
+    protected public reflexpr register reinterpret_cast requires restrict return short signed
+    sizeof static static_assert static_cast struct switch synchronized template this thread_local
+    throw true try typedef typeid typename typeof typeof_unqual union unsigned using virtual void
+    volatile wchar_t while xor xor_eq
+    """.split()
+)
+
+# A package of one of these names would stand in the way of what a generated module imports.
+_SHADOWING = frozenset({"math", "numpy"})
+
+
+def name_fault(name: str) -> str | None:
+    """Why `name` is refused as a robot's name, or None where it is accepted."""
+    shown = ascii(name if len(name) <= 64 else name[:61] + "...")
+    if not _PATTERN.fullmatch(name):
+        return (
+            f"{shown} is not a name for a module: use a lower-case letter, then lower-case "
+            "letters, digits and _, at most 64 in all"
+        )
+    if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in _C_KEYWORDS:
+        return f"{shown} is a keyword of Python, C or C++; add a word, e.g. {name}_arm"
+    if name in _SHADOWING:
+        return f"{shown} is the name of a module that the generated code imports; add a word"
+    return None

@@ -1,0 +1,107 @@
+"""Parameters of a robot: symbols named after the keys of its file, and inertias made of them.
+
+A value that is exactly zero in the file is structural: it is folded away and is no parameter,
+unless all are kept. Inertias are plain polynomials in the parameters, which no tape has named yet,
+so that sums over arms that vanish by symmetry can be seen to vanish.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from gibbs_codegen.inertia import Inertia
+from gibbs_codegen.robot import Body, RigidBody, Robot, Rod
+from gibbs_codegen.tape import InlineTape, Scalars, Stage
+
+
+class Parameters:
+    """Symbols for the numbers of a robot file, with their defaults in `defaults`."""
+
+    def __init__(self, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> None:
+        self.defaults: dict[str, float] = {}
+        self.folded: list[str] = []
+        self._robot = robot
+        self._tape = tape
+        self._keep_zeros = keep_zeros
+        self.gravity = self._value("gravity", robot.gravity)
+        self._bodies: dict[str, tuple[sp.Expr, Inertia]] = {}
+
+    def arm_length(self, k: int) -> sp.Expr:
+        """Length of base arm k = 1 … N."""
+        return self._body(self._arm_prefix(k), self._robot.base.arm(k))[0]
+
+    def arm_inertia(self, k: int) -> Inertia:
+        """Inertia of base arm k about its start, in its own frame."""
+        return self._body(self._arm_prefix(k), self._robot.base.arm(k))[1]
+
+    def drag(self, k: int) -> sp.Expr:
+        """Reaction torque of motor k per unit of thrust."""
+        return self._value(f"base_drag_{k}", self._robot.base.drag[k - 1])
+
+    def link_length(self, i: int) -> sp.Expr:
+        """Length of the arm's link i = 1 … n."""
+        return self._body(f"link{i}", self._robot.links[i - 1].body)[0]
+
+    def link_inertia(self, i: int) -> Inertia:
+        """Inertia of the arm's link i about its joint, in its own frame."""
+        return self._body(f"link{i}", self._robot.links[i - 1].body)[1]
+
+    def link_a(self, i: int) -> sp.Expr:
+        """Denavit–Hartenberg a of link i; the length of the link before where the file is silent."""
+        a = self._robot.links[i - 1].a
+        if a is not None:
+            return self._value(f"link{i}_a", a)
+        return self.link_length(i - 1) if i > 1 else sp.Integer(0)
+
+    def link_d(self, i: int) -> sp.Expr:
+        """Denavit–Hartenberg d of link i."""
+        return self._value(f"link{i}_d", self._robot.links[i - 1].d)
+
+    def _arm_prefix(self, k: int) -> str:
+        return "base_arm" if self._robot.base.shares_one_arm else f"base_arm{k}"
+
+    def _value(self, name: str, default: float) -> sp.Expr:
+        if default == 0.0 and not self._keep_zeros:
+            if name not in self.folded:
+                self.folded.append(name)
+            return sp.Integer(0)
+        self.defaults[name] = default
+        return self._tape.symbol(name, Stage.PARAMETER)
+
+    def _body(self, prefix: str, body: Body) -> tuple[sp.Expr, Inertia]:
+        if prefix not in self._bodies:
+            length = self._value(f"{prefix}_length", body.length)
+            if isinstance(body, Rod):
+                self._bodies[prefix] = (length, self._rod(prefix, body, length))
+            else:
+                self._bodies[prefix] = (length, self._rigid_body(prefix, body))
+        return self._bodies[prefix]
+
+    def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
+        """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃."""
+        density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length)
+        x, y, z = (
+            self._value(f"{prefix}_section_inertia_{axis}", value)
+            for axis, value in zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
+        )
+        zero = sp.Integer(0)
+        along = density * length**3 / 3
+        second = (along + (y + z - x) / 2, (x + z - y) / 2, (x + y - z) / 2)
+        moment = density * length**2 / 2
+        return Inertia(density * length, (moment, zero, zero), (*second, zero, zero, zero))
+
+    def _rigid_body(self, prefix: str, body: RigidBody) -> Inertia:
+        """The parallel-axis rule on a body given about its centre of mass."""
+        mass = self._value(f"{prefix}_mass", body.mass)
+        com = [
+            self._value(f"{prefix}_com_{axis}", value)
+            for axis, value in zip("xyz", body.com, strict=True)
+        ]
+        xx, yy, zz, xy, xz, yz = (
+            self._value(f"{prefix}_inertia_{name}", value)
+            for name, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
+        )
+        zero = sp.Integer(0)
+        second = ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
+        about_com = Inertia(mass, (zero, zero, zero), second)
+        return about_com.shifted(InlineTape(), (com[0], com[1], com[2]))

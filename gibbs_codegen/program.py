@@ -1,0 +1,198 @@
+"""The program: what is to be emitted, as statements by stage, knowing neither SymPy's tree nor a
+target.
+
+A `Program` holds `prepare`, which turns parameters into constants, and the functions. Statements
+are built from seven kinds of node; a target's printer must know each of them and nothing else:
+names, numbers, sums of signed terms, products, reciprocals, sines and cosines. There are no powers,
+no conditions and no loops.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class Name:
+    """An input, a constant or a temporary."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Number:
+    """A literal."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Sum of terms, each with its sign, +1 or −1."""
+
+    terms: tuple[tuple[int, Node], ...]
+
+
+@dataclass(frozen=True)
+class Product:
+    """Product of factors."""
+
+    factors: tuple[Node, ...]
+
+
+@dataclass(frozen=True)
+class Reciprocal:
+    """1/x."""
+
+    argument: Node
+
+
+@dataclass(frozen=True)
+class Call:
+    """Sine or cosine."""
+
+    function: Literal["sin", "cos"]
+    argument: Node
+
+
+Node = Name | Number | Sum | Product | Reciprocal | Call
+
+
+@dataclass(frozen=True)
+class Statement:
+    """`name` = `value`."""
+
+    name: str
+    value: Node
+
+
+@dataclass(frozen=True)
+class Output:
+    """An array that a function returns: its shape and its entries in C order."""
+
+    shape: tuple[int, ...]
+    entries: tuple[Node, ...]
+
+
+@dataclass(frozen=True)
+class Function:
+    """A straight-line function.
+
+    `arguments` are those of q, v, a, u that it takes, `constants` the names it reads of `prepare`.
+    """
+
+    name: str
+    arguments: tuple[str, ...]
+    constants: tuple[str, ...]
+    statements: tuple[Statement, ...]
+    outputs: tuple[Output, ...]
+
+    def nodes(self) -> Iterator[Node]:
+        """Every right-hand side and every output entry that is computed in place."""
+        for statement in self.statements:
+            yield statement.value
+        for output in self.outputs:
+            yield from dict.fromkeys(output.entries)
+
+
+@dataclass(frozen=True)
+class Program:
+    """Everything that a target emits for one robot.
+
+    `inputs` gives the scalar names in each argument, `parameters` the names that `prepare` takes,
+    `constants` those it returns, in order.
+    """
+
+    inputs: Mapping[str, tuple[str, ...]]
+    parameters: tuple[str, ...]
+    constants: tuple[str, ...]
+    prepare: tuple[Statement, ...]
+    functions: tuple[Function, ...]
+
+    def function(self, name: str) -> Function:
+        """The function called `name`."""
+        return next(function for function in self.functions if function.name == name)
+
+    def evaluate(
+        self,
+        name: str,
+        parameters: Mapping[str, float],
+        arguments: Mapping[str, Sequence[float]],
+    ) -> list[list[float]]:
+        """Entries of each output of a function, by interpreting its statements."""
+        values = dict(parameters)
+        for statement in self.prepare:
+            values[statement.name] = _value(statement.value, values)
+        function = self.function(name)
+        for argument in function.arguments:
+            values.update(zip(self.inputs[argument], arguments[argument], strict=True))
+        for statement in function.statements:
+            values[statement.name] = _value(statement.value, values)
+        return [[_value(entry, values) for entry in output.entries] for output in function.outputs]
+
+
+@dataclass(frozen=True)
+class Operations:
+    """Exact operation counts: additions (subtractions and sign changes included), multiplications,
+    divisions, square roots, and sine–cosine pairs, which count apart."""
+
+    additions: int = 0
+    multiplications: int = 0
+    divisions: int = 0
+    square_roots: int = 0
+    sine_cosine_pairs: int = 0
+
+    @property
+    def total(self) -> int:
+        """All but the sine–cosine pairs."""
+        return self.additions + self.multiplications + self.divisions + self.square_roots
+
+
+def count_operations(nodes: Iterable[Node]) -> Operations:
+    """Operations that computing each of `nodes` once takes."""
+    additions = multiplications = divisions = 0
+    angles: set[Node] = set()
+    stack = list(nodes)
+    while stack:
+        match stack.pop():
+            case Sum(terms):
+                leading_minus = all(sign < 0 for sign, _ in terms)
+                additions += len(terms) - 1 + leading_minus
+                stack.extend(term for _, term in terms)
+            case Product(factors):
+                multiplications += len(factors) - 1
+                stack.extend(factors)
+            case Reciprocal(argument):
+                divisions += 1
+                stack.append(argument)
+            case Call(_, argument):
+                if argument not in angles:
+                    angles.add(argument)
+                    stack.append(argument)
+            case Name() | Number():
+                pass
+    return Operations(additions, multiplications, divisions, 0, len(angles))
+
+
+def _value(node: Node, values: Mapping[str, float]) -> float:
+    match node:
+        case Name(name):
+            return values[name]
+        case Number(value):
+            return value
+        case Sum(terms):
+            total = 0.0
+            for sign, term in terms:
+                total += sign * _value(term, values)
+            return total
+        case Product(factors):
+            return math.prod(_value(factor, values) for factor in factors)
+        case Reciprocal(argument):
+            return 1.0 / _value(argument, values)
+        case Call("sin", argument):
+            return math.sin(_value(argument, values))
+        case Call(_, argument):
+            return math.cos(_value(argument, values))

@@ -1,0 +1,35 @@
+"""Which inertias a body can have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+# Rounding of decimal input: 21.2e-8 + 190.8e-8 may exceed 212e-8 by a unit in the last place.
+_TOLERANCE = 1e-9
+
+
+def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
+    """Why no body of `mass` has the inertia xx, yy, zz, xy, xz, yz (kg m²), or None if one has.
+
+    An inertia matrix J belongs to a mass distribution if and only if the matrix of its second
+    moments E = ½ tr(J)·1 − J is positive semidefinite, which is the triangle inequality between
+    principal moments, positive semidefiniteness of J included.
+    """
+    xx, yy, zz, xy, xz, yz = inertia
+    scale = max(abs(entry) for entry in inertia)
+    if scale == 0.0:
+        return None
+    if mass == 0.0:
+        return "is not zero although the body has no mass"
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / scale
+    if np.linalg.eigvalsh(matrix)[0] < -_TOLERANCE:
+        return "has a negative principal moment; an inertia matrix is positive semidefinite"
+    second_moments = 0.5 * np.trace(matrix) * np.eye(3) - matrix
+    if np.linalg.eigvalsh(second_moments)[0] < -_TOLERANCE:
+        return (
+            "violates the triangle inequality: no principal moment may exceed the sum of the "
+            "other two"
+        )
+    return None

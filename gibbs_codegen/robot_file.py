@@ -1,0 +1,215 @@
+"""Robot files: TOML text in, a checked `Robot` out, or every fault of the file at once.
+
+The keys are those of the contract in the README. Nothing is guessed: an unknown key, a wrong type,
+a number that is not finite or an inertia that no body has is refused with its key path and line.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+from gibbs_codegen.errors import Fault, RobotFileError, UsageError
+from gibbs_codegen.names import name_fault
+from gibbs_codegen.robot import (
+    ATTITUDES,
+    AXES,
+    JOINT_KINDS,
+    ORIGINS,
+    Base,
+    Body,
+    Link,
+    RigidBody,
+    Robot,
+    Rod,
+    Vector3,
+    alternating_thrust,
+)
+from gibbs_codegen.toml_lines import key_lines, line_of
+from gibbs_codegen.toml_reader import Table
+from gibbs_codegen.rigid_body import inertia_fault
+
+MAX_BYTES = 1_000_000
+MAX_ROTORS = 256
+MAX_LINKS = 64
+
+_ROD_KEYS = ("mass_per_length", "section_inertia")
+_RIGID_KEYS = ("mass", "com", "inertia")
+
+
+def shipped_robots() -> tuple[str, ...]:
+    """Names of the robots that ship with the package."""
+    folder = resources.files("gibbs_codegen") / "robots"
+    return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".toml")))
+
+
+def read_robot(name_or_path: str) -> tuple[Robot, str]:
+    """Read a robot by file path, or by the name of one that ships; return it with its text.
+
+    Raises `RobotFileError` for a refused file and `UsageError` where there is none.
+    """
+    if name_or_path in shipped_robots():
+        resource = resources.files("gibbs_codegen") / "robots" / f"{name_or_path}.toml"
+        text = resource.read_text(encoding="utf-8")
+        return parse_robot(text, f"{name_or_path}.toml"), text
+    text = _file_text(Path(name_or_path))
+    return parse_robot(text, name_or_path), text
+
+
+def _file_text(path: Path) -> str:
+    if not path.is_file():
+        shipped = ", ".join(shipped_robots())
+        raise UsageError(f"{path}: no such robot file, and no robot of that name ships ({shipped})")
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            fault = Fault("", f"larger than {MAX_BYTES} bytes; a robot file is a page of text")
+            raise RobotFileError(str(path), [fault])
+        return data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
+        raise RobotFileError(str(path), [fault]) from None
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def parse_robot(text: str, source: str = "robot file") -> Robot:
+    """Check TOML text and return the robot.
+
+    Raises `RobotFileError` with every fault found; `source` is the name used in its message.
+    """
+    try:
+        document = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
+        raise RobotFileError(source, [Fault("", f"not valid TOML: {reason}")]) from None
+    root = Table(document, "", [])
+    robot = _robot(root)
+    if root.faults or robot is None:
+        lines = key_lines(text)
+        faults = [Fault(f.path, f.message, line_of(lines, f.path)) for f in root.faults]
+        faults.sort(key=lambda fault: fault.line or 0)
+        raise RobotFileError(source, faults)
+    return robot
+
+
+def _robot(root: Table) -> Robot | None:
+    root.refuse_unknown(("name", "gravity", "base", "link"))
+    name = root.text("name")
+    if name is not None and (fault := name_fault(name)):
+        root.fault("name", fault)
+    gravity = root.number("gravity", 9.81, least=0.0)
+    base_table = root.table("base")
+    base = _base(base_table) if base_table is not None else None
+    link_tables = root.tables("link")
+    if len(link_tables) > MAX_LINKS:
+        root.fault("link", f"{len(link_tables)} links; at most {MAX_LINKS} are supported")
+        return None
+    links = tuple(_link(table) for table in link_tables)
+    if root.faults or name is None or base is None:
+        return None
+    robot = Robot(name, base, links, gravity)
+    if robot.total_mass <= 0:
+        root.fault("base.arm", "the machine has no mass; give its arms or links some")
+    return robot
+
+
+def _base(table: Table) -> Base | None:
+    table.refuse_unknown(("rotors", "attitude", "origin", "thrust", "drag", "arm"))
+    rotors = table.integer("rotors", least=2, most=MAX_ROTORS)
+    attitude = table.choice("attitude", ATTITUDES, "xyz")
+    origin = table.choice("origin", ORIGINS, "motor1")
+    if rotors is None:
+        return None
+    thrust = _thrust(table, rotors)
+    drag = table.numbers("drag", rotors, (0.0,) * rotors)
+    arms = _arms(table, rotors)
+    return Base(rotors, arms, thrust, drag, attitude, origin)
+
+
+def _arms(table: Table, rotors: int) -> tuple[Body, ...]:
+    if isinstance(table.values.get("arm"), list):
+        tables = table.tables("arm")
+        if len(tables) != rotors:
+            table.fault(
+                "arm", f"{len(tables)} tables for {rotors} rotors; give one for all arms or one each"
+            )
+        return tuple(_body(arm, length_required=True) for arm in tables)
+    arm = table.table("arm")
+    return () if arm is None else (_body(arm, length_required=True),)
+
+
+def _thrust(table: Table, rotors: int) -> tuple[Vector3, ...]:
+    default = alternating_thrust(rotors)
+    if "thrust" not in table.values:
+        return default
+    entries = table.values["thrust"]
+    if not isinstance(entries, list) or len(entries) != rotors:
+        table.fault("thrust", f"must be a list of {rotors} directions, one per motor")
+        return default
+    return tuple(_direction(table, f"thrust[{k}]", entry) for k, entry in enumerate(entries))
+
+
+def _direction(table: Table, key: str, entry: object) -> Vector3:
+    if isinstance(entry, str):
+        if entry not in AXES:
+            table.fault(key, f'must be "x", "y", "z" or a direction [x, y, z], not {entry!r}')
+        return AXES.get(entry, AXES["z"])
+    x, y, z = table.check_numbers(key, entry, 3, AXES["z"])
+    largest = max(abs(x), abs(y), abs(z))
+    if largest == 0.0:
+        table.fault(key, "a direction of length zero; give at least one entry that is not 0")
+        return AXES["z"]
+    # Scaled by the largest entry first, so that tiny and huge vectors neither vanish nor overflow.
+    x, y, z = x / largest, y / largest, z / largest
+    norm = (x * x + y * y + z * z) ** 0.5
+    return (x / norm, y / norm, z / norm)
+
+
+def _link(table: Table) -> Link:
+    joint_keys = ("alpha_deg", "a", "d", "theta_deg", "joint")
+    body = _body(table, joint_keys)
+    return Link(
+        body=body,
+        alpha_deg=table.angle("alpha_deg"),
+        a=table.number("a", 0.0) if "a" in table.values else None,
+        d=table.number("d", 0.0),
+        theta_deg=table.angle("theta_deg"),
+        joint=table.choice("joint", JOINT_KINDS, "revolute"),
+    )
+
+
+def _body(table: Table, other_keys: tuple[str, ...] = (), length_required: bool = False) -> Body:
+    table.refuse_unknown((*other_keys, "length", *_ROD_KEYS, *_RIGID_KEYS))
+    if length_required and "length" not in table.values:
+        table.fault("length", "missing: the distance from the base centre to the motor, in m")
+    length = table.number("length", 0.0, least=0.0)
+    rigid = [key for key in _RIGID_KEYS if key in table.values]
+    rod = [key for key in _ROD_KEYS if key in table.values]
+    if rigid and rod:
+        table.fault(
+            rod[0],
+            f"belongs to a rod, but {rigid[0]} describes a rigid body: give mass_per_length and "
+            "section_inertia, or mass, com and inertia",
+        )
+    if not rigid:
+        return _rod(table, length)
+    mass = table.number("mass", 0.0, least=0.0)
+    if "mass" not in table.values:
+        table.fault("mass", "missing: a rigid body needs its mass in kg")
+    com = table.numbers("com", 3, (0.0, 0.0, 0.0))
+    inertia = table.numbers("inertia", 6, (0.0,) * 6)
+    if fault := inertia_fault(mass, inertia):
+        table.fault("inertia", fault)
+    xx, yy, zz, xy, xz, yz = inertia
+    return RigidBody(length, mass, (com[0], com[1], com[2]), (xx, yy, zz, xy, xz, yz))
+
+
+def _rod(table: Table, length: float) -> Rod:
+    mass_per_length = table.number("mass_per_length", 0.0, least=0.0)
+    x, y, z = table.numbers("section_inertia", 3, (0.0, 0.0, 0.0))
+    if fault := inertia_fault(length * mass_per_length, (x, y, z, 0.0, 0.0, 0.0)):
+        table.fault("section_inertia", fault)
+    return Rod(length, mass_per_length, (x, y, z))

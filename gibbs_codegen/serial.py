@@ -1,0 +1,243 @@
+"""Recursions along one open chain: motions outward, forces and composite inertias inward (eq. 5).
+
+A chain is a row of segments. Segment 0 is the root link (arm 1); each further segment is a link
+with the joint that carries it. Segments whose joints have parallel axes form a group and share one
+*carrier* frame: the frame of the group before any of its joints turns it. A segment of the group is
+turned against the carrier by the sum of the group's angles about z, so vectors along the group are
+never rotated from link to link, and one sine–cosine pair a joint is enough.
+
+What a segment computes, it computes in its *working frame*: the carrier, or its own frame if
+another group hangs on it, since all that passes through has to be turned once anyway.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import sympy as sp
+
+from gibbs_codegen.gibbs import (
+    ACCELERATION,
+    GRADIENT,
+    MASS,
+    MOMENT,
+    OMEGA,
+    OMEGA_DOT,
+    SECOND,
+    link_gibbs_function,
+    link_partials_by_gradient,
+)
+from gibbs_codegen.inertia import Inertia, split_prismatic, split_revolute
+from gibbs_codegen.kinematics import Motion
+from gibbs_codegen.robot import JointKind
+from gibbs_codegen.tape import Scalars
+from gibbs_codegen.vectors import Rotation, Vector, Wrench, axis_vector, scale
+
+Carried = TypeVar("Carried", Wrench, Inertia)
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A link and its joint, as modified Denavit–Hartenberg places it.
+
+    From the parent's frame: `a` along x, `twist` about x, `d` along z (a prismatic joint's travel
+    included), then `rotation` about z, counted from the carrier. `leads` marks the first segment of
+    a carrier's group. `inertia` is about the joint, in the link's own frame.
+    """
+
+    name: str
+    inertia: Inertia
+    rotation: Rotation
+    joint: JointKind = "revolute"
+    a: sp.Expr = sp.Integer(0)
+    d: sp.Expr = sp.Integer(0)
+    twist: Rotation = Rotation.identity()
+    leads: bool = True
+
+    def row(self, wrench: Wrench) -> sp.Expr:
+        """Share of a wrench, about the joint in its carrier, that acts along the joint."""
+        return wrench.moment[2] if self.joint == "revolute" else wrench.force[2]
+
+
+@dataclass(frozen=True)
+class SerialChain:
+    """A row of segments from the root link outwards."""
+
+    segments: tuple[Segment, ...]
+
+    def works_in_own_frame(self, k: int) -> bool:
+        """Whether segment k works in its own frame: another group hangs on it."""
+        return k + 1 < len(self.segments) and self.segments[k + 1].leads
+
+    def passed_in(self, tape: Scalars, k: int, item: Carried) -> Carried:
+        """Take what is about joint k, in its carrier, to joint k − 1, in its working frame."""
+        segment, parent = self.segments[k], self.segments[k - 1]
+        item = item.shifted(tape, axis_vector(2, segment.d))
+        step = axis_vector(0, segment.a)
+        if segment.leads:
+            return item.rotated(tape, segment.twist).shifted(tape, step)
+        return item.shifted(tape, parent.rotation.vector(tape, step))
+
+    def to_carrier(self, tape: Scalars, k: int, item: Carried) -> Carried:
+        """Take what is in the working frame of segment k to its carrier."""
+        if self.works_in_own_frame(k):
+            return item.rotated(tape, self.segments[k].rotation)
+        return item
+
+    def working_inertia(self, tape: Scalars, k: int) -> Inertia:
+        """Inertia of segment k in its working frame."""
+        segment = self.segments[k]
+        if self.works_in_own_frame(k):
+            return segment.inertia
+        return segment.inertia.rotated(tape, segment.rotation)
+
+
+def regrouped(tape: Scalars, chain: SerialChain, offsets: Sequence[Rotation]) -> SerialChain:
+    """Give each parent the inertia that moves with it whatever the joint does, from the tip inwards.
+
+    `offsets` holds each segment's structural rotation about z, which is all that a prismatic joint
+    has. Exact, and paid for once per parameter set.
+    """
+    segments = list(chain.segments)
+    for k in range(len(segments) - 1, 0, -1):
+        segment, parent = segments[k], segments[k - 1]
+        if segment.joint == "revolute":
+            kept, moved = split_revolute(segment.inertia)
+            moved = moved.shifted(tape, axis_vector(2, segment.d))
+        else:
+            kept, moved = split_prismatic(segment.inertia)
+            moved = moved.rotated(tape, offsets[k])
+        moved = moved.rotated(tape, segment.twist).shifted(tape, axis_vector(0, segment.a))
+        segments[k] = replace(segment, inertia=kept)
+        segments[k - 1] = replace(parent, inertia=parent.inertia.plus(tape, moved))
+    return SerialChain(tuple(segments))
+
+
+def outward(
+    tape: Scalars,
+    chain: SerialChain,
+    carrier_motion: Motion,
+    rates: Sequence[sp.Expr],
+    accelerations: Sequence[sp.Expr],
+) -> list[Motion]:
+    """Motion of every segment in its working frame, root first.
+
+    `carrier_motion` is that of the root's carrier; `rates` and `accelerations` are the segments'
+    joint rates and accelerations.
+    """
+    motions: list[Motion] = []
+    motion = carrier_motion
+    for k, segment in enumerate(chain.segments):
+        if k > 0:
+            motion = _passed_out(tape, chain, k, motion)
+        move = motion.spun if segment.joint == "revolute" else motion.slid
+        motion = move(tape, rates[k], accelerations[k])
+        if chain.works_in_own_frame(k):
+            motion = motion.rotated(tape, segment.rotation.inverse)
+        motions.append(motion)
+    return motions
+
+
+def _passed_out(tape: Scalars, chain: SerialChain, k: int, motion: Motion) -> Motion:
+    segment, parent = chain.segments[k], chain.segments[k - 1]
+    if segment.leads:
+        motion = motion.displaced_along(tape, Rotation.identity(), segment.a)
+        motion = motion.rotated(tape, segment.twist.inverse)
+    else:
+        motion = motion.displaced_along(tape, parent.rotation, segment.a)
+    return motion.displaced(tape, axis_vector(2, segment.d))
+
+
+def link_wrench(tape: Scalars, chain: SerialChain, k: int, motion: Motion) -> Wrench:
+    """𝒮 and ℛ of segment k (eq. 6) in its working frame.
+
+    The root's B₀r̈ is left out: regrouping brings most of the mass there, and it is cheapest in
+    world axes.
+    """
+    segment = chain.segments[k]
+    inertia = chain.working_inertia(tape, k)
+    values = _inertia_values(inertia)
+    if k == 0:
+        values[MASS] = sp.Integer(0)
+    values.update(zip(ACCELERATION, motion.acceleration, strict=True))
+    for j, column in enumerate(motion.gradient):
+        values.update((GRADIENT[i][j], entry) for i, entry in enumerate(column))
+    partials = link_partials_by_gradient()
+    fx, fy, fz = (tape.let(partial.xreplace(values)) for partial in partials.force)
+    nx, ny, nz = (tape.let(partial.xreplace(values)) for partial in partials.moment)
+    force: Vector = (fx, fy, fz)
+    c_x, c_y, c_z = segment.inertia.moment
+    if c_y == c_z == 0 and values[MASS] == 0 and not chain.works_in_own_frame(k):
+        # A rod: its 𝒮 is parallel to the step to the next joint, which the kinematics has.
+        force = scale(tape, c_x, motion.along_x(tape, segment.rotation))
+    return Wrench(force, (nx, ny, nz))
+
+
+def inward(
+    tape: Scalars, chain: SerialChain, motions: Sequence[Motion]
+) -> tuple[Wrench, list[sp.Expr]]:
+    """∂S/∂θ̈ of the chain (eq. 5) at given motions.
+
+    Returns the sum of 𝒮 and ℛ over the chain about the root, in the root's carrier, and the row of
+    each segment's own joint (that of the root is left to the root).
+    """
+    rows: list[sp.Expr] = [sp.Integer(0)] * len(chain.segments)
+    wrench = None
+    for k in range(len(chain.segments) - 1, -1, -1):
+        own = link_wrench(tape, chain, k, motions[k])
+        wrench = own if wrench is None else own.plus(tape, wrench)
+        wrench = chain.to_carrier(tape, k, wrench)
+        if k > 0:
+            rows[k] = chain.segments[k].row(wrench)
+            wrench = chain.passed_in(tape, k, wrench)
+    assert wrench is not None
+    return wrench, rows
+
+
+def composites(tape: Scalars, chain: SerialChain) -> list[Inertia]:
+    """Inertia of each segment with all that it carries, about its joint, in its carrier."""
+    found: list[Inertia] = []
+    for k in range(len(chain.segments) - 1, -1, -1):
+        own = chain.working_inertia(tape, k)
+        if found:
+            own = own.plus(tape, chain.passed_in(tape, k + 1, found[-1]))
+        found.append(chain.to_carrier(tape, k, own))
+    return found[::-1]
+
+
+def joint_column(
+    tape: Scalars, chain: SerialChain, k: int, composite: Inertia
+) -> tuple[Wrench, dict[int, sp.Expr]]:
+    """Column of the mass matrix for the joint of segment k.
+
+    Returns its wrench about the root, in the root's carrier, and its entries in the rows of the
+    joints 1 … k.
+    """
+    wrench = composite.response(tape, 5 if chain.segments[k].joint == "revolute" else 2)
+    entries = {k: chain.segments[k].row(wrench)}
+    for j in range(k - 1, -1, -1):
+        wrench = chain.to_carrier(tape, j, chain.passed_in(tape, j + 1, wrench))
+        if j > 0:
+            entries[j] = chain.segments[j].row(wrench)
+    return wrench, entries
+
+
+def chain_gibbs_function(
+    tape: Scalars, chain: SerialChain, motions: Sequence[Motion]
+) -> sp.Expr:
+    """Σ of eq. 2 over the chain's links, at given motions."""
+    terms = []
+    for k, motion in enumerate(motions):
+        values = _inertia_values(chain.working_inertia(tape, k))
+        values.update(zip(ACCELERATION, motion.acceleration, strict=True))
+        values.update(zip(OMEGA, motion.omega, strict=True))
+        values.update(zip(OMEGA_DOT, motion.omega_dot, strict=True))
+        terms.append(tape.let(link_gibbs_function().xreplace(values)))
+    return tape.let(sp.Add(*terms))
+
+
+def _inertia_values(inertia: Inertia) -> dict[sp.Expr, sp.Expr]:
+    entries = (inertia.mass, *inertia.moment, *inertia.second)
+    return dict(zip((MASS, *MOMENT, *SECOND), entries, strict=True))

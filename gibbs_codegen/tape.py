@@ -1,0 +1,194 @@
+"""The tape: a straight-line program that writes itself while the equations are derived.
+
+The recursions run over SymPy scalars. `Tape.let(expr)` names a result as it is made and returns
+the new symbol, the same symbol for the same expression, so nothing is ever expanded and common
+subexpressions are found by hashing. Numbers, symbols, zeros and signs pass through: nothing is
+multiplied by 0 or 1, and x − y and y − x share one name.
+
+Each name belongs to the earliest stage that knows its symbols. Factors and terms of the parameter
+stage are combined first, so that whatever depends on parameters alone is a statement of that stage.
+
+With `InlineTape`, whose `let` returns its argument, the same derivation yields closed forms.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Protocol
+
+import sympy as sp
+
+
+class Stage(IntEnum):
+    """When a value can be computed: once per parameter set, per configuration, or per motion."""
+
+    PARAMETER = 0
+    CONFIGURATION = 1
+    MOTION = 2
+
+
+class Scalars(Protocol):
+    """What a derivation needs of a tape."""
+
+    def symbol(self, name: str, stage: Stage) -> sp.Symbol:
+        """Introduce an input of the program."""
+
+    def let(self, expression: sp.Expr) -> sp.Expr:
+        """Name a result."""
+
+
+class InlineTape:
+    """A tape that names nothing: the derivation's results are closed-form expressions."""
+
+    def symbol(self, name: str, stage: Stage) -> sp.Symbol:
+        """Introduce an input; the stage is of no consequence here."""
+        return sp.Symbol(name)
+
+    def let(self, expression: sp.Expr) -> sp.Expr:
+        """Return the expression itself."""
+        return expression
+
+
+class Tape:
+    """A tape that names every non-trivial result.
+
+    `statements` maps each temporary to its definition, an expression of one kind of operation in
+    earlier symbols, in the order in which they were made.
+    """
+
+    def __init__(self) -> None:
+        self.statements: dict[sp.Symbol, sp.Expr] = {}
+        self._stages: dict[sp.Symbol, Stage] = {}
+        self._ranks: dict[sp.Symbol, int] = {}
+        self._known: dict[sp.Expr, sp.Expr] = {}
+
+    def symbol(self, name: str, stage: Stage) -> sp.Symbol:
+        """Introduce an input of the program at its stage."""
+        symbol = sp.Symbol(name)
+        if symbol not in self._stages:
+            self._register(symbol, stage)
+        return symbol
+
+    def stage(self, symbol: sp.Symbol) -> Stage:
+        """Stage of an input or temporary."""
+        return self._stages[symbol]
+
+    def rank(self, symbol: sp.Symbol) -> int:
+        """Place of a symbol in the order of creation."""
+        return self._ranks[symbol]
+
+    def let(self, expression: sp.Expr) -> sp.Expr:
+        """Name `expression`, a sum of products of what earlier calls returned.
+
+        Returns a number, a symbol, or a symbol with a minus sign.
+        """
+        if expression.is_Symbol or expression.is_Number:
+            return expression
+        known = self._known.get(expression)
+        if known is None:
+            known = self._name(expression)
+            self._known[expression] = known
+        return known
+
+    def _name(self, expression: sp.Expr) -> sp.Expr:
+        if expression.is_number:
+            return expression
+        if expression.is_Add:
+            return self._name_sum(expression)
+        if expression.is_Mul or expression.is_Pow:
+            return self._name_product(expression)
+        if isinstance(expression, (sp.sin, sp.cos)):
+            return self._name_function(expression)
+        raise TypeError(f"the tape has no rule for {type(expression).__name__}: {expression}")
+
+    def _name_function(self, expression: sp.Expr) -> sp.Expr:
+        argument = self.let(expression.args[0])
+        direct = expression.func(argument)
+        if direct.func is not expression.func:  # sin(−x) = −sin(x), which SymPy has just applied.
+            return self.let(direct)
+        return self._define(direct, self._stages[argument])
+
+    def _name_product(self, expression: sp.Expr) -> sp.Expr:
+        number: sp.Expr = sp.Integer(1)
+        factors: list[sp.Symbol] = []
+        for factor in sp.Mul.make_args(expression):
+            if factor.is_number:
+                number *= factor
+                continue
+            base, exponent = factor.as_base_exp()
+            sign, symbol = _signed(self.let(base))
+            number *= sign ** abs(int(exponent))
+            if exponent < 0:
+                symbol = self._define(1 / symbol, self._stages[symbol])
+            factors.extend([symbol] * abs(int(exponent)))
+        if number.is_negative:
+            return -self._product(-number, factors)
+        return self._product(number, factors)
+
+    def _product(self, number: sp.Expr, factors: list[sp.Symbol]) -> sp.Expr:
+        factors.sort(key=lambda symbol: (self._stages[symbol], self._ranks[symbol]))
+        hoisted = [f for f in factors if self._stages[f] is Stage.PARAMETER]
+        varying = factors[len(hoisted) :]
+        constant = sp.Mul(number, *hoisted)
+        if not varying:
+            return constant if constant.is_Symbol else self._define(constant, Stage.PARAMETER)
+        product = varying[0]
+        for factor in varying[1:]:
+            product = self._define(product * factor, self._stages[factor])
+        if constant == 1:
+            return product
+        if hoisted and not constant.is_Symbol:
+            constant = self._define(constant, Stage.PARAMETER)
+        return self._define(constant * product, self._stages[product])
+
+    def _name_sum(self, expression: sp.Expr) -> sp.Expr:
+        named = sp.Add(*(self._term(term) for term in expression.args))
+        if not named.is_Add:
+            return self.let(named)
+        hoisted, varying = [], []
+        for term in named.args:
+            symbol = _signed(term)[1]
+            constant = symbol.is_number or self._stages[symbol] is Stage.PARAMETER
+            (hoisted if constant else varying).append(term)
+        if not varying:
+            return self._signed_sum(hoisted, Stage.PARAMETER)
+        if len(hoisted) > 1:
+            hoisted = [self._signed_sum(hoisted, Stage.PARAMETER)]
+        stage = max(self._stages[_signed(term)[1]] for term in varying)
+        return self._signed_sum(hoisted + varying, stage)
+
+    def _term(self, term: sp.Expr) -> sp.Expr:
+        return term if term.is_Symbol or term.is_number else self.let(term)
+
+    def _signed_sum(self, terms: list[sp.Expr], stage: Stage) -> sp.Expr:
+        """Name a sum up to its sign: fewer minus signs than plus signs, the first term positive."""
+        if len(terms) == 1:
+            return terms[0]
+        negative = sum(_signed(term)[0] < 0 for term in terms)
+        first = min(terms, key=lambda term: self._ranks.get(_signed(term)[1], -1))
+        if 2 * negative > len(terms) or (2 * negative == len(terms) and _signed(first)[0] < 0):
+            return -self._define(sp.Add(*(-term for term in terms)), stage)
+        return self._define(sp.Add(*terms), stage)
+
+    def _define(self, expression: sp.Expr, stage: Stage) -> sp.Expr:
+        known = self._known.get(expression)
+        if known is None:
+            prefix = "k" if stage is Stage.PARAMETER else "t"
+            known = sp.Symbol(f"{prefix}{len(self.statements)}")
+            self._register(known, stage)
+            self.statements[known] = expression
+            self._known[expression] = known
+        return known
+
+    def _register(self, symbol: sp.Symbol, stage: Stage) -> None:
+        self._stages[symbol] = stage
+        self._ranks[symbol] = len(self._ranks)
+
+
+def _signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
+    """Sign and magnitude of a symbol, a signed symbol or a number."""
+    if atom.is_Symbol:
+        return 1, atom
+    if atom.is_Mul and atom.args[0] is sp.S.NegativeOne and len(atom.args) == 2:
+        return -1, atom.args[1]
+    return (-1, -atom) if atom.is_negative else (1, atom)

@@ -1,0 +1,157 @@
+"""Typed access to the tables of a TOML document that notes every fault and goes on."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any, TypeVar
+
+from gibbs_codegen.errors import Fault
+
+Choice = TypeVar("Choice", bound=str)
+
+
+class Table:
+    """One table of a document: its values, its key path, and the list of faults it adds to.
+
+    Every reader returns a usable value even where it notes a fault, so that one reading finds all
+    the faults of a file.
+    """
+
+    def __init__(self, values: dict[str, Any], path: str, faults: list[Fault]) -> None:
+        self.values = values
+        self.path = path
+        self.faults = faults
+
+    def fault(self, key: str, message: str) -> None:
+        """Note what is wrong with `key` of this table."""
+        self.faults.append(Fault(f"{self.path}.{key}" if self.path else key, message))
+
+    def refuse_unknown(self, known: Sequence[str]) -> None:
+        """Note every key that is not in `known`, with the nearest one that is."""
+        for key in self.values:
+            if key in known:
+                continue
+            near = difflib.get_close_matches(key, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
+            shown = key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])
+            self.fault(shown, f"unknown key; {hint}")
+
+    def text(self, key: str) -> str | None:
+        """Required string."""
+        value = self.values.get(key)
+        if value is None:
+            self.fault(key, "missing")
+        elif not isinstance(value, str):
+            self.fault(key, f"must be a string, not {_kind(value)}")
+        else:
+            return value
+        return None
+
+    def choice(self, key: str, choices: Sequence[Choice], default: Choice) -> Choice:
+        """Optional string out of `choices`."""
+        value = self.values.get(key, default)
+        for choice in choices:
+            if value == choice:
+                return choice
+        near = difflib.get_close_matches(value, choices, n=1) if isinstance(value, str) else []
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        listed = ", ".join(repr(choice) for choice in choices)
+        self.fault(key, f"must be one of {listed}, not {_shown(value)}{hint}")
+        return default
+
+    def integer(self, key: str, least: int, most: int) -> int | None:
+        """Required whole number from `least` to `most`."""
+        value = self.values.get(key)
+        if value is None:
+            self.fault(key, "missing")
+        elif isinstance(value, bool) or not isinstance(value, int):
+            self.fault(key, f"must be a whole number, not {_kind(value)}")
+        elif not least <= value <= most:
+            self.fault(key, f"must be from {least} to {most}, not {_shown(value)}")
+        else:
+            return value
+        return None
+
+    def number(self, key: str, default: float, least: float = -math.inf) -> float:
+        """Optional finite number, at least `least`."""
+        return self._checked(key, self.values.get(key, default), default, least)
+
+    def angle(self, key: str) -> Fraction:
+        """Optional angle in degrees, kept exactly as it is written; 0 where it is missing."""
+        return Fraction(repr(self.number(key, 0.0)))
+
+    def numbers(self, key: str, length: int, default: tuple[float, ...]) -> tuple[float, ...]:
+        """Optional list of `length` finite numbers."""
+        if key not in self.values:
+            return default
+        return self.check_numbers(key, self.values[key], length, default)
+
+    def check_numbers(
+        self, key: str, value: object, length: int, default: tuple[float, ...]
+    ) -> tuple[float, ...]:
+        """Check that `value` is a list of `length` finite numbers."""
+        if not isinstance(value, list):
+            self.fault(key, f"must be a list of {length} numbers, not {_kind(value)}")
+            return default
+        if len(value) != length:
+            self.fault(key, f"must have {length} numbers, not {len(value)}")
+            return default
+        return tuple(
+            self._checked(f"{key}[{i}]", entry, default[i], -math.inf)
+            for i, entry in enumerate(value)
+        )
+
+    def table(self, key: str) -> Table | None:
+        """Required table."""
+        value = self.values.get(key)
+        if value is None:
+            self.fault(key, "missing")
+        elif not isinstance(value, dict):
+            self.fault(key, f"must be a table, not {_kind(value)}")
+        else:
+            return self._child(key, value)
+        return None
+
+    def tables(self, key: str) -> list[Table]:
+        """Optional array of tables; empty where it is missing."""
+        value = self.values.get(key, [])
+        if not isinstance(value, list):
+            self.fault(key, f"must be an array of tables, [[{key}]], not {_kind(value)}")
+            return []
+        for i, entry in enumerate(value):
+            if not isinstance(entry, dict):
+                self.fault(f"{key}[{i}]", f"must be a table, not {_kind(entry)}")
+        return [self._child(f"{key}[{i}]", e) for i, e in enumerate(value) if isinstance(e, dict)]
+
+    def _child(self, key: str, values: dict[str, Any]) -> Table:
+        return Table(values, f"{self.path}.{key}" if self.path else key, self.faults)
+
+    def _checked(self, key: str, value: object, default: float, least: float) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self.fault(key, f"must be a number, not {_kind(value)}")
+            return default
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self.fault(key, f"must be a finite number, not {_shown(value)}")
+            return default
+        if number < least:
+            self.fault(key, f"must be at least {least:g}, not {_shown(value)}")
+            return default
+        return number
+
+
+def _kind(value: object) -> str:
+    kinds = {bool: "a boolean", str: "a string", list: "a list", dict: "a table", int: "a number"}
+    return kinds.get(type(value), "a number" if isinstance(value, float) else "a date or time")
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, int) and abs(value) > 10**20:
+        return "a huge number"
+    return ascii(value)[:80]

@@ -1,0 +1,145 @@
+"""The robot as a Pinocchio tree, built from its data alone: the oracle of the derivation.
+
+The constrained joints are real joints of the tree, so the constraint torques have an oracle too:
+inverse dynamics with those joints held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from gibbs_codegen.coordinates import hybrid_coordinates, reduced_coordinates
+from gibbs_codegen.robot import Body, Robot, Rod
+
+Array = np.ndarray
+
+
+def rotation(axis: str, degrees: float) -> Array:
+    """Rotation matrix about a coordinate axis."""
+    return pin.AngleAxis(np.deg2rad(degrees), np.eye(3)["xyz".index(axis)]).toRotationMatrix()
+
+
+def spatial_inertia(body: Body) -> pin.Inertia:
+    """Pinocchio's inertia of a rod or rigid body."""
+    if isinstance(body, Rod):
+        mass, length = body.total_mass, body.length
+        thin = mass * length**2 / 12
+        about_com = np.diag([0.0, thin, thin]) + np.diag(body.section_inertia)
+        return pin.Inertia(mass, np.array([length / 2, 0, 0]), about_com)
+    xx, yy, zz, xy, xz, yz = body.inertia
+    about_com = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return pin.Inertia(body.mass, np.array(body.com), about_com)
+
+
+@dataclass
+class Oracle:
+    """A robot's tree; coordinates are those of the hybrid system without the constraint torques."""
+
+    robot: Robot
+
+    def __post_init__(self) -> None:
+        robot, base = self.robot, self.robot.base
+        self.model = model = pin.Model()
+        model.gravity.linear = np.array([0.0, 0.0, -robot.gravity])
+        parent = 0
+        for joint, name in zip(
+            (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelPZ()), "xyz", strict=True
+        ):
+            parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
+        kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
+        for letter, name in zip(base.attitude, ("theta_m1", "theta_0", "theta_1"), strict=True):
+            parent = model.addJoint(parent, kinds[letter](), pin.SE3.Identity(), name)
+        length = base.arm(1).length
+        start, centre = (
+            (np.zeros(3), np.array([length, 0, 0]))
+            if base.origin == "motor1"
+            else (np.array([-length, 0, 0]), np.zeros(3))
+        )
+        at = pin.SE3(np.eye(3), start)
+        root = parent
+        model.appendBodyToJoint(root, spatial_inertia(base.arm(1)), at)
+        self.points = {"O1": (root, start), "O2": (root, centre), "motor1": (root, start)}
+        for k in range(2, robot.rotors + 1):
+            turn = rotation("z", float(base.arm_angle_deg(k)))
+            joint = model.addJoint(root, pin.JointModelRZ(), pin.SE3(turn, centre), f"theta_{k}")
+            model.appendBodyToJoint(joint, spatial_inertia(base.arm(k)), pin.SE3.Identity())
+            self.points[f"motor{k}"] = (joint, np.array([base.arm(k).length, 0, 0]))
+        self._add_arm(root, centre)
+        self.data = model.createData()
+        names = [c.name for c in hybrid_coordinates(robot)][: 6 + len(robot.links) + robot.rotors - 1]
+        self.order = [model.joints[model.getJointId(name)].idx_v for name in names]
+        self.free = [names.index(c.name) for c in reduced_coordinates(robot)]
+        self.held = [names.index(f"theta_{k}") for k in range(2, robot.rotors + 1)]
+
+    def _add_arm(self, parent: int, centre: Array) -> None:
+        robot, model = self.robot, self.model
+        offset, tip = centre, centre
+        for i, link in enumerate(robot.links, start=1):
+            default = robot.links[i - 2].body.length if i > 1 else 0.0
+            twist = rotation("x", float(link.alpha_deg))
+            a = default if link.a is None else link.a
+            step = offset + np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
+            placement = pin.SE3(twist @ rotation("z", float(link.theta_deg)), step)
+            revolute = link.joint == "revolute"
+            kind = pin.JointModelRZ() if revolute else pin.JointModelPZ()
+            name = f"{'theta' if revolute else 'd'}_{robot.rotors + i}"
+            parent = model.addJoint(parent, kind, placement, name)
+            model.appendBodyToJoint(parent, spatial_inertia(link.body), pin.SE3.Identity())
+            self.points[f"joint{robot.rotors + i}"] = (parent, np.zeros(3))
+            offset, tip = np.zeros(3), np.array([link.body.length, 0, 0])
+        self.points["tip"] = (parent, tip)
+        self.tip = (parent, tip)
+
+    def spread(self, values: Array) -> Array:
+        """Reduced values as the tree's, zero at the held joints."""
+        tree = np.zeros(self.model.nv)
+        tree[[self.order[i] for i in self.free]] = values
+        return tree
+
+    def mass_matrix(self, q: Array) -> Array:
+        """Mass matrix in all coordinates, free and held, in the hybrid order."""
+        return pin.crba(self.model, self.data, self.spread(q))[np.ix_(self.order, self.order)]
+
+    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
+        """M a − R in all coordinates, in the hybrid order."""
+        tree = pin.rnea(self.model, self.data, self.spread(q), self.spread(v), self.spread(a))
+        return tree[self.order]
+
+    def point_jacobian(self, q: Array, point: str) -> tuple[Array, pin.SE3]:
+        """World-axes Jacobian of a named point, linear rows first, and its link's placement."""
+        joint, local = self.points[point]
+        pin.computeJointJacobians(self.model, self.data, self.spread(q))
+        placement = self.data.oMi[joint] * pin.SE3(np.eye(3), local)
+        frame = pin.getJointJacobian(
+            self.model, self.data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        )
+        lever = self.data.oMi[joint].rotation @ local
+        jacobian = frame.copy()
+        jacobian[:3] += np.cross(frame[3:].T, lever).T
+        return jacobian[:, self.order], placement
+
+    def input_matrix(self, q: Array) -> Array:
+        """Generalised forces of unit inputs in all coordinates, in the hybrid order."""
+        robot = self.robot
+        columns = []
+        for k in range(1, robot.rotors + 1):
+            jacobian, placement = self.point_jacobian(q, f"motor{k}")
+            thrust = placement.rotation @ np.array(robot.base.thrust[k - 1])
+            columns.append(jacobian.T @ np.concatenate([thrust, robot.base.drag[k - 1] * thrust]))
+        size = len(self.order)
+        first = size - 3 - len(robot.links)
+        columns += [np.eye(size)[first + i] for i in range(len(robot.links))]
+        return np.array(columns).T
+
+    def positions(self, q: Array) -> Array:
+        """World positions of the named points, in their order."""
+        return np.array([self.point_jacobian(q, name)[1].translation for name in self.points])
+
+    def energies(self, q: Array, v: Array) -> tuple[float, float]:
+        """Kinetic and potential energy."""
+        tree = self.spread(q)
+        kinetic = pin.computeKineticEnergy(self.model, self.data, tree, self.spread(v))
+        return kinetic, pin.computePotentialEnergy(self.model, self.data, tree)
