@@ -96,9 +96,9 @@ def solve_symmetric(
             if factors[i, k] == 0:
                 continue
             for j in remaining[place:]:
-                entry = tape.let(lower[i][j] - factors[i, k] * lower[j][k])
+                entry = tape.let(lower[i][j] - tape.let(factors[i, k] * lower[j][k]))
                 lower[i][j] = lower[j][i] = entry
-            rest[i] = tape.let(rest[i] - factors[i, k] * rest[k])
+            rest[i] = tape.let(rest[i] - tape.let(factors[i, k] * rest[k]))
     solution: dict[int, sp.Expr] = {}
     for step in range(len(order) - 1, -1, -1):
         k = order[step]

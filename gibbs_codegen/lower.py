@@ -25,8 +25,9 @@ from gibbs_codegen.program import (
     Reciprocal,
     Statement,
     Sum,
+    names_in,
 )
-from gibbs_codegen.tape import Stage, Tape
+from gibbs_codegen.tape import Stage, Tape, signed
 
 # Names and literals in one line, at most: keeps statements short enough to be read.
 _LEAVES = 7
@@ -56,12 +57,33 @@ def lower(
         functions.append(function)
         needed |= constants
     prepare = lowering.reachable(needed, Stage.PARAMETER)
+    # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
+    names = {symbol.name: f"k{i}" for i, symbol in enumerate(prepare, start=1)}
+    nodes: dict[str, Node] = {old: Name(new) for old, new in names.items()}
     return Program(
         inputs=dict(inputs),
         parameters=tuple(parameters),
-        constants=tuple(symbol.name for symbol in lowering.in_order(needed)),
-        prepare=tuple(Statement(s.name, lowering.node(tape.statements[s])) for s in prepare),
-        functions=tuple(functions),
+        constants=tuple(names.get(s.name, s.name) for s in lowering.in_order(needed)),
+        prepare=tuple(
+            Statement(names[s.name], _replaced(lowering.node(tape.statements[s]), nodes))
+            for s in prepare
+        ),
+        functions=tuple(_with_constants(function, names, nodes) for function in functions),
+    )
+
+
+def _with_constants(
+    function: Function, names: Mapping[str, str], nodes: Mapping[str, Node]
+) -> Function:
+    return Function(
+        function.name,
+        function.arguments,
+        tuple(names.get(name, name) for name in function.constants),
+        tuple(Statement(s.name, _replaced(s.value, nodes)) for s in function.statements),
+        tuple(
+            Output(output.shape, tuple(_replaced(entry, nodes) for entry in output.entries))
+            for output in function.outputs
+        ),
     )
 
 
@@ -71,6 +93,7 @@ class _Lowering:
     def __init__(self, tape: Tape) -> None:
         self._tape = tape
         self._nodes: dict[sp.Expr, Node] = {}
+        self._ages: dict[str, int] = {}
         self._uses: dict[sp.Symbol, tuple[sp.Symbol, ...]] = {}
 
     def in_order(self, symbols: set[sp.Symbol]) -> list[sp.Symbol]:
@@ -119,6 +142,7 @@ class _Lowering:
 
     def _lowered(self, expression: sp.Expr) -> Node:
         if expression.is_Symbol:
+            self._ages[expression.name] = self._tape.rank(expression)
             return Name(expression.name)
         if expression.is_number:
             return Number(float(sp.N(expression, 30)))
@@ -136,9 +160,8 @@ class _Lowering:
     def _sum(self, expression: sp.Expr) -> Sum:
         terms = []
         for term in expression.args:
-            negative = term.could_extract_minus_sign()
-            node = self.node(-term if negative else term)
-            terms.append((-1 if negative else 1, node))
+            sign, rest = signed(term)
+            terms.append((sign, self.node(rest)))
         # Positive terms first, oldest names first: a line then seldom begins with a minus sign.
         terms.sort(key=lambda term: (-term[0], self._age(term[1])))
         return Sum(tuple(terms))
@@ -158,7 +181,7 @@ class _Lowering:
         return Product((*map(Number, numbers), *names))
 
     def _age(self, node: Node) -> int:
-        return self._tape.rank(sp.Symbol(node.name)) if isinstance(node, Name) else -1
+        return self._ages[node.name] if isinstance(node, Name) else -1
 
 
 def _numeric(factors: sp.Expr) -> sp.Expr:
@@ -171,11 +194,11 @@ def _folded(
     """Write what is used once where it is used, as long as the line stays short."""
     uses: Counter[str] = Counter()
     for statement in statements:
-        uses.update(_names(statement.value))
+        uses.update(names_in(statement.value))
     for output in outputs:
         for entry in output.entries:
             # An output entry keeps its name: what is returned twice must not be computed twice.
-            uses.update({name: 2 for name in _names(entry)})
+            uses.update({name: 2 for name in names_in(entry)})
     pending: dict[str, Node] = {}
     kept = []
     for statement in statements:
@@ -189,7 +212,7 @@ def _folded(
 
 def _substituted(node: Node, pending: Mapping[str, Node]) -> Node:
     """`node` with pending definitions written in, the shortest first, while the line is short."""
-    names = [name for name in dict.fromkeys(_names(node)) if name in pending]
+    names = [name for name in dict.fromkeys(names_in(node)) if name in pending]
     room = _LEAVES - _leaves(node)
     chosen: dict[str, Node] = {}
     for name in sorted(names, key=lambda name: _leaves(pending[name])):
@@ -204,14 +227,14 @@ def _spilled(
     kept: list[Statement], pending: Mapping[str, Node], statements: list[Statement]
 ) -> list[Statement]:
     """Restore, in place, the definitions of pending names that found no room."""
-    used = {name for statement in kept for name in _names(statement.value)}
+    used = {name for statement in kept for name in names_in(statement.value)}
     missing = [name for name in used if name in pending]
     needed = set()
     while missing:
         name = missing.pop()
         if name not in needed:
             needed.add(name)
-            missing.extend(n for n in _names(pending[name]) if n in pending)
+            missing.extend(n for n in names_in(pending[name]) if n in pending)
     values = {statement.name: statement.value for statement in kept}
     values.update({name: pending[name] for name in needed})
     return [Statement(s.name, values[s.name]) for s in statements if s.name in values]
@@ -226,11 +249,19 @@ def _replaced(node: Node, values: Mapping[str, Node]) -> Node:
         case Sum(terms):
             return Sum(tuple(_merged_terms(terms, values)))
         case Product(factors):
-            return Product(tuple(_replaced(factor, values) for factor in factors))
+            return _merged_product([_replaced(factor, values) for factor in factors])
         case Reciprocal(argument):
             return Reciprocal(_replaced(argument, values))
         case Call(function, argument):
             return Call(function, _replaced(argument, values))
+
+
+def _merged_product(factors: Sequence[Node]) -> Product:
+    """Factors with products among them opened up, numbers first."""
+    merged: list[Node] = []
+    for factor in factors:
+        merged.extend(factor.factors if isinstance(factor, Product) else (factor,))
+    return Product(tuple(sorted(merged, key=lambda factor: not isinstance(factor, Number))))
 
 
 def _merged_terms(
@@ -260,20 +291,6 @@ def _renamed(
         Output(output.shape, tuple(_replaced(entry, names) for entry in output.entries))
         for output in outputs
     ]
-
-
-def _names(node: Node) -> list[str]:
-    match node:
-        case Name(name):
-            return [name]
-        case Number():
-            return []
-        case Sum(terms):
-            return [name for _, term in terms for name in _names(term)]
-        case Product(factors):
-            return [name for factor in factors for name in _names(factor)]
-        case Reciprocal(argument) | Call(_, argument):
-            return _names(argument)
 
 
 def _leaves(node: Node) -> int:

@@ -28,15 +28,15 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Model:
-    """A derived robot: its symbols, its program, and the defaults of its parameters.
+    """A derived robot: its program, and the defaults and units of its parameters.
 
     `folded` names the parameters that are zero in the file and therefore structural.
     """
 
     robot: Robot
-    machine: Machine
     program: Program
     defaults: dict[str, float]
+    units: dict[str, str]
     folded: tuple[str, ...]
 
 
@@ -54,9 +54,15 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
         name: tuple(symbol.name for symbol in symbols)
         for name, symbols in zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
     }
-    defaults = dict(machine.parameters.defaults)
-    program = lower(tape, inputs, tuple(defaults), slices)
-    return Model(robot, machine, program, defaults, tuple(machine.parameters.folded))
+    parameters = machine.parameters
+    program = lower(tape, inputs, tuple(parameters.defaults), slices)
+    return Model(
+        robot,
+        program,
+        dict(parameters.defaults),
+        dict(parameters.units),
+        tuple(parameters.folded),
+    )
 
 
 def _slices(machine: Machine, progress: Progress) -> list[Slice]:

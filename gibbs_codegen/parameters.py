@@ -15,15 +15,19 @@ from gibbs_codegen.tape import InlineTape, Scalars, Stage
 
 
 class Parameters:
-    """Symbols for the numbers of a robot file, with their defaults in `defaults`."""
+    """Symbols for the numbers of a robot file, with their defaults in `defaults`, units in `units`.
+
+    `folded` names those that are zero in the file and therefore structural.
+    """
 
     def __init__(self, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> None:
         self.defaults: dict[str, float] = {}
+        self.units: dict[str, str] = {}
         self.folded: list[str] = []
         self._robot = robot
         self._tape = tape
         self._keep_zeros = keep_zeros
-        self.gravity = self._value("gravity", robot.gravity)
+        self.gravity = self._value("gravity", robot.gravity, "m/s^2")
         self._bodies: dict[str, tuple[sp.Expr, Inertia]] = {}
 
     def arm_length(self, k: int) -> sp.Expr:
@@ -36,7 +40,7 @@ class Parameters:
 
     def drag(self, k: int) -> sp.Expr:
         """Reaction torque of motor k per unit of thrust."""
-        return self._value(f"base_drag_{k}", self._robot.base.drag[k - 1])
+        return self._value(f"base_drag_{k}", self._robot.base.drag[k - 1], "m")
 
     def link_length(self, i: int) -> sp.Expr:
         """Length of the arm's link i = 1 … n."""
@@ -50,27 +54,28 @@ class Parameters:
         """Denavit–Hartenberg a of link i; the length of the link before where the file is silent."""
         a = self._robot.links[i - 1].a
         if a is not None:
-            return self._value(f"link{i}_a", a)
+            return self._value(f"link{i}_a", a, "m")
         return self.link_length(i - 1) if i > 1 else sp.Integer(0)
 
     def link_d(self, i: int) -> sp.Expr:
         """Denavit–Hartenberg d of link i."""
-        return self._value(f"link{i}_d", self._robot.links[i - 1].d)
+        return self._value(f"link{i}_d", self._robot.links[i - 1].d, "m")
 
     def _arm_prefix(self, k: int) -> str:
         return "base_arm" if self._robot.base.shares_one_arm else f"base_arm{k}"
 
-    def _value(self, name: str, default: float) -> sp.Expr:
+    def _value(self, name: str, default: float, unit: str) -> sp.Expr:
         if default == 0.0 and not self._keep_zeros:
             if name not in self.folded:
                 self.folded.append(name)
             return sp.Integer(0)
         self.defaults[name] = default
+        self.units[name] = unit
         return self._tape.symbol(name, Stage.PARAMETER)
 
     def _body(self, prefix: str, body: Body) -> tuple[sp.Expr, Inertia]:
         if prefix not in self._bodies:
-            length = self._value(f"{prefix}_length", body.length)
+            length = self._value(f"{prefix}_length", body.length, "m")
             if isinstance(body, Rod):
                 self._bodies[prefix] = (length, self._rod(prefix, body, length))
             else:
@@ -79,9 +84,9 @@ class Parameters:
 
     def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
         """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃."""
-        density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length)
+        density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
         x, y, z = (
-            self._value(f"{prefix}_section_inertia_{axis}", value)
+            self._value(f"{prefix}_section_inertia_{axis}", value, "kg m^2")
             for axis, value in zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
         )
         zero = sp.Integer(0)
@@ -92,13 +97,13 @@ class Parameters:
 
     def _rigid_body(self, prefix: str, body: RigidBody) -> Inertia:
         """The parallel-axis rule on a body given about its centre of mass."""
-        mass = self._value(f"{prefix}_mass", body.mass)
+        mass = self._value(f"{prefix}_mass", body.mass, "kg")
         com = [
-            self._value(f"{prefix}_com_{axis}", value)
+            self._value(f"{prefix}_com_{axis}", value, "m")
             for axis, value in zip("xyz", body.com, strict=True)
         ]
         xx, yy, zz, xy, xz, yz = (
-            self._value(f"{prefix}_inertia_{name}", value)
+            self._value(f"{prefix}_inertia_{name}", value, "kg m^2")
             for name, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
         )
         zero = sp.Integer(0)

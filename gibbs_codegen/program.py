@@ -177,6 +177,21 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
     return Operations(additions, multiplications, divisions, 0, len(angles))
 
 
+def names_in(node: Node) -> list[str]:
+    """Names in a node, from left to right, as often as they stand there."""
+    match node:
+        case Name(name):
+            return [name]
+        case Number():
+            return []
+        case Sum(terms):
+            return [name for _, term in terms for name in names_in(term)]
+        case Product(factors):
+            return [name for factor in factors for name in names_in(factor)]
+        case Reciprocal(argument) | Call(_, argument):
+            return names_in(argument)
+
+
 def _value(node: Node, values: Mapping[str, float]) -> float:
     match node:
         case Name(name):

@@ -19,6 +19,9 @@ from typing import Protocol
 import sympy as sp
 
 
+_MINUS_ONE = sp.Integer(-1)
+
+
 class Stage(IntEnum):
     """When a value can be computed: once per parameter set, per configuration, or per motion."""
 
@@ -109,6 +112,10 @@ class Tape:
         return self._define(direct, self._stages[argument])
 
     def _name_product(self, expression: sp.Expr) -> sp.Expr:
+        if expression.is_Mul and len(expression.args) == 2:
+            first, second = expression.args
+            if first.is_Symbol and second.is_Symbol:  # Nothing to sort: by far the most frequent.
+                return self._define(expression, max(self._stages[first], self._stages[second]))
         number: sp.Expr = sp.Integer(1)
         factors: list[sp.Symbol] = []
         for factor in sp.Mul.make_args(expression):
@@ -116,7 +123,7 @@ class Tape:
                 number *= factor
                 continue
             base, exponent = factor.as_base_exp()
-            sign, symbol = _signed(self.let(base))
+            sign, symbol = signed(self.let(base))
             number *= sign ** abs(int(exponent))
             if exponent < 0:
                 symbol = self._define(1 / symbol, self._stages[symbol])
@@ -142,31 +149,36 @@ class Tape:
         return self._define(constant * product, self._stages[product])
 
     def _name_sum(self, expression: sp.Expr) -> sp.Expr:
-        named = sp.Add(*(self._term(term) for term in expression.args))
+        terms = [self._term(term) for term in expression.args]
+        named = expression
+        if any(new is not old for new, old in zip(terms, expression.args, strict=True)):
+            named = sp.Add(*terms)
         if not named.is_Add:
             return self.let(named)
         hoisted, varying = [], []
         for term in named.args:
-            symbol = _signed(term)[1]
+            symbol = signed(term)[1]
             constant = symbol.is_number or self._stages[symbol] is Stage.PARAMETER
             (hoisted if constant else varying).append(term)
         if not varying:
             return self._signed_sum(hoisted, Stage.PARAMETER)
         if len(hoisted) > 1:
             hoisted = [self._signed_sum(hoisted, Stage.PARAMETER)]
-        stage = max(self._stages[_signed(term)[1]] for term in varying)
+        stage = max(self._stages[signed(term)[1]] for term in varying)
         return self._signed_sum(hoisted + varying, stage)
 
     def _term(self, term: sp.Expr) -> sp.Expr:
-        return term if term.is_Symbol or term.is_number else self.let(term)
+        """A term by its name. A signed symbol is its own, and is returned as the same object."""
+        is_atom = term.is_Symbol or _is_minus_symbol(term) or term.is_number
+        return term if is_atom else self.let(term)
 
     def _signed_sum(self, terms: list[sp.Expr], stage: Stage) -> sp.Expr:
         """Name a sum up to its sign: fewer minus signs than plus signs, the first term positive."""
         if len(terms) == 1:
             return terms[0]
-        negative = sum(_signed(term)[0] < 0 for term in terms)
-        first = min(terms, key=lambda term: self._ranks.get(_signed(term)[1], -1))
-        if 2 * negative > len(terms) or (2 * negative == len(terms) and _signed(first)[0] < 0):
+        negative = sum(signed(term)[0] < 0 for term in terms)
+        first = min(terms, key=lambda term: self._ranks.get(signed(term)[1], -1))
+        if 2 * negative > len(terms) or (2 * negative == len(terms) and signed(first)[0] < 0):
             return -self._define(sp.Add(*(-term for term in terms)), stage)
         return self._define(sp.Add(*terms), stage)
 
@@ -185,10 +197,15 @@ class Tape:
         self._ranks[symbol] = len(self._ranks)
 
 
-def _signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
+def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
     """Sign and magnitude of a symbol, a signed symbol or a number."""
     if atom.is_Symbol:
         return 1, atom
-    if atom.is_Mul and atom.args[0] is sp.S.NegativeOne and len(atom.args) == 2:
+    if _is_minus_symbol(atom):
         return -1, atom.args[1]
     return (-1, -atom) if atom.is_negative else (1, atom)
+
+
+def _is_minus_symbol(term: sp.Expr) -> bool:
+    args = term.args
+    return bool(term.is_Mul and len(args) == 2 and args[0] is _MINUS_ONE and args[1].is_Symbol)

@@ -1,0 +1,149 @@
+"""What each emitted function is, in words: the same for every target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gibbs_codegen.coordinates import (
+    Coordinate,
+    constraint_torque,
+    hybrid_coordinates,
+    inputs,
+    points,
+    reduced_coordinates,
+)
+from gibbs_codegen.robot import Robot
+
+
+@dataclass(frozen=True)
+class Description:
+    """A line that says what a function returns, details, and the equation that it implements."""
+
+    summary: str
+    details: str
+    source: str
+
+
+DESCRIPTIONS: dict[str, Description] = {
+    "mass_matrix_and_residual": Description(
+        "Mass matrix M and residual R of M a = R + B u, in one pass.",
+        "R holds the velocity terms and gravity, with the sign of a force.",
+        "eqs. 5, 11 and 18, reduced to the free coordinates",
+    ),
+    "mass_matrix": Description(
+        "Mass matrix M of M a = R + B u, symmetric, both triangles filled.",
+        "The same matrix as Pinocchio's crba gives for these coordinates.",
+        "eqs. 5, 11 and 18, reduced to the free coordinates",
+    ),
+    "residual": Description(
+        "Residual R of M a = R + B u: velocity terms and gravity, with the sign of a force.",
+        "It is minus what Pinocchio calls nonLinearEffects.",
+        "eqs. 5, 11 and 18, reduced to the free coordinates",
+    ),
+    "input_matrix": Description(
+        "Input matrix B of M a = R + B u.",
+        "Column k holds the generalised forces of a unit of input k.",
+        "eqs. 7-13",
+    ),
+    "forward_dynamics": Description(
+        "Accelerations a of M a = R + B u.",
+        "Singular where the middle attitude angle is +-90 degrees.",
+        "eq. 19, solved for the free coordinates",
+    ),
+    "inverse_dynamics": Description(
+        "Generalised forces M a - R that the motion needs; B u supplies them.",
+        "The partial derivatives of the Gibbs function by the accelerations.",
+        "eqs. 4-6",
+    ),
+    "hybrid_mass_matrix": Description(
+        "Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.",
+        "Rows and columns are in the order of HYBRID_COORDINATES; the last rows hold the "
+        "constrained joints, the last columns their torques.",
+        "eqs. 15, 18 and 19",
+    ),
+    "hybrid_residual": Description(
+        "Residual R_H of the hybrid system I_H a_H = R_H + B_H u.",
+        "Entries are in the order of HYBRID_COORDINATES.",
+        "eqs. 15, 18 and 19",
+    ),
+    "hybrid_input_matrix": Description(
+        "Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.",
+        "Rows are in the order of HYBRID_COORDINATES, columns in that of INPUTS.",
+        "eqs. 12, 13 and 18",
+    ),
+    "constraint_torques": Description(
+        "Torques that keep the base arms 2 ... N from turning against arm 1.",
+        "Linear in the accelerations and inputs, which need not fit each other.",
+        "eqs. 14 and 15",
+    ),
+    "gibbs": Description(
+        "Gibbs function S up to terms free of accelerations, in W/s.",
+        "Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.",
+        "eqs. 2 and 3",
+    ),
+    "kinetic_energy": Description("Kinetic energy in J.", "", "eq. 2 with rates for accelerations"),
+    "potential_energy": Description(
+        "Potential energy in J, zero at world Z = 0.", "", "gravity times the first moment of mass"
+    ),
+    "positions": Description(
+        "World positions of POINTS in m, one row each.", "", "forward kinematics"
+    ),
+    "tip_pose": Description(
+        "Homogeneous transform from the tip's frame to the world.",
+        "The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.",
+        "forward kinematics",
+    ),
+    "tip_jacobian": Description(
+        "Jacobian of the tip: linear rows, then angular rows, in world axes.",
+        "It takes v to the velocity of the tip in m/s and rad/s.",
+        "forward kinematics",
+    ),
+}
+
+_PER_SECOND = {"rad": "rad/s", "m": "m/s"}
+_PER_SECOND_SQUARED = {"rad": "rad/s^2", "m": "m/s^2"}
+
+
+def argument_text(robot: Robot, argument: str) -> str:
+    """Entries of an argument with their units, in order."""
+    if argument == "u":
+        return _listed(inputs(robot))
+    coordinates = reduced_coordinates(robot)
+    units = {"q": None, "v": _PER_SECOND, "a": _PER_SECOND_SQUARED}[argument]
+    return ", ".join(
+        f"{c.name} [{c.unit if units is None else units[c.unit]}]" for c in coordinates
+    )
+
+
+def argument_meaning(argument: str) -> str:
+    """What an argument is."""
+    return {
+        "q": "coordinates",
+        "v": "their rates",
+        "a": "their accelerations",
+        "u": "inputs",
+    }[argument]
+
+
+def output_text(robot: Robot, function: str) -> str | None:
+    """What the entries of a function's output are, where the coordinates do not say it."""
+    if function == "constraint_torques":
+        return _listed(tuple(constraint_torque(k) for k in range(2, robot.rotors + 1)))
+    if function == "positions":
+        return ", ".join(points(robot))
+    return None
+
+
+def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
+    """Lines that explain coordinates one by one."""
+    width = max(len(c.name) for c in coordinates)
+    return [f"{c.name:<{width}}  [{c.unit}]  {c.meaning}" for c in coordinates]
+
+
+def hybrid_table(robot: Robot) -> list[str]:
+    """Lines that explain the hybrid unknowns one by one."""
+    return coordinate_table(hybrid_coordinates(robot))
+
+
+def _listed(coordinates: tuple[Coordinate, ...]) -> str:
+    return ", ".join(f"{c.name} [{c.unit}]" for c in coordinates)

@@ -1,0 +1,73 @@
+"""The map of the house: from a robot file to a generated module, stage by stage.
+
+    read_robot       robot file           → Robot, plain checked data           (robot_file)
+    derive           Robot                → Model: the derivation, lowered      (model)
+      Machine.of       Robot                → symbols, root and chains            (machine, chains)
+      reduced_system   chains               → M, R, B of the reduced system       (equations, forces)
+      hybrid_system    chains, M, R, B      → I_H, R_H, B_H by the coupling map   (combine)
+      lower            tape, outputs        → Program: statements by stage        (lower, program)
+    render_module    Model                → text of each file                   (emit, templates/)
+    write_module     text                 → generated/<name>/, whole or nothing (write)
+
+Left of the program everything is a SymPy value; right of it everything is a string; right of
+`generated/` everything is a float.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gibbs_codegen.emit import TARGETS, find_targets, render_module
+from gibbs_codegen.model import Model, Progress, derive
+from gibbs_codegen.robot_file import parse_robot
+from gibbs_codegen.write import check_replaceable, differing_files, write_module
+
+
+def generate(
+    text: str,
+    out: Path,
+    targets: Sequence[str] = tuple(TARGETS),
+    keep_zeros: bool = False,
+    progress: Progress = lambda _: None,
+    source: str = "robot file",
+) -> tuple[Model, Path]:
+    """Generate the module of a robot file's text into `out`/<name>; return its model and folder.
+
+    Raises `RobotFileError`, `SingularRobotError`, `UsageError` or `OutputError`, and then has
+    written nothing.
+    """
+    folder = out / parse_robot(text, source).name
+    check_replaceable(folder)
+    model, files = module_files(text, targets, keep_zeros, progress, source)
+    progress("writing")
+    write_module(folder, files)
+    return model, folder
+
+
+def check(
+    text: str,
+    out: Path,
+    targets: Sequence[str] = tuple(TARGETS),
+    keep_zeros: bool = False,
+    progress: Progress = lambda _: None,
+    source: str = "robot file",
+) -> tuple[Path, list[str]]:
+    """Compare the module in `out` with what would be written: its folder and the differing files."""
+    model, files = module_files(text, targets, keep_zeros, progress, source)
+    folder = out / model.robot.name
+    return folder, differing_files(folder, files)
+
+
+def module_files(
+    text: str,
+    targets: Sequence[str],
+    keep_zeros: bool,
+    progress: Progress,
+    source: str,
+) -> tuple[Model, dict[str, str]]:
+    """The derived model, and the text of every file of its module."""
+    found = find_targets(targets)
+    model = derive(parse_robot(text, source), keep_zeros, progress)
+    progress("rendering")
+    return model, render_module(model, text, found)
