@@ -1,0 +1,37 @@
+"""Symbolic dynamics of aerial manipulators, emitted as fast, dependency-free functions.
+
+`gibbs_codegen.pipeline` is the map of the package. What needs SymPy is imported when first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from gibbs_codegen.errors import GibbsCodegenError as GibbsCodegenError
+from gibbs_codegen.load import load as load
+from gibbs_codegen.version import __version__ as __version__
+
+if TYPE_CHECKING:
+    from gibbs_codegen.closed_form import chain_closed_form as chain_closed_form
+    from gibbs_codegen.family import paper_family as paper_family
+    from gibbs_codegen.model import derive as derive
+    from gibbs_codegen.pipeline import generate as generate
+    from gibbs_codegen.robot_file import parse_robot as parse_robot
+    from gibbs_codegen.robot_file import read_robot as read_robot
+
+_LAZY = {
+    "chain_closed_form": "closed_form",
+    "derive": "model",
+    "generate": "pipeline",
+    "paper_family": "family",
+    "parse_robot": "robot_file",
+    "read_robot": "robot_file",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)

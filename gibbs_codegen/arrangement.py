@@ -61,11 +61,13 @@ def arrangement(robot: Robot) -> Arrangement:
     rank = int(np.sum(values > 1e-9 * values[0])) if values[0] > 0 else 0
     full = rank == len(matrix)
     condition = float(values[0] / values[-1]) if full else float("inf")
-    missing = tuple(tuple(float(x) for x in _oriented(left[:, i])) for i in range(rank, len(matrix)))
+    missing = tuple(
+        tuple(float(x) for x in _oriented(left[:, i])) for i in range(rank, len(matrix))
+    )
     return Arrangement(rank, condition, missing)
 
 
 def _oriented(vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """The vector with its largest entry positive and what is rounding set to zero."""
-    vector = np.where(np.abs(vector) < 1e-12, 0.0, vector)
-    return vector * np.sign(vector[np.argmax(np.abs(vector))])
+    rounded: NDArray[np.float64] = np.where(np.abs(vector) < 1e-12, 0.0, vector)
+    return rounded if rounded[np.argmax(np.abs(rounded))] > 0 else -rounded

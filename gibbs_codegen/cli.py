@@ -7,6 +7,7 @@ come at once.
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import sys
@@ -29,6 +30,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 failed, 2 wrong use or a refused file."""
     parser = _parser()
     options = parser.parse_args(arguments)
+    # A derivation makes millions of small objects and hardly any cycles; a command ends soon.
+    gc.disable()
     try:
         code: int = options.command(options)
     except GibbsCodegenError as error:

@@ -1,8 +1,8 @@
 """The combiner: chains into the hybrid system, constraints and their torques (eqs. 14–19).
 
-Two ways lead to the hybrid system and must agree. `hybrid_from_chains` is the paper's: each chain in
-its constrained form (eq. 15), added entry by entry where the coupling map says (eq. 18). The other
-is what the emitted code uses: the chains' inertia is summed at the root before it is projected, so
+Two ways lead to the hybrid system and must agree. `hybrid_from_chains` is the paper's: each chain
+in its constrained form (eq. 15), added entry by entry where the coupling map says (eq. 18). The
+other is what the emitted code uses: the chains' inertia is summed at the root before it is projected, so
 the free rows are those of the reduced system, and each constrained joint adds its own row.
 """
 
@@ -37,7 +37,7 @@ class LinearSystem:
 
 def state_at_rest_acceleration(machine: Machine) -> State:
     """The state with θ̈ = 0, whose generalised inertia forces are −R."""
-    zeros = [sp.Integer(0)] * len(machine.q)
+    zeros = [sp.S.Zero] * len(machine.q)
     return State(machine.v, zeros, machine.parameters.gravity)
 
 
@@ -65,7 +65,7 @@ def constrained_joint_column(machine: Machine, chain: Chain) -> tuple[list[sp.Ex
 def constrained_joint_row(machine: Machine, chain: Chain, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint at the given rates and accelerations of the free coordinates."""
     tape, serial = machine.tape, machine.serial_chain(chain)
-    zero = sp.Integer(0)
+    zero = sp.S.Zero
     own = State(
         [*state.rates[:3], zero, *state.rates[-3:]],
         [*state.accelerations[:3], zero, *state.accelerations[-3:]],
@@ -82,7 +82,7 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
     names = [coordinate.name for coordinate in hybrid_coordinates(robot)]
     free = [0, 1, 2, *range(3 + arms, 6 + arms + n)]
     root = [0, 1, 2, *range(3 + arms + n, 6 + arms + n)]
-    zero, one = sp.Integer(0), sp.Integer(1)
+    zero, one = sp.S.Zero, sp.S.One
     matrix: Matrix = [[zero] * len(names) for _ in names]
     residual = [zero] * len(names)
     thrust: Matrix = [[zero] * len(machine.u) for _ in names]
@@ -105,7 +105,7 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
 
 
 def constraint_torques(machine: Machine) -> list[sp.Expr]:
-    """τ'_k for k = 2 … N, given the accelerations of the free coordinates and the inputs (eq. 14)."""
+    """τ'_k for k = 2 … N, given the free coordinates' accelerations and the inputs (eq. 14)."""
     state = State(machine.v, machine.a, machine.parameters.gravity)
     torques = []
     for m, chain in enumerate(constrained_chains(machine)):
@@ -123,7 +123,7 @@ def chain_system(machine: Machine, chain: Chain) -> LinearSystem:
     tape, root, serial = machine.tape, machine.root, machine.serial_chain(chain)
     matrix = mass_matrix(tape, root, serial)
     rates = _chain_values(machine, chain, machine.v)
-    state = State(rates, [sp.Integer(0)] * len(rates), machine.parameters.gravity)
+    state = State(rates, [sp.S.Zero] * len(rates), machine.parameters.gravity)
     residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
     system = LinearSystem(matrix, residual, _chain_inputs(machine, chain))
     return _bordered(system) if chain.is_constrained else system
@@ -132,7 +132,7 @@ def chain_system(machine: Machine, chain: Chain) -> LinearSystem:
 def hybrid_from_chains(machine: Machine) -> LinearSystem:
     """The hybrid system by adding up the chains' systems where the coupling map places them."""
     size, width = len(hybrid_coordinates(machine.robot)), len(machine.u)
-    zero = sp.Integer(0)
+    zero = sp.S.Zero
     matrix: Matrix = [[zero] * size for _ in range(size)]
     residual = [zero] * size
     thrust: Matrix = [[zero] * width for _ in range(size)]
@@ -149,16 +149,14 @@ def hybrid_from_chains(machine: Machine) -> LinearSystem:
     return LinearSystem(matrix, residual, thrust)
 
 
-def _chain_values(
-    machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...]
-) -> list[sp.Expr]:
+def _chain_values(machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
     """Rates or accelerations in the order of the chain's coordinates; a held joint has zero."""
     by_name = {symbol.name: value for symbol, value in zip(machine.q, values, strict=True)}
-    return [by_name.get(name, sp.Integer(0)) for name in chain.coordinates]
+    return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
 
 
 def _chain_inputs(machine: Machine, chain: Chain) -> Matrix:
-    zero, one = sp.Integer(0), sp.Integer(1)
+    zero, one = sp.S.Zero, sp.S.One
     names = list(chain.coordinates)
     matrix: Matrix = [[zero] * len(machine.u) for _ in names]
     columns = motor_columns(machine)
@@ -176,7 +174,7 @@ def _chain_inputs(machine: Machine, chain: Chain) -> Matrix:
 
 def _bordered(system: LinearSystem) -> LinearSystem:
     """Eq. 15: the unknown τ'_j with −ζ beside the mass matrix, and the row ζᵀθ̈_j = 0 below."""
-    zero, one = sp.Integer(0), sp.Integer(1)
+    zero, one = sp.S.Zero, sp.S.One
     size = len(system.residual)
     zeta = [one if i == 3 else zero for i in range(size)]
     matrix = [[*row, -z] for row, z in zip(system.matrix, zeta, strict=True)]

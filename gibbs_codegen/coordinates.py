@@ -83,7 +83,9 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
     joints = []
     for i, link in enumerate(robot.links, start=1):
         kind, unit = ("force", "N") if link.joint == "prismatic" else ("torque", "N m")
-        joints.append(Coordinate(f"tau_{robot.rotors + i}", unit, f"{kind} of joint {robot.rotors + i}"))
+        joints.append(
+            Coordinate(f"tau_{robot.rotors + i}", unit, f"{kind} of joint {robot.rotors + i}")
+        )
     return thrusts + tuple(joints)
 
 

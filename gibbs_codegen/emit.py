@@ -49,9 +49,7 @@ def find_targets(names: Sequence[str]) -> dict[str, Target]:
     return {name: TARGETS[name] for name in names}
 
 
-def render_module(
-    model: Model, robot_text: str, targets: Mapping[str, Target]
-) -> dict[str, str]:
+def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) -> dict[str, str]:
     """Text of every file of a generated module, by file name; the robot file is one of them."""
     files = {"robot.toml": robot_text}
     for target in targets.values():

@@ -78,9 +78,7 @@ def generalised_inertia_forces(
     return [*rows[:3], *joints[1:], *linear]
 
 
-def gibbs_function(
-    tape: Scalars, root: TaitBryanRoot, chain: SerialChain, state: State
-) -> sp.Expr:
+def gibbs_function(tape: Scalars, root: TaitBryanRoot, chain: SerialChain, state: State) -> sp.Expr:
     """S of the chain up to terms free of accelerations (eqs. 2–3)."""
     return chain_gibbs_function(tape, chain, chain_motions(tape, root, chain, state))
 
@@ -91,7 +89,7 @@ def mass_matrix(tape: Scalars, root: TaitBryanRoot, chain: SerialChain) -> Matri
     joints = len(wrenches)
     size = joints + 6
     places = [0, 1, 2, size - 3, size - 2, size - 1]
-    matrix: Matrix = [[sp.Integer(0)] * size for _ in range(size)]
+    matrix: Matrix = [[sp.S.Zero] * size for _ in range(size)]
     for i, row in zip(places, root.mass_block(tape, composite), strict=True):
         for j, entry in zip(places, row, strict=True):
             matrix[i][j] = entry

@@ -1,4 +1,4 @@
-"""The errors a user can meet: one root, and each says what is wrong, where, and what would be right."""
+"""The errors a user can meet: each says what is wrong, where, and what would be right."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def thrust_direction(machine: Machine, k: int) -> Vector:
     for axis, unit in enumerate(AXES.values()):
         if direction == unit:
             return axis_vector(axis)
-    x, y, z = (sp.Float(entry) if entry else sp.Integer(0) for entry in direction)
+    x, y, z = (sp.Float(entry) if entry else sp.S.Zero for entry in direction)
     return (x, y, z)
 
 
@@ -58,7 +58,7 @@ def motor_torque_about_arm_joint(machine: Machine, k: int) -> sp.Expr:
 
 
 def motor_columns(machine: Machine) -> list[tuple[sp.Expr, ...]]:
-    """For each motor, its generalised forces on θ₋₁, θ₀, θ₁, x, y, z per unit of thrust (eq. 13)."""
+    """For each motor, its generalised forces on θ₋₁, θ₀, θ₁, x, y, z per unit thrust (eq. 13)."""
     tape, root = machine.tape, machine.root
     return [
         root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
@@ -86,7 +86,7 @@ def total_thrust_wrench(machine: Machine) -> Wrench:
 def input_matrix(machine: Machine) -> list[list[sp.Expr]]:
     """B of M a = R + B u: rows in the order of q, columns in that of u."""
     n, rotors = machine.joints, machine.robot.rotors
-    zero, one = sp.Integer(0), sp.Integer(1)
+    zero, one = sp.S.Zero, sp.S.One
     matrix = [[zero] * (rotors + n) for _ in range(6 + n)]
     for column, rows in enumerate(motor_columns(machine)):
         for row, entry in zip((0, 1, 2, n + 3, n + 4, n + 5), rows, strict=True):

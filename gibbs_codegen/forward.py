@@ -23,7 +23,7 @@ from gibbs_codegen.vectors import ZERO, Vector, Wrench, cross, dot, scale
 
 
 def forward_dynamics(machine: Machine) -> list[sp.Expr]:
-    """a of M a = R + B u, in the order of q.
+    """A of M a = R + B u, in the order of q.
 
     Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
@@ -34,7 +34,7 @@ def forward_dynamics(machine: Machine) -> list[sp.Expr]:
     centre = scale(tape, lightness, composite.moment)
     n = machine.joints
     light = [scale(tape, lightness, wrench.force) for wrench in wrenches]
-    matrix: Matrix = [[sp.Integer(0)] * (n + 3) for _ in range(n + 3)]
+    matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
     for (i, j), entry in block.items():
         if i >= j:
             coupled = _minus_dot(tape, entry, wrenches[i].force, light[j])
@@ -46,9 +46,7 @@ def forward_dynamics(machine: Machine) -> list[sp.Expr]:
     for k in range(3):
         for m, entry in enumerate(about_centre.response(tape, 3 + k).moment):
             matrix[n + k][n + m] = entry
-    right = [
-        _minus_dot(tape, effort, light[i], drive.force) for i, effort in enumerate(efforts)
-    ]
+    right = [_minus_dot(tape, effort, light[i], drive.force) for i, effort in enumerate(efforts)]
     right.extend(_about(tape, drive, centre))
     # Tip first: the last joint couples to all others, the root is left for the end.
     order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
@@ -110,7 +108,7 @@ def solve_symmetric(
 def _driving_forces(machine: Machine) -> tuple[Wrench, list[sp.Expr]]:
     """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
     tape, chain = machine.tape, machine.reduced_chain
-    falling = State(machine.v, [sp.Integer(0)] * len(machine.q), sp.Integer(0))
+    falling = State(machine.v, [sp.S.Zero] * len(machine.q), sp.S.Zero)
     motions = chain_motions(tape, machine.root, chain, falling)
     bias, joints = inward(tape, chain, motions)
     thrust = total_thrust_wrench(machine)
@@ -131,7 +129,7 @@ def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> 
     c, moment = centre, composite.moment
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     xx, yy, zz, xy, xz, yz = (tape.let(composite.entry(i, j) - c[i] * moment[j]) for i, j in pairs)
-    return Inertia(sp.Integer(0), ZERO, (xx, yy, zz, xy, xz, yz))
+    return Inertia(sp.S.Zero, ZERO, (xx, yy, zz, xy, xz, yz))
 
 
 def _difference(tape: Scalars, a: Vector, b: Vector) -> Vector:

@@ -78,11 +78,9 @@ def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
     """Homogeneous transform of the tip: the last link's axes and the tip's position."""
     geometry = arm_geometry(machine)
     position = add(machine.tape, _origin(machine), geometry.tip)
-    rows = [
-        [axis[i] for axis in geometry.tip_frame] + [position[i]] for i in range(3)
-    ]
-    zero = sp.Integer(0)
-    return [*rows, [zero, zero, zero, sp.Integer(1)]]
+    rows = [[axis[i] for axis in geometry.tip_frame] + [position[i]] for i in range(3)]
+    zero = sp.S.Zero
+    return [*rows, [zero, zero, zero, sp.S.One]]
 
 
 def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
@@ -109,7 +107,9 @@ def _origin(machine: Machine) -> Vector:
 
 
 def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:
-    return add(tape, *(scale(tape, length, axis) for length, axis in zip(point, frame, strict=True)))
+    return add(
+        tape, *(scale(tape, length, axis) for length, axis in zip(point, frame, strict=True))
+    )
 
 
 def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:

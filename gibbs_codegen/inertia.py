@@ -113,7 +113,7 @@ class Inertia:
         return Wrench((fx, fy, fz), (nx, ny, nz))
 
 
-NO_INERTIA = Inertia(sp.Integer(0), ZERO, (sp.Integer(0),) * 6)
+NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
 
 
 def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
@@ -123,7 +123,7 @@ def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
     and the second moment along z are the parent's.
     """
     (x, y, z), (xx, yy, zz, xy, xz, yz) = inertia.moment, inertia.second
-    zero = sp.Integer(0)
+    zero = sp.S.Zero
     kept = Inertia(zero, (x, y, zero), (xx, yy, zero, xy, xz, yz))
     moved = Inertia(inertia.mass, (zero, zero, z), (zero, zero, zz, zero, zero, zero))
     return kept, moved
@@ -134,8 +134,8 @@ def split_prismatic(inertia: Inertia) -> tuple[Inertia, Inertia]:
 
     The link turns with its parent, so its second moments about the joint are the parent's.
     """
-    kept = Inertia(inertia.mass, inertia.moment, (sp.Integer(0),) * 6)
-    moved = Inertia(sp.Integer(0), ZERO, inertia.second)
+    kept = Inertia(inertia.mass, inertia.moment, (sp.S.Zero,) * 6)
+    moved = Inertia(sp.S.Zero, ZERO, inertia.second)
     return kept, moved
 
 

@@ -71,9 +71,7 @@ class Motion:
         if length == 0:
             return self
         step = scale(tape, length, self.along_x(tape, rotation))
-        return Motion(
-            self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient
-        )
+        return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient)
 
     def along_x(self, tape: Scalars, rotation: Rotation) -> Vector:
         """A applied to the x axis of the frame that `rotation` (about z) gives."""
@@ -112,6 +110,4 @@ class Motion:
         x, y, _ = self.omega
         twice = tape.let(2 * rate)
         gain = (tape.let(twice * y), -tape.let(twice * x), acceleration)
-        return Motion(
-            self.omega, self.omega_dot, add(tape, self.acceleration, gain), self.gradient
-        )
+        return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, gain), self.gradient)

@@ -50,41 +50,40 @@ def lower(
 ) -> Program:
     """Lower every slice of the tape into one program."""
     lowering = _Lowering(tape)
-    needed: set[sp.Symbol] = set()
-    functions = []
-    for piece in slices:
-        function, constants = lowering.function(piece)
-        functions.append(function)
-        needed |= constants
+    drafts = [lowering.draft(piece) for piece in slices]
+    needed = {symbol for draft in drafts for symbol in draft.constants}
     prepare = lowering.reachable(needed, Stage.PARAMETER)
     # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
     names = {symbol.name: f"k{i}" for i, symbol in enumerate(prepare, start=1)}
-    nodes: dict[str, Node] = {old: Name(new) for old, new in names.items()}
+    constants: dict[str, Node] = {old: Name(new) for old, new in names.items()}
     return Program(
         inputs=dict(inputs),
         parameters=tuple(parameters),
         constants=tuple(names.get(s.name, s.name) for s in lowering.in_order(needed)),
         prepare=tuple(
-            Statement(names[s.name], _replaced(lowering.node(tape.statements[s]), nodes))
+            Statement(names[s.name], _replaced(lowering.node(tape.statements[s]), constants))
             for s in prepare
         ),
-        functions=tuple(_with_constants(function, names, nodes) for function in functions),
-    )
-
-
-def _with_constants(
-    function: Function, names: Mapping[str, str], nodes: Mapping[str, Node]
-) -> Function:
-    return Function(
-        function.name,
-        function.arguments,
-        tuple(names.get(name, name) for name in function.constants),
-        tuple(Statement(s.name, _replaced(s.value, nodes)) for s in function.statements),
-        tuple(
-            Output(output.shape, tuple(_replaced(entry, nodes) for entry in output.entries))
-            for output in function.outputs
+        functions=tuple(
+            Function(
+                draft.piece.name,
+                draft.piece.arguments,
+                tuple(names.get(s.name, s.name) for s in lowering.in_order(draft.constants)),
+                *_renamed(draft, constants),
+            )
+            for draft in drafts
         ),
     )
+
+
+@dataclass(frozen=True)
+class _Draft:
+    """A function with the tape's own names, and the symbols of the parameter stage it reads."""
+
+    piece: Slice
+    constants: set[sp.Symbol]
+    statements: list[Statement]
+    outputs: list[Output]
 
 
 class _Lowering:
@@ -99,22 +98,19 @@ class _Lowering:
     def in_order(self, symbols: set[sp.Symbol]) -> list[sp.Symbol]:
         return sorted(symbols, key=self._tape.rank)
 
-    def function(self, piece: Slice) -> tuple[Function, set[sp.Symbol]]:
-        """The function, and the symbols of the parameter stage that it reads."""
-        entries = [entry for _, output in piece.outputs for entry in output]
-        roots = {symbol for entry in entries for symbol in entry.free_symbols}
+    def draft(self, piece: Slice) -> _Draft:
+        """Lower one slice, with what is used once written where it is used."""
         tape = self._tape
+        roots = {symbol for _, output in piece.outputs for e in output for symbol in e.free_symbols}
         order = self.reachable(roots, Stage.CONFIGURATION)
-        read = set(roots).union(*(self._operands(symbol) for symbol in order))
+        read = roots.union(*(self._operands(symbol) for symbol in order))
         constants = {symbol for symbol in read if tape.stage(symbol) is Stage.PARAMETER}
         statements = [Statement(s.name, self.node(tape.statements[s])) for s in order]
         outputs = [
             Output(shape, tuple(self.node(entry) for entry in output))
             for shape, output in piece.outputs
         ]
-        kept, outputs = _renamed(*_folded(statements, outputs))
-        names = tuple(symbol.name for symbol in self.in_order(constants))
-        return Function(piece.name, piece.arguments, names, kept, tuple(outputs)), constants
+        return _Draft(piece, constants, _folded(statements, outputs), outputs)
 
     def reachable(self, roots: set[sp.Symbol], earliest: Stage) -> list[sp.Symbol]:
         """Statements that `roots` need, back to stage `earliest`, in the tape's order."""
@@ -188,9 +184,7 @@ def _numeric(factors: sp.Expr) -> sp.Expr:
     return sp.Mul(*(factor for factor in sp.Mul.make_args(factors) if factor.is_number))
 
 
-def _folded(
-    statements: list[Statement], outputs: list[Output]
-) -> tuple[list[Statement], list[Output]]:
+def _folded(statements: list[Statement], outputs: list[Output]) -> list[Statement]:
     """Write what is used once where it is used, as long as the line stays short."""
     uses: Counter[str] = Counter()
     for statement in statements:
@@ -198,7 +192,7 @@ def _folded(
     for output in outputs:
         for entry in output.entries:
             # An output entry keeps its name: what is returned twice must not be computed twice.
-            uses.update({name: 2 for name in names_in(entry)})
+            uses.update(dict.fromkeys(names_in(entry), 2))
     pending: dict[str, Node] = {}
     kept = []
     for statement in statements:
@@ -207,7 +201,7 @@ def _folded(
             pending[statement.name] = value
             continue
         kept.append(Statement(statement.name, value))
-    return _spilled(kept, pending, statements), outputs
+    return _spilled(kept, pending, statements)
 
 
 def _substituted(node: Node, pending: Mapping[str, Node]) -> Node:
@@ -220,7 +214,7 @@ def _substituted(node: Node, pending: Mapping[str, Node]) -> Node:
         if cost <= room:
             chosen[name] = pending[name]
             room -= cost
-    return _replaced(node, chosen)
+    return _replaced(node, chosen) if chosen else node
 
 
 def _spilled(
@@ -279,18 +273,20 @@ def _merged_terms(
 
 
 def _renamed(
-    statements: list[Statement], outputs: list[Output]
-) -> tuple[tuple[Statement, ...], list[Output]]:
+    draft: _Draft, constants: Mapping[str, Node]
+) -> tuple[tuple[Statement, ...], tuple[Output, ...]]:
     """Number the temporaries of a function from 1, so that each function reads by itself."""
-    names: dict[str, Node] = {s.name: Name(f"t{i}") for i, s in enumerate(statements, start=1)}
-    renamed = tuple(
+    names = dict(constants)
+    names.update({s.name: Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)})
+    statements = tuple(
         Statement(f"t{i}", _replaced(statement.value, names))
-        for i, statement in enumerate(statements, start=1)
+        for i, statement in enumerate(draft.statements, start=1)
     )
-    return renamed, [
+    outputs = tuple(
         Output(output.shape, tuple(_replaced(entry, names) for entry in output.entries))
-        for output in outputs
-    ]
+        for output in draft.outputs
+    )
+    return statements, outputs
 
 
 def _leaves(node: Node) -> int:

@@ -18,7 +18,7 @@ from gibbs_codegen.root import TaitBryanRoot
 from gibbs_codegen.serial import Segment, SerialChain, regrouped
 from gibbs_codegen.structural import gather, radians
 from gibbs_codegen.tape import InlineTape, Scalars, Stage
-from gibbs_codegen.vectors import Rotation, axis_vector
+from gibbs_codegen.vectors import NO_ROTATION, Rotation, axis_vector
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Machine:
     def centre_offset(self) -> sp.Expr:
         """Distance from the origin of the coordinates to the base centre O₂, along x₁."""
         if self.robot.base.origin == "centre":
-            return sp.Integer(0)
+            return sp.S.Zero
         return self.parameters.arm_length(1)
 
     def arm_1_inertia(self) -> Inertia:
@@ -71,7 +71,7 @@ class Machine:
         return inertia.shifted(InlineTape(), axis_vector(0, -self.parameters.arm_length(1)))
 
     def base_inertia(self) -> Inertia:
-        """Inertia of the rigid base about the origin, in arm 1's frame: the chains' sum at the root.
+        """Inertia of the rigid base about the origin in arm 1's frame: the chains' sum at the root.
 
         Arms of one table share their parameters; what vanishes by symmetry vanishes here.
         """
@@ -89,9 +89,7 @@ class Machine:
     def reduced_chain(self) -> SerialChain:
         """The arm on the rigid base, regrouped: what the reduced system is derived from."""
         chain = SerialChain((self._root_segment(self.base_inertia()), *self._arm_segments()))
-        offsets = [Rotation.identity()] + [
-            Rotation.degrees(2, link.theta_deg) for link in self.robot.links
-        ]
+        offsets = [NO_ROTATION] + [Rotation.degrees(2, link.theta_deg) for link in self.robot.links]
         return regrouped(self.tape, chain, offsets)
 
     def serial_chain(self, chain: Chain) -> SerialChain:
@@ -125,7 +123,7 @@ class Machine:
             joint = self.q[2 + i]
             leads = link.alpha_deg % 360 != 0
             if leads:
-                angle, structural = sp.Integer(0), Fraction(0)
+                angle, structural = sp.S.Zero, Fraction(0)
             structural += link.theta_deg
             d = self.parameters.link_d(i)
             if link.joint == "revolute":

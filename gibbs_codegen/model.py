@@ -83,9 +83,7 @@ def _slices(machine: Machine, progress: Progress) -> list[Slice]:
         Slice("forward_dynamics", ("q", "v", "u"), (_vector(forward),)),
         Slice("inverse_dynamics", ("q", "v", "a"), (_vector(_inverse_dynamics(machine)),)),
         *_hybrid_slices(hybrid),
-        Slice(
-            "constraint_torques", ("q", "v", "a", "u"), (_vector(constraint_torques(machine)),)
-        ),
+        Slice("constraint_torques", ("q", "v", "a", "u"), (_vector(constraint_torques(machine)),)),
         Slice("gibbs", ("q", "v", "a"), (_scalar(_gibbs(machine)),)),
         Slice("kinetic_energy", ("q", "v"), (_scalar(_kinetic_energy(machine)),)),
         Slice("potential_energy", ("q",), (_scalar(_potential_energy(machine)),)),
@@ -116,7 +114,7 @@ def _gibbs(machine: Machine) -> sp.Expr:
 
 def _kinetic_energy(machine: Machine) -> sp.Expr:
     """The Gibbs function of a machine at rest, weightless, whose accelerations are the rates."""
-    zero = sp.Integer(0)
+    zero = sp.S.Zero
     state = State([zero] * len(machine.q), machine.v, zero)
     return gibbs_function(machine.tape, machine.root, machine.reduced_chain, state)
 

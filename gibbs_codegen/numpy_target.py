@@ -104,9 +104,7 @@ def _doc_lines(robot: Robot, function: Function) -> list[str]:
     for paragraph in paragraphs:
         lines.append("")
         for item in paragraph:
-            lines += textwrap.wrap(
-                item, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 8
-            )
+            lines += textwrap.wrap(item, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 8)
     return [*lines, '    """']
 
 

@@ -51,11 +51,11 @@ class Parameters:
         return self._body(f"link{i}", self._robot.links[i - 1].body)[1]
 
     def link_a(self, i: int) -> sp.Expr:
-        """Denavit–Hartenberg a of link i; the length of the link before where the file is silent."""
+        """Denavit–Hartenberg a of link i: by default the length of the link before."""
         a = self._robot.links[i - 1].a
         if a is not None:
             return self._value(f"link{i}_a", a, "m")
-        return self.link_length(i - 1) if i > 1 else sp.Integer(0)
+        return self.link_length(i - 1) if i > 1 else sp.S.Zero
 
     def link_d(self, i: int) -> sp.Expr:
         """Denavit–Hartenberg d of link i."""
@@ -68,7 +68,7 @@ class Parameters:
         if default == 0.0 and not self._keep_zeros:
             if name not in self.folded:
                 self.folded.append(name)
-            return sp.Integer(0)
+            return sp.S.Zero
         self.defaults[name] = default
         self.units[name] = unit
         return self._tape.symbol(name, Stage.PARAMETER)
@@ -89,7 +89,7 @@ class Parameters:
             self._value(f"{prefix}_section_inertia_{axis}", value, "kg m^2")
             for axis, value in zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
         )
-        zero = sp.Integer(0)
+        zero = sp.S.Zero
         along = density * length**3 / 3
         second = (along + (y + z - x) / 2, (x + z - y) / 2, (x + y - z) / 2)
         moment = density * length**2 / 2
@@ -106,7 +106,7 @@ class Parameters:
             self._value(f"{prefix}_inertia_{name}", value, "kg m^2")
             for name, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
         )
-        zero = sp.Integer(0)
+        zero = sp.S.Zero
         second = ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
         about_com = Inertia(mass, (zero, zero, zero), second)
         return about_com.shifted(InlineTape(), (com[0], com[1], com[2]))

@@ -2,8 +2,8 @@
 
     read_robot       robot file           → Robot, plain checked data           (robot_file)
     derive           Robot                → Model: the derivation, lowered      (model)
-      Machine.of       Robot                → symbols, root and chains            (machine, chains)
-      reduced_system   chains               → M, R, B of the reduced system       (equations, forces)
+      Machine.of       Robot                → symbols, root and chains           (machine, chains)
+      reduced_system   chains               → M, R, B of the reduced system      (equations, forces)
       hybrid_system    chains, M, R, B      → I_H, R_H, B_H by the coupling map   (combine)
       lower            tape, outputs        → Program: statements by stage        (lower, program)
     render_module    Model                → text of each file                   (emit, templates/)
@@ -53,7 +53,7 @@ def check(
     progress: Progress = lambda _: None,
     source: str = "robot file",
 ) -> tuple[Path, list[str]]:
-    """Compare the module in `out` with what would be written: its folder and the differing files."""
+    """Compare the module in `out` with what would be written: folder and differing files."""
     model, files = module_files(text, targets, keep_zeros, progress, source)
     folder = out / model.robot.name
     return folder, differing_files(folder, files)

@@ -137,7 +137,8 @@ class Program:
 @dataclass(frozen=True)
 class Operations:
     """Exact operation counts: additions (subtractions and sign changes included), multiplications,
-    divisions, square roots, and sine–cosine pairs, which count apart."""
+    divisions, square roots, and sine–cosine pairs, which count apart.
+    """
 
     additions: int = 0
     multiplications: int = 0

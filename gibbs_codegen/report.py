@@ -127,7 +127,9 @@ def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
 
 
 def _row_table(data: dict[str, Any]) -> Table:
-    table = _table("\nRows of the hybrid system (eq. 18)", "row", "unknown", "chains that add there")
+    table = _table(
+        "\nRows of the hybrid system (eq. 18)", "row", "unknown", "chains that add there"
+    )
     for row in data["hybrid_rows"]:
         table.add_row(str(row["row"]), row["unknown"], _ranges(row["chains"]))
     return table
@@ -166,7 +168,9 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
 
 
 def _operation_table(data: dict[str, Any]) -> Table:
-    table = _table("\nOperations per call", "function", "total", "+ −", "×", "÷", "√", "sin–cos pairs")
+    table = _table(
+        "\nOperations per call", "function", "total", "+ −", "×", "÷", "√", "sin–cos pairs"
+    )
     for column in table.columns[1:]:
         column.justify = "right"
     for name, counts in data["operations"].items():

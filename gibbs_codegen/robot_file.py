@@ -12,6 +12,7 @@ from pathlib import Path
 
 from gibbs_codegen.errors import Fault, RobotFileError, UsageError
 from gibbs_codegen.names import name_fault
+from gibbs_codegen.rigid_body import inertia_fault
 from gibbs_codegen.robot import (
     ATTITUDES,
     AXES,
@@ -28,7 +29,6 @@ from gibbs_codegen.robot import (
 )
 from gibbs_codegen.toml_lines import key_lines, line_of
 from gibbs_codegen.toml_reader import Table
-from gibbs_codegen.rigid_body import inertia_fault
 
 MAX_BYTES = 1_000_000
 MAX_ROTORS = 256
@@ -134,7 +134,8 @@ def _arms(table: Table, rotors: int) -> tuple[Body, ...]:
         tables = table.tables("arm")
         if len(tables) != rotors:
             table.fault(
-                "arm", f"{len(tables)} tables for {rotors} rotors; give one for all arms or one each"
+                "arm",
+                f"{len(tables)} tables for {rotors} rotors; give one for all arms or one each",
             )
         return tuple(_body(arm, length_required=True) for arm in tables)
     arm = table.table("arm")

@@ -9,7 +9,7 @@ from gibbs_codegen.robot import AXES, Body, Link, Robot, Rod, Vector3
 
 
 def robot_text(robot: Robot, name: str | None = None) -> str:
-    """Commented TOML that `parse_robot` reads back as the same robot, `name` in place of its own."""
+    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given."""
     base = robot.base
     arms = [_inline_table(arm) for arm in base.arms]
     context = {

@@ -16,7 +16,17 @@ import sympy as sp
 from gibbs_codegen.inertia import Inertia
 from gibbs_codegen.kinematics import Motion
 from gibbs_codegen.tape import Scalars
-from gibbs_codegen.vectors import ZERO, Rotation, Vector, Wrench, add, axis_vector, cross, scale
+from gibbs_codegen.vectors import (
+    NO_ROTATION,
+    ZERO,
+    Rotation,
+    Vector,
+    Wrench,
+    add,
+    axis_vector,
+    cross,
+    scale,
+)
 
 Rows = tuple[sp.Expr, ...]
 
@@ -46,12 +56,12 @@ class TaitBryanRoot:
     @property
     def segment_angle(self) -> sp.Expr:
         """Angle of the root segment against its carrier."""
-        return self.angle if self.spins_about_normal else sp.Integer(0)
+        return self.angle if self.spins_about_normal else sp.S.Zero
 
     @property
     def segment_rotation(self) -> Rotation:
         """Rotation of the root segment against its carrier."""
-        return self.rotations[2] if self.spins_about_normal else Rotation.identity()
+        return self.rotations[2] if self.spins_about_normal else NO_ROTATION
 
     @property
     def _outer(self) -> int:
@@ -83,11 +93,11 @@ class TaitBryanRoot:
 
     def segment_spin(self, values: Sequence[sp.Expr]) -> sp.Expr:
         """The one of three rates or accelerations that the root segment has to itself."""
-        return values[2] if self.spins_about_normal else sp.Integer(0)
+        return values[2] if self.spins_about_normal else sp.S.Zero
 
     def rows(self, tape: Scalars, wrench: Wrench) -> Rows:
-        """Generalised forces on θ₋₁, θ₀, θ₁, x, y, z of a wrench about the origin, in the carrier."""
-        rows = [sp.Integer(0)] * 3
+        """Generalised forces on θ₋₁, θ₀, θ₁, x, y, z of a wrench in the carrier at the origin."""
+        rows = [sp.S.Zero] * 3
         for i in (2, 1, 0):
             rows[i] = wrench.moment[self.axes[i]]
             if i < self._outer:
@@ -115,7 +125,7 @@ class TaitBryanRoot:
 
         `composite` is the inertia of the whole machine about the origin, in the carrier.
         """
-        block: list[list[sp.Expr]] = [[sp.Integer(0)] * 6 for _ in range(6)]
+        block: list[list[sp.Expr]] = [[sp.S.Zero] * 6 for _ in range(6)]
         for k in range(3):
             block[3 + k][3 + k] = composite.mass
         for i in (2, 1, 0):

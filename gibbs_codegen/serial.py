@@ -33,7 +33,15 @@ from gibbs_codegen.inertia import Inertia, split_prismatic, split_revolute
 from gibbs_codegen.kinematics import Motion
 from gibbs_codegen.robot import JointKind
 from gibbs_codegen.tape import Scalars
-from gibbs_codegen.vectors import Rotation, Vector, Wrench, axis_vector, scale
+from gibbs_codegen.vectors import (
+    NO_ROTATION,
+    NO_WRENCH,
+    Rotation,
+    Vector,
+    Wrench,
+    axis_vector,
+    scale,
+)
 
 Carried = TypeVar("Carried", Wrench, Inertia)
 
@@ -51,9 +59,9 @@ class Segment:
     inertia: Inertia
     rotation: Rotation
     joint: JointKind = "revolute"
-    a: sp.Expr = sp.Integer(0)
-    d: sp.Expr = sp.Integer(0)
-    twist: Rotation = Rotation.identity()
+    a: sp.Expr = sp.S.Zero
+    d: sp.Expr = sp.S.Zero
+    twist: Rotation = NO_ROTATION
     leads: bool = True
 
     def row(self, wrench: Wrench) -> sp.Expr:
@@ -95,7 +103,7 @@ class SerialChain:
 
 
 def regrouped(tape: Scalars, chain: SerialChain, offsets: Sequence[Rotation]) -> SerialChain:
-    """Give each parent the inertia that moves with it whatever the joint does, from the tip inwards.
+    """Give each parent the inertia that moves with it whatever the joint does, tip first.
 
     `offsets` holds each segment's structural rotation about z, which is all that a prismatic joint
     has. Exact, and paid for once per parameter set.
@@ -143,7 +151,7 @@ def outward(
 def _passed_out(tape: Scalars, chain: SerialChain, k: int, motion: Motion) -> Motion:
     segment, parent = chain.segments[k], chain.segments[k - 1]
     if segment.leads:
-        motion = motion.displaced_along(tape, Rotation.identity(), segment.a)
+        motion = motion.displaced_along(tape, NO_ROTATION, segment.a)
         motion = motion.rotated(tape, segment.twist.inverse)
     else:
         motion = motion.displaced_along(tape, parent.rotation, segment.a)
@@ -160,7 +168,7 @@ def link_wrench(tape: Scalars, chain: SerialChain, k: int, motion: Motion) -> Wr
     inertia = chain.working_inertia(tape, k)
     values = _inertia_values(inertia)
     if k == 0:
-        values[MASS] = sp.Integer(0)
+        values[MASS] = sp.S.Zero
     values.update(zip(ACCELERATION, motion.acceleration, strict=True))
     for j, column in enumerate(motion.gradient):
         values.update((GRADIENT[i][j], entry) for i, entry in enumerate(column))
@@ -183,16 +191,14 @@ def inward(
     Returns the sum of 𝒮 and ℛ over the chain about the root, in the root's carrier, and the row of
     each segment's own joint (that of the root is left to the root).
     """
-    rows: list[sp.Expr] = [sp.Integer(0)] * len(chain.segments)
-    wrench = None
+    rows: list[sp.Expr] = [sp.S.Zero] * len(chain.segments)
+    wrench = NO_WRENCH
     for k in range(len(chain.segments) - 1, -1, -1):
-        own = link_wrench(tape, chain, k, motions[k])
-        wrench = own if wrench is None else own.plus(tape, wrench)
+        wrench = link_wrench(tape, chain, k, motions[k]).plus(tape, wrench)
         wrench = chain.to_carrier(tape, k, wrench)
         if k > 0:
             rows[k] = chain.segments[k].row(wrench)
             wrench = chain.passed_in(tape, k, wrench)
-    assert wrench is not None
     return wrench, rows
 
 
@@ -224,9 +230,7 @@ def joint_column(
     return wrench, entries
 
 
-def chain_gibbs_function(
-    tape: Scalars, chain: SerialChain, motions: Sequence[Motion]
-) -> sp.Expr:
+def chain_gibbs_function(tape: Scalars, chain: SerialChain, motions: Sequence[Motion]) -> sp.Expr:
     """Σ of eq. 2 over the chain's links, at given motions."""
     terms = []
     for k, motion in enumerate(motions):

@@ -40,7 +40,7 @@ def gather(expression: sp.Expr) -> sp.Expr:
     coefficients: dict[sp.Expr, sp.Expr] = {}
     for term in sp.Add.make_args(sp.expand(expression)):
         numbers, rest = _number_and_rest(term)
-        coefficients[rest] = coefficients.get(rest, sp.Integer(0)) + numbers
+        coefficients[rest] = coefficients.get(rest, sp.S.Zero) + numbers
     return sp.Add(*(_settled(number) * rest for rest, number in coefficients.items()))
 
 
@@ -53,7 +53,8 @@ def _settled(number: sp.Expr) -> sp.Expr:
 
 
 def _number_and_rest(term: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    numbers, rest = [], []
+    numbers: list[sp.Expr] = []
+    rest: list[sp.Expr] = []
     for factor in sp.Mul.make_args(term):
         (numbers if factor.is_number else rest).append(factor)
     return sp.Mul(*numbers), sp.Mul(*rest)

@@ -18,8 +18,7 @@ from typing import Protocol
 
 import sympy as sp
 
-
-_MINUS_ONE = sp.Integer(-1)
+_MINUS_ONE = sp.S.NegativeOne
 
 
 class Stage(IntEnum):
@@ -116,7 +115,7 @@ class Tape:
             first, second = expression.args
             if first.is_Symbol and second.is_Symbol:  # Nothing to sort: by far the most frequent.
                 return self._define(expression, max(self._stages[first], self._stages[second]))
-        number: sp.Expr = sp.Integer(1)
+        number: sp.Expr = sp.S.One
         factors: list[sp.Symbol] = []
         for factor in sp.Mul.make_args(expression):
             if factor.is_number:
@@ -155,7 +154,8 @@ class Tape:
             named = sp.Add(*terms)
         if not named.is_Add:
             return self.let(named)
-        hoisted, varying = [], []
+        hoisted: list[sp.Expr] = []
+        varying: list[sp.Expr] = []
         for term in named.args:
             symbol = signed(term)[1]
             constant = symbol.is_number or self._stages[symbol] is Stage.PARAMETER

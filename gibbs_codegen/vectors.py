@@ -12,13 +12,13 @@ from gibbs_codegen.tape import Scalars
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
 
-ZERO: Vector = (sp.Integer(0),) * 3
+ZERO: Vector = (sp.S.Zero,) * 3
 X, Y, Z = 0, 1, 2
 
 
-def axis_vector(axis: int, length: sp.Expr = sp.Integer(1)) -> Vector:
+def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
     """`length` along a coordinate axis."""
-    x, y, z = (length if i == axis else sp.Integer(0) for i in range(3))
+    x, y, z = (length if i == axis else sp.S.Zero for i in range(3))
     return (x, y, z)
 
 
@@ -60,11 +60,6 @@ class Rotation:
     sin: sp.Expr
 
     @classmethod
-    def identity(cls) -> Rotation:
-        """No rotation."""
-        return cls(Z, sp.Integer(1), sp.Integer(0))
-
-    @classmethod
     def degrees(cls, axis: int, angle: Fraction) -> Rotation:
         """Rotation by a structural angle."""
         return cls(axis, *cos_sin_deg(angle))
@@ -92,6 +87,9 @@ class Rotation:
         turned[p] = tape.let(self.cos * v[p] - self.sin * v[q])
         turned[q] = tape.let(self.sin * v[p] + self.cos * v[q])
         return (turned[0], turned[1], turned[2])
+
+
+NO_ROTATION = Rotation(Z, sp.S.One, sp.S.Zero)
 
 
 @dataclass(frozen=True)

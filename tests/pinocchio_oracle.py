@@ -40,7 +40,7 @@ class Oracle:
 
     robot: Robot
 
-    def __post_init__(self) -> None:
+    def __post_init__(self) -> None:  # noqa: D105
         robot, base = self.robot, self.robot.base
         self.model = model = pin.Model()
         model.gravity.linear = np.array([0.0, 0.0, -robot.gravity])
@@ -69,7 +69,9 @@ class Oracle:
             self.points[f"motor{k}"] = (joint, np.array([base.arm(k).length, 0, 0]))
         self._add_arm(root, centre)
         self.data = model.createData()
-        names = [c.name for c in hybrid_coordinates(robot)][: 6 + len(robot.links) + robot.rotors - 1]
+        names = [c.name for c in hybrid_coordinates(robot)][
+            : 6 + len(robot.links) + robot.rotors - 1
+        ]
         self.order = [model.joints[model.getJointId(name)].idx_v for name in names]
         self.free = [names.index(c.name) for c in reduced_coordinates(robot)]
         self.held = [names.index(f"theta_{k}") for k in range(2, robot.rotors + 1)]

@@ -1,0 +1,40 @@
+"""Fixtures shared by the tests: generated modules, made once per robot and session."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+from gibbs_codegen.load import load
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.robot_file import read_robot
+
+settings.register_profile(
+    "project",
+    deadline=None,
+    database=None,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+)
+settings.load_profile("project")
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ModuleType]:
+    """Load the freshly generated module of a robot that ships."""
+    folder = tmp_path_factory.mktemp("generated")
+    made: dict[str, ModuleType] = {}
+
+    def module(name: str) -> ModuleType:
+        if name not in made:
+            generate(read_robot(name)[1], folder)
+            made[name] = load(folder / name)
+        return made[name]
+
+    return module

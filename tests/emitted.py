@@ -1,0 +1,26 @@
+"""Emitted modules as a user would import them, from robots made in a test."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from pathlib import Path
+from types import ModuleType
+
+from gibbs_codegen.emit import TARGETS, render_module
+from gibbs_codegen.load import load
+from gibbs_codegen.model import derive
+from gibbs_codegen.robot import Robot
+
+_number = itertools.count()
+
+
+def emitted_module(robot: Robot, keep_zeros: bool = False) -> ModuleType:
+    """Derive, render, write to a temporary folder, and import."""
+    model = derive(robot, keep_zeros)
+    with tempfile.TemporaryDirectory() as folder:
+        package = Path(folder) / f"{robot.name}_{next(_number)}"
+        package.mkdir()
+        for name, text in render_module(model, "", TARGETS).items():
+            (package / name).write_text(text, encoding="utf-8")
+        return load(package)

@@ -1,0 +1,139 @@
+"""Every emitted function against Pinocchio, on random robots of every structure.
+
+The oracle's tree is built from the robot's data alone and shares no code with the derivation; its
+constrained joints are real joints.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from types import ModuleType
+
+import numpy as np
+import pytest
+from emitted import emitted_module
+from hypothesis import given, settings
+from pinocchio_oracle import Oracle
+from random_robots import rigid_body, robots
+
+from gibbs_codegen.family import paper_family
+from gibbs_codegen.robot import Base, Link, Robot, alternating_thrust
+from gibbs_codegen.robot_file import read_robot, shipped_robots
+
+TOLERANCE = 1e-10
+
+
+def assert_close(name: str, ours: np.ndarray, theirs: np.ndarray, scale: float = 0.0) -> None:
+    """Norm-wise agreement; `scale` is the size of the terms that `theirs` is a sum of."""
+    size = max(float(np.linalg.norm(theirs)), scale)
+    error = float(np.linalg.norm(np.asarray(ours) - theirs))
+    assert error <= TOLERANCE * size or error < 1e-14, f"{name}: {error / max(size, 1e-300):.2e}"
+
+
+def states(robot: Robot, module: ModuleType, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
+    """Random q, v, a, u, `count` of each, away from the singularity of the attitude."""
+    rng = np.random.default_rng(seed)
+    n = len(module.COORDINATES)
+    q = rng.uniform(-np.pi, np.pi, (count, n))
+    q[:, 1] = rng.uniform(-1.2, 1.2, count)
+    v, a = rng.normal(size=(2, count, n))
+    return q, v, a, rng.normal(size=(count, len(module.INPUTS)))
+
+
+def compare(robot: Robot, module: ModuleType, count: int = 2) -> None:
+    """All functions of the module, evaluated as a batch, against the oracle state by state."""
+    oracle = Oracle(robot)
+    q, v, a, u = states(robot, module, count)
+    batch = {
+        "M": module.mass_matrix(q),
+        "R": module.residual(q, v),
+        "B": module.input_matrix(q),
+        "I_H": module.hybrid_mass_matrix(q),
+        "R_H": module.hybrid_residual(q, v),
+        "B_H": module.hybrid_input_matrix(q),
+        "forward": module.forward_dynamics(q, v, u),
+        "inverse": module.inverse_dynamics(q, v, a),
+        "torques": module.constraint_torques(q, v, a, u),
+        "positions": module.positions(q),
+        "pose": module.tip_pose(q),
+        "jacobian": module.tip_jacobian(q),
+        "kinetic": module.kinetic_energy(q, v),
+        "potential": module.potential_energy(q),
+    }
+    both = module.mass_matrix_and_residual(q, v)
+    for i in range(count):
+        ours = {name: values[i] for name, values in batch.items()}
+        np.testing.assert_array_equal(both[0][i], ours["M"])
+        assert_close("R of both", both[1][i], ours["R"])
+        _compare_state(oracle, ours, q[i], v[i], a[i], u[i])
+
+
+def _compare_state(
+    oracle: Oracle,
+    ours: dict[str, np.ndarray],
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    u: np.ndarray,
+) -> None:
+    free, held = oracle.free, oracle.held
+    matrix, inputs = oracle.mass_matrix(q), oracle.input_matrix(q)
+    residual = -oracle.inverse_dynamics(q, v, np.zeros_like(q))
+    inverse = oracle.inverse_dynamics(q, v, a)
+    size = len(oracle.order)
+    assert_close("M", ours["M"], matrix[np.ix_(free, free)])
+    assert_close("R", ours["R"], residual[free])
+    assert_close("B", ours["B"], inputs[free])
+    assert_close("I_H", ours["I_H"][:size, :size], matrix)
+    assert_close("R_H", ours["R_H"][:size], residual)
+    assert_close("B_H", ours["B_H"][:size], inputs)
+    assert_close("inverse dynamics", ours["inverse"], inverse[free])
+    solved = np.linalg.solve(matrix[np.ix_(free, free)], residual[free] + inputs[free] @ u)
+    condition = np.linalg.cond(matrix[np.ix_(free, free)])
+    # Either solution of an ill-conditioned system may be off by its condition number times ε.
+    assert_close("forward dynamics", ours["forward"], solved, 1e-5 * condition)
+    whole = float(np.linalg.norm(inverse) + np.linalg.norm(inputs @ u))
+    assert_close("constraint torques", ours["torques"], (inverse - inputs @ u)[held], 1e-3 * whole)
+    assert_close("positions", ours["positions"], oracle.positions(q))
+    jacobian, placement = oracle.point_jacobian(q, "tip")
+    assert_close("tip pose", ours["pose"], placement.homogeneous)
+    assert_close("tip Jacobian", ours["jacobian"], jacobian[:, free])
+    kinetic, potential = oracle.energies(q, v)
+    assert_close("kinetic energy", ours["kinetic"], np.array(kinetic))
+    weight = oracle.robot.total_mass * oracle.robot.gravity
+    assert_close("potential energy", ours["potential"], np.array(potential), weight)
+
+
+@pytest.mark.parametrize("shard", range(10))
+@settings(max_examples=21)
+@given(robot=robots())
+def test_random_robots(shard: int, robot: Robot) -> None:
+    compare(robot, emitted_module(robot))
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots(name: str, shipped) -> None:
+    compare(read_robot(name)[0], shipped(name), count=20)
+
+
+def test_thirty_links_of_general_inertia() -> None:
+    rng = np.random.default_rng(7)
+    base = Base(6, (rigid_body(rng),), alternating_thrust(6), (0.0,) * 6)
+    twists = (0, 90, 0, -90, 37, 180)
+    joints = ("revolute", "revolute", "revolute", "revolute", "prismatic")
+    links = tuple(
+        Link(rigid_body(rng), Fraction(twists[i % 6]), joint=joints[i % 5]) for i in range(30)
+    )
+    robot = Robot("thirty_links", base, links)
+    compare(robot, emitted_module(robot))
+
+
+@pytest.mark.parametrize(("rotors", "links"), [(2, 0), (2, 1), (40, 3), (6, 30), (3, 2)])
+def test_family(rotors: int, links: int) -> None:
+    robot = paper_family(rotors, links)
+    compare(robot, emitted_module(robot))
+
+
+def test_keeping_zero_parameters_changes_nothing() -> None:
+    robot = paper_family(5, 3)
+    compare(robot, emitted_module(robot, keep_zeros=True))
