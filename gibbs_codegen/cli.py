@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.errors import GibbsCodegenError, RobotFileError, UsageError
 from gibbs_codegen.version import __version__
 
 if TYPE_CHECKING:
@@ -34,6 +34,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.disable()
     try:
         code: int = options.command(options)
+    except RobotFileError as error:
+        count = f"{len(error.faults)} faults" if len(error.faults) > 1 else "1 fault"
+        print(f"gibbs-codegen: robot file refused, {count}:\n{error}", file=sys.stderr)
+        return error.exit_code
     except GibbsCodegenError as error:
         print(f"gibbs-codegen: {error}", file=sys.stderr)
         return error.exit_code

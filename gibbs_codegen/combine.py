@@ -2,8 +2,9 @@
 
 Two ways lead to the hybrid system and must agree. `hybrid_from_chains` is the paper's: each chain
 in its constrained form (eq. 15), added entry by entry where the coupling map says (eq. 18). The
-other is what the emitted code uses: the chains' inertia is summed at the root before it is projected, so
-the free rows are those of the reduced system, and each constrained joint adds its own row.
+other is what the emitted code uses: the chains' inertia is summed at the root before it is
+projected, so the free rows are those of the reduced system, and each constrained joint adds its own
+row.
 """
 
 from __future__ import annotations

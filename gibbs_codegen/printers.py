@@ -33,7 +33,7 @@ class InfixPrinter:
             case Product(factors):
                 return " * ".join(map(self._factor, factors))
             case Reciprocal(argument):
-                return f"{self.number(1.0)} / {self._factor(argument)}"
+                return f"{self.number(1.0)} / {self._divisor(argument)}"
             case Call(function, argument):
                 return self.call(function, self.expression(argument))
             case _:
@@ -46,6 +46,10 @@ class InfixPrinter:
             space = " " if text else ""
             text += f"{space}{operator}{space}{self._term(term)}"
         return text
+
+    def _divisor(self, node: Node) -> str:
+        text = self._factor(node)
+        return f"({text})" if isinstance(node, Product) else text
 
     def _term(self, node: Node) -> str:
         text = self.expression(node)

@@ -13,7 +13,7 @@ from gibbs_codegen.arrangement import arrangement
 from gibbs_codegen.chains import coupling_map, decompose
 from gibbs_codegen.coordinates import Coordinate, hybrid_coordinates, inputs, reduced_coordinates
 from gibbs_codegen.model import Model
-from gibbs_codegen.program import count_operations
+from gibbs_codegen.program import Number, count_operations
 from gibbs_codegen.robot import Robot
 
 # A wider pattern does not fit a terminal; --json has it for any size.
@@ -36,7 +36,7 @@ def report(model: Model) -> dict[str, Any]:
         ],
         "coordinates": [asdict(c) for c in reduced_coordinates(robot)],
         "inputs": [asdict(c) for c in inputs(robot)],
-        "hybrid_rows": _hybrid_rows(robot),
+        "hybrid_rows": _hybrid_rows(model),
         "hybrid_pattern": hybrid_pattern(robot),
         "arrangement": {
             "rank": motors.rank,
@@ -67,7 +67,12 @@ def hybrid_pattern(robot: Robot) -> list[list[list[int]]]:
     return pattern
 
 
-def _hybrid_rows(robot: Robot) -> list[dict[str, Any]]:
+def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
+    """For each row of the hybrid system: its unknown, the chains that add there, its inputs."""
+    robot = model.robot
+    (output,) = model.program.function("hybrid_input_matrix").outputs
+    width = output.shape[1]
+    names = [c.name for c in inputs(robot)]
     rows = []
     for place, unknown in enumerate(hybrid_coordinates(robot)):
         adding = [
@@ -75,7 +80,9 @@ def _hybrid_rows(robot: Robot) -> list[dict[str, Any]]:
             for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
             if place in places
         ]
-        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding})
+        entries = output.entries[place * width : (place + 1) * width]
+        acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
+        rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
     return rows
 
 
@@ -127,18 +134,17 @@ def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
 
 
 def _row_table(data: dict[str, Any]) -> Table:
-    table = _table(
-        "\nRows of the hybrid system (eq. 18)", "row", "unknown", "chains that add there"
-    )
+    title = "\nRows of the hybrid system (eq. 18)"
+    table = _table(title, "row", "unknown", "chains that add there", "inputs that act there")
     for row in data["hybrid_rows"]:
-        table.add_row(str(row["row"]), row["unknown"], _ranges(row["chains"]))
+        acting = ", ".join(row["inputs"]) or "-"
+        table.add_row(str(row["row"]), row["unknown"], _ranges(row["chains"]), acting)
     return table
 
 
 def _ranges(numbers: list[int]) -> str:
-    if len(numbers) > 2:
-        return f"{numbers[0]} … {numbers[-1]}"
-    return ", ".join(map(str, numbers))
+    """Chain numbers; those of a row are either one or all."""
+    return f"{numbers[0]} … {numbers[-1]}" if len(numbers) > 1 else str(numbers[0])
 
 
 def _pattern_text(data: dict[str, Any]) -> Text:

@@ -18,8 +18,8 @@ def robot_text(robot: Robot, name: str | None = None) -> str:
         "rotors": base.rotors,
         "attitude": base.attitude,
         "origin": base.origin,
-        "thrust": ", ".join(map(_direction, base.thrust)),
-        "drag": _numbers(base.drag),
+        "thrust": _lines([_direction(direction) for direction in base.thrust]),
+        "drag": _lines([repr(float(value)) for value in base.drag]),
         "arm": arms[0] if base.shares_one_arm else "[\n    " + ",\n    ".join(arms) + ",\n]",
         "links": [_link(robot, i) for i in range(1, len(robot.links) + 1)],
     }
@@ -68,6 +68,13 @@ def _direction(direction: Vector3) -> str:
         if direction == unit:
             return f'"{letter}"'
     return f"[{_numbers(direction)}]"
+
+
+def _lines(entries: list[str]) -> str:
+    """Entries of a list, over several lines where one would be too long."""
+    return ("," + "\n" + " " * 12).join(
+        ", ".join(entries[i : i + 10]) for i in range(0, len(entries), 10)
+    )
 
 
 def _numbers(values: tuple[float, ...]) -> str:

@@ -63,7 +63,7 @@ def compare(robot: Robot, module: ModuleType, count: int = 2) -> None:
     both = module.mass_matrix_and_residual(q, v)
     for i in range(count):
         ours = {name: values[i] for name, values in batch.items()}
-        np.testing.assert_array_equal(both[0][i], ours["M"])
+        assert_close("M of both", both[0][i], ours["M"])
         assert_close("R of both", both[1][i], ours["R"])
         _compare_state(oracle, ours, q[i], v[i], a[i], u[i])
 
@@ -90,8 +90,10 @@ def _compare_state(
     assert_close("inverse dynamics", ours["inverse"], inverse[free])
     solved = np.linalg.solve(matrix[np.ix_(free, free)], residual[free] + inputs[free] @ u)
     condition = np.linalg.cond(matrix[np.ix_(free, free)])
-    # Either solution of an ill-conditioned system may be off by its condition number times ε.
-    assert_close("forward dynamics", ours["forward"], solved, 1e-5 * condition)
+    # Either solution may be off by the condition number times ε, which exceeds 1e-10 where two
+    # thin rods in line are all that resists a turn about them.
+    amplified = 3e-5 * condition * float(np.linalg.norm(solved))
+    assert_close("forward dynamics", ours["forward"], solved, amplified)
     whole = float(np.linalg.norm(inverse) + np.linalg.norm(inputs @ u))
     assert_close("constraint torques", ours["torques"], (inverse - inputs @ u)[held], 1e-3 * whole)
     assert_close("positions", ours["positions"], oracle.positions(q))

@@ -1,0 +1,37 @@
+"""Rank and conditioning of motor arrangements, against what a person can work out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gibbs_codegen.arrangement import arrangement, wrench_matrix
+from gibbs_codegen.family import paper_family
+from gibbs_codegen.robot import AXES, Base, Robot, Rod
+
+
+def test_paper_s_arrangement_commands_every_motion() -> None:
+    assert arrangement(paper_family(6, 3)).rank == 6
+
+
+def test_all_thrusts_up_give_force_and_two_moments_only() -> None:
+    base = Base(6, (Rod(0.5, 1.0),), (AXES["z"],) * 6, (0.0,) * 6)
+    found = arrangement(Robot("upright", base))
+    assert found.rank == 3
+    assert found.condition == np.inf
+    texts = " ".join(found.missing_texts())
+    for missing in ("force along x", "force along y", "moment about z"):
+        assert missing in texts
+    assert "force along z" not in texts
+
+
+def test_a_quadrotor_lacks_two_directions() -> None:
+    assert arrangement(paper_family(4, 2)).rank == 4
+    assert len(arrangement(paper_family(4, 2)).missing) == 2
+
+
+@pytest.mark.parametrize("rotors", [2, 3, 6, 9])
+def test_motor_1_pushes_up_behind_the_centre(rotors: int) -> None:
+    """Motor 1 sits at −x and pushes up: force z and a moment about y of +l."""
+    matrix = wrench_matrix(paper_family(rotors, 0))
+    np.testing.assert_allclose(matrix[:, 0], [0, 0, 1, 0, 0.5, 0], atol=1e-15)

@@ -1,0 +1,215 @@
+"""The command line, run as a user runs it: exit codes, streams, files left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run `gibbs-codegen` in a folder."""
+    command = [sys.executable, "-m", "gibbs_codegen", *arguments]
+    return subprocess.run(
+        command, cwd=cwd, env=ENVIRONMENT, capture_output=True, text=True, timeout=120
+    )
+
+
+def assert_refused(done: subprocess.CompletedProcess[str], folder: Path, message: str) -> None:
+    """Exit 2, a message on stderr, no traceback, nothing written."""
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert not (folder / "generated").exists()
+
+
+def test_generate_writes_a_module_that_imports_by_itself(tmp_path: Path) -> None:
+    done = run("generate", "quadrotor_2link", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    folder = tmp_path / "generated"
+    assert sorted(p.name for p in folder.iterdir()) == ["quadrotor_2link"]
+    code = (
+        "import sys, quadrotor_2link as m; "
+        "assert m.mass_matrix([0.0] * 8).shape == (8, 8); "
+        "assert not {'sympy', 'jinja2', 'scipy', 'gibbs_codegen'} & set(sys.modules)"
+    )
+    alone = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    assert alone.returncode == 0, alone.stderr
+
+
+def test_check_tells_whether_the_module_is_up_to_date(tmp_path: Path) -> None:
+    assert run("generate", "hexarotor", "--check", cwd=tmp_path).returncode == 1
+    assert not (tmp_path / "generated").exists()
+    assert run("generate", "hexarotor", cwd=tmp_path).returncode == 0
+    assert run("generate", "hexarotor", "--check", cwd=tmp_path).returncode == 0
+    module = tmp_path / "generated" / "hexarotor" / "numpy_module.py"
+    module.write_text(module.read_text().replace("+", "-", 1))
+    done = run("generate", "hexarotor", "--check", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "numpy_module.py" in done.stderr
+    (module.parent / "stray.py").write_text("")
+    assert "stray.py" in run("generate", "hexarotor", "--check", cwd=tmp_path).stderr
+
+
+def test_generate_replaces_a_module_of_its_own_only(tmp_path: Path) -> None:
+    assert run("generate", "hexarotor", cwd=tmp_path).returncode == 0
+    assert run("generate", "hexarotor", cwd=tmp_path).returncode == 0
+    mine = tmp_path / "mine" / "hexarotor"
+    mine.mkdir(parents=True)
+    (mine / "thesis.txt").write_text("precious")
+    done = run("generate", "hexarotor", "--out", "mine", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "were not generated" in done.stderr
+    assert (mine / "thesis.txt").read_text() == "precious"
+
+
+def test_generated_copy_of_the_robot_file_makes_the_same_module(tmp_path: Path) -> None:
+    assert run("generate", "--rotors", "3", "--links", "1", cwd=tmp_path).returncode == 0
+    folder = tmp_path / "generated" / "rotor3_1link"
+    done = run("generate", "robot.toml", "--out", "..", "--check", cwd=folder)
+    assert done.returncode == 0, done.stderr
+
+
+def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
+    assert run("generate", "hexarotor", "--all-parameters", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "generated" / "hexarotor" / "numpy_module.py").read_text()
+    assert '"base_drag_3": 0.0' in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "required"),
+        (["fly"], "invalid choice"),
+        (["generate"], "give a robot file, or both --rotors and --links"),
+        (["generate", "--rotors", "6"], "both --rotors and --links"),
+        (["generate", "hexarotor", "--rotors", "6", "--links", "1"], "not both"),
+        (["generate", "--rotors", "1", "--links", "1"], "--rotors must be from 2"),
+        (["generate", "--rotors", "4", "--links", "-1"], "--links must be from 0"),
+        (["generate", "--rotors", "four", "--links", "1"], "invalid int value"),
+        (["generate", "nowhere.toml"], "no such robot file"),
+        (["generate", "hexarotor", "--target", "cobol"], "known targets: numpy"),
+        (["info", "nowhere"], "no such robot file"),
+        (["info", "."], "no such robot file"),
+    ],
+)
+def test_wrong_use(arguments: list[str], message: str, tmp_path: Path) -> None:
+    assert_refused(run(*arguments, cwd=tmp_path), tmp_path, message)
+
+
+@pytest.mark.parametrize(
+    "name", ["../evil", "/etc/x", "*/", "a\\nb", "class", "int", "NaN", "{{7*7}}", "x y"]
+)
+def test_hostile_names_in_a_file_are_refused(name: str, tmp_path: Path) -> None:
+    text = f'name = "{name}"\n[base]\nrotors = 2\narm = {{ length = 1, mass_per_length = 1 }}\n'
+    (tmp_path / "bad.toml").write_text(text)
+    assert_refused(run("generate", "bad.toml", cwd=tmp_path), tmp_path, "bad.toml:1: name:")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "name: missing"),
+        ("name = ", "not valid TOML"),
+        ("name = 'a'\nname = 'b'", "not valid TOML"),
+        ("gravity = nan\nname = 'a'\n[base]\nrotors = 2", "bad.toml:1: gravity: must be a finite"),
+        ("#" * 10_000_001, "larger than"),
+    ],
+    ids=["empty", "syntax", "duplicate key", "NaN", "10 MB"],
+)
+def test_broken_files_are_refused(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text(text)
+    assert_refused(run("generate", "bad.toml", cwd=tmp_path), tmp_path, message)
+
+
+def test_a_joint_that_nothing_resists_is_refused_by_name(tmp_path: Path) -> None:
+    text = (
+        'name = "limp"\n[base]\nrotors = 3\narm = { length = 1, mass_per_length = 1 }\n'
+        "[[link]]\nlength = 1\n[[link]]\nlength = 1\n"
+    )
+    (tmp_path / "limp.toml").write_text(text)
+    done = run("generate", "limp.toml", cwd=tmp_path)
+    assert_refused(done, tmp_path, "limp: nothing resists theta_5")
+
+
+def test_new_writes_a_file_that_generates(tmp_path: Path) -> None:
+    assert run("new", "my_uav.toml", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "my_uav.toml").read_text()
+    assert 'name    = "my_uav"' in text
+    assert text.count("#") > 15
+    assert run("generate", "my_uav.toml", cwd=tmp_path).returncode == 0
+    done = run("new", "my_uav.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "exists already" in done.stderr
+    assert (tmp_path / "my_uav.toml").read_text() == text
+
+
+def test_info_is_readable(tmp_path: Path) -> None:
+    done = run("info", "hexarotor_3link", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "-1 → 0 → 1 → 7 → 8 → 9" in done.stdout
+    assert "rank 6 of 6" in done.stdout
+    assert "17   tau_prime_6  5" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 120
+
+
+def test_info_for_machines(tmp_path: Path) -> None:
+    done = run("info", "hexarotor_3link", "--json", cwd=tmp_path)
+    data = json.loads(done.stdout)
+    assert [chain["links"] for chain in data["chains"]][4] == [-1, 0, 1, 6]
+    assert data["chains"][4]["places"] == [0, 1, 2, 7, 11, 12, 13, 18]
+    assert data["arrangement"]["rank"] == 6
+    counts = data["operations"]["mass_matrix_and_residual"]
+    assert counts["total"] == counts["additions"] + counts["multiplications"]
+    rows = {row["unknown"]: row for row in data["hybrid_rows"]}
+    assert rows["theta_4"] == {
+        "row": 4,
+        "unknown": "theta_4",
+        "chains": [3],
+        "inputs": ["F_4"],
+    }
+    assert rows["theta_1"]["chains"] == [1, 2, 3, 4, 5, 6]
+    pattern = data["hybrid_pattern"]
+    assert pattern[0][0] == [1, 2, 3, 4, 5, 6]
+    assert pattern[3][4] == []
+
+
+def test_help_does_not_import_what_it_does_not_need(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom gibbs_codegen.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "assert not {'sympy', 'numpy', 'jinja2', 'rich', 'scipy'} & set(sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_refusal_does_not_import_sympy(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text("name = 3")
+    code = (
+        "import sys\nfrom gibbs_codegen.cli import main\n"
+        "assert main(['info', 'bad.toml']) == 2\nassert 'sympy' not in sys.modules"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_reader_that_goes_away_is_no_error_to_speak_of(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m gibbs_codegen info hexarotor --json | head -c 10"
+    done = subprocess.run(
+        ["bash", "-c", command], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,53 @@
+"""Names: one refusal for each way to do harm with one."""
+
+from __future__ import annotations
+
+import pytest
+
+from gibbs_codegen.names import name_fault
+
+HOSTILE = [
+    "",
+    "_arm",
+    "9arm",
+    "Arm",
+    "arm-1",
+    "arm.1",
+    "../evil",
+    "/etc/passwd",
+    "a/b",
+    "..",
+    "arm\n",
+    "a\nimport os",
+    "*/ int evil(); /*",
+    '"; evil()',
+    "{{7*7}}",
+    "__import__('os')",
+    "ﬁeld",
+    "аrm",
+    "arm\x00",
+    "a" * 65,
+    "class",
+    "lambda",
+    "match",
+    "int",
+    "register",
+    "template",
+    "constexpr",
+    "while",
+    "numpy",
+    "math",
+]
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_names_are_refused(name: str) -> None:
+    message = name_fault(name)
+    assert message
+    assert "\n" not in message
+    assert message.isascii()
+
+
+@pytest.mark.parametrize("name", ["a", "a" * 64, "hexarotor_3link", "int_arm", "x9_"])
+def test_plain_names_are_welcome(name: str) -> None:
+    assert name_fault(name) is None

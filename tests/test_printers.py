@@ -1,0 +1,39 @@
+"""Printers, by one-line assertions on precedence, signs and literals."""
+
+from __future__ import annotations
+
+import pytest
+
+from gibbs_codegen.printers import InfixPrinter
+from gibbs_codegen.program import Call, Name, Node, Number, Product, Reciprocal, Sum
+
+A, B, C = Name("a"), Name("b"), Name("c")
+
+
+@pytest.mark.parametrize(
+    ("node", "text"),
+    [
+        (Sum(((1, A), (-1, B))), "a - b"),
+        (Sum(((-1, A), (-1, B))), "-a - b"),
+        (Sum(((1, A), (-1, Sum(((1, B), (1, C)))))), "a - (b + c)"),
+        (Product((A, Sum(((1, B), (-1, C))))), "a * (b - c)"),
+        (Product((A, A, B)), "a * a * b"),
+        (Sum(((1, Product((A, B))), (-1, Product((B, C))))), "a * b - b * c"),
+        (Reciprocal(A), "1.0 / a"),
+        (Reciprocal(Product((A, B))), "1.0 / (a * b)"),
+        (Product((A, Reciprocal(B))), "a * (1.0 / b)"),
+        (Product((Number(-2.0), A)), "(-2.0) * a"),
+        (Sum(((1, A), (-1, Number(-2.0)))), "a - (-2.0)"),
+        (Call("sin", Sum(((1, A), (1, B)))), "sin(a + b)"),
+        (Number(0.1), "0.1"),
+        (Number(1 / 3), "0.3333333333333333"),
+    ],
+)
+def test_expression(node: Node, text: str) -> None:
+    assert InfixPrinter().expression(node) == text
+    values = {"a": 0.3, "b": -1.7, "c": 2.9}
+    from math import sin
+
+    from gibbs_codegen.program import _value
+
+    assert eval(text, {"sin": sin}, values) == pytest.approx(_value(node, values), rel=1e-15)  # noqa: S307

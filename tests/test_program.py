@@ -1,0 +1,76 @@
+"""The program by itself, built by hand: evaluation, counting and lowering."""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from gibbs_codegen.lower import Slice, lower
+from gibbs_codegen.program import (
+    Call,
+    Name,
+    Number,
+    Operations,
+    Product,
+    Program,
+    Reciprocal,
+    Sum,
+    count_operations,
+    names_in,
+)
+from gibbs_codegen.tape import Stage, Tape
+
+X, Y = Name("x"), Name("y")
+
+
+def small_program() -> Program:
+    """f(q) = p(sin x)² + 1/y and the constant 2p, over a parameter p."""
+    tape = Tape()
+    p = tape.symbol("p", Stage.PARAMETER)
+    x, y = (tape.symbol(name, Stage.CONFIGURATION) for name in "xy")
+    sine = tape.let(sp.sin(x))
+    entries = (tape.let(p * sine * sine + tape.let(1 / y)), tape.let(2 * p))
+    return lower(tape, {"q": ("x", "y")}, ("p",), [Slice("f", ("q",), (((2,), entries),))])
+
+
+def test_lowered_program_evaluates() -> None:
+    (values,) = small_program().evaluate("f", {"p": 3.0}, {"q": [0.7, 4.0]})
+    assert values == [3.0 * (math.sin(0.7) * math.sin(0.7)) + 0.25, 6.0]
+
+
+def test_parameters_cost_nothing_in_the_function() -> None:
+    program = small_program()
+    assert program.constants == ("p", "k1")
+    assert [s.name for s in program.prepare] == ["k1"]
+    counts = count_operations(program.function("f").nodes())
+    assert counts == Operations(additions=1, multiplications=2, divisions=1, sine_cosine_pairs=1)
+
+
+def test_counting_by_kind() -> None:
+    node = Sum(((1, Product((X, Y, Number(2.0)))), (-1, Reciprocal(X)), (1, Call("sin", Y))))
+    assert count_operations([node, Call("cos", Y)]) == Operations(2, 2, 1, 0, 1)
+    assert count_operations([Sum(((-1, X), (-1, Y)))]).additions == 2
+    assert count_operations([X, Number(1.0)]).total == 0
+
+
+def test_names_are_listed_as_often_as_they_stand() -> None:
+    assert names_in(Sum(((1, Product((X, X))), (-1, Call("cos", Y))))) == ["x", "x", "y"]
+
+
+def test_folding_keeps_the_count_and_lines_short() -> None:
+    """A chain of single uses is written in place; a value used twice keeps its name."""
+    tape = Tape()
+    symbols = [tape.symbol(f"x{i}", Stage.CONFIGURATION) for i in range(20)]
+    total = symbols[0]
+    for symbol in symbols[1:]:
+        total = tape.let(total + symbol)
+    twice = tape.let(total * total)
+    names = tuple(s.name for s in symbols)
+    program = lower(tape, {"q": names}, (), [Slice("f", ("q",), (((1,), (twice,)),))])
+    function = program.function("f")
+    assert count_operations(function.nodes()).total == 20
+    assert all(len(names_in(s.value)) <= 8 for s in function.statements)
+    assert len(function.statements) < 8
+    (values,) = program.evaluate("f", {}, {"q": [1.0] * 20})
+    assert values == [400.0]
