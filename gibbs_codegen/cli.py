@@ -34,6 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.disable()
     try:
         code: int = options.command(options)
+        sys.stdout.flush()
     except RobotFileError as error:
         count = f"{len(error.faults)} faults" if len(error.faults) > 1 else "1 fault"
         print(f"gibbs-codegen: robot file refused, {count}:\n{error}", file=sys.stderr)
@@ -44,8 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("gibbs-codegen: interrupted; nothing was changed", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        # The reader has gone: say nothing more, and keep Python from trying to flush to it.
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            print(f"gibbs-codegen: {error.strerror or error}", file=sys.stderr)
+        # The reader has gone or its disk is full: keep Python from trying to flush to it again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return code

@@ -121,18 +121,18 @@ def _base(table: Table) -> Base | None:
     rotors = table.integer("rotors", least=2, most=MAX_ROTORS)
     attitude = table.choice("attitude", ATTITUDES, "xyz")
     origin = table.choice("origin", ORIGINS, "motor1")
+    arms = _arms(table, rotors)
     if rotors is None:
         return None
     thrust = _thrust(table, rotors)
     drag = table.numbers("drag", rotors, (0.0,) * rotors)
-    arms = _arms(table, rotors)
     return Base(rotors, arms, thrust, drag, attitude, origin)
 
 
-def _arms(table: Table, rotors: int) -> tuple[Body, ...]:
+def _arms(table: Table, rotors: int | None) -> tuple[Body, ...]:
     if isinstance(table.values.get("arm"), list):
         tables = table.tables("arm")
-        if len(tables) != rotors:
+        if rotors is not None and len(tables) != rotors:
             table.fault(
                 "arm",
                 f"{len(tables)} tables for {rotors} rotors; give one for all arms or one each",

@@ -28,9 +28,9 @@ def robot_text(robot: Robot, name: str | None = None) -> str:
 
 def _link(robot: Robot, i: int) -> dict[str, object]:
     link: Link = robot.links[i - 1]
-    default = "# a: distance along the x axis of the frame before; here"
+    default = "# a: distance along x of the frame before; here"
     if link.a is not None:
-        a = f"a         = {link.a!r}  # distance along the x axis of the frame before"
+        a = f"a         = {link.a!r}  # distance along x of the frame before"
     else:
         a = f"{default} {'0' if i == 1 else 'the length of the link before'}"
     return {

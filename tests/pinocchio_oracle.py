@@ -36,9 +36,13 @@ def spatial_inertia(body: Body) -> pin.Inertia:
 
 @dataclass
 class Oracle:
-    """A robot's tree; coordinates are those of the hybrid system without the constraint torques."""
+    """A robot's tree; coordinates are those of the hybrid system without the constraint torques.
+
+    With `rigid_base` the base arms are welded to arm 1 instead, and the coordinates are those of q.
+    """
 
     robot: Robot
+    rigid_base: bool = False
 
     def __post_init__(self) -> None:  # noqa: D105
         robot, base = self.robot, self.robot.base
@@ -64,17 +68,21 @@ class Oracle:
         self.points = {"O1": (root, start), "O2": (root, centre), "motor1": (root, start)}
         for k in range(2, robot.rotors + 1):
             turn = rotation("z", float(base.arm_angle_deg(k)))
-            joint = model.addJoint(root, pin.JointModelRZ(), pin.SE3(turn, centre), f"theta_{k}")
+            placement = pin.SE3(turn, centre)
+            if self.rigid_base:
+                model.appendBodyToJoint(root, spatial_inertia(base.arm(k)), placement)
+                continue
+            joint = model.addJoint(root, pin.JointModelRZ(), placement, f"theta_{k}")
             model.appendBodyToJoint(joint, spatial_inertia(base.arm(k)), pin.SE3.Identity())
             self.points[f"motor{k}"] = (joint, np.array([base.arm(k).length, 0, 0]))
         self._add_arm(root, centre)
         self.data = model.createData()
-        names = [c.name for c in hybrid_coordinates(robot)][
-            : 6 + len(robot.links) + robot.rotors - 1
-        ]
+        reduced = [c.name for c in reduced_coordinates(robot)]
+        every = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + robot.rotors - 1]
+        names = reduced if self.rigid_base else every
         self.order = [model.joints[model.getJointId(name)].idx_v for name in names]
-        self.free = [names.index(c.name) for c in reduced_coordinates(robot)]
-        self.held = [names.index(f"theta_{k}") for k in range(2, robot.rotors + 1)]
+        self.free = [names.index(name) for name in reduced]
+        self.held = [i for i, name in enumerate(names) if name not in reduced]
 
     def _add_arm(self, parent: int, centre: Array) -> None:
         robot, model = self.robot, self.model

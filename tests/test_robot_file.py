@@ -94,7 +94,7 @@ def test_all_faults_are_reported_together_with_path_line_and_hint() -> None:
 gravity = "9.81"
 [base]
 rotor = 6
-attitude = "xyx"
+attitude = "yaw"
 arm = { length = -1.0, mass = true }
 
 [[link]]
@@ -110,7 +110,9 @@ lenght = 1.0
         "robot.toml:3: base.rotors: missing",
         "robot.toml:4: base.rotor: unknown key; did you mean rotors?",
         "robot.toml:5: base.attitude: must be one of 'xyz', 'xzy', 'yxz', 'yzx', 'zxy', 'zyx', "
-        "not 'xyx'; did you mean 'xyz'?",
+        "not 'yaw'",
+        "robot.toml:6: base.arm.length: must be at least 0, not -1.0",
+        "robot.toml:6: base.arm.mass: must be a number, not a boolean",
         "robot.toml:10: link[0].inertia: violates the triangle inequality: no principal moment may "
         "exceed the sum of the other two",
         "robot.toml:13: link[1].lenght: unknown key; did you mean length?",

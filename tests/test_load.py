@@ -1,0 +1,44 @@
+"""Loading generated modules by path and by name."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from gibbs_codegen import load
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.robot_file import read_robot
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("load")
+    generate(read_robot("hexarotor")[1], root / "generated")
+    return root
+
+
+def test_by_path_and_by_name(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    before = list(sys.path)
+    by_name, by_path = load("hexarotor"), load(folder / "generated" / "hexarotor")
+    assert by_name.NAME == by_path.NAME == "hexarotor"
+    assert by_name.mass_matrix([0.0] * 6).shape == (6, 6)
+    assert sys.path == before
+
+
+def test_a_module_that_changed_is_loaded_anew(folder: Path) -> None:
+    path = folder / "generated" / "hexarotor"
+    assert load(path).PARAMETERS["gravity"] == 9.81
+    heavier = read_robot("hexarotor")[1].replace("9.81", "24.79")
+    generate(heavier, folder / "generated")
+    assert load(path).PARAMETERS["gravity"] == 24.79
+
+
+def test_what_is_not_there_is_refused_with_the_command_that_makes_it() -> None:
+    with pytest.raises(UsageError, match="gibbs-codegen generate nowhere"):
+        load("nowhere")
+    with pytest.raises(UsageError, match="known: numpy"):
+        load("nowhere", backend="fortran")

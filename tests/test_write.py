@@ -1,0 +1,177 @@
+"""Writing: a whole module or nothing, whatever happens meanwhile."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from gibbs_codegen import write
+from gibbs_codegen.emit import HEADER_START
+from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.write import differing_files, write_module
+
+FILES = {"__init__.py": f"# {HEADER_START}\n", "numpy_module.py": "x = 1\n" * 1000}
+NEWER = {**FILES, "numpy_module.py": "x = 2\n"}
+
+
+def visible(folder: Path) -> dict[str, list[str]]:
+    """Every folder below, with its files."""
+    return {
+        str(p.relative_to(folder)): sorted(os.listdir(p)) for p in folder.rglob("*") if p.is_dir()
+    }
+
+
+def test_writes_and_replaces(tmp_path: Path) -> None:
+    target = tmp_path / "a" / "b" / "robot"
+    write_module(target, FILES)
+    write_module(target, NEWER)
+    assert differing_files(target, NEWER) == []
+    assert differing_files(target, FILES) == ["numpy_module.py"]
+    assert os.listdir(target.parent) == ["robot"]
+
+
+def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "robot"
+    write_module(target, FILES)
+
+    def full(path: Path, text: str) -> None:
+        path.write_text(text[:10])
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(write, "_write_flushed", full)
+    with pytest.raises(OutputError, match="No space left on device; nothing was changed"):
+        write_module(target, NEWER)
+    assert differing_files(target, FILES) == []
+    assert os.listdir(tmp_path) == ["robot"]
+    with pytest.raises(OutputError):
+        write_module(tmp_path / "new" / "deep" / "robot", FILES)
+    assert os.listdir(tmp_path) == ["robot"]
+
+
+def test_a_swap_that_fails_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "robot"
+    write_module(target, FILES)
+    real = os.replace
+
+    def refuse_new(source: Path, destination: Path) -> None:
+        if Path(source).name == "_new":
+            raise OSError(5, "Input/output error")
+        real(source, destination)
+
+    monkeypatch.setattr(os, "replace", refuse_new)
+    with pytest.raises(OutputError):
+        write_module(target, NEWER)
+    assert differing_files(target, FILES) == []
+    assert os.listdir(tmp_path) == ["robot"]
+
+
+def test_what_an_outright_kill_left_is_removed_and_what_it_took_is_put_back(tmp_path: Path) -> None:
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    stale = tmp_path / f".gibbs_codegen_{gone.pid}_abc"
+    (stale / "_new").mkdir(parents=True)
+    (stale / "taken").mkdir()
+    (stale / "taken" / "__init__.py").write_text("")
+    mine = tmp_path / f".gibbs_codegen_{os.getpid()}_abc"
+    mine.mkdir()
+    write_module(tmp_path / "robot", FILES)
+    assert sorted(os.listdir(tmp_path)) == [mine.name, "robot", "taken"]
+
+
+def test_foreign_files_are_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "robot").write_text("a file")
+    with pytest.raises(UsageError, match="is not a generated module"):
+        write_module(tmp_path / "robot", FILES)
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(UsageError, match="is not a generated module"):
+        write_module(tmp_path / "link", FILES)
+
+
+def test_a_folder_that_cannot_be_made_is_an_output_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(OutputError, match=r"File exists|Not a directory"):
+        write_module(tmp_path / "file" / "robot", FILES)
+
+
+def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
+    """A limit on the size of files stands in for a full disk."""
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))"
+    code = (
+        f"{limit}\nimport sys\nfrom gibbs_codegen.cli import main\n"
+        "sys.exit(main(['generate', 'hexarotor']))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert "cannot be written: File too large; nothing was changed" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_under_standard_output_is_no_traceback(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m gibbs_codegen info hexarotor > /dev/full"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        ["bash", "-c", command], cwd=tmp_path, env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "No space left" in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("delay", [0.05, 0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
+def test_nothing_is_left_behind_when_ended(
+    number: signal.Signals, delay: float, tmp_path: Path
+) -> None:
+    """A signal at any moment leaves a whole module or nothing."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gibbs_codegen", "generate", "quadrotor_2link"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    time.sleep(delay)
+    process.send_signal(number)
+    process.wait(timeout=30)
+    left = visible(tmp_path)
+    module = ["__init__.py", "numpy_module.py", "robot.toml"]
+    whole = {"generated": ["quadrotor_2link"], "generated/quadrotor_2link": module}
+    assert left in ({}, {"generated": []}, whole)
+
+
+def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
+    """The signal comes while the files are half written."""
+    code = (
+        "import sys, time; from pathlib import Path; from gibbs_codegen import write\n"
+        "def slow(path, text):\n"
+        "    path.write_text('half'); print('writing', flush=True); time.sleep(30)\n"
+        "write._write_flushed = slow\n"
+        "write.write_module(Path('out') / 'robot', {'__init__.py': ''})"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+    )
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.send_signal(signal.SIGTERM)
+    process.wait(timeout=30)
+    process.stdout.close()
+    assert visible(tmp_path) in ({}, {"out": []})
