@@ -8,6 +8,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.errors import GibbsCodegenError as GibbsCodegenError
+from gibbs_codegen.errors import OutputError as OutputError
+from gibbs_codegen.errors import RobotFileError as RobotFileError
+from gibbs_codegen.errors import SingularRobotError as SingularRobotError
+from gibbs_codegen.errors import UsageError as UsageError
 from gibbs_codegen.load import load as load
 from gibbs_codegen.version import __version__ as __version__
 
@@ -27,6 +31,27 @@ _LAZY = {
     "parse_robot": "robot_file",
     "read_robot": "robot_file",
 }
+
+
+__all__ = [
+    "GibbsCodegenError",
+    "OutputError",
+    "RobotFileError",
+    "SingularRobotError",
+    "UsageError",
+    "__version__",
+    "chain_closed_form",
+    "derive",
+    "generate",
+    "load",
+    "paper_family",
+    "parse_robot",
+    "read_robot",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def __getattr__(name: str) -> Any:

@@ -2,7 +2,7 @@
 
 import sys
 
-from gibbs_codegen.cli import main
+from gibbs_codegen.cli import console
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(console())

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import argparse
 import gc
+import io
 import json
 import os
+import shlex
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -22,19 +24,35 @@ from gibbs_codegen.version import __version__
 
 if TYPE_CHECKING:
     from gibbs_codegen.model import Progress
+    from gibbs_codegen.robot import Robot
 
 _FAMILY = "the paper's family: base arms and links as in its Table 1"
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code: 0 done, 1 failed, 2 wrong use or a refused file."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
-    # A derivation makes millions of small objects and hardly any cycles; a command ends soon.
+def console() -> int:
+    """Entry point of the `gibbs-codegen` command: `main`, and what becomes of its output."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # A terminal that lacks a letter shows its code.
+            stream.reconfigure(errors="backslashreplace")
+    # A derivation makes millions of small objects and hardly any cycles, and the process ends soon.
     gc.disable()
     try:
-        code: int = options.command(options)
+        code = main()
         sys.stdout.flush()
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            print(f"gibbs-codegen: output: {error.strerror or error}", file=sys.stderr)
+        # The reader has gone or its disk is full: keep Python from trying to flush to it again.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return code
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code: 0 done, 1 failed, 2 wrong use or a refused file."""
+    options = _parser().parse_args(arguments)
+    try:
+        code: int = options.command(options)
     except RobotFileError as error:
         count = f"{len(error.faults)} faults" if len(error.faults) > 1 else "1 fault"
         print(f"gibbs-codegen: robot file refused, {count}:\n{error}", file=sys.stderr)
@@ -43,14 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"gibbs-codegen: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        print("gibbs-codegen: interrupted; nothing was changed", file=sys.stderr)
+        print("gibbs-codegen: interrupted", file=sys.stderr)
         return 130
-    except OSError as error:
-        if not isinstance(error, BrokenPipeError):
-            print(f"gibbs-codegen: {error.strerror or error}", file=sys.stderr)
-        # The reader has gone or its disk is full: keep Python from trying to flush to it again.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
     return code
 
 
@@ -110,56 +122,48 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
         metavar="ROBOT.toml",
         help="robot file, or the name of a robot that ships with the package",
     )
-    parser.add_argument("--rotors", type=int, metavar="N", help=f"with --links: {_FAMILY}")
-    parser.add_argument("--links", type=int, metavar="n", help="number of links of the arm")
+    parser.add_argument(
+        "--rotors", type=int, metavar="N", help=f"with --links: {_FAMILY}; 2 to 256 rotors"
+    )
+    parser.add_argument("--links", type=int, metavar="n", help="links of the arm, 0 to 64")
 
 
-def _robot_text(options: argparse.Namespace) -> tuple[str, str]:
-    """Text of the robot file that the options ask for, and what to call it in messages."""
+def _robot(options: argparse.Namespace) -> tuple[Robot, str]:
+    """The robot that the options ask for, and the text of its file."""
     from gibbs_codegen.robot_file import read_robot
 
     if options.robot is not None:
         if options.rotors is not None or options.links is not None:
             raise UsageError("give a robot file, or --rotors and --links, not both")
-        return read_robot(options.robot)[1], options.robot
+        return read_robot(options.robot)
     if options.rotors is None or options.links is None:
         raise UsageError("give a robot file, or both --rotors and --links")
     from gibbs_codegen.family import paper_family
     from gibbs_codegen.robot_text import robot_text
 
     robot = paper_family(options.rotors, options.links)
-    return robot_text(robot), f"--rotors {options.rotors} --links {options.links}"
+    return robot, robot_text(robot)
 
 
 def _generate(options: argparse.Namespace) -> int:
-    text, source = _robot_text(options)
+    robot, text = _robot(options)
     from gibbs_codegen import pipeline
     from gibbs_codegen.emit import TARGETS
-
-    targets = options.target or list(TARGETS)
-    start = time.perf_counter()
-    with _progress() as progress:
-        if options.check:
-            folder, differing = pipeline.check(
-                text, Path(options.out), targets, options.all_parameters, progress, source
-            )
-        else:
-            model, folder = pipeline.generate(
-                text, Path(options.out), targets, options.all_parameters, progress, source
-            )
-    if options.check:
-        if differing:
-            print(
-                f"{folder}: differs from what would be written: {', '.join(differing)}",
-                file=sys.stderr,
-            )
-            return 1
-        print(f"{folder}: up to date")
-        return 0
     from gibbs_codegen.program import count_operations
 
-    nodes = model.program.function("mass_matrix_and_residual").nodes()
-    counts = count_operations(nodes)
+    targets = options.target or list(TARGETS)
+    if options.check:
+        with _progress() as progress:
+            folder, differing = pipeline.check_robot(
+                robot, text, options.out, targets, options.all_parameters, progress
+            )
+        return _report_check(folder, differing)
+    start = time.perf_counter()
+    with _progress() as progress:
+        model, folder = pipeline.generate_robot(
+            robot, text, options.out, targets, options.all_parameters, progress
+        )
+    counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
     print(
         f"{folder}: {len(model.program.functions)} functions of {len(model.program.inputs['q'])} "
         f"coordinates and {len(model.program.inputs['u'])} inputs in "
@@ -169,13 +173,21 @@ def _generate(options: argparse.Namespace) -> int:
     return 0
 
 
+def _report_check(folder: Path, differing: list[str]) -> int:
+    if not differing:
+        print(f"{folder}: up to date")
+        return 0
+    what = "differs from what would be written" if folder.is_dir() else "is not there yet"
+    print(f"{folder}: {what}: {', '.join(differing)}", file=sys.stderr)
+    return 1
+
+
 def _info(options: argparse.Namespace) -> int:
-    text, source = _robot_text(options)
+    robot, _ = _robot(options)
     from gibbs_codegen.model import derive
-    from gibbs_codegen.robot_file import parse_robot
 
     with _progress() as progress:
-        model = derive(parse_robot(text, source), progress=progress)
+        model = derive(robot, progress=progress)
     from rich.console import Console
 
     from gibbs_codegen.report import print_report, report
@@ -189,15 +201,15 @@ def _info(options: argparse.Namespace) -> int:
 
 def _new(options: argparse.Namespace) -> int:
     from gibbs_codegen.family import paper_family
-    from gibbs_codegen.names import name_fault
+    from gibbs_codegen.names import name_from
     from gibbs_codegen.robot_text import robot_text
     from gibbs_codegen.write import write_new_file
 
     path = Path(options.file)
-    robot = paper_family(6, 3)
-    name = robot.name if name_fault(path.stem) else path.stem
-    write_new_file(path, robot_text(robot, name))
-    print(f"{path}: written; edit it, then run: gibbs-codegen generate {path}")
+    name = name_from(path.stem)
+    write_new_file(path, robot_text(paper_family(6, 3), name))
+    command = shlex.join(["gibbs-codegen", "generate", str(path)])
+    print(f"{path}: written, for a robot named {name}; edit it, then run: {command}")
     return 0
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.chains import decompose
 from gibbs_codegen.equations import State, generalised_inertia_forces, gibbs_function
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.machine import Machine
@@ -38,8 +37,7 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
         raise UsageError(f"chain {number}: {robot.name} has chains 1 to {robot.rotors}")
     tape = InlineTape()
     machine = Machine.of(robot, tape)
-    chain = decompose(robot)[number - 1]
-    serial = machine.serial_chain(chain)
+    chain, serial = machine.open_chains[number - 1]
     free = {symbol.name for symbol in machine.q}
     accelerations = tuple(tape.symbol(f"a_{name}", Stage.MOTION) for name in chain.coordinates)
     rates = [sp.Symbol(f"v_{name}") if name in free else sp.S.Zero for name in chain.coordinates]

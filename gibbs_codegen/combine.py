@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.chains import Chain, coupling_map, decompose
+from gibbs_codegen.chains import Chain, coupling_map
 from gibbs_codegen.coordinates import ATTITUDE, POSITION, hybrid_coordinates
 from gibbs_codegen.equations import (
     Matrix,
@@ -24,7 +24,7 @@ from gibbs_codegen.equations import (
 )
 from gibbs_codegen.forces import input_matrix, motor_columns, motor_torque_about_arm_joint
 from gibbs_codegen.machine import Machine
-from gibbs_codegen.serial import composites, joint_column, link_wrench
+from gibbs_codegen.serial import SerialChain, composites, joint_column, link_wrench
 
 
 @dataclass(frozen=True)
@@ -51,38 +51,35 @@ def reduced_system(machine: Machine) -> LinearSystem:
     )
 
 
-def constrained_chains(machine: Machine) -> tuple[Chain, ...]:
-    """Chains 1 … N − 1, each ending in a base arm that is held."""
-    return tuple(chain for chain in decompose(machine.robot) if chain.is_constrained)
-
-
-def constrained_joint_column(machine: Machine, chain: Chain) -> tuple[list[sp.Expr], sp.Expr]:
+def constrained_joint_column(
+    machine: Machine, serial: SerialChain
+) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
     """Column of I_H for a constrained joint: its entries at θ₋₁, θ₀, θ₁, x, y, z and its own."""
-    tape, serial = machine.tape, machine.serial_chain(chain)
+    tape = machine.tape
     wrench, entries = joint_column(tape, serial, 1, composites(tape, serial)[1])
-    return list(machine.root.rows(tape, wrench)), entries[1]
+    return machine.root.rows(tape, wrench), entries[1]
 
 
-def constrained_joint_row(machine: Machine, chain: Chain, state: State) -> sp.Expr:
+def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint at the given rates and accelerations of the free coordinates."""
-    tape, serial = machine.tape, machine.serial_chain(chain)
     zero = sp.S.Zero
     own = State(
         [*state.rates[:3], zero, *state.rates[-3:]],
         [*state.accelerations[:3], zero, *state.accelerations[-3:]],
         state.gravity,
     )
-    motions = chain_motions(tape, machine.root, serial, own)
-    return link_wrench(tape, serial, 1, motions[1]).moment[2]
+    motions = chain_motions(machine.tape, machine.root, serial, own)
+    return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
 
 
 def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
-    """I_H a_H = R_H + B_H u with the free rows taken from the reduced system (eqs. 18–19)."""
-    robot = machine.robot
-    n, arms = machine.joints, robot.rotors - 1
-    names = [coordinate.name for coordinate in hybrid_coordinates(robot)]
-    free = [0, 1, 2, *range(3 + arms, 6 + arms + n)]
-    root = [0, 1, 2, *range(3 + arms + n, 6 + arms + n)]
+    """I_H a_H = R_H + B_H u (eqs. 18–19): free rows from the reduced system, the rest by chain.
+
+    Where a chain's own joint, its constraint torque and its root coordinates stand among the hybrid
+    unknowns is what the coupling map says.
+    """
+    names = [coordinate.name for coordinate in hybrid_coordinates(machine.robot)]
+    free = [names.index(symbol.name) for symbol in machine.q]
     zero, one = sp.S.Zero, sp.S.One
     matrix: Matrix = [[zero] * len(names) for _ in names]
     residual = [zero] * len(names)
@@ -93,15 +90,19 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
         residual[row] = reduced.residual[i]
         thrust[row] = list(reduced.inputs[i])
     state = state_at_rest_acceleration(machine)
-    for m, chain in enumerate(constrained_chains(machine)):
-        here, torque = 3 + m, 6 + n + arms + m
-        column_entries, own = constrained_joint_column(machine, chain)
-        for row, entry in zip(root, column_entries, strict=True):
+    maps = coupling_map(machine.robot)
+    for (chain, serial), places in zip(machine.open_chains, maps, strict=True):
+        if not chain.is_constrained:
+            continue
+        *attitude, here, x, y, z, torque = places
+        entries, own = constrained_joint_column(machine, serial)
+        for row, entry in zip((*attitude, x, y, z), entries, strict=True):
             matrix[row][here] = matrix[here][row] = entry
         matrix[here][here] = own
         matrix[here][torque], matrix[torque][here] = -one, one
-        residual[here] = -constrained_joint_row(machine, chain, state)
-        thrust[here][1 + m] = motor_torque_about_arm_joint(machine, m + 2)
+        residual[here] = -constrained_joint_row(machine, serial, state)
+        arm = chain.links[-1]
+        thrust[here][arm - 1] = motor_torque_about_arm_joint(machine, arm)
     return LinearSystem(matrix, residual, thrust)
 
 
@@ -109,19 +110,23 @@ def constraint_torques(machine: Machine) -> list[sp.Expr]:
     """τ'_k for k = 2 … N, given the free coordinates' accelerations and the inputs (eq. 14)."""
     state = State(machine.v, machine.a, machine.parameters.gravity)
     torques = []
-    for m, chain in enumerate(constrained_chains(machine)):
-        inertia_force = constrained_joint_row(machine, chain, state)
-        active = machine.tape.let(motor_torque_about_arm_joint(machine, m + 2) * machine.u[1 + m])
-        torques.append(machine.tape.let(inertia_force - active))
+    for chain, serial in machine.open_chains:
+        if chain.is_constrained:
+            arm = chain.links[-1]
+            inertia_force = constrained_joint_row(machine, serial, state)
+            lever = motor_torque_about_arm_joint(machine, arm)
+            active = machine.tape.let(lever * machine.u[arm - 1])
+            torques.append(machine.tape.let(inertia_force - active))
     return torques
 
 
-def chain_system(machine: Machine, chain: Chain) -> LinearSystem:
-    """One chain in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where it is constrained.
+def chain_system(machine: Machine, number: int) -> LinearSystem:
+    """Chain 1 … N in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
 
     A constrained chain has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
     """
-    tape, root, serial = machine.tape, machine.root, machine.serial_chain(chain)
+    tape, root = machine.tape, machine.root
+    chain, serial = machine.open_chains[number - 1]
     matrix = mass_matrix(tape, root, serial)
     rates = _chain_values(machine, chain, machine.v)
     state = State(rates, [sp.S.Zero] * len(rates), machine.parameters.gravity)
@@ -139,8 +144,8 @@ def hybrid_from_chains(machine: Machine) -> LinearSystem:
     thrust: Matrix = [[zero] * width for _ in range(size)]
     let = machine.tape.let
     maps = coupling_map(machine.robot)
-    for chain, places in zip(decompose(machine.robot), maps, strict=True):
-        system = chain_system(machine, chain)
+    for number, places in enumerate(maps, start=1):
+        system = chain_system(machine, number)
         for i, row in enumerate(places):
             residual[row] = let(residual[row] + system.residual[i])
             for j, column in enumerate(places):

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from gibbs_codegen.coordinates import (
     Coordinate,
     constraint_torque,
-    hybrid_coordinates,
     inputs,
     points,
     reduced_coordinates,
@@ -100,19 +99,15 @@ DESCRIPTIONS: dict[str, Description] = {
     ),
 }
 
-_PER_SECOND = {"rad": "rad/s", "m": "m/s"}
-_PER_SECOND_SQUARED = {"rad": "rad/s^2", "m": "m/s^2"}
+_PREFIXES_AND_UNITS = {"q": ("", ""), "v": ("v_", "/s"), "a": ("a_", "/s^2")}
 
 
 def argument_text(robot: Robot, argument: str) -> str:
     """Entries of an argument with their units, in order."""
     if argument == "u":
         return _listed(inputs(robot))
-    coordinates = reduced_coordinates(robot)
-    units = {"q": None, "v": _PER_SECOND, "a": _PER_SECOND_SQUARED}[argument]
-    return ", ".join(
-        f"{c.name} [{c.unit if units is None else units[c.unit]}]" for c in coordinates
-    )
+    prefix, per_time = _PREFIXES_AND_UNITS[argument]
+    return ", ".join(f"{prefix}{c.name} [{c.unit}{per_time}]" for c in reduced_coordinates(robot))
 
 
 def argument_meaning(argument: str) -> str:
@@ -138,11 +133,6 @@ def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
     """Lines that explain coordinates one by one."""
     width = max(len(c.name) for c in coordinates)
     return [f"{c.name:<{width}}  [{c.unit}]  {c.meaning}" for c in coordinates]
-
-
-def hybrid_table(robot: Robot) -> list[str]:
-    """Lines that explain the hybrid unknowns one by one."""
-    return coordinate_table(hybrid_coordinates(robot))
 
 
 def _listed(coordinates: tuple[Coordinate, ...]) -> str:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+# More than a person will read at a time.
+_SHOWN = 50
+
 
 class GibbsCodegenError(Exception):
     """Root of every error that this package raises on purpose.
@@ -36,7 +39,10 @@ class RobotFileError(GibbsCodegenError):
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source = source
         self.faults = tuple(faults)
-        super().__init__("\n".join(fault.text(source) for fault in self.faults))
+        lines = [fault.text(source) for fault in self.faults[:_SHOWN]]
+        if len(self.faults) > _SHOWN:
+            lines.append(f"{source}: and {len(self.faults) - _SHOWN} more")
+        super().__init__("\n".join(lines))
 
 
 class SingularRobotError(GibbsCodegenError):
@@ -50,7 +56,7 @@ class SingularRobotError(GibbsCodegenError):
         self.joint = joint
         super().__init__(
             f"{robot}: nothing resists {joint}: its acceleration is not determined; "
-            "give the links that it moves mass or inertia about that joint"
+            "give what it moves mass or inertia about its axis"
         )
 
 

@@ -69,11 +69,13 @@ def motor_columns(machine: Machine) -> list[tuple[sp.Expr, ...]]:
 def total_thrust_wrench(machine: Machine) -> Wrench:
     """Wrench of all motors about the origin for the inputs u, in the root's carrier."""
     tape = machine.tape
-    wrenches = [motor_wrench(machine, k) for k in range(1, machine.robot.rotors + 1)]
+    rotors = machine.robot.rotors
+    wrenches = [motor_wrench(machine, k) for k in range(1, rotors + 1)]
+    thrusts = machine.u[:rotors]
 
     def weighted(vectors: list[Vector]) -> Vector:
         x, y, z = (
-            tape.let(sp.Add(*(tape.let(c * f) for c, f in zip(column, machine.u, strict=False))))
+            tape.let(sp.Add(*(tape.let(c * f) for c, f in zip(column, thrusts, strict=True))))
             for column in zip(*vectors, strict=True)
         )
         return (x, y, z)

@@ -12,18 +12,27 @@ from collections.abc import Sequence
 
 import sympy as sp
 
+from gibbs_codegen.determinacy import described
 from gibbs_codegen.equations import Matrix, State, chain_motions, unprojected_mass_matrix
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.forces import total_thrust_wrench
-from gibbs_codegen.inertia import Inertia
+from gibbs_codegen.inertia import PAIRS, Inertia
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.serial import inward
 from gibbs_codegen.tape import Scalars
 from gibbs_codegen.vectors import ZERO, Vector, Wrench, cross, dot, scale
 
 
+class ZeroPivotError(Exception):
+    """A pivot is zero whatever the numbers: nothing determines `unknown`."""
+
+    def __init__(self, unknown: int) -> None:
+        self.unknown = unknown
+        super().__init__(f"unknown {unknown}")
+
+
 def forward_dynamics(machine: Machine) -> list[sp.Expr]:
-    """A of M a = R + B u, in the order of q.
+    """Accelerations a of M a = R + B u, in the order of q.
 
     Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
@@ -50,11 +59,13 @@ def forward_dynamics(machine: Machine) -> list[sp.Expr]:
     right.extend(_about(tape, drive, centre))
     # Tip first: the last joint couples to all others, the root is left for the end.
     order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
-    joints = [symbol.name for symbol in machine.q[3 : 3 + n]]
-    solution = solve_symmetric(tape, matrix, right, order)
-    if isinstance(solution, int):
-        unresisted = (joints + ["the attitude"] * 3)[solution]
-        raise SingularRobotError(machine.robot.name, unresisted)
+    try:
+        solution = solve_symmetric(tape, matrix, right, order)
+    except ZeroPivotError as error:
+        names = tuple(symbol.name for symbol in machine.q)
+        place = 3 + error.unknown if error.unknown < n else error.unknown - n
+        unresisted = described(machine.robot, names, place)
+        raise SingularRobotError(machine.robot.name, unresisted) from None
     angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
     spin = cross(tape, angular, centre)
     linear = []
@@ -73,11 +84,11 @@ def forward_dynamics(machine: Machine) -> list[sp.Expr]:
 
 def solve_symmetric(
     tape: Scalars, matrix: Matrix, right: Sequence[sp.Expr], order: Sequence[int]
-) -> list[sp.Expr] | int:
+) -> list[sp.Expr]:
     """Solve a symmetric system by LDLᵀ, eliminating the unknowns in `order`.
 
-    Zeros of the matrix cost nothing. Returns the solution, or the first unknown whose pivot is
-    zero whatever the numbers.
+    Zeros of the matrix cost nothing. Raises `ZeroPivotError` for a pivot that is zero whatever the
+    numbers.
     """
     lower = [list(row) for row in matrix]
     rest = list(right)
@@ -85,7 +96,7 @@ def solve_symmetric(
     factors: dict[tuple[int, int], sp.Expr] = {}
     for step, k in enumerate(order):
         if lower[k][k] == 0:
-            return k
+            raise ZeroPivotError(k)
         inverse[k] = tape.let(1 / lower[k][k])
         remaining = order[step + 1 :]
         for i in remaining:
@@ -126,9 +137,9 @@ def _about(tape: Scalars, wrench: Wrench, centre: Vector) -> Vector:
 
 def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> Inertia:
     """Second moments about the centre of mass: E − B₀ccᵀ, without mass or first moment."""
-    c, moment = centre, composite.moment
-    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    xx, yy, zz, xy, xz, yz = (tape.let(composite.entry(i, j) - c[i] * moment[j]) for i, j in pairs)
+    xx, yy, zz, xy, xz, yz = (
+        tape.let(composite.entry(i, j) - centre[i] * composite.moment[j]) for i, j in PAIRS
+    )
     return Inertia(sp.S.Zero, ZERO, (xx, yy, zz, xy, xz, yz))
 
 

@@ -57,7 +57,9 @@ def arm_geometry(machine: Machine) -> Geometry:
         own = _turned(tape, carrier, segment.rotation)
         positions.append(position)
         axes.append(carrier[2])
-    reach = machine.parameters.link_length(machine.joints) if positions else machine.centre_offset
+    reach = (
+        machine.parameters.link(machine.joints).body.length if positions else machine.centre_offset
+    )
     tip = add(tape, position, scale(tape, reach, own[0]))
     return Geometry(base, tuple(positions), tuple(axes), own, tip)
 

@@ -16,7 +16,8 @@ from gibbs_codegen.gibbs import MASS, MOMENT, SECOND, link_mass_block
 from gibbs_codegen.tape import Scalars
 from gibbs_codegen.vectors import ZERO, Rotation, Vector, Wrench
 
-_PAIRS = {(0, 0): 0, (1, 1): 1, (2, 2): 2, (0, 1): 3, (0, 2): 4, (1, 2): 5}
+# Rows and columns of the entries of a symmetric matrix, in the order of robot files.
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 SecondMoments = tuple[sp.Expr, sp.Expr, sp.Expr, sp.Expr, sp.Expr, sp.Expr]
 
@@ -31,12 +32,13 @@ class Inertia:
 
     def entry(self, i: int, j: int) -> sp.Expr:
         """E_ij."""
-        return self.second[_PAIRS[min(i, j), max(i, j)]]
+        return self.second[_index(i, j)]
 
     @property
-    def is_zero(self) -> bool:
-        """Whether nothing is there."""
-        return self.mass == 0 and self.moment == ZERO and all(e == 0 for e in self.second)
+    def values(self) -> dict[sp.Expr, sp.Expr]:
+        """The inertia's numbers by the symbols that the Gibbs function of a link has for them."""
+        entries = (self.mass, *self.moment, *self.second)
+        return dict(zip((MASS, *MOMENT, *SECOND), entries, strict=True))
 
     def mapped(self, function: Callable[[sp.Expr], sp.Expr]) -> Inertia:
         """The inertia with `function` applied to each of its ten numbers."""
@@ -89,7 +91,7 @@ class Inertia:
         weight = tuple(tape.let(self.mass * r) for r in arm)
         x, y, z = (tape.let(c + w) for c, w in zip(self.moment, weight, strict=True))
         second = []
-        for i, j in _PAIRS:
+        for i, j in PAIRS:
             # On the diagonal r_i·(2C_i + w_i): doubled arms are parameters more often than not.
             if i == j:
                 term = tape.let(2 * arm[i]) * self.moment[i] + arm[i] * weight[i]
@@ -104,11 +106,8 @@ class Inertia:
 
         It is a column of the Hessian of the Gibbs function.
         """
-        values = dict(
-            zip((MASS, *MOMENT, *SECOND), (self.mass, *self.moment, *self.second), strict=True)
-        )
         fx, fy, fz, nx, ny, nz = (
-            tape.let(entry.xreplace(values)) for entry in link_mass_block().col(direction)
+            tape.let(entry.xreplace(self.values)) for entry in link_mass_block().col(direction)
         )
         return Wrench((fx, fy, fz), (nx, ny, nz))
 
@@ -150,4 +149,4 @@ def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:
 
 
 def _index(i: int, j: int) -> int:
-    return _PAIRS[min(i, j), max(i, j)]
+    return PAIRS.index((min(i, j), max(i, j)))

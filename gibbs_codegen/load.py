@@ -15,7 +15,7 @@ BACKENDS = ("numpy",)
 
 
 def load(name_or_path: str | os.PathLike[str], backend: str = "numpy") -> ModuleType:
-    """Load a generated module: its functions and constants, as section "A generated module" lists.
+    """Load a generated module: an object with its functions and constants.
 
     `name_or_path` is the folder of the module, or a name, which is looked for in `generated/` of
     the working directory. Raises `UsageError` where there is no such module or back end.
@@ -35,7 +35,11 @@ def load(name_or_path: str | os.PathLike[str], backend: str = "numpy") -> Module
         raise UsageError(f"{folder}: cannot be imported")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[module_name]
+        raise
     return module
 
 

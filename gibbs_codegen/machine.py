@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 
 import sympy as sp
 
-from gibbs_codegen.chains import Chain
+from gibbs_codegen.chains import Chain, decompose
 from gibbs_codegen.coordinates import inputs, reduced_coordinates
 from gibbs_codegen.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.parameters import Parameters
@@ -92,25 +91,24 @@ class Machine:
         offsets = [NO_ROTATION] + [Rotation.degrees(2, link.theta_deg) for link in self.robot.links]
         return regrouped(self.tape, chain, offsets)
 
-    def serial_chain(self, chain: Chain) -> SerialChain:
-        """One open chain of the decomposition by itself, with the mass that it has there."""
+    @cached_property
+    def open_chains(self) -> tuple[tuple[Chain, SerialChain], ...]:
+        """The chains of the decomposition by themselves, each with the mass that it has there."""
+        return tuple((chain, self._serial_chain(chain)) for chain in decompose(self.robot))
+
+    def _serial_chain(self, chain: Chain) -> SerialChain:
         inertia = self.arm_1_inertia().mapped(self.tape.let) if 1 in chain.massive else NO_INERTIA
         root = self._root_segment(inertia)
         if chain.is_constrained:
             return SerialChain((root, self._base_arm_segment(chain.links[-1])))
         return SerialChain((root, *self._arm_segments()))
 
-    def rates(self, values: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """Joint rates or accelerations by segment of the reduced chain, out of q's order."""
-        return [self.root.segment_spin(values[:3]), *values[3 : 3 + self.joints]]
-
     def _root_segment(self, inertia: Inertia) -> Segment:
-        return Segment("arm 1", inertia, self.root.segment_rotation)
+        return Segment(inertia, self.root.segment_rotation)
 
     def _base_arm_segment(self, k: int) -> Segment:
         angle = self.robot.base.arm_angle_deg(k)
         return Segment(
-            name=f"arm {k}",
             inertia=self.parameters.arm_inertia(k).mapped(self.tape.let),
             rotation=Rotation.degrees(2, angle),
             a=self.centre_offset,
@@ -125,28 +123,24 @@ class Machine:
             if leads:
                 angle, structural = sp.S.Zero, Fraction(0)
             structural += link.theta_deg
-            d = self.parameters.link_d(i)
+            symbols = self.parameters.link(i)
+            d = symbols.d
             if link.joint == "revolute":
                 angle += joint
             else:
                 d += joint
             segments.append(
                 Segment(
-                    name=f"link {i}",
-                    inertia=self.parameters.link_inertia(i).mapped(self.tape.let),
+                    inertia=symbols.body.inertia.mapped(self.tape.let),
                     rotation=self._carrier_rotation(angle, structural),
                     joint=link.joint,
-                    a=self.tape.let(self._step(i)),
+                    a=self.tape.let(symbols.a + (self.centre_offset if i == 1 else 0)),
                     d=self.tape.let(d),
                     twist=Rotation.degrees(0, link.alpha_deg),
                     leads=leads,
                 )
             )
         return segments
-
-    def _step(self, i: int) -> sp.Expr:
-        a = self.parameters.link_a(i)
-        return a + self.centre_offset if i == 1 else a
 
     def _carrier_rotation(self, angle: sp.Expr, structural: Fraction) -> Rotation:
         if angle == 0:

@@ -13,6 +13,7 @@ from gibbs_codegen.combine import (
     hybrid_system,
     reduced_system,
 )
+from gibbs_codegen.determinacy import refuse_singular
 from gibbs_codegen.equations import State, generalised_inertia_forces, gibbs_function
 from gibbs_codegen.forward import forward_dynamics
 from gibbs_codegen.geometry import positions, tip_jacobian, tip_pose
@@ -30,7 +31,8 @@ Progress = Callable[[str], None]
 class Model:
     """A derived robot: its program, and the defaults and units of its parameters.
 
-    `folded` names the parameters that are zero in the file and therefore structural.
+    `folded` names the parameters that are zero in the file and therefore structural, unless
+    `keeps_zeros`.
     """
 
     robot: Robot
@@ -38,6 +40,7 @@ class Model:
     defaults: dict[str, float]
     units: dict[str, str]
     folded: tuple[str, ...]
+    keeps_zeros: bool
 
 
 def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _: None) -> Model:
@@ -56,12 +59,14 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     }
     parameters = machine.parameters
     program = lower(tape, inputs, tuple(parameters.defaults), slices)
+    refuse_singular(robot, program, parameters.defaults)
     return Model(
         robot,
         program,
         dict(parameters.defaults),
         dict(parameters.units),
         tuple(parameters.folded),
+        keep_zeros,
     )
 
 

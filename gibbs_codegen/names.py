@@ -131,3 +131,12 @@ def name_fault(name: str) -> str | None:
     if name in _SHADOWING:
         return f"{shown} is the name of a module that the generated code imports; add a word"
     return None
+
+
+def name_from(text: str) -> str:
+    """A name that is accepted, as close to `text` as can be."""
+    letters = re.sub(r"[^a-z0-9_]+", "_", text.lower(), flags=re.ASCII).strip("_")
+    if not letters[:1].isalpha():
+        letters = f"robot_{letters}".rstrip("_")
+    name = letters[:64]
+    return name if name_fault(name) is None else f"{name[:58]}_robot"

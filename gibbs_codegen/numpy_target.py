@@ -84,7 +84,7 @@ def _function(
 
 def _doc_lines(robot: Robot, function: Function) -> list[str]:
     description = DESCRIPTIONS[function.name]
-    paragraphs = [[description.details]] if description.details else []
+    paragraphs: list[list[str]] = []
     arguments = [
         f"{a}: {argument_meaning(a)}, {argument_text(robot, a)}" for a in function.arguments
     ]
@@ -101,6 +101,11 @@ def _doc_lines(robot: Robot, function: Function) -> list[str]:
     )
     paragraphs += [arguments, [f"Returns: {returned}", source]]
     lines = [f'    """{description.summary}']
+    if description.details:
+        lines.append("")
+        lines += textwrap.wrap(
+            description.details, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 4
+        )
     for paragraph in paragraphs:
         lines.append("")
         for item in paragraph:

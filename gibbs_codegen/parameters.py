@@ -7,11 +7,30 @@ so that sums over arms that vanish by symmetry can be seen to vanish.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import sympy as sp
 
 from gibbs_codegen.inertia import Inertia
 from gibbs_codegen.robot import Body, RigidBody, Robot, Rod
 from gibbs_codegen.tape import InlineTape, Scalars, Stage
+
+
+@dataclass(frozen=True)
+class BodySymbols:
+    """Length of a body, and its inertia about its joint in its own frame."""
+
+    length: sp.Expr
+    inertia: Inertia
+
+
+@dataclass(frozen=True)
+class LinkSymbols:
+    """Denavit–Hartenberg a (by default the length of the link before) and d of a link; its body."""
+
+    a: sp.Expr
+    d: sp.Expr
+    body: BodySymbols
 
 
 class Parameters:
@@ -27,39 +46,32 @@ class Parameters:
         self._robot = robot
         self._tape = tape
         self._keep_zeros = keep_zeros
+        # All at once, in the order of the file, whatever the derivation asks for first.
         self.gravity = self._value("gravity", robot.gravity, "m/s^2")
-        self._bodies: dict[str, tuple[sp.Expr, Inertia]] = {}
+        arms = range(1, robot.rotors + 1)
+        self._drags = [self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms]
+        self._arms = {
+            prefix: self._body(prefix, robot.base.arm(k))
+            for k in arms
+            for prefix in [self._arm_prefix(k)]
+        }
+        self._links = [self._link(i) for i in range(1, len(robot.links) + 1)]
 
     def arm_length(self, k: int) -> sp.Expr:
         """Length of base arm k = 1 … N."""
-        return self._body(self._arm_prefix(k), self._robot.base.arm(k))[0]
+        return self._arms[self._arm_prefix(k)].length
 
     def arm_inertia(self, k: int) -> Inertia:
         """Inertia of base arm k about its start, in its own frame."""
-        return self._body(self._arm_prefix(k), self._robot.base.arm(k))[1]
+        return self._arms[self._arm_prefix(k)].inertia
 
     def drag(self, k: int) -> sp.Expr:
         """Reaction torque of motor k per unit of thrust."""
-        return self._value(f"base_drag_{k}", self._robot.base.drag[k - 1], "m")
+        return self._drags[k - 1]
 
-    def link_length(self, i: int) -> sp.Expr:
-        """Length of the arm's link i = 1 … n."""
-        return self._body(f"link{i}", self._robot.links[i - 1].body)[0]
-
-    def link_inertia(self, i: int) -> Inertia:
-        """Inertia of the arm's link i about its joint, in its own frame."""
-        return self._body(f"link{i}", self._robot.links[i - 1].body)[1]
-
-    def link_a(self, i: int) -> sp.Expr:
-        """Denavit–Hartenberg a of link i: by default the length of the link before."""
-        a = self._robot.links[i - 1].a
-        if a is not None:
-            return self._value(f"link{i}_a", a, "m")
-        return self.link_length(i - 1) if i > 1 else sp.S.Zero
-
-    def link_d(self, i: int) -> sp.Expr:
-        """Denavit–Hartenberg d of link i."""
-        return self._value(f"link{i}_d", self._robot.links[i - 1].d, "m")
+    def link(self, i: int) -> LinkSymbols:
+        """Symbols of the arm's link i = 1 … n."""
+        return self._links[i - 1]
 
     def _arm_prefix(self, k: int) -> str:
         return "base_arm" if self._robot.base.shares_one_arm else f"base_arm{k}"
@@ -73,14 +85,22 @@ class Parameters:
         self.units[name] = unit
         return self._tape.symbol(name, Stage.PARAMETER)
 
-    def _body(self, prefix: str, body: Body) -> tuple[sp.Expr, Inertia]:
-        if prefix not in self._bodies:
-            length = self._value(f"{prefix}_length", body.length, "m")
-            if isinstance(body, Rod):
-                self._bodies[prefix] = (length, self._rod(prefix, body, length))
-            else:
-                self._bodies[prefix] = (length, self._rigid_body(prefix, body))
-        return self._bodies[prefix]
+    def _link(self, i: int) -> LinkSymbols:
+        link = self._robot.links[i - 1]
+        if link.a is not None:
+            a = self._value(f"link{i}_a", link.a, "m")
+        elif i > 1:
+            a = self._value(f"link{i - 1}_length", self._robot.links[i - 2].body.length, "m")
+        else:
+            a = sp.S.Zero
+        d = self._value(f"link{i}_d", link.d, "m")
+        return LinkSymbols(a, d, self._body(f"link{i}", link.body))
+
+    def _body(self, prefix: str, body: Body) -> BodySymbols:
+        length = self._value(f"{prefix}_length", body.length, "m")
+        if isinstance(body, Rod):
+            return BodySymbols(length, self._rod(prefix, body, length))
+        return BodySymbols(length, self._rigid_body(prefix, body))
 
     def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
         """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃."""

@@ -1,13 +1,13 @@
 """The map of the house: from a robot file to a generated module, stage by stage.
 
-    read_robot       robot file           → Robot, plain checked data           (robot_file)
-    derive           Robot                → Model: the derivation, lowered      (model)
+    read_robot       robot file           → Robot, plain checked data          (robot_file)
+    derive           Robot                → Model: the derivation, lowered     (model)
       Machine.of       Robot                → symbols, root and chains           (machine, chains)
       reduced_system   chains               → M, R, B of the reduced system      (equations, forces)
-      hybrid_system    chains, M, R, B      → I_H, R_H, B_H by the coupling map   (combine)
-      lower            tape, outputs        → Program: statements by stage        (lower, program)
-    render_module    Model                → text of each file                   (emit, templates/)
-    write_module     text                 → generated/<name>/, whole or nothing (write)
+      hybrid_system    chains, M, R, B      → I_H, R_H, B_H by the coupling map  (combine)
+      lower            tape, outputs        → Program: statements by stage       (lower, program)
+    render_module    Model                → text of each file                  (emit, templates/)
+    write_module     text                 → generated/<name>/, whole or none   (write)
 
 Left of the program everything is a SymPy value; right of it everything is a string; right of
 `generated/` everything is a float.
@@ -15,59 +15,70 @@ Left of the program everything is a SymPy value; right of it everything is a str
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from gibbs_codegen.emit import TARGETS, find_targets, render_module
 from gibbs_codegen.model import Model, Progress, derive
-from gibbs_codegen.robot_file import parse_robot
+from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot_file import read_robot
 from gibbs_codegen.write import check_replaceable, differing_files, write_module
+
+StrPath = str | os.PathLike[str]
 
 
 def generate(
+    robot_file: StrPath,
+    out: StrPath = "generated",
+    targets: Sequence[str] = tuple(TARGETS),
+    keep_zeros: bool = False,
+) -> Path:
+    """Generate the module of a robot file, or of a robot that ships, and return its folder.
+
+    The module is `out`/<name>. Raises `RobotFileError`, `SingularRobotError`, `UsageError` or
+    `OutputError`, and then has written nothing.
+    """
+    robot, text = read_robot(os.fspath(robot_file))
+    return generate_robot(robot, text, out, targets, keep_zeros)[1]
+
+
+def generate_robot(
+    robot: Robot,
     text: str,
-    out: Path,
+    out: StrPath,
     targets: Sequence[str] = tuple(TARGETS),
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
-    source: str = "robot file",
 ) -> tuple[Model, Path]:
-    """Generate the module of a robot file's text into `out`/<name>; return its model and folder.
-
-    Raises `RobotFileError`, `SingularRobotError`, `UsageError` or `OutputError`, and then has
-    written nothing.
-    """
-    folder = out / parse_robot(text, source).name
+    """Generate the module of a robot that was read from `text`; return its model and folder."""
+    folder = Path(out) / robot.name
     check_replaceable(folder)
-    model, files = module_files(text, targets, keep_zeros, progress, source)
+    model, files = module_files(robot, text, targets, keep_zeros, progress)
     progress("writing")
     write_module(folder, files)
     return model, folder
 
 
-def check(
+def check_robot(
+    robot: Robot,
     text: str,
-    out: Path,
+    out: StrPath,
     targets: Sequence[str] = tuple(TARGETS),
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
-    source: str = "robot file",
 ) -> tuple[Path, list[str]]:
     """Compare the module in `out` with what would be written: folder and differing files."""
-    model, files = module_files(text, targets, keep_zeros, progress, source)
-    folder = out / model.robot.name
+    folder = Path(out) / robot.name
+    _, files = module_files(robot, text, targets, keep_zeros, progress)
     return folder, differing_files(folder, files)
 
 
 def module_files(
-    text: str,
-    targets: Sequence[str],
-    keep_zeros: bool,
-    progress: Progress,
-    source: str,
+    robot: Robot, text: str, targets: Sequence[str], keep_zeros: bool, progress: Progress
 ) -> tuple[Model, dict[str, str]]:
     """The derived model, and the text of every file of its module."""
     found = find_targets(targets)
-    model = derive(parse_robot(text, source), keep_zeros, progress)
+    model = derive(robot, keep_zeros, progress)
     progress("rendering")
     return model, render_module(model, text, found)

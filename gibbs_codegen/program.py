@@ -136,11 +136,13 @@ class Program:
 
 @dataclass(frozen=True)
 class Operations:
-    """Exact operation counts: additions (subtractions and sign changes included), multiplications,
-    divisions, square roots, and sine–cosine pairs, which count apart.
+    """Exact operation counts; sign changes count as subtractions, sine–cosine pairs apart.
+
+    No function needs a square root so far; the count is there for those that will.
     """
 
     additions: int = 0
+    subtractions: int = 0
     multiplications: int = 0
     divisions: int = 0
     square_roots: int = 0
@@ -149,19 +151,26 @@ class Operations:
     @property
     def total(self) -> int:
         """All but the sine–cosine pairs."""
-        return self.additions + self.multiplications + self.divisions + self.square_roots
+        return (
+            self.additions
+            + self.subtractions
+            + self.multiplications
+            + self.divisions
+            + self.square_roots
+        )
 
 
 def count_operations(nodes: Iterable[Node]) -> Operations:
     """Operations that computing each of `nodes` once takes."""
-    additions = multiplications = divisions = 0
+    additions = subtractions = multiplications = divisions = 0
     angles: set[Node] = set()
     stack = list(nodes)
     while stack:
         match stack.pop():
             case Sum(terms):
-                leading_minus = all(sign < 0 for sign, _ in terms)
-                additions += len(terms) - 1 + leading_minus
+                negative = sum(sign < 0 for sign, _ in terms)
+                subtractions += negative
+                additions += max(len(terms) - negative - 1, 0)
                 stack.extend(term for _, term in terms)
             case Product(factors):
                 multiplications += len(factors) - 1
@@ -175,7 +184,7 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
                     stack.append(argument)
             case Name() | Number():
                 pass
-    return Operations(additions, multiplications, divisions, 0, len(angles))
+    return Operations(additions, subtractions, multiplications, divisions, 0, len(angles))
 
 
 def names_in(node: Node) -> list[str]:

@@ -44,9 +44,9 @@ def report(model: Model) -> dict[str, Any]:
             "missing": motors.missing_texts(),
         },
         "operations": {
-            function.name: asdict(count_operations(function.nodes()))
-            | {"total": count_operations(function.nodes()).total}
+            function.name: {"total": counts.total, **asdict(counts)}
             for function in model.program.functions
+            for counts in [count_operations(function.nodes())]
         },
     }
 
@@ -73,13 +73,10 @@ def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
     (output,) = model.program.function("hybrid_input_matrix").outputs
     width = output.shape[1]
     names = [c.name for c in inputs(robot)]
+    chains = list(zip(decompose(robot), coupling_map(robot), strict=True))
     rows = []
     for place, unknown in enumerate(hybrid_coordinates(robot)):
-        adding = [
-            chain.number
-            for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
-            if place in places
-        ]
+        adding = [chain.number for chain, places in chains if place in places]
         entries = output.entries[place * width : (place + 1) * width]
         acting = [n for n, e in zip(names, entries, strict=True) if e != Number(0.0)]
         rows.append({"row": place - 1, "unknown": unknown.name, "chains": adding, "inputs": acting})
@@ -175,7 +172,7 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
 
 def _operation_table(data: dict[str, Any]) -> Table:
     table = _table(
-        "\nOperations per call", "function", "total", "+ −", "×", "÷", "√", "sin–cos pairs"
+        "\nOperations per call", "function", "total", "+", "−", "×", "÷", "√", "sin–cos pairs"
     )
     for column in table.columns[1:]:
         column.justify = "right"
@@ -184,6 +181,7 @@ def _operation_table(data: dict[str, Any]) -> Table:
             name,
             str(counts["total"]),
             str(counts["additions"]),
+            str(counts["subtractions"]),
             str(counts["multiplications"]),
             str(counts["divisions"]),
             str(counts["square_roots"]),

@@ -22,7 +22,7 @@ def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
     if scale == 0.0:
         return None
     if mass == 0.0:
-        return "is not zero although the body has no mass"
+        return "is not zero although the body has no mass (a rod needs length and mass_per_length)"
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / scale
     if np.linalg.eigvalsh(matrix)[0] < -_TOLERANCE:
         return "has a negative principal moment; an inertia matrix is positive semidefinite"

@@ -6,6 +6,9 @@ a number that is not finite or an inertia that no body has is refused with its k
 
 from __future__ import annotations
 
+import difflib
+import math
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -28,7 +31,7 @@ from gibbs_codegen.robot import (
     alternating_thrust,
 )
 from gibbs_codegen.toml_lines import key_lines, line_of
-from gibbs_codegen.toml_reader import Table
+from gibbs_codegen.toml_reader import Table, shown
 
 MAX_BYTES = 1_000_000
 MAX_ROTORS = 256
@@ -58,21 +61,29 @@ def read_robot(name_or_path: str) -> tuple[Robot, str]:
 
 
 def _file_text(path: Path) -> str:
-    if not path.is_file():
-        shipped = ", ".join(shipped_robots())
-        raise UsageError(f"{path}: no such robot file, and no robot of that name ships ({shipped})")
     try:
+        if not path.is_file():
+            raise UsageError(_not_found(path))
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             fault = Fault("", f"larger than {MAX_BYTES} bytes; a robot file is a page of text")
             raise RobotFileError(str(path), [fault])
-        return data.decode("utf-8")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
         raise RobotFileError(str(path), [fault]) from None
     except OSError as error:
-        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+        raise UsageError(f"{str(path)[:80]}: cannot be read: {error.strerror}") from None
+
+
+def _not_found(path: Path) -> str:
+    if path.exists():
+        return f"{path}: is not a file; give a robot file in TOML"
+    shipped = shipped_robots()
+    near = difflib.get_close_matches(str(path)[:80], shipped, n=1)
+    hint = f"; did you mean {near[0]}?" if near else f" ({', '.join(shipped)})"
+    return f"{str(path)[:80]}: no such robot file, and no robot of that name ships{hint}"
 
 
 def parse_robot(text: str, source: str = "robot file") -> Robot:
@@ -83,8 +94,7 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
     try:
         document = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise RobotFileError(source, [Fault("", f"not valid TOML: {reason}")]) from None
+        raise RobotFileError(source, [_syntax_fault(error)]) from None
     root = Table(document, "", [])
     robot = _robot(root)
     if root.faults or robot is None:
@@ -93,6 +103,19 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
         faults.sort(key=lambda fault: fault.line or 0)
         raise RobotFileError(source, faults)
     return robot
+
+
+def _syntax_fault(error: Exception) -> Fault:
+    """What `tomllib` found wrong, with the line where it says one."""
+    reason = str(error)
+    if isinstance(error, RecursionError):
+        reason = "nested too deeply"
+    elif "integer string conversion" in reason:
+        reason = "a number has too many digits"
+    elif "Cannot declare ('link',)" in reason:
+        reason += "; each link of the arm is [[link]], in two brackets"
+    place = re.search(r" \(at line (\d+), column \d+\)", reason)
+    return Fault("", f"not valid TOML: {reason}", int(place[1]) if place else None)
 
 
 def _robot(root: Table) -> Robot | None:
@@ -135,7 +158,7 @@ def _arms(table: Table, rotors: int | None) -> tuple[Body, ...]:
         if rotors is not None and len(tables) != rotors:
             table.fault(
                 "arm",
-                f"{len(tables)} tables for {rotors} rotors; give one for all arms or one each",
+                f"a list of {len(tables)} for {rotors} rotors; give one table for all, or one each",
             )
         return tuple(_body(arm, length_required=True) for arm in tables)
     arm = table.table("arm")
@@ -156,16 +179,18 @@ def _thrust(table: Table, rotors: int) -> tuple[Vector3, ...]:
 def _direction(table: Table, key: str, entry: object) -> Vector3:
     if isinstance(entry, str):
         if entry not in AXES:
-            table.fault(key, f'must be "x", "y", "z" or a direction [x, y, z], not {entry!r}')
+            table.fault(key, f'must be "x", "y", "z" or a direction [x, y, z], not {shown(entry)}')
         return AXES.get(entry, AXES["z"])
     x, y, z = table.check_numbers(key, entry, 3, AXES["z"])
     largest = max(abs(x), abs(y), abs(z))
     if largest == 0.0:
         table.fault(key, "a direction of length zero; give at least one entry that is not 0")
         return AXES["z"]
+    if abs(math.hypot(x, y, z) - 1.0) < 1e-15:  # A unit vector stays what it is, bit for bit.
+        return (x, y, z)
     # Scaled by the largest entry first, so that tiny and huge vectors neither vanish nor overflow.
     x, y, z = x / largest, y / largest, z / largest
-    norm = (x * x + y * y + z * z) ** 0.5
+    norm = math.hypot(x, y, z)
     return (x / norm, y / norm, z / norm)
 
 
@@ -184,6 +209,7 @@ def _link(table: Table) -> Link:
 
 def _body(table: Table, other_keys: tuple[str, ...] = (), length_required: bool = False) -> Body:
     table.refuse_unknown((*other_keys, "length", *_ROD_KEYS, *_RIGID_KEYS))
+    before = len(table.faults)
     if length_required and "length" not in table.values:
         table.fault("length", "missing: the distance from the base centre to the motor, in m")
     length = table.number("length", 0.0, least=0.0)
@@ -196,14 +222,17 @@ def _body(table: Table, other_keys: tuple[str, ...] = (), length_required: bool 
             "section_inertia, or mass, com and inertia",
         )
     if not rigid:
-        return _rod(table, length)
+        rod_body = _rod(table, length)
+        if len(table.faults) == before:
+            _check_inertia(table, rod_body.total_mass, "section_inertia", rod_body.section_inertia)
+        return rod_body
     mass = table.number("mass", 0.0, least=0.0)
     if "mass" not in table.values:
         table.fault("mass", "missing: a rigid body needs its mass in kg")
     com = table.numbers("com", 3, (0.0, 0.0, 0.0))
     inertia = table.numbers("inertia", 6, (0.0,) * 6)
-    if fault := inertia_fault(mass, inertia):
-        table.fault("inertia", fault)
+    if len(table.faults) == before:
+        _check_inertia(table, mass, "inertia", inertia)
     xx, yy, zz, xy, xz, yz = inertia
     return RigidBody(length, mass, (com[0], com[1], com[2]), (xx, yy, zz, xy, xz, yz))
 
@@ -211,6 +240,11 @@ def _body(table: Table, other_keys: tuple[str, ...] = (), length_required: bool 
 def _rod(table: Table, length: float) -> Rod:
     mass_per_length = table.number("mass_per_length", 0.0, least=0.0)
     x, y, z = table.numbers("section_inertia", 3, (0.0, 0.0, 0.0))
-    if fault := inertia_fault(length * mass_per_length, (x, y, z, 0.0, 0.0, 0.0)):
-        table.fault("section_inertia", fault)
     return Rod(length, mass_per_length, (x, y, z))
+
+
+def _check_inertia(table: Table, mass: float, key: str, inertia: tuple[float, ...]) -> None:
+    """Note an inertia that no body of this mass has; three numbers are a diagonal."""
+    entries = (*inertia, 0.0, 0.0, 0.0) if len(inertia) == 3 else inertia
+    if fault := inertia_fault(mass, entries):
+        table.fault(key, fault)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from gibbs_codegen.emit import render
 from gibbs_codegen.robot import AXES, Body, Link, Robot, Rod, Vector3
+from gibbs_codegen.templating import render
 
 
 def robot_text(robot: Robot, name: str | None = None) -> str:

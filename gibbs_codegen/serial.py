@@ -22,10 +22,8 @@ from gibbs_codegen.gibbs import (
     ACCELERATION,
     GRADIENT,
     MASS,
-    MOMENT,
     OMEGA,
     OMEGA_DOT,
-    SECOND,
     link_gibbs_function,
     link_partials_by_gradient,
 )
@@ -55,7 +53,6 @@ class Segment:
     a carrier's group. `inertia` is about the joint, in the link's own frame.
     """
 
-    name: str
     inertia: Inertia
     rotation: Rotation
     joint: JointKind = "revolute"
@@ -166,7 +163,7 @@ def link_wrench(tape: Scalars, chain: SerialChain, k: int, motion: Motion) -> Wr
     """
     segment = chain.segments[k]
     inertia = chain.working_inertia(tape, k)
-    values = _inertia_values(inertia)
+    values = inertia.values
     if k == 0:
         values[MASS] = sp.S.Zero
     values.update(zip(ACCELERATION, motion.acceleration, strict=True))
@@ -234,14 +231,9 @@ def chain_gibbs_function(tape: Scalars, chain: SerialChain, motions: Sequence[Mo
     """Σ of eq. 2 over the chain's links, at given motions."""
     terms = []
     for k, motion in enumerate(motions):
-        values = _inertia_values(chain.working_inertia(tape, k))
+        values = chain.working_inertia(tape, k).values
         values.update(zip(ACCELERATION, motion.acceleration, strict=True))
         values.update(zip(OMEGA, motion.omega, strict=True))
         values.update(zip(OMEGA_DOT, motion.omega_dot, strict=True))
         terms.append(tape.let(link_gibbs_function().xreplace(values)))
     return tape.let(sp.Add(*terms))
-
-
-def _inertia_values(inertia: Inertia) -> dict[sp.Expr, sp.Expr]:
-    entries = (inertia.mass, *inertia.moment, *inertia.second)
-    return dict(zip((MASS, *MOMENT, *SECOND), entries, strict=True))

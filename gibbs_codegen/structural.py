@@ -20,6 +20,7 @@ _FRACTION = sp.Integer(24)
 @cache
 def cos_sin_deg(angle: Fraction) -> tuple[sp.Expr, sp.Expr]:
     """Cosine and sine of `angle` in degrees."""
+    angle %= 360
     radians = sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
     if angle % 30 == 0 or angle % 45 == 0:
         return sp.cos(radians), sp.sin(radians)

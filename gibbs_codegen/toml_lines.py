@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import re
 
-_TABLE = re.compile(r"^\s*\[(?P<name>[^\[\]]+)\]\s*(#.*)?$")
-_ARRAY = re.compile(r"^\s*\[\[(?P<name>[^\[\]]+)\]\]\s*(#.*)?$")
-_KEY = re.compile(r"^\s*(?P<key>[A-Za-z0-9_\-\"'. ]+?)\s*=")
+_TABLE = re.compile(r"\[(?P<name>[^\[\]]+)\]")
+_ARRAY = re.compile(r"\[\[(?P<name>[^\[\]]+)\]\]")
+_KEY = re.compile(r"[A-Za-z0-9_\-\"'.]+")
 
 
 def key_lines(text: str) -> dict[str, int]:
@@ -19,7 +19,8 @@ def key_lines(text: str) -> dict[str, int]:
     lines: dict[str, int] = {}
     counts: dict[str, int] = {}
     prefix = ""
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, raw in enumerate(text.split("\n"), start=1):
+        line = raw.strip()
         if array := _ARRAY.match(line):
             name = array["name"].strip()
             prefix = f"{name}[{counts.get(name, 0)}]"
@@ -29,8 +30,8 @@ def key_lines(text: str) -> dict[str, int]:
         elif table := _TABLE.match(line):
             prefix = table["name"].strip()
             lines.setdefault(prefix, number)
-        elif key := _KEY.match(line):
-            name = key["key"].replace('"', "").replace("'", "").replace(" ", "")
+        elif "=" in line and _KEY.fullmatch(key := line.partition("=")[0].strip()):
+            name = key.replace('"', "").replace("'", "")
             lines.setdefault(f"{prefix}.{name}" if prefix else name, number)
     return lines
 

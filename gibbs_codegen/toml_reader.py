@@ -59,7 +59,7 @@ class Table:
         near = difflib.get_close_matches(value, choices, n=1) if isinstance(value, str) else []
         hint = f"; did you mean {near[0]!r}?" if near else ""
         listed = ", ".join(repr(choice) for choice in choices)
-        self.fault(key, f"must be one of {listed}, not {_shown(value)}{hint}")
+        self.fault(key, f"must be one of {listed}, not {shown(value)}{hint}")
         return default
 
     def integer(self, key: str, least: int, most: int) -> int | None:
@@ -68,9 +68,10 @@ class Table:
         if value is None:
             self.fault(key, "missing")
         elif isinstance(value, bool) or not isinstance(value, int):
-            self.fault(key, f"must be a whole number, not {_kind(value)}")
+            what = shown(value) if isinstance(value, float) else _kind(value)
+            self.fault(key, f"must be a whole number, not {what}")
         elif not least <= value <= most:
-            self.fault(key, f"must be from {least} to {most}, not {_shown(value)}")
+            self.fault(key, f"must be from {least} to {most}, not {shown(value)}")
         else:
             return value
         return None
@@ -80,7 +81,7 @@ class Table:
         return self._checked(key, self.values.get(key, default), default, least)
 
     def angle(self, key: str) -> Fraction:
-        """Optional angle in degrees, kept exactly as it is written; 0 where it is missing."""
+        """Optional angle in degrees, as the shortest decimal of its double; 0 where missing."""
         return Fraction(repr(self.number(key, 0.0)))
 
     def numbers(self, key: str, length: int, default: tuple[float, ...]) -> tuple[float, ...]:
@@ -138,10 +139,10 @@ class Table:
         except OverflowError:
             number = math.inf
         if not math.isfinite(number):
-            self.fault(key, f"must be a finite number, not {_shown(value)}")
+            self.fault(key, f"must be a finite number, not {shown(value)}")
             return default
         if number < least:
-            self.fault(key, f"must be at least {least:g}, not {_shown(value)}")
+            self.fault(key, f"must be at least {least:g}, not {shown(value)}")
             return default
         return number
 
@@ -151,7 +152,8 @@ def _kind(value: object) -> str:
     return kinds.get(type(value), "a number" if isinstance(value, float) else "a date or time")
 
 
-def _shown(value: object) -> str:
+def shown(value: object) -> str:
+    """A value of a file, short and in ASCII, for a message."""
     if isinstance(value, int) and abs(value) > 10**20:
         return "a huge number"
     return ascii(value)[:80]

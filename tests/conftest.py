@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -11,13 +12,13 @@ from hypothesis import HealthCheck, settings
 
 from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.robot_file import read_robot
 
 settings.register_profile(
     "project",
     deadline=None,
     database=None,
     print_blob=True,
+    derandomize=bool(os.environ.get("CI")),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
 )
 settings.load_profile("project")
@@ -33,7 +34,7 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ModuleT
 
     def module(name: str) -> ModuleType:
         if name not in made:
-            generate(read_robot(name)[1], folder)
+            generate(name, folder)
             made[name] = load(folder / name)
         return made[name]
 

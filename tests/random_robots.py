@@ -1,4 +1,4 @@
-"""Random robots: structure drawn by Hypothesis, numbers by a seeded generator."""
+"""Random robots of every structure: by number, for a fixed set, and as a Hypothesis strategy."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from gibbs_codegen.robot import (
     RigidBody,
     Robot,
     Rod,
+    Vector3,
 )
 
-ANGLES = [0, 0, 0, 90, -90, 180, 30, 45, 37.25, -120, 60]
+ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
 
 
 def rod(rng: np.random.Generator) -> Rod:
     """A rod with a section inertia that a body can have."""
-    moments = rng.uniform(0.01, 0.02, 3)
-    return Rod(float(rng.uniform(0.2, 1.5)), float(rng.uniform(0.3, 2.0)), tuple(moments))
+    x, y, z = map(float, rng.uniform(0.01, 0.02, 3))
+    return Rod(float(rng.uniform(0.2, 1.5)), float(rng.uniform(0.3, 2.0)), (x, y, z))
 
 
 def rigid_body(rng: np.random.Generator) -> RigidBody:
@@ -40,49 +41,58 @@ def rigid_body(rng: np.random.Generator) -> RigidBody:
     )
     entries = [inertia[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     return RigidBody(
-        float(rng.uniform(0.2, 1.0)), float(masses.sum()), tuple(com), tuple(map(float, entries))
+        float(rng.uniform(0.2, 1.0)),
+        float(masses.sum()),
+        tuple(map(float, com)),
+        tuple(map(float, entries)),
     )
 
 
-def body(kind: str, rng: np.random.Generator) -> Body:
+def body(rng: np.random.Generator) -> Body:
     """A rod or a rigid body."""
-    return rod(rng) if kind == "rod" else rigid_body(rng)
+    return rod(rng) if rng.random() < 0.5 else rigid_body(rng)
+
+
+def thrust(rng: np.random.Generator) -> Vector3:
+    """An axis, or a tilted direction."""
+    if rng.random() < 0.5:
+        return AXES["xyz"[rng.integers(3)]]
+    direction = rng.normal(size=3)
+    x, y, z = map(float, direction / np.linalg.norm(direction))
+    return (x, y, z)
+
+
+def link(rng: np.random.Generator) -> Link:
+    """A link with any joint and any Denavit–Hartenberg numbers."""
+    return Link(
+        body(rng),
+        Fraction(ANGLES[rng.integers(len(ANGLES))]),
+        (None, 0.0, 0.35)[rng.integers(3)],
+        (0.0, 0.0, 0.2)[rng.integers(3)],
+        Fraction(ANGLES[rng.integers(len(ANGLES))]),
+        (*JOINT_KINDS, "revolute")[rng.integers(3)],
+    )
+
+
+def random_robot(seed: int, rotors: int, links: int) -> Robot:
+    """The robot of a seed, with N = `rotors` and n = `links`."""
+    rng = np.random.default_rng(seed)
+    arms = tuple(body(rng) for _ in range(1 if rng.random() < 0.5 else rotors))
+    drag = tuple(float(d) for d in rng.normal(size=rotors) * 0.1 * rng.integers(2))
+    base = Base(
+        rotors,
+        arms,
+        tuple(thrust(rng) for _ in range(rotors)),
+        drag,
+        ATTITUDES[rng.integers(len(ATTITUDES))],
+        ORIGINS[rng.integers(len(ORIGINS))],
+    )
+    gravity = (9.81, 9.81, 0.0, 3.7)[rng.integers(4)]
+    return Robot("random_robot", base, tuple(link(rng) for _ in range(links)), gravity)
 
 
 @st.composite
 def robots(draw: st.DrawFn, most_rotors: int = 12, most_links: int = 8) -> Robot:
-    """Robots of 2 … `most_rotors` rotors and 0 … `most_links` links, of every structure."""
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    rotors = draw(st.integers(2, most_rotors))
-    n = draw(st.integers(0, most_links))
-    kinds = st.sampled_from(["rod", "rigid"])
-    shared = draw(st.booleans())
-    arms = tuple(body(draw(kinds), rng) for _ in range(1 if shared else rotors))
-    thrust = []
-    for _ in range(rotors):
-        if draw(st.booleans()):
-            thrust.append(AXES[draw(st.sampled_from("xyz"))])
-        else:
-            direction = rng.normal(size=3)
-            thrust.append(tuple(map(float, direction / np.linalg.norm(direction))))
-    drag = tuple(float(d) for d in rng.normal(size=rotors) * 0.1 * draw(st.booleans()))
-    base = Base(
-        rotors,
-        arms,
-        tuple(thrust),
-        drag,
-        draw(st.sampled_from(ATTITUDES)),
-        draw(st.sampled_from(ORIGINS)),
-    )
-    links = tuple(
-        Link(
-            body(draw(kinds), rng),
-            Fraction(str(draw(st.sampled_from(ANGLES)))),
-            draw(st.sampled_from([None, 0.0, 0.35])),
-            draw(st.sampled_from([0.0, 0.0, 0.2])),
-            Fraction(str(draw(st.sampled_from(ANGLES)))),
-            draw(st.sampled_from([*JOINT_KINDS, "revolute"])),
-        )
-        for _ in range(n)
-    )
-    return Robot("random_robot", base, links, draw(st.sampled_from([9.81, 0.0, 3.7])))
+    """Robots of 2 … `most_rotors` rotors and 0 … `most_links` links."""
+    seed = draw(st.integers(0, 2**32 - 1))
+    return random_robot(seed, draw(st.integers(2, most_rotors)), draw(st.integers(0, most_links)))

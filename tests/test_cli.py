@@ -68,7 +68,7 @@ def test_generate_replaces_a_module_of_its_own_only(tmp_path: Path) -> None:
     (mine / "thesis.txt").write_text("precious")
     done = run("generate", "hexarotor", "--out", "mine", cwd=tmp_path)
     assert done.returncode == 2
-    assert "were not generated" in done.stderr
+    assert "not generated: thesis.txt" in done.stderr
     assert (mine / "thesis.txt").read_text() == "precious"
 
 
@@ -77,12 +77,15 @@ def test_generated_copy_of_the_robot_file_makes_the_same_module(tmp_path: Path) 
     folder = tmp_path / "generated" / "rotor3_1link"
     done = run("generate", "robot.toml", "--out", "..", "--check", cwd=folder)
     assert done.returncode == 0, done.stderr
+    done = run("generate", "robot.toml", "--out", "..", cwd=folder)
+    assert done.returncode == 0, done.stderr
 
 
 def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
     assert run("generate", "hexarotor", "--all-parameters", cwd=tmp_path).returncode == 0
     text = (tmp_path / "generated" / "hexarotor" / "numpy_module.py").read_text()
     assert '"base_drag_3": 0.0' in text
+    assert "--out . --all-parameters" in text.splitlines()[3]
 
 
 @pytest.mark.parametrize(
@@ -99,7 +102,8 @@ def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
         (["generate", "nowhere.toml"], "no such robot file"),
         (["generate", "hexarotor", "--target", "cobol"], "known targets: numpy"),
         (["info", "nowhere"], "no such robot file"),
-        (["info", "."], "no such robot file"),
+        (["info", "."], "is not a file"),
+        (["info", "a" * 5000], "cannot be read"),
     ],
 )
 def test_wrong_use(arguments: list[str], message: str, tmp_path: Path) -> None:
@@ -138,7 +142,7 @@ def test_a_joint_that_nothing_resists_is_refused_by_name(tmp_path: Path) -> None
     )
     (tmp_path / "limp.toml").write_text(text)
     done = run("generate", "limp.toml", cwd=tmp_path)
-    assert_refused(done, tmp_path, "limp: nothing resists theta_5")
+    assert_refused(done, tmp_path, "limp: nothing resists theta_5 (the joint of link 2)")
 
 
 def test_new_writes_a_file_that_generates(tmp_path: Path) -> None:
@@ -169,7 +173,8 @@ def test_info_for_machines(tmp_path: Path) -> None:
     assert data["chains"][4]["places"] == [0, 1, 2, 7, 11, 12, 13, 18]
     assert data["arrangement"]["rank"] == 6
     counts = data["operations"]["mass_matrix_and_residual"]
-    assert counts["total"] == counts["additions"] + counts["multiplications"]
+    kinds = ("additions", "subtractions", "multiplications")
+    assert counts["total"] == sum(counts[kind] for kind in kinds)
     rows = {row["unknown"]: row for row in data["hybrid_rows"]}
     assert rows["theta_4"] == {
         "row": 4,
@@ -213,3 +218,62 @@ def test_a_reader_that_goes_away_is_no_error_to_speak_of(tmp_path: Path) -> None
         ["bash", "-c", command], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
     )
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("flags", [[], ["--all-parameters"]])
+@pytest.mark.parametrize("attitude", ["xyz", "zyx"])
+@pytest.mark.parametrize(
+    ("rotors", "arm", "links"),
+    [
+        (2, "length = 1, mass_per_length = 1", ""),
+        (4, "length = 1, mass = 1, com = [0, 0, 0]", ""),
+        (3, "length = 1, mass_per_length = 1", "[[link]]\n[[link]]\nmass = 1\ncom = [1, 0, 0]\n"),
+    ],
+    ids=["thin rods in line", "all mass in one point", "two joints on one axis"],
+)
+def test_a_machine_whose_motion_is_not_determined_is_refused(
+    rotors: int, arm: str, links: str, attitude: str, flags: list[str], tmp_path: Path
+) -> None:
+    text = f'name = "odd"\n[base]\nrotors = {rotors}\nattitude = "{attitude}"\n'
+    if "in one point" in arm or "com" in arm:
+        text += 'origin = "centre"\n'
+    text += f"arm = {{ {arm} }}\n{links}"
+    (tmp_path / "odd.toml").write_text(text)
+    done = run("generate", "odd.toml", *flags, cwd=tmp_path)
+    assert_refused(done, tmp_path, "odd: nothing resists")
+
+
+def test_numbers_that_overflow_are_refused(tmp_path: Path) -> None:
+    text = 'name = "vast"\n[base]\nrotors = 3\narm = { length = 1e200, mass_per_length = 1e200 }\n'
+    (tmp_path / "vast.toml").write_text(text)
+    assert_refused(run("generate", "vast.toml", cwd=tmp_path), tmp_path, "overflow")
+
+
+def test_a_stream_that_lacks_letters_is_no_traceback(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "gibbs_codegen", "info", "hexarotor"],
+        cwd=tmp_path,
+        env={**ENVIRONMENT, "PYTHONIOENCODING": "latin-1"},
+        capture_output=True,
+    )
+    assert done.returncode == 0
+    assert b"\\u2192" in done.stdout
+
+
+def test_new_names_the_robot_after_the_file(tmp_path: Path) -> None:
+    done = run("new", "My UAV.toml", cwd=tmp_path)
+    assert "a robot named my_uav" in done.stdout
+    assert "gibbs-codegen generate 'My UAV.toml'" in done.stdout
+    assert run("generate", "My UAV.toml", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "generated" / "my_uav").is_dir()
+
+
+def test_new_does_not_import_sympy(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom gibbs_codegen.cli import main\n"
+        "assert main(['new', 'a.toml']) == 0\nassert 'sympy' not in sys.modules"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr

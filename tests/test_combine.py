@@ -62,7 +62,7 @@ def test_constrained_chain_has_the_form_of_eq_15(number: int) -> None:
     robot = read_robot("hexarotor_3link")[0]
     machine = Machine.of(robot, Tape())
     chain = decompose(robot)[number - 1]
-    system = chain_system(machine, chain)
+    system = chain_system(machine, number)
     assert len(system.matrix) == len(system.residual) == len(chain.unknowns) == 8
     assert system.matrix[7] == [0, 0, 0, 1, 0, 0, 0, 0]
     assert [row[7] for row in system.matrix] == [0, 0, 0, -1, 0, 0, 0, 0]
@@ -73,7 +73,7 @@ def test_constrained_chain_has_the_form_of_eq_15(number: int) -> None:
 
 def test_free_chain_has_no_constraint() -> None:
     robot = read_robot("hexarotor_3link")[0]
-    system = chain_system(Machine.of(robot, Tape()), decompose(robot)[5])
+    system = chain_system(Machine.of(robot, Tape()), 6)
     assert len(system.matrix) == 9
 
 
@@ -99,15 +99,8 @@ def test_chains_added_by_the_coupling_map_give_the_emitted_hybrid_system(robot: 
 def test_hybrid_system_gives_the_reduced_accelerations(robot: Robot) -> None:
     """Eq. 19 solved: θ̈ = 0 on the constrained rows, the reduced accelerations elsewhere."""
     module = emitted_module(robot)
-    seen = 0
     for seed in range(40):
         q, v, u = random_state(module, seed)
-        condition = np.linalg.cond(module.mass_matrix(q))
-        if (
-            condition > 4e3
-        ):  # Rounding alone costs condition · 1e-16: a stretched arm proves nothing.
-            continue
-        seen += 1
         right = module.hybrid_residual(q, v) + module.hybrid_input_matrix(q) @ u
         solution = np.linalg.solve(module.hybrid_mass_matrix(q), right)
         names = module.HYBRID_COORDINATES
@@ -116,10 +109,11 @@ def test_hybrid_system_gives_the_reduced_accelerations(robot: Robot) -> None:
         torques = [names.index(f"tau_prime_{k}") for k in range(2, robot.rotors + 1)]
         matrix, residual = module.mass_matrix_and_residual(q, v)
         reduced = np.linalg.solve(matrix, residual + module.input_matrix(q) @ u)
-        size = np.linalg.norm(reduced)
+        # Any solution is off by the condition number times ε: 1e-12 up to a condition of 4e3, which
+        # an arm that is nearly stretched, its rods as good as free to spin, exceeds.
+        size = np.linalg.norm(reduced) * max(1.0, np.linalg.cond(matrix) / 4e3)
         assert np.linalg.norm(solution[held]) <= 1e-12 * size
         assert np.linalg.norm(solution[free] - reduced) <= 1e-12 * size
         assert np.linalg.norm(module.forward_dynamics(q, v, u) - reduced) <= 1e-12 * size
         direct = module.constraint_torques(q, v, reduced, u)
         assert np.linalg.norm(solution[torques] - direct) <= 1e-12 * size
-    assert seen >= 10

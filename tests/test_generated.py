@@ -7,19 +7,14 @@ from conftest import ROOT
 from test_pinocchio import compare
 
 from gibbs_codegen.load import load
-from gibbs_codegen.pipeline import check
+from gibbs_codegen.pipeline import check_robot
 from gibbs_codegen.robot_file import read_robot
 
 COMMITTED = ["hexarotor_3link", "quadrotor_2link"]
 
 
-def test_nothing_else_is_committed() -> None:
-    found = {path.name for path in (ROOT / "generated").iterdir() if path.is_dir()}
-    assert found - {"__pycache__"} == set(COMMITTED)
-
-
 @pytest.mark.parametrize("name", COMMITTED)
 def test_committed_module_is_up_to_date(name: str) -> None:
     robot, text = read_robot(name)
-    assert check(text, ROOT / "generated")[1] == []
+    assert check_robot(robot, text, ROOT / "generated")[1] == []
     compare(robot, load(ROOT / "generated" / name), count=20)

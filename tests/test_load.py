@@ -16,7 +16,7 @@ from gibbs_codegen.robot_file import read_robot
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = tmp_path_factory.mktemp("load")
-    generate(read_robot("hexarotor")[1], root / "generated")
+    generate("hexarotor", root / "generated")
     return root
 
 
@@ -32,8 +32,9 @@ def test_by_path_and_by_name(folder: Path, monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_module_that_changed_is_loaded_anew(folder: Path) -> None:
     path = folder / "generated" / "hexarotor"
     assert load(path).PARAMETERS["gravity"] == 9.81
-    heavier = read_robot("hexarotor")[1].replace("9.81", "24.79")
-    generate(heavier, folder / "generated")
+    heavier = folder / "heavier.toml"
+    heavier.write_text(read_robot("hexarotor")[1].replace("9.81", "24.79"))
+    assert generate(heavier, str(folder / "generated")) == path
     assert load(path).PARAMETERS["gravity"] == 24.79
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from gibbs_codegen.names import name_fault
+from gibbs_codegen.names import name_fault, name_from
 
 HOSTILE = [
     "",
@@ -51,3 +51,23 @@ def test_hostile_names_are_refused(name: str) -> None:
 @pytest.mark.parametrize("name", ["a", "a" * 64, "hexarotor_3link", "int_arm", "x9_"])
 def test_plain_names_are_welcome(name: str) -> None:
     assert name_fault(name) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("My-UAV", "my_uav"),
+        ("my uav 2", "my_uav_2"),
+        ("2quads", "robot_2quads"),
+        ("class", "class_robot"),
+        ("rö", "r"),
+        ("", "robot"),
+    ],
+)
+def test_a_name_is_made_of_any_text(text: str, name: str) -> None:
+    assert name_from(text) == name
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_what_is_made_of_hostile_text_is_accepted(text: str) -> None:
+    assert name_fault(name_from(text)) is None

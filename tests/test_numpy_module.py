@@ -121,3 +121,20 @@ def test_names_are_those_of_the_contract(module: ModuleType) -> None:
     assert module.PARAMETERS["link2_mass_per_length"] == 1.0
     assert "base_drag_1" not in module.PARAMETERS
     assert set(module.__all__) >= {"prepare", "PARAMETERS", *FUNCTIONS}
+
+
+def test_leading_axes_that_do_not_fit_are_named(module: ModuleType) -> None:
+    with pytest.raises(ValueError, match=r"leading axes \[\(2,\), \(3,\)\] do not broadcast"):
+        module.residual(np.zeros((2, 9)), np.zeros((3, 9)))
+
+
+def test_constants_must_be_the_module_s_own(module: ModuleType, shipped) -> None:
+    others = shipped("quadrotor_2link").prepare({})
+    for wrong in (module.PARAMETERS, others, [1.0]):
+        with pytest.raises(TypeError, match=r"what this module's prepare\(\) returned"):
+            module.mass_matrix(np.zeros(9), constants=wrong)
+
+
+def test_parameters_that_are_no_numbers_are_refused(module: ModuleType) -> None:
+    with pytest.raises(ValueError, match="link2_length must be finite, not nan"):
+        module.prepare({"link2_length": float("nan")})
