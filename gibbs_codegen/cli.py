@@ -50,7 +50,7 @@ def console() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 failed, 2 wrong use or a refused file."""
-    options = _parser().parse_args(arguments)
+    options = argument_parser().parse_args(arguments)
     try:
         code: int = options.command(options)
     except RobotFileError as error:
@@ -66,7 +66,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _parser() -> argparse.ArgumentParser:
+def argument_parser() -> argparse.ArgumentParser:
+    """Parser of the command line; `command` of what it returns runs the command."""
     parser = argparse.ArgumentParser(
         prog="gibbs-codegen",
         description="Derive the dynamics of an aerial manipulator and emit them as fast functions.",

@@ -125,13 +125,15 @@ class Program:
         """Entries of each output of a function, by interpreting its statements."""
         values = dict(parameters)
         for statement in self.prepare:
-            values[statement.name] = _value(statement.value, values)
+            values[statement.name] = node_value(statement.value, values)
         function = self.function(name)
         for argument in function.arguments:
             values.update(zip(self.inputs[argument], arguments[argument], strict=True))
         for statement in function.statements:
-            values[statement.name] = _value(statement.value, values)
-        return [[_value(entry, values) for entry in output.entries] for output in function.outputs]
+            values[statement.name] = node_value(statement.value, values)
+        return [
+            [node_value(entry, values) for entry in output.entries] for output in function.outputs
+        ]
 
 
 @dataclass(frozen=True)
@@ -202,7 +204,8 @@ def names_in(node: Node) -> list[str]:
             return names_in(argument)
 
 
-def _value(node: Node, values: Mapping[str, float]) -> float:
+def node_value(node: Node, values: Mapping[str, float]) -> float:
+    """Value of a node, given those of the names in it."""
     match node:
         case Name(name):
             return values[name]
@@ -211,13 +214,13 @@ def _value(node: Node, values: Mapping[str, float]) -> float:
         case Sum(terms):
             total = 0.0
             for sign, term in terms:
-                total += sign * _value(term, values)
+                total += sign * node_value(term, values)
             return total
         case Product(factors):
-            return math.prod(_value(factor, values) for factor in factors)
+            return math.prod(node_value(factor, values) for factor in factors)
         case Reciprocal(argument):
-            return 1.0 / _value(argument, values)
+            return 1.0 / node_value(argument, values)
         case Call("sin", argument):
-            return math.sin(_value(argument, values))
+            return math.sin(node_value(argument, values))
         case Call(_, argument):
-            return math.cos(_value(argument, values))
+            return math.cos(node_value(argument, values))

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from math import sin
+
 import pytest
 
 from gibbs_codegen.printers import InfixPrinter
-from gibbs_codegen.program import Call, Name, Node, Number, Product, Reciprocal, Sum
+from gibbs_codegen.program import (
+    Call,
+    Name,
+    Node,
+    Number,
+    Product,
+    Reciprocal,
+    Sum,
+    node_value,
+)
 
 A, B, C = Name("a"), Name("b"), Name("c")
 
@@ -32,8 +43,4 @@ A, B, C = Name("a"), Name("b"), Name("c")
 def test_expression(node: Node, text: str) -> None:
     assert InfixPrinter().expression(node) == text
     values = {"a": 0.3, "b": -1.7, "c": 2.9}
-    from math import sin
-
-    from gibbs_codegen.program import _value
-
-    assert eval(text, {"sin": sin}, values) == pytest.approx(_value(node, values), rel=1e-15)  # noqa: S307
+    assert eval(text, {"sin": sin}, values) == pytest.approx(node_value(node, values), rel=1e-15)  # noqa: S307

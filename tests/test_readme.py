@@ -1,0 +1,48 @@
+"""What the README shows is what happens."""
+
+from __future__ import annotations
+
+import doctest
+import re
+
+import pytest
+from conftest import ROOT
+
+from gibbs_codegen.cli import argument_parser
+from gibbs_codegen.describe import DESCRIPTIONS
+from gibbs_codegen.robot_file import parse_robot
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    """Fenced blocks of a language."""
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def test_python_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    session, snippet = blocks("python")
+    names: dict[str, object] = {}
+    test = doctest.DocTestParser().get_doctest(session, names, "README", "README.md", 0)
+    runner = doctest.DocTestRunner()
+    runner.run(test, clear_globs=False)
+    assert runner.summarize(verbose=False).failed == 0
+    exec(snippet, {**test.globs, "v": test.globs["q"]})  # noqa: S102
+
+
+def test_robot_file_is_one() -> None:
+    (text,) = blocks("toml")
+    robot = parse_robot(text)
+    assert (robot.rotors, len(robot.links)) == (6, 1)
+
+
+def test_commands_are_ones() -> None:
+    for line in "".join(blocks("sh")).splitlines():
+        for command in re.findall(r"gibbs-codegen ([^#&]*)", line):
+            argument_parser().parse_args(command.split())
+
+
+def test_every_emitted_function_is_listed() -> None:
+    for name in DESCRIPTIONS:
+        assert f"`{name}" in README or f"{name}(" in README
