@@ -31,6 +31,9 @@ _FAMILY = "the paper's family: base arms and links as in its Table 1"
 
 def console() -> int:
     """Entry point of the `gibbs-codegen` command: `main`, and what becomes of its output."""
+    # A stream that was closed before the start is None: what is written there goes nowhere.
+    nowhere = open(os.devnull, "w")  # noqa: SIM115 - it lives as long as the process
+    sys.stdout, sys.stderr = sys.stdout or nowhere, sys.stderr or nowhere
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # A terminal that lacks a letter shows its code.
             stream.reconfigure(errors="backslashreplace")

@@ -36,7 +36,7 @@ class LinearSystem:
     inputs: Matrix
 
 
-def state_at_rest_acceleration(machine: Machine) -> State:
+def unaccelerated_state(machine: Machine) -> State:
     """The state with θ̈ = 0, whose generalised inertia forces are −R."""
     zeros = [sp.S.Zero] * len(machine.q)
     return State(machine.v, zeros, machine.parameters.gravity)
@@ -45,7 +45,7 @@ def state_at_rest_acceleration(machine: Machine) -> State:
 def reduced_system(machine: Machine) -> LinearSystem:
     """M a = R + B u."""
     tape, root, chain = machine.tape, machine.root, machine.reduced_chain
-    minus_r = generalised_inertia_forces(tape, root, chain, state_at_rest_acceleration(machine))
+    minus_r = generalised_inertia_forces(tape, root, chain, unaccelerated_state(machine))
     return LinearSystem(
         mass_matrix(tape, root, chain), [-row for row in minus_r], input_matrix(machine)
     )
@@ -89,7 +89,7 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
             matrix[row][column] = reduced.matrix[i][j]
         residual[row] = reduced.residual[i]
         thrust[row] = list(reduced.inputs[i])
-    state = state_at_rest_acceleration(machine)
+    state = unaccelerated_state(machine)
     maps = coupling_map(machine.robot)
     for (chain, serial), places in zip(machine.open_chains, maps, strict=True):
         if not chain.is_constrained:

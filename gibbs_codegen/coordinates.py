@@ -53,6 +53,12 @@ def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
     return attitude_coordinates(robot) + joints + position_coordinates(robot)
 
 
+def coordinate_text(robot: Robot, place: int) -> str:
+    """The coordinate at a place of q by its name and the link that it moves, for a message."""
+    name, link = reduced_coordinates(robot)[place].name, place - 2
+    return f"{name} (the joint of link {link})" if 1 <= link <= len(robot.links) else name
+
+
 def constrained_coordinate(k: int) -> Coordinate:
     """θ_k, k = 2 … N: the angle of base arm k against base arm 1, held constant."""
     return Coordinate(f"theta_{k}", "rad", f"constrained angle of base arm {k}")

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gibbs_codegen.coordinates import coordinate_text
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program import Program
 from gibbs_codegen.robot import Robot
 
-# Smallest eigenvalue of the mass matrix with a unit diagonal: rounding leaves 1e-16 of a singular
-# one, while a 3 m rod of 1 µm thickness still has 1e-13.
-_SMALLEST = 1e-14
+# Smallest eigenvalue of the mass matrix with a unit diagonal: rounding leaves up to 3e-16 of a
+# singular one, while a 3 m rod of 1 µm thickness still has 9e-15.
+_SMALLEST = 2e-15
 
 
 def refuse_singular(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
@@ -34,16 +35,9 @@ def refuse_singular(robot: Robot, program: Program, defaults: Mapping[str, float
         )
     diagonal = np.diag(matrix)
     if (diagonal <= 0).any():
-        raise SingularRobotError(robot.name, described(robot, names, int(np.argmin(diagonal))))
+        raise SingularRobotError(robot.name, coordinate_text(robot, int(np.argmin(diagonal))))
     unit = np.sqrt(diagonal)
     eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
     if eigenvalues[0] < _SMALLEST:
         undetermined = int(np.argmax(np.abs(vectors[:, 0])))
-        raise SingularRobotError(robot.name, described(robot, names, undetermined))
-
-
-def described(robot: Robot, names: tuple[str, ...], place: int) -> str:
-    """A coordinate by its name and the link that it moves."""
-    joint = place - 2
-    of_the_arm = 1 <= joint <= len(robot.links)
-    return f"{names[place]} (the joint of link {joint})" if of_the_arm else names[place]
+        raise SingularRobotError(robot.name, coordinate_text(robot, undetermined))

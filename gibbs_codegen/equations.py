@@ -75,7 +75,7 @@ def generalised_inertia_forces(
     rows = root.rows(tape, wrench)
     mass = chain.segments[0].inertia.mass
     linear = [tape.let(row + mass * r) for row, r in zip(rows[3:], state.linear, strict=True)]
-    return [*rows[:3], *joints[1:], *linear]
+    return [*rows[:3], *joints, *linear]
 
 
 def gibbs_function(tape: Scalars, root: TaitBryanRoot, chain: SerialChain, state: State) -> sp.Expr:

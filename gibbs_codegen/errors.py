@@ -46,7 +46,7 @@ class RobotFileError(GibbsCodegenError):
 
 
 class SingularRobotError(GibbsCodegenError):
-    """A robot whose mass matrix is singular whatever its configuration.
+    """A robot whose mass matrix is singular: always, or at an arbitrary configuration.
 
     `joint` names the coordinate that no mass or inertia resists.
     """

@@ -12,11 +12,11 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from gibbs_codegen.determinacy import described
+from gibbs_codegen.coordinates import coordinate_text
 from gibbs_codegen.equations import Matrix, State, chain_motions, unprojected_mass_matrix
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.forces import total_thrust_wrench
-from gibbs_codegen.inertia import PAIRS, Inertia
+from gibbs_codegen.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.serial import inward
 from gibbs_codegen.tape import Scalars
@@ -53,7 +53,7 @@ def forward_dynamics(machine: Machine) -> list[sp.Expr]:
             matrix[i][n + k] = matrix[n + k][i] = entry
     about_centre = _about_centre_of_mass(tape, composite, centre)
     for k in range(3):
-        for m, entry in enumerate(about_centre.response(tape, 3 + k).moment):
+        for m, entry in enumerate(about_centre.response(tape, ANGULAR + k).moment):
             matrix[n + k][n + m] = entry
     right = [_minus_dot(tape, effort, light[i], drive.force) for i, effort in enumerate(efforts)]
     right.extend(_about(tape, drive, centre))
@@ -62,9 +62,8 @@ def forward_dynamics(machine: Machine) -> list[sp.Expr]:
     try:
         solution = solve_symmetric(tape, matrix, right, order)
     except ZeroPivotError as error:
-        names = tuple(symbol.name for symbol in machine.q)
         place = 3 + error.unknown if error.unknown < n else error.unknown - n
-        unresisted = described(machine.robot, names, place)
+        unresisted = coordinate_text(machine.robot, place)
         raise SingularRobotError(machine.robot.name, unresisted) from None
     angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
     spin = cross(tape, angular, centre)
@@ -120,11 +119,12 @@ def _driving_forces(machine: Machine) -> tuple[Wrench, list[sp.Expr]]:
     """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
     tape, chain = machine.tape, machine.reduced_chain
     falling = State(machine.v, [sp.S.Zero] * len(machine.q), sp.S.Zero)
+    # The root's B₀r̈, which `inward` leaves out, is zero here: the origin does not accelerate.
     motions = chain_motions(tape, machine.root, chain, falling)
     bias, joints = inward(tape, chain, motions)
     thrust = total_thrust_wrench(machine)
     torques = machine.u[machine.robot.rotors :]
-    efforts = [tape.let(u - row) for u, row in zip(torques, joints[1:], strict=True)]
+    efforts = [tape.let(u - row) for u, row in zip(torques, joints, strict=True)]
     return Wrench(
         _difference(tape, thrust.force, bias.force), _difference(tape, thrust.moment, bias.moment)
     ), efforts

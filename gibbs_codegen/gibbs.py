@@ -80,7 +80,7 @@ def link_partials_by_gradient() -> Partials:
         by_gradient = sp.Add(
             *(
                 coefficient.xreplace(back)
-                * back.get(sp.Mul(*(w**e for w, e in zip(OMEGA, powers, strict=True))), 1)
+                * back[sp.Mul(*(w**e for w, e in zip(OMEGA, powers, strict=True)))]
                 for powers, coefficient in terms
             )
         )
@@ -105,7 +105,7 @@ def _motion_by_gradient() -> dict[sp.Expr, sp.Expr]:
     """ω̇ and the products ω_iω_j in terms of the entries of A."""
     half = sp.Rational(1, 2)
     a = GRADIENT
-    back: dict[sp.Expr, sp.Expr] = {}
+    back: dict[sp.Expr, sp.Expr] = {sp.S.One: sp.S.One}
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         back[OMEGA_DOT[i]] = half * (a[k][j] - a[j][k])

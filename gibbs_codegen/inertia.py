@@ -16,6 +16,9 @@ from gibbs_codegen.gibbs import MASS, MOMENT, SECOND, link_mass_block
 from gibbs_codegen.tape import Scalars
 from gibbs_codegen.vectors import ZERO, Rotation, Vector, Wrench
 
+# Where r̈ and ω̇ begin among the accelerations of a link.
+LINEAR, ANGULAR = 0, 3
+
 # Rows and columns of the entries of a symmetric matrix, in the order of robot files.
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -102,7 +105,7 @@ class Inertia:
         return Inertia(self.mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
 
     def response(self, tape: Scalars, direction: int) -> Wrench:
-        """𝒮 and ℛ per unit of one acceleration: 0, 1, 2 for r̈ along x, y, z and 3, 4, 5 for ω̇.
+        """𝒮 and ℛ per unit of one acceleration: LINEAR or ANGULAR plus the axis.
 
         It is a column of the Hessian of the Gibbs function.
         """
@@ -116,26 +119,26 @@ NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
 
 
 def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a revolute joint about z moves, and what moves with its parent whatever the angle.
+    """What a revolute joint about z moves, and what is given to its parent.
 
     Mass on the joint's axis does not notice the joint: the mass itself, the first moment along z
     and the second moment along z are the parent's.
     """
     (x, y, z), (xx, yy, zz, xy, xz, yz) = inertia.moment, inertia.second
     zero = sp.S.Zero
-    kept = Inertia(zero, (x, y, zero), (xx, yy, zero, xy, xz, yz))
-    moved = Inertia(inertia.mass, (zero, zero, z), (zero, zero, zz, zero, zero, zero))
-    return kept, moved
+    own = Inertia(zero, (x, y, zero), (xx, yy, zero, xy, xz, yz))
+    given = Inertia(inertia.mass, (zero, zero, z), (zero, zero, zz, zero, zero, zero))
+    return own, given
 
 
 def split_prismatic(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a prismatic joint moves, and what moves with its parent whatever the travel.
+    """What a prismatic joint moves, and what is given to its parent.
 
     The link turns with its parent, so its second moments about the joint are the parent's.
     """
-    kept = Inertia(inertia.mass, inertia.moment, (sp.S.Zero,) * 6)
-    moved = Inertia(sp.S.Zero, ZERO, inertia.second)
-    return kept, moved
+    own = Inertia(inertia.mass, inertia.moment, (sp.S.Zero,) * 6)
+    given = Inertia(sp.S.Zero, ZERO, inertia.second)
+    return own, given
 
 
 def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:

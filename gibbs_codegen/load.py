@@ -45,7 +45,7 @@ def load(name_or_path: str | os.PathLike[str], backend: str = "numpy") -> Module
 
 def _find(path: Path) -> Path:
     for folder in (path, Path("generated") / path):
-        if (folder / "numpy_module.py").is_file():
+        if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
             return folder.resolve()
     raise UsageError(
         f"{path}: no generated module there, nor in generated/; "

@@ -116,6 +116,8 @@ class Machine:
 
     def _arm_segments(self) -> list[Segment]:
         segments = []
+        # Sum of the joint angles since the carrier, θ₁ included where the base normal starts the
+        # first group, and of the angles that the file fixes.
         angle, structural = self.root.segment_angle, Fraction(0)
         for i, link in enumerate(self.robot.links, start=1):
             joint = self.q[2 + i]

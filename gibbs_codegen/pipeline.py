@@ -53,7 +53,7 @@ def generate_robot(
 ) -> tuple[Model, Path]:
     """Generate the module of a robot that was read from `text`; return its model and folder."""
     folder = Path(out) / robot.name
-    check_replaceable(folder)
+    check_replaceable(folder, text)
     model, files = module_files(robot, text, targets, keep_zeros, progress)
     progress("writing")
     write_module(folder, files)

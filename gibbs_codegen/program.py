@@ -2,9 +2,9 @@
 target.
 
 A `Program` holds `prepare`, which turns parameters into constants, and the functions. Statements
-are built from seven kinds of node; a target's printer must know each of them and nothing else:
-names, numbers, sums of signed terms, products, reciprocals, sines and cosines. There are no powers,
-no conditions and no loops.
+are built from six kinds of node; a target's printer must know each of them and nothing else: names,
+numbers, sums of signed terms, products, reciprocals, and calls of sine or cosine. There are no
+powers, no conditions and no loops.
 """
 
 from __future__ import annotations

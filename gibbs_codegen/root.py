@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.inertia import Inertia
+from gibbs_codegen.inertia import ANGULAR, Inertia
 from gibbs_codegen.kinematics import Motion
 from gibbs_codegen.tape import Scalars
 from gibbs_codegen.vectors import (
@@ -130,12 +130,12 @@ class TaitBryanRoot:
             block[3 + k][3 + k] = composite.mass
         for i in (2, 1, 0):
             axis = self.axes[i]
-            moment = composite.response(tape, 3 + axis).moment
+            moment = composite.response(tape, ANGULAR + axis).moment
             if i < self._outer:
                 # The force comes from the turned composite: that saves turning the force.
                 moment = self.rotations[i].vector(tape, moment)
                 composite = composite.rotated(tape, self.rotations[i])
-            wrench = Wrench(composite.response(tape, 3 + axis).force, moment)
+            wrench = Wrench(composite.response(tape, ANGULAR + axis).force, moment)
             block[i][i] = moment[axis]
             for j in range(i - 1, -1, -1):
                 block[i][j] = block[j][i] = wrench.moment[self.axes[j]]

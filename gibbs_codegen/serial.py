@@ -27,7 +27,7 @@ from gibbs_codegen.gibbs import (
     link_gibbs_function,
     link_partials_by_gradient,
 )
-from gibbs_codegen.inertia import Inertia, split_prismatic, split_revolute
+from gibbs_codegen.inertia import ANGULAR, LINEAR, Inertia, split_prismatic, split_revolute
 from gibbs_codegen.kinematics import Motion
 from gibbs_codegen.robot import JointKind
 from gibbs_codegen.tape import Scalars
@@ -37,6 +37,7 @@ from gibbs_codegen.vectors import (
     Rotation,
     Vector,
     Wrench,
+    Z,
     axis_vector,
     scale,
 )
@@ -77,7 +78,11 @@ class SerialChain:
         return k + 1 < len(self.segments) and self.segments[k + 1].leads
 
     def passed_in(self, tape: Scalars, k: int, item: Carried) -> Carried:
-        """Take what is about joint k, in its carrier, to joint k − 1, in its working frame."""
+        """Take what is about joint k, in its carrier, to joint k − 1, in its working frame.
+
+        Within a group parent and child share the carrier, and the parent's x axis is turned in it
+        by the parent's rotation. Where a group begins the parent works in its own frame.
+        """
         segment, parent = self.segments[k], self.segments[k - 1]
         item = item.shifted(tape, axis_vector(2, segment.d))
         step = axis_vector(0, segment.a)
@@ -102,21 +107,23 @@ class SerialChain:
 def regrouped(tape: Scalars, chain: SerialChain, offsets: Sequence[Rotation]) -> SerialChain:
     """Give each parent the inertia that moves with it whatever the joint does, tip first.
 
-    `offsets` holds each segment's structural rotation about z, which is all that a prismatic joint
-    has. Exact, and paid for once per parameter set.
+    Inertia passes between the links' own frames. What a revolute joint gives is symmetric about its
+    axis and need not be turned; what a prismatic joint gives is turned by its structural angle
+    about z, which `offsets` holds for each segment, since a segment's rotation is its whole
+    group's.
     """
     segments = list(chain.segments)
     for k in range(len(segments) - 1, 0, -1):
         segment, parent = segments[k], segments[k - 1]
         if segment.joint == "revolute":
-            kept, moved = split_revolute(segment.inertia)
-            moved = moved.shifted(tape, axis_vector(2, segment.d))
+            own, given = split_revolute(segment.inertia)
+            given = given.shifted(tape, axis_vector(2, segment.d))
         else:
-            kept, moved = split_prismatic(segment.inertia)
-            moved = moved.rotated(tape, offsets[k])
-        moved = moved.rotated(tape, segment.twist).shifted(tape, axis_vector(0, segment.a))
-        segments[k] = replace(segment, inertia=kept)
-        segments[k - 1] = replace(parent, inertia=parent.inertia.plus(tape, moved))
+            own, given = split_prismatic(segment.inertia)
+            given = given.rotated(tape, offsets[k])
+        given = given.rotated(tape, segment.twist).shifted(tape, axis_vector(0, segment.a))
+        segments[k] = replace(segment, inertia=own)
+        segments[k - 1] = replace(parent, inertia=parent.inertia.plus(tape, given))
     return SerialChain(tuple(segments))
 
 
@@ -185,18 +192,18 @@ def inward(
 ) -> tuple[Wrench, list[sp.Expr]]:
     """∂S/∂θ̈ of the chain (eq. 5) at given motions.
 
-    Returns the sum of 𝒮 and ℛ over the chain about the root, in the root's carrier, and the row of
-    each segment's own joint (that of the root is left to the root).
+    Returns the sum of 𝒮 and ℛ over the chain about the root, in the root's carrier, without the
+    root's B₀r̈, which the caller adds, and the row of each joint after the root.
     """
-    rows: list[sp.Expr] = [sp.S.Zero] * len(chain.segments)
+    rows: list[sp.Expr] = []
     wrench = NO_WRENCH
     for k in range(len(chain.segments) - 1, -1, -1):
         wrench = link_wrench(tape, chain, k, motions[k]).plus(tape, wrench)
         wrench = chain.to_carrier(tape, k, wrench)
         if k > 0:
-            rows[k] = chain.segments[k].row(wrench)
+            rows.append(chain.segments[k].row(wrench))
             wrench = chain.passed_in(tape, k, wrench)
-    return wrench, rows
+    return wrench, rows[::-1]
 
 
 def composites(tape: Scalars, chain: SerialChain) -> list[Inertia]:
@@ -218,7 +225,8 @@ def joint_column(
     Returns its wrench about the root, in the root's carrier, and its entries in the rows of the
     joints 1 … k.
     """
-    wrench = composite.response(tape, 5 if chain.segments[k].joint == "revolute" else 2)
+    turns = chain.segments[k].joint == "revolute"
+    wrench = composite.response(tape, ANGULAR + Z if turns else LINEAR + Z)
     entries = {k: chain.segments[k].row(wrench)}
     for j in range(k - 1, -1, -1):
         wrench = chain.to_carrier(tape, j, chain.passed_in(tape, j + 1, wrench))

@@ -9,30 +9,35 @@ from __future__ import annotations
 
 import re
 
-_TABLE = re.compile(r"\[(?P<name>[^\[\]]+)\]")
-_ARRAY = re.compile(r"\[\[(?P<name>[^\[\]]+)\]\]")
-_KEY = re.compile(r"[A-Za-z0-9_\-\"'.]+")
+_NAME = r"""[A-Za-z0-9_\-."']+"""
+_TABLE = re.compile(rf"\[(?P<name>{_NAME})\](?:\s*#.*)?")
+_ARRAY = re.compile(rf"\[\[(?P<name>{_NAME})\]\](?:\s*#.*)?")
+_KEY = re.compile(_NAME)
+_TOKEN = re.compile(r"""\"{3}|'{3}|"(?:[^"\\]|\\.)*"|'[^']*'|[\[\]{}#]""")
 
 
 def key_lines(text: str) -> dict[str, int]:
     """Map key paths, written like `link[0].mass`, to line numbers counted from 1."""
     lines: dict[str, int] = {}
     counts: dict[str, int] = {}
-    prefix = ""
+    prefix, unfinished = "", _Unfinished()
     for number, raw in enumerate(text.split("\n"), start=1):
         line = raw.strip()
-        if array := _ARRAY.match(line):
-            name = array["name"].strip()
+        if unfinished:
+            unfinished.read(line)
+        elif array := _ARRAY.fullmatch(line):
+            name = _plain(array["name"])
             prefix = f"{name}[{counts.get(name, 0)}]"
             counts[name] = counts.get(name, 0) + 1
             lines.setdefault(prefix, number)
             lines.setdefault(name, number)
-        elif table := _TABLE.match(line):
-            prefix = table["name"].strip()
+        elif table := _TABLE.fullmatch(line):
+            prefix = _plain(table["name"])
             lines.setdefault(prefix, number)
-        elif "=" in line and _KEY.fullmatch(key := line.partition("=")[0].strip()):
-            name = key.replace('"', "").replace("'", "")
+        elif "=" in line and _KEY.fullmatch((parts := line.partition("="))[0].strip()):
+            name = _plain(parts[0].strip())
             lines.setdefault(f"{prefix}.{name}" if prefix else name, number)
+            unfinished.read(parts[2])
     return lines
 
 
@@ -44,3 +49,39 @@ def line_of(lines: dict[str, int], path: str) -> int | None:
         cut = max(path.rfind("."), path.rfind("["))
         path = path[:cut] if cut > 0 else ""
     return None
+
+
+class _Unfinished:
+    """Whether a value goes on: inside brackets or a string of several lines."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._quote = ""
+
+    def __bool__(self) -> bool:
+        return self._depth > 0 or bool(self._quote)
+
+    def read(self, text: str) -> None:
+        """Take in the next line of the value."""
+        place = 0
+        while place < len(text):
+            if self._quote:
+                end = text.find(self._quote, place)
+                if end < 0:
+                    return
+                place, self._quote = end + 3, ""
+                continue
+            token = _TOKEN.search(text, place)
+            if token is None or token[0] == "#":
+                return
+            place = token.end()
+            if token[0] in ('"""', "'''"):
+                self._quote = token[0]
+            elif token[0] in "[{":
+                self._depth += 1
+            elif token[0] in "]}":
+                self._depth -= 1
+
+
+def _plain(name: str) -> str:
+    return name.replace('"', "").replace("'", "")

@@ -36,8 +36,8 @@ class Table:
                 continue
             near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
-            shown = key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])
-            self.fault(shown, f"unknown key; {hint}")
+            name = key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])
+            self.fault(name, f"unknown key; {hint}")
 
     def text(self, key: str) -> str | None:
         """Required string."""

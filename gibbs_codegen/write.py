@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
+import re
 import shutil
 import signal
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import FrameType
 
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.version import HEADER_START
@@ -22,78 +24,112 @@ _STALE_SECONDS = 60.0
 
 
 def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """Names of files in `folder` that are missing, changed, or not of the module."""
-    differing = []
-    for name, text in files.items():
-        path = folder / name
-        if not path.is_file() or path.read_bytes() != text.encode():
-            differing.append(name)
-    if folder.is_dir():
-        present = {path.name for path in folder.iterdir() if path.name != "__pycache__"}
-        differing += sorted(present - set(files))
-    return differing
+    """Names of files in `folder` that are missing, changed, or not of the module.
+
+    Raises `OutputError` where they cannot be read.
+    """
+    try:
+        differing = []
+        for name, text in files.items():
+            path = folder / name
+            if not path.is_file() or path.read_bytes() != text.encode():
+                differing.append(name)
+        if folder.is_dir():
+            present = {path.name for path in folder.iterdir() if path.name != "__pycache__"}
+            differing += sorted(present - set(files))
+        return differing
+    except OSError as error:
+        raise OutputError(f"{_short(folder)}: cannot be read: {error.strerror}") from None
 
 
-def check_replaceable(folder: Path) -> None:
-    """Refuse to write over anything that was not generated. Raises `UsageError`."""
-    for parent in folder.parents:
-        if parent.exists() and not parent.is_dir():
-            raise UsageError(f"{parent}: is a file; --out must be a folder")
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise UsageError(f"{folder}: is in the way and is not a generated module; remove it first")
+def check_replaceable(folder: Path, robot_text: str) -> None:
+    """Refuse to write over anything that was not generated. Raises `UsageError`.
+
+    `robot_text` is what the folder's robot file is about to become.
+    """
+    try:
+        for parent in folder.parents:
+            if parent.exists() and not parent.is_dir():
+                raise UsageError(f"{parent}: is a file; --out must be a folder")
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+            raise UsageError(
+                f"{folder}: is in the way and is not a generated module; remove it first"
+            )
+        _check_contents(folder, robot_text)
+    except OSError as error:
+        raise UsageError(f"{_short(folder)}: cannot be used: {error.strerror}") from None
+
+
+def _check_contents(folder: Path, robot_text: str) -> None:
     if not folder.is_dir():
         return
-    foreign = sorted(path.name for path in folder.iterdir() if not _is_ours(path))
+    heads = {path: _head(path) for path in folder.iterdir() if path.name != "__pycache__"}
+    generated = [head for head in heads.values() if HEADER_START.encode() in head]
+    foreign = []
+    for path, head in heads.items():
+        if path.name == "robot.toml" and path.is_file():
+            digest = hashlib.sha256(path.read_bytes()).hexdigest().encode()
+            if path.read_bytes() == robot_text.encode() or any(digest in g for g in generated):
+                continue
+            raise UsageError(
+                f"{path}: differs from what the module was made from; generate from it, or move it"
+            )
+        if head not in generated:
+            foreign.append(path.name)
     if foreign:
         raise UsageError(
-            f"{folder}: holds what was not generated: {', '.join(foreign[:5])}; "
+            f"{folder}: holds what was not generated: {', '.join(sorted(foreign)[:5])}; "
             "move it elsewhere, or choose another --out or name"
         )
 
 
-def _is_ours(path: Path) -> bool:
-    if path.name == "__pycache__":
-        return path.is_dir()
-    if not path.is_file() or path.is_symlink():
-        return False
-    if path.name == "robot.toml":
-        return True
+def _head(path: Path) -> bytes:
+    """Beginning of a plain file; nothing for anything else."""
+    if path.is_symlink() or not path.is_file():
+        return b""
     with path.open("rb") as file:
-        return HEADER_START.encode() in file.read(200)
+        return file.read(400)
+
+
+def _short(path: Path) -> str:
+    return str(path) if len(str(path)) <= 120 else f"{str(path)[:117]}..."
 
 
 def write_module(folder: Path, files: Mapping[str, str]) -> None:
     """Put the files into `folder`, replacing a module that was generated there before.
 
-    They are written and flushed in a hidden folder beside it, which then takes its place; a failure
-    or a signal to end leaves what was there, and nothing else. Raises `OutputError`.
+    They are written and flushed in a hidden folder beside it, which then takes its place. A failure
+    leaves what was there, and nothing else; signals to end are held back until a whole module is in
+    place, the old or the new one, and the hidden folder is gone. Raises `UsageError` for what must
+    not be replaced and `OutputError` for what cannot be written.
     """
-    check_replaceable(folder)
+    check_replaceable(folder, files.get("robot.toml", ""))
     # A path through the module itself, or relative to it, would lead astray while it is replaced.
     folder = Path(os.path.realpath(folder.parent)) / folder.name
-    parent = folder.parent
-    made = _missing_parents(parent)
-    try:
-        with _signals_as_exceptions():
-            try:
-                parent.mkdir(parents=True, exist_ok=True)
-                _remove_stale(parent)
-                _write_and_swap(folder, files)
-            except BaseException:
-                _remove_empty(made)
-                raise
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OutputError(f"{folder}: cannot be written: {reason}; nothing was changed") from None
+    made = _missing_parents(folder.parent)
+    with _signals_held() as held:
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            _remove_stale(folder.parent)
+            _write_and_swap(folder, files, held)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise OutputError(
+                f"{_short(folder)}: cannot be written: {reason}; nothing was changed"
+            ) from None
+        finally:
+            _remove_empty(made)
 
 
-def _write_and_swap(folder: Path, files: Mapping[str, str]) -> None:
+def _write_and_swap(folder: Path, files: Mapping[str, str], held: list[int]) -> None:
     staging = Path(tempfile.mkdtemp(prefix=f"{_STAGING_PREFIX}{os.getpid()}_", dir=folder.parent))
     try:
         new = staging / _NEW
         new.mkdir()
         for name, text in files.items():
             _write_flushed(new / name, text)
+            if held:
+                return
         if folder.exists():
             os.replace(folder, staging / folder.name)
         os.replace(new, folder)
@@ -132,25 +168,25 @@ def _write_flushed(path: Path, text: str) -> None:
 
 
 @contextmanager
-def _signals_as_exceptions() -> Iterator[None]:
-    """Turn signals to end into `SystemExit`, so that what is unfinished is cleaned up."""
+def _signals_held() -> Iterator[list[int]]:
+    """Hold signals to end back, and deliver the first of them on leaving.
 
-    def stop(number: int, _: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
+    Yields the list of those that have come. A signal that is ignored stays ignored.
+    """
+    held: list[int] = []
     before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) not in (signal.SIG_IGN, None):
+                before[number] = signal.signal(number, lambda n, _: held.append(n))
     try:
-        for name in ("SIGTERM", "SIGHUP"):
-            if hasattr(signal, name):
-                number = getattr(signal, name)
-                before[number] = signal.signal(number, stop)
-    except ValueError:  # Not in the main thread: signals are not this thread's to handle.
-        before = {}
-    try:
-        yield
+        yield held
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+        if held:
+            signal.raise_signal(held[0])
 
 
 def _restore(staging: Path) -> None:
@@ -161,14 +197,15 @@ def _restore(staging: Path) -> None:
 
 
 def _remove_stale(parent: Path) -> None:
-    """Remove what a process that was killed outright could not."""
+    """Remove what a process that was killed outright could not, as far as that can be done."""
     for path in parent.glob(f"{_STAGING_PREFIX}*"):
-        owner = path.name.removeprefix(_STAGING_PREFIX).split("_")[0]
-        # Writing takes moments; a younger folder may be another machine's on a shared disk.
-        old = time.time() - path.stat().st_mtime > _STALE_SECONDS
-        if old and owner.isdigit() and not _is_running(int(owner)):
-            _restore(path)
-            shutil.rmtree(path, ignore_errors=True)
+        owner = re.fullmatch(r"([0-9]{1,9})_.*", path.name.removeprefix(_STAGING_PREFIX))
+        with suppress(OSError):
+            # Writing takes moments; a younger folder may be another machine's on a shared disk.
+            old = time.time() - path.stat().st_mtime > _STALE_SECONDS
+            if owner and old and path.is_dir() and not _is_running(int(owner[1])):
+                _restore(path)
+                shutil.rmtree(path, ignore_errors=True)
 
 
 def _remove_empty(folders: list[Path]) -> None:

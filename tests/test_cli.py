@@ -223,21 +223,30 @@ def test_a_reader_that_goes_away_is_no_error_to_speak_of(tmp_path: Path) -> None
 @pytest.mark.parametrize("flags", [[], ["--all-parameters"]])
 @pytest.mark.parametrize("attitude", ["xyz", "zyx"])
 @pytest.mark.parametrize(
-    ("rotors", "arm", "links"),
+    ("rotors", "origin", "arm", "links"),
     [
-        (2, "length = 1, mass_per_length = 1", ""),
-        (4, "length = 1, mass = 1, com = [0, 0, 0]", ""),
-        (3, "length = 1, mass_per_length = 1", "[[link]]\n[[link]]\nmass = 1\ncom = [1, 0, 0]\n"),
+        (2, "motor1", "length = 1, mass_per_length = 1", ""),
+        (4, "centre", "length = 0, mass = 1, com = [0, 0, 0]", ""),
+        (
+            3,
+            "motor1",
+            "length = 1, mass_per_length = 1",
+            "[[link]]\n[[link]]\nmass = 1\ncom = [1, 0, 0]\n",
+        ),
     ],
     ids=["thin rods in line", "all mass in one point", "two joints on one axis"],
 )
 def test_a_machine_whose_motion_is_not_determined_is_refused(
-    rotors: int, arm: str, links: str, attitude: str, flags: list[str], tmp_path: Path
+    rotors: int,
+    origin: str,
+    arm: str,
+    links: str,
+    attitude: str,
+    flags: list[str],
+    tmp_path: Path,
 ) -> None:
     text = f'name = "odd"\n[base]\nrotors = {rotors}\nattitude = "{attitude}"\n'
-    if "in one point" in arm or "com" in arm:
-        text += 'origin = "centre"\n'
-    text += f"arm = {{ {arm} }}\n{links}"
+    text += f'origin = "{origin}"\narm = {{ {arm} }}\n{links}'
     (tmp_path / "odd.toml").write_text(text)
     done = run("generate", "odd.toml", *flags, cwd=tmp_path)
     assert_refused(done, tmp_path, "odd: nothing resists")
@@ -277,3 +286,18 @@ def test_new_does_not_import_sympy(tmp_path: Path) -> None:
         [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
+
+
+def test_closed_streams_are_no_traceback(tmp_path: Path) -> None:
+    for redirection in (">&-", "2>&-"):
+        command = f"{sys.executable} -m gibbs_codegen generate hexarotor {redirection}"
+        done = subprocess.run(
+            ["bash", "-c", command], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+        )
+        assert done.returncode == 0
+        assert "Traceback" not in done.stderr
+
+
+def test_a_folder_name_too_long_is_wrong_use(tmp_path: Path) -> None:
+    done = run("generate", "hexarotor", "--out", "a" * 300, cwd=tmp_path)
+    assert_refused(done, tmp_path, "File name too long")

@@ -42,8 +42,8 @@ def test_random_chains_of_up_to_four_links(robot: Robot, data: st.DataObject) ->
     assert_partials_are_derivatives(robot, number)
 
 
-def test_gibbs_function_is_the_paper_s_sum_for_a_rod() -> None:
-    """Chain 2 at rest in free space: S is ½(θ̈ᵀIθ̈) with the rod's own masses, by hand."""
+def test_gibbs_function_of_a_rod_that_is_pulled_straight() -> None:
+    """By hand: chain 2 has one massive rod; without rotation S is ½ m ẍ²."""
     robot = paper_family(4, 0)
     form = chain_closed_form(robot, 2)
     length, density = sp.symbols("base_arm_length base_arm_mass_per_length")

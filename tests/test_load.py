@@ -38,6 +38,12 @@ def test_a_module_that_changed_is_loaded_anew(folder: Path) -> None:
     assert load(path).PARAMETERS["gravity"] == 24.79
 
 
+def test_half_a_module_is_none(tmp_path: Path) -> None:
+    (tmp_path / "numpy_module.py").write_text("")
+    with pytest.raises(UsageError, match="no generated module"):
+        load(tmp_path)
+
+
 def test_what_is_not_there_is_refused_with_the_command_that_makes_it() -> None:
     with pytest.raises(UsageError, match="gibbs-codegen generate nowhere"):
         load("nowhere")

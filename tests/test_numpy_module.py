@@ -138,3 +138,9 @@ def test_constants_must_be_the_module_s_own(module: ModuleType, shipped) -> None
 def test_parameters_that_are_no_numbers_are_refused(module: ModuleType) -> None:
     with pytest.raises(ValueError, match="link2_length must be finite, not nan"):
         module.prepare({"link2_length": float("nan")})
+
+
+def test_parameters_that_leave_no_mass_are_refused(module: ModuleType) -> None:
+    massless = {name: 0.0 for name in module.PARAMETERS if name.endswith("mass_per_length")}
+    with pytest.raises(ValueError, match="leave an acceleration undetermined"):
+        module.prepare(massless)

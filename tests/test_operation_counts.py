@@ -1,4 +1,4 @@
-"""Operation counts are exact, so they are asserted: the floors and goals that were set."""
+"""Operation counts are exact, so they are asserted: the goals that were set."""
 
 from __future__ import annotations
 
@@ -27,13 +27,11 @@ def counts(links: int, rotors: int = 6, origin: Origin = "centre") -> dict[str, 
     return {f.name: count_operations(f.nodes()).total for f in program.functions}
 
 
-@pytest.mark.parametrize(
-    ("links", "most", "goal"), [(3, 465, 430), (7, 1249, 1130), (30, 10778, 9800)]
-)
-def test_mass_matrix_and_residual(links: int, most: int, goal: int) -> None:
+@pytest.mark.parametrize(("links", "goal"), [(3, 430), (7, 1130), (30, 9800)])
+def test_mass_matrix_and_residual(links: int, goal: int) -> None:
     function = derive(benchmark_robot(links)).program.function("mass_matrix_and_residual")
     found = count_operations(function.nodes())
-    assert found.total <= goal <= most
+    assert found.total <= goal
     assert found.sine_cosine_pairs <= links + 3
 
 

@@ -231,3 +231,21 @@ def test_a_near_miss_is_suggested() -> None:
         read_robot("hexarotor_3lnk")
     with pytest.raises(UsageError, match="is not a file"):
         read_robot(".")
+
+
+def test_lines_are_right_after_values_of_several_lines() -> None:
+    text = """name = "lines"
+[base]
+rotors = 3
+thrust = [
+  [0, 0, 1],
+  ["no"],  # ]
+  "z",
+]
+drag = [0, 0,
+  nan]
+arm = { length = -1 }
+\"link\" = 3
+"""
+    lines = {line.split(": ")[1]: int(line.split(":")[1]) for line in faults(text)}
+    assert lines == {"base.thrust[1]": 4, "base.drag[2]": 9, "base.arm.length": 11, "base.link": 12}

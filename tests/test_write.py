@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import subprocess
@@ -132,26 +133,71 @@ def test_a_path_through_the_module_itself_leads_to_it(
     assert os.listdir(tmp_path) == ["robot"]
 
 
-@pytest.mark.parametrize("call", [1, 2])
+@pytest.mark.parametrize("calls", [{1}, {2}, {1, 2}], ids=str)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
-def test_a_signal_during_the_swap_leaves_a_whole_module(
-    call: int, number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_signals_during_the_swap_leave_a_whole_module(
+    calls: set[int], number: signal.Signals, tmp_path: Path
 ) -> None:
-    target = tmp_path / "robot"
-    write_module(target, FILES)
-    real, calls = os.replace, []
-
-    def interrupted(source: Path, destination: Path) -> None:
-        real(source, destination)
-        calls.append(source)
-        if len(calls) == call:
-            os.kill(os.getpid(), number)
-
-    monkeypatch.setattr(os, "replace", interrupted)
-    with pytest.raises((SystemExit, KeyboardInterrupt)):
-        write_module(target, NEWER)
+    """Also when a second signal comes while the first is being dealt with."""
+    write_module(tmp_path / "robot", FILES)
+    code = (
+        "import os, sys; from pathlib import Path; from gibbs_codegen import write\n"
+        "real, seen = os.replace, []\n"
+        "def interrupted(source, destination):\n"
+        "    real(source, destination); seen.append(source)\n"
+        f"    if len(seen) in {calls}: os.kill(os.getpid(), {int(number)})\n"
+        "os.replace = interrupted\n"
+        f"write.write_module(Path('robot'), {NEWER!r})\n"
+        "print('survived')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode != 0
+    assert "survived" not in done.stdout
     assert os.listdir(tmp_path) == ["robot"]
-    assert [] in (differing_files(target, FILES), differing_files(target, NEWER))
+    assert differing_files(tmp_path / "robot", NEWER) == []
+
+
+def test_a_signal_that_is_ignored_stays_ignored(tmp_path: Path) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        write_module(tmp_path / "robot", FILES)
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_an_edited_robot_file_is_not_lost(tmp_path: Path) -> None:
+    digest = hashlib.sha256(b"gravity = 9.81").hexdigest()
+    files = {"__init__.py": f"{HEADER}# {digest}\n", "robot.toml": "gravity = 9.81"}
+    target = tmp_path / "robot"
+    write_module(target, files)
+    write_module(target, {**files, "robot.toml": "gravity = 3.7"})
+    (target / "robot.toml").write_text("gravity = 1.6")
+    with pytest.raises(UsageError, match="generate from it, or move it"):
+        write_module(target, files)
+    write_module(target, {**files, "robot.toml": "gravity = 1.6"})
+
+
+def test_a_name_too_long_for_the_disk_is_wrong_use(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="File name too long"):
+        write_module(tmp_path / ("a" * 300), FILES)
+
+
+def test_odd_entries_do_not_get_in_the_way(tmp_path: Path) -> None:
+    odd = [".gibbs_codegen_99999999999999999999_x", ".gibbs_codegen_²_x"]
+    for name in odd:
+        (tmp_path / name).mkdir()
+        os.utime(tmp_path / name, (0, 0))
+    (tmp_path / ".gibbs_codegen_999999_x").write_text("a file")
+    os.utime(tmp_path / ".gibbs_codegen_999999_x", (0, 0))
+    write_module(tmp_path / "robot", FILES)
+    assert sorted(os.listdir(tmp_path)) == sorted([*odd, ".gibbs_codegen_999999_x", "robot"])
 
 
 def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -212,7 +258,7 @@ def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
     code = (
         "import sys, time; from pathlib import Path; from gibbs_codegen import write\n"
         "def slow(path, text):\n"
-        "    path.write_text('half'); print('writing', flush=True); time.sleep(30)\n"
+        "    path.write_text('half'); print('writing', flush=True); time.sleep(1)\n"
         "write._write_flushed = slow\n"
         "write.write_module(Path('out') / 'robot', {'__init__.py': ''})"
     )

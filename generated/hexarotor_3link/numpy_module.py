@@ -85,8 +85,8 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
     """Constants of the other functions for given parameters.
 
     `parameters` maps names of PARAMETERS to values; a name that is left out keeps its default.
-    Raises ValueError for a name that is not in PARAMETERS and for a value that is not finite,
-    ZeroDivisionError where the machine is left without mass.
+    Raises ValueError for a name that is not in PARAMETERS, for a value that is not finite, and
+    where the values leave an acceleration undetermined.
     """
     unknown = sorted(set(parameters) - set(PARAMETERS))
     if unknown:
@@ -95,6 +95,13 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
     for name, value in values.items():
         if not math.isfinite(value):
             raise ValueError(f"{name} must be finite, not {value}")
+    try:
+        return _constants(values)
+    except ZeroDivisionError:
+        raise ValueError("these parameters leave an acceleration undetermined") from None
+
+
+def _constants(values):
     gravity = values["gravity"]
     base_arm_length = values["base_arm_length"]
     base_arm_mass_per_length = values["base_arm_mass_per_length"]
