@@ -23,9 +23,9 @@ def paper_family(rotors: int, links: int) -> Robot:
     α = 90°. Raises `UsageError` outside 2 ≤ N ≤ 256, 0 ≤ n ≤ 64.
     """
     if not 2 <= rotors <= MAX_ROTORS:
-        raise UsageError(f"--rotors must be from 2 to {MAX_ROTORS}, not {rotors}")
+        raise UsageError(f"rotors must be from 2 to {MAX_ROTORS}, not {rotors}")
     if not 0 <= links <= MAX_LINKS:
-        raise UsageError(f"--links must be from 0 to {MAX_LINKS}, not {links}")
+        raise UsageError(f"links must be from 0 to {MAX_LINKS}, not {links}")
     base = Base(rotors, (_BASE_ARM,), alternating_thrust(rotors), (0.0,) * rotors)
     return Robot(f"{_GREEK.get(rotors, f'rotor{rotors}')}_{links}link", base, _arm(links))
 
