@@ -16,11 +16,12 @@ from gibbs_codegen.robot import Robot
 
 @dataclass(frozen=True)
 class Description:
-    """A line that says what a function returns, details, and the equation that it implements."""
+    """What a function returns in a line, details, the equation it implements, its outputs' names."""
 
     summary: str
     details: str
     source: str
+    outputs: tuple[str, ...]
 
 
 DESCRIPTIONS: dict[str, Description] = {
@@ -28,74 +29,98 @@ DESCRIPTIONS: dict[str, Description] = {
         "Mass matrix M and residual R of M a = R + B u, in one pass.",
         "R holds the velocity terms and gravity, with the sign of a force.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
+        ("mass_matrix", "residual"),
     ),
     "mass_matrix": Description(
         "Mass matrix M of M a = R + B u, symmetric, both triangles filled.",
         "The same matrix as Pinocchio's crba gives for these coordinates.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
+        ("mass_matrix",),
     ),
     "residual": Description(
         "Residual R of M a = R + B u: velocity terms and gravity, with the sign of a force.",
         "It is minus what Pinocchio calls nonLinearEffects.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
+        ("residual",),
     ),
     "input_matrix": Description(
         "Input matrix B of M a = R + B u.",
         "Column k holds the generalised forces of a unit of input k.",
         "eqs. 7-13",
+        ("input_matrix",),
     ),
     "forward_dynamics": Description(
         "Accelerations a of M a = R + B u.",
         "Singular where the middle attitude angle is +-90 degrees.",
         "eq. 19, solved for the free coordinates",
+        ("acceleration",),
     ),
     "inverse_dynamics": Description(
         "Generalised forces M a - R that the motion needs; B u supplies them.",
         "The partial derivatives of the Gibbs function by the accelerations.",
         "eqs. 4-6",
+        ("force",),
     ),
     "hybrid_mass_matrix": Description(
         "Matrix I_H of the hybrid system I_H a_H = R_H + B_H u.",
         "Rows and columns are in the order of HYBRID_COORDINATES; the last rows hold the "
         "constrained joints, the last columns their torques.",
         "eqs. 15, 18 and 19",
+        ("mass_matrix",),
     ),
     "hybrid_residual": Description(
         "Residual R_H of the hybrid system I_H a_H = R_H + B_H u.",
         "Entries are in the order of HYBRID_COORDINATES.",
         "eqs. 15, 18 and 19",
+        ("residual",),
     ),
     "hybrid_input_matrix": Description(
         "Input matrix B_H of the hybrid system I_H a_H = R_H + B_H u.",
         "Rows are in the order of HYBRID_COORDINATES, columns in that of INPUTS.",
         "eqs. 12, 13 and 18",
+        ("input_matrix",),
     ),
     "constraint_torques": Description(
         "Torques that keep the base arms 2 ... N from turning against arm 1.",
         "Linear in the accelerations and inputs, which need not fit each other.",
         "eqs. 14 and 15",
+        ("torque",),
     ),
     "gibbs": Description(
         "Gibbs function S up to terms free of accelerations, in W/s.",
         "Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.",
         "eqs. 2 and 3",
+        ("value",),
     ),
-    "kinetic_energy": Description("Kinetic energy in J.", "", "eq. 2 with rates for accelerations"),
+    "kinetic_energy": Description(
+        "Kinetic energy in J.",
+        "",
+        "eq. 2 with rates for accelerations",
+        ("energy",),
+    ),
     "potential_energy": Description(
-        "Potential energy in J, zero at world Z = 0.", "", "gravity times the first moment of mass"
+        "Potential energy in J, zero at world Z = 0.",
+        "",
+        "gravity times the first moment of mass",
+        ("energy",),
     ),
     "positions": Description(
-        "World positions of POINTS in m, one row each.", "", "forward kinematics"
+        "World positions of POINTS in m, one row each.",
+        "",
+        "forward kinematics",
+        ("position",),
     ),
     "tip_pose": Description(
         "Homogeneous transform from the tip's frame to the world.",
         "The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.",
         "forward kinematics",
+        ("pose",),
     ),
     "tip_jacobian": Description(
         "Jacobian of the tip: linear rows, then angular rows, in world axes.",
         "It takes v to the velocity of the tip in m/s and rad/s.",
         "forward kinematics",
+        ("jacobian",),
     ),
 }
 

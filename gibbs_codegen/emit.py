@@ -11,10 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gibbs_codegen import numpy_target
+from gibbs_codegen import c_target, numpy_target
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.model import Model
-from gibbs_codegen.printers import InfixPrinter
+from gibbs_codegen.printers import CPrinter, InfixPrinter
 from gibbs_codegen.templating import render
 from gibbs_codegen.version import HEADER_START, __version__
 
@@ -33,6 +33,15 @@ TARGETS: dict[str, Target] = {
         InfixPrinter(),
         numpy_target.context,
         {"numpy_module.py.jinja": "numpy_module.py", "package_init.py.jinja": "__init__.py"},
+    ),
+    "c": Target(
+        CPrinter(),
+        c_target.context,
+        {
+            "c_header.h.jinja": "{name}.h",
+            "c_source.c.jinja": "{name}.c",
+            "c_casadi.c.jinja": "{name}_casadi.c",
+        },
     ),
 }
 

@@ -1,28 +1,64 @@
-"""Loading a generated module by name or path, without putting its folder on the import path."""
+"""Loading a generated module by name or path, without putting its folder on the import path.
+
+The back end is a choice of the caller's: the functions and constants are the same.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
+import logging
 import os
 import sys
 from pathlib import Path
 from types import ModuleType
 
+from gibbs_codegen.c_backend import c_files, c_module
+from gibbs_codegen.cache import CacheError
+from gibbs_codegen.compiler import CompilerError, find_compiler
 from gibbs_codegen.errors import UsageError
 
-BACKENDS = ("numpy",)
+BACKENDS = ("numpy", "c")
+
+_log = logging.getLogger("gibbs_codegen")
 
 
-def load(name_or_path: str | os.PathLike[str], backend: str = "numpy") -> ModuleType:
+def load(
+    name_or_path: str | os.PathLike[str], backend: str = "numpy", threads: int = 1
+) -> ModuleType:
     """Load a generated module: an object with its functions and constants.
 
     `name_or_path` is the folder of the module, or a name, which is looked for in `generated/` of
-    the working directory. Raises `UsageError` where there is no such module or back end.
+    the working directory. `backend` "c" compiles the module's C source once, with CC or the
+    machine's compiler, and keeps it in a cache; `__file__` is then the shared library. Where it
+    cannot be compiled or kept, NumPy serves and the log of `gibbs_codegen` says so in a line.
+    `threads` is the number of threads that the C back end shares large batches among.
+
+    Raises `UsageError` where there is no such module, C source or back end.
     """
     if backend not in BACKENDS:
         raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
+    if threads < 1:
+        raise UsageError(f"threads: at least 1, not {threads}")
     folder = _find(Path(name_or_path))
+    module = _import(folder)
+    return module if backend == "numpy" else _compiled(module, folder, threads)
+
+
+def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
+    missing = [n for n in c_files(module.NAME) if not (folder / n).is_file()]
+    if missing:
+        raise UsageError(
+            f"{folder}: has no {', '.join(missing)}; generate the module with the C target"
+        )
+    try:
+        return c_module(module, folder, find_compiler(os.environ.get("CC") or None), threads)
+    except (CompilerError, CacheError) as error:
+        _log.warning("%s: NumPy serves instead of C: %s", module.NAME, error)
+        return module
+
+
+def _import(folder: Path) -> ModuleType:
     digest = hashlib.sha256(str(folder).encode()).hexdigest()[:16]
     module_name = f"_gibbs_codegen_{digest}_{folder.name}"
     if module_name in sys.modules:

@@ -59,3 +59,17 @@ class InfixPrinter:
         text = self.expression(node)
         compound = isinstance(node, Sum | Reciprocal) or text.startswith("-")
         return f"({text})" if compound else text
+
+
+class CPrinter(InfixPrinter):
+    """Prints nodes as C, with every literal of the type that the module is compiled for."""
+
+    def number(self, value: float) -> str:
+        """A literal of 17 digits within the macro that gives it its type."""
+        return f"-R({c_literal(-value)})" if value < 0 else f"R({c_literal(value)})"
+
+
+def c_literal(value: float) -> str:
+    """A floating literal of 17 digits that reads back as the same double."""
+    text = format(value, ".17g")
+    return text if "." in text or "e" in text else f"{text}.0"

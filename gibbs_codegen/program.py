@@ -116,6 +116,13 @@ class Program:
         """The function called `name`."""
         return next(function for function in self.functions if function.name == name)
 
+    def prepared(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Parameters and all that `prepare` computes from them, by interpreting its statements."""
+        values = dict(parameters)
+        for statement in self.prepare:
+            values[statement.name] = node_value(statement.value, values)
+        return values
+
     def evaluate(
         self,
         name: str,
@@ -123,9 +130,7 @@ class Program:
         arguments: Mapping[str, Sequence[float]],
     ) -> list[list[float]]:
         """Entries of each output of a function, by interpreting its statements."""
-        values = dict(parameters)
-        for statement in self.prepare:
-            values[statement.name] = node_value(statement.value, values)
+        values = self.prepared(parameters)
         function = self.function(name)
         for argument in function.arguments:
             values.update(zip(self.inputs[argument], arguments[argument], strict=True))
@@ -187,6 +192,38 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
             case Name() | Number():
                 pass
     return Operations(additions, subtractions, multiplications, divisions, 0, len(angles))
+
+
+def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
+    """`node` with every node that `values` maps replaced, outermost first."""
+    if node in values:
+        return values[node]
+    match node:
+        case Sum(terms):
+            return Sum(tuple((sign, replaced(term, values)) for sign, term in terms))
+        case Product(factors):
+            return Product(tuple(replaced(factor, values) for factor in factors))
+        case Reciprocal(argument):
+            return Reciprocal(replaced(argument, values))
+        case Call(function, argument):
+            return Call(function, replaced(argument, values))
+        case Name() | Number():
+            return node
+
+
+def calls_in(node: Node) -> list[Call]:
+    """Calls in a node, from left to right, as often as they stand there."""
+    match node:
+        case Call():
+            return [node]
+        case Sum(terms):
+            return [call for _, term in terms for call in calls_in(term)]
+        case Product(factors):
+            return [call for factor in factors for call in calls_in(factor)]
+        case Reciprocal(argument):
+            return calls_in(argument)
+        case Name() | Number():
+            return []
 
 
 def names_in(node: Node) -> list[str]:

@@ -26,6 +26,14 @@ settings.load_profile("project")
 ROOT = Path(__file__).parent.parent
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _compiled_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A cache of compiled libraries of the test run's own, which its processes share."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    os.environ["GIBBS_CODEGEN_CACHE"] = str(shared / "compiled")
+
+
 @pytest.fixture(scope="session")
 def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ModuleType]:
     """Load the freshly generated module of a robot that ships."""

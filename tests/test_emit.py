@@ -83,7 +83,7 @@ def test_header_says_what_the_file_is(files: dict[str, str]) -> None:
 
 
 def test_unknown_target_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(UsageError, match="known targets: numpy"):
+    with pytest.raises(UsageError, match="known targets: numpy, c"):
         find_targets(["fortran"])
 
 

@@ -47,5 +47,5 @@ def test_half_a_module_is_none(tmp_path: Path) -> None:
 def test_what_is_not_there_is_refused_with_the_command_that_makes_it() -> None:
     with pytest.raises(UsageError, match="gibbs-codegen generate nowhere"):
         load("nowhere")
-    with pytest.raises(UsageError, match="known: numpy"):
+    with pytest.raises(UsageError, match="known: numpy, c"):
         load("nowhere", backend="fortran")

@@ -1,0 +1,358 @@
+"""What the C templates are given: text only, every decision already taken."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from gibbs_codegen.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
+from gibbs_codegen.describe import (
+    DESCRIPTIONS,
+    argument_meaning,
+    argument_text,
+    coordinate_table,
+    output_text,
+)
+from gibbs_codegen.model import Model
+from gibbs_codegen.pieces import Piece, Store, cut, interleaved
+from gibbs_codegen.printers import InfixPrinter
+from gibbs_codegen.program import (
+    Function,
+    Number,
+    Output,
+    Statement,
+    count_operations,
+    names_in,
+)
+from gibbs_codegen.robot import Robot
+from gibbs_codegen.stack import stack_bytes
+from gibbs_codegen.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
+
+_WIDTH = 100
+# gcc vectorises no loop with more than 1000 memory references, and does smaller ones better.
+_MAX_REFERENCES = 250
+# States in a block: a vector of doubles in the widest registers that are common.
+_LANES = 8
+# Angles whose sines and cosines are computed at once in a call for one state.
+_AT_ONCE = 4
+
+
+def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
+    """Context of the C templates."""
+    robot, program = model.robot, model.program
+    values = program.prepared(model.defaults)
+    used = {name for s in program.prepare for name in names_in(s.value)} | set(program.constants)
+    functions = [_CFunction(model, function, printer) for function in program.functions]
+    return {
+        "name": robot.name,
+        "NAME": robot.name.upper(),
+        "lanes": _LANES,
+        "coordinate_lines": coordinate_table(reduced_coordinates(robot)),
+        "hybrid_coordinate_lines": coordinate_table(hybrid_coordinates(robot)),
+        "input_lines": coordinate_table(inputs(robot)),
+        "point_lines": textwrap.wrap(", ".join(points(robot)), _WIDTH - 8),
+        "sizes": {
+            "COORDINATES": len(reduced_coordinates(robot)),
+            "HYBRID_COORDINATES": len(hybrid_coordinates(robot)),
+            "INPUTS": len(inputs(robot)),
+            "POINTS": len(points(robot)),
+            "PARAMETERS": len(model.defaults),
+        },
+        "folded_lines": _folded_lines(model),
+        "parameters": [
+            {
+                "macro": f"{robot.name}_{name}".upper(),
+                "name": name,
+                "unit": model.units[name],
+                "value": printer.number(value),
+            }
+            for name, value in model.defaults.items()
+        ],
+        "constants": list(program.constants),
+        "default_constants": [printer.number(values[name]) for name in program.constants],
+        "parameter_loads": [
+            f"const real {name} = parameters[{place}];"
+            for place, name in enumerate(program.parameters)
+            if name in used
+        ],
+        "prepare": _statement_lines(program.prepare, printer),
+        "sine_kinds": [
+            {
+                "name": "sine_cosine_one",
+                "real": "real",
+                "bits": "bits",
+                "before": "/* Sine and cosine of one angle. */",
+                "after": "",
+            },
+            {
+                "name": "sine_cosine_quad",
+                "real": "quad",
+                "bits": "quad_bits",
+                "before": "#ifdef QUAD",
+                "after": "#endif",
+            },
+        ],
+        "widest": max(map(len, program.inputs.values())),
+        "functions": [function.context() for function in functions],
+    }
+
+
+def _folded_lines(model: Model) -> list[str]:
+    text = ", ".join(model.folded) or "nothing"
+    return textwrap.wrap(f"Zero in the robot file and therefore folded away: {text}.", _WIDTH - 6)
+
+
+class _CFunction:
+    """Lines of one function: its helpers, one state, a block of states, and any number of them."""
+
+    def __init__(self, model: Model, function: Function, printer: InfixPrinter) -> None:
+        self._model = model
+        self._function = function
+        self._printer = printer
+        self._parts: GatheredFunction = gathered(function)
+        self._outputs = DESCRIPTIONS[function.name].outputs
+        self._sparse = [_is_sparse(output) for output in function.outputs]
+        steps = interleaved(
+            self._parts.statements, self._parts.outputs, [not sparse for sparse in self._sparse]
+        )
+        self._pieces = cut(steps, _MAX_REFERENCES)
+        self._slots = 1 + max((s for p in self._pieces for s in p.held.values()), default=-1)
+
+    def context(self) -> dict[str, Any]:
+        """What the templates need of the function."""
+        prefix = f"{self._model.robot.name}_"
+        return {
+            "name": self._function.name,
+            "public_name": prefix + self._function.name,
+            "doc_lines": self._doc_lines(),
+            "helpers": self._helpers(),
+            "inputs": [
+                {"name": name, "width": len(self._model.program.inputs[name])}
+                for name in self._function.arguments
+            ],
+            "parameters": ",\n    ".join(self._array_parameters("RESTRICT ", "real")),
+            "declared": ",\n    ".join(self._array_parameters("", f"{prefix}real")),
+            "one": self._call_lines("1", ""),
+            "block": self._call_lines("LANES", " + lane"),
+            "advanced": self._advanced("block"),
+            "last": self._advanced_last(),
+            **self._casadi(),
+        }
+
+    def _casadi(self) -> dict[str, Any]:
+        """What the CasADi adapter needs: outputs one after the other in its work array."""
+        outputs, start = [], 0
+        for name, output in zip(self._outputs, self._function.outputs, strict=True):
+            rows, columns = (*output.shape, 1, 1)[:2]
+            outputs.append({"name": name, "rows": rows, "columns": columns, "start": start})
+            start += rows * columns
+        return {
+            "casadi_outputs": ", ".join(f"w + {output['start']}" for output in outputs),
+            "outputs": outputs,
+            "work": start,
+        }
+
+    def _array_parameters(self, qualifier: str, real: str) -> list[str]:
+        arrays = [f"const {real} *{qualifier}{name}" for name in self._function.arguments]
+        return arrays + [f"{real} *{qualifier}{name}" for name in self._outputs]
+
+    def _width(self, name: str) -> int:
+        if name in self._function.arguments:
+            return len(self._model.program.inputs[name])
+        return len(self._function.outputs[self._outputs.index(name)].entries)
+
+    def _advanced(self, block: str) -> str:
+        """Arrays of a function at a block, as arguments of a call."""
+        names = [*self._function.arguments, *self._outputs]
+        return ",\n            ".join(f"{n} + {block} * ({self._width(n)} * LANES)" for n in names)
+
+    def _advanced_last(self) -> str:
+        """Arrays of a function at a last block that is not whole: inputs come from a copy."""
+        copies = [f"last_{name}" for name in self._function.arguments]
+        outputs = [f"{n} + whole * ({self._width(n)} * LANES)" for n in self._outputs]
+        return ",\n            ".join(copies + outputs)
+
+    def _helpers(self) -> list[dict[str, Any]]:
+        helpers = []
+        name = self._function.name
+        if self._parts.angles:
+            helpers.append(self._angle_helper(f"{name}_angles"))
+        for number, piece in enumerate(self._pieces, start=1):
+            helpers.append(self._piece_helper(self._piece_name(number), piece))
+        return helpers
+
+    def _piece_name(self, number: int) -> str:
+        name = self._function.name
+        return f"{name}_lane" if len(self._pieces) == 1 else f"{name}_lane_{number}"
+
+    def _angle_helper(self, name: str) -> dict[str, Any]:
+        parts = self._parts
+        nodes = [*(s.value for s in parts.angle_statements), *parts.angles]
+        lines, unused = self._loads({n for node in nodes for n in names_in(node)})
+        lines += _statement_lines(parts.angle_statements, self._printer)
+        for i, angle in enumerate(parts.angles):
+            lines += _wrapped(f"angle[{i} * stride] = ", self._printer.expression(angle))
+        inputs = [f"const real *RESTRICT {a}" for a in self._function.arguments]
+        return {
+            "name": name,
+            "parameters": ",\n    ".join([*inputs, "real *RESTRICT angle"]),
+            "lines": [*unused, *lines],
+        }
+
+    def _piece_helper(self, name: str, piece: Piece) -> dict[str, Any]:
+        read = {n for step in piece.steps for n in names_in(step.value)}
+        lines, unused = self._loads(read)
+        for i in range(len(self._parts.angles)):
+            for array, entry in (("sine", sine_name(i)), ("cosine", cosine_name(i))):
+                if entry in read:
+                    lines.append(f"const real {entry} = {array}[{i} * stride];")
+        lines += [f"const real {n} = held[{slot} * stride];" for n, slot in piece.taken.items()]
+        stored = set()
+        for step in piece.steps:
+            text = self._printer.expression(step.value)
+            if isinstance(step, Store):
+                stored.add(step.output)
+                output = self._outputs[step.output]
+                lines += _wrapped(f"{output}[{step.place} * stride] = ", text)
+                continue
+            lines += _wrapped(f"const real {step.name} = ", text)
+            if step.name in piece.held:
+                lines.append(f"held[{piece.held[step.name]} * stride] = {step.name};")
+        unused += [f"(void){o};" for i, o in enumerate(self._outputs) if i not in stored]
+        return {
+            "name": name,
+            "parameters": ",\n    ".join(
+                [*self._scratch_parameters(), *self._array_parameters("RESTRICT ", "real")]
+            ),
+            "lines": [*self._unused_scratch(piece, read), *unused, *lines],
+        }
+
+    def _scratch_parameters(self) -> list[str]:
+        scratch = []
+        if self._parts.angles:
+            scratch += ["const real *RESTRICT sine", "const real *RESTRICT cosine"]
+        if self._slots:
+            scratch.append("real *RESTRICT held")
+        return scratch
+
+    def _unused_scratch(self, piece: Piece, read: set[str]) -> list[str]:
+        count = range(len(self._parts.angles))
+        unused = []
+        if count and not any(sine_name(i) in read for i in count):
+            unused.append("(void)sine;")
+        if count and not any(cosine_name(i) in read for i in count):
+            unused.append("(void)cosine;")
+        if self._slots and not (piece.taken or piece.held):
+            unused.append("(void)held;")
+        return unused
+
+    def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
+        """Lines that load constants and inputs, and those that say what is not used."""
+        constants = [name for name in self._function.constants if name in read]
+        lines = [f"const real {name} = constants->{name};" for name in constants]
+        unused = [] if constants else ["(void)constants;"]
+        for argument in self._function.arguments:
+            loads = [
+                f"const real {name} = {argument}[{i} * stride];"
+                for i, name in enumerate(self._model.program.inputs[argument])
+                if name in read
+            ]
+            lines += loads
+            unused += [] if loads else [f"(void){argument};"]
+        return lines, unused
+
+    def _call_lines(self, stride: str, offset: str) -> list[str]:
+        """Body of the function for one state, or for a block of states, one a lane."""
+        one = stride == "1"
+        size = "" if one else " * LANES"
+        count, lines = len(self._parts.angles), []
+        if count:
+            local = ", ".join(f"{name}[{count}{size}]" for name in ("angle", "sine", "cosine"))
+            lines.append(f"real {local};")
+        if self._slots:
+            lines.append(f"real held[{self._slots}{size}];")
+        for output, sparse in zip(self._outputs, self._sparse, strict=True):
+            if sparse:
+                lines += [
+                    f"for (int i = 0; i < {self._width(output)}{size}; ++i) {{",
+                    f"    {output}[i] = {self._printer.number(0.0)};",
+                    "}",
+                ]
+        name = self._function.name
+        arrays = [*self._function.arguments]
+        if count:
+            call = [*arrays, "angle"]
+            lines += _lane_call(f"{name}_angles", call, stride, offset)
+            lines += _sine_lines(count, one)
+        scratch = (["sine", "cosine"] if count else []) + (["held"] if self._slots else [])
+        for number in range(1, len(self._pieces) + 1):
+            call = [*scratch, *arrays, *self._outputs]
+            lines += _lane_call(self._piece_name(number), call, stride, offset)
+        return lines
+
+    def _doc_lines(self) -> list[str]:
+        robot, function = self._model.robot, self._function
+        description = DESCRIPTIONS[function.name]
+        counts = count_operations(function.nodes())
+        lines = [f"@brief {description.summary}", ""]
+        if description.details:
+            lines += [*textwrap.wrap(description.details, _WIDTH - 3), ""]
+        items = [f"@param[in] constants what {robot.name}_init_constants() made"]
+        for a in function.arguments:
+            width = len(self._model.program.inputs[a])
+            text = argument_text(robot, a)
+            items.append(f"@param[in] {a} {argument_meaning(a)}, {width} entries: {text}")
+        for name, output in zip(self._outputs, function.outputs, strict=True):
+            shape = " x ".join(map(str, output.shape)) or "1"
+            entries = output_text(robot, function.name)
+            items.append(f"@param[out] {name} {shape}" + (f": {entries}" if entries else ""))
+        items += [
+            f"@note {counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; at "
+            f"most {stack_bytes(self._parts)} bytes of stack for one state of doubles, optimised.",
+            f"@par Source: {description.source}.",
+        ]
+        for item in items:
+            lines += textwrap.wrap(item, _WIDTH - 3, subsequent_indent="    ")
+        return [f" {line}".rstrip() for line in lines]
+
+
+def _is_sparse(output: Output) -> bool:
+    """Whether it pays to clear the whole output first and then store what is not zero."""
+    zeros = sum(entry == Number(0.0) for entry in output.entries)
+    return zeros >= 32 and 3 * zeros >= len(output.entries)
+
+
+def _lane_call(name: str, arrays: list[str], stride: str, offset: str) -> list[str]:
+    arguments = ", ".join(["constants", *(f"{a}{offset}" for a in arrays), stride])
+    call = textwrap.wrap(f"{name}({arguments});", _WIDTH - 16, subsequent_indent="    ")
+    if not offset:
+        return call
+    loop = "for (int lane = 0; lane < LANES; ++lane) {"
+    return ["VECTORISE", loop, *(f"    {line}" for line in call), "}"]
+
+
+def _sine_lines(count: int, one: bool) -> list[str]:
+    if not one:
+        return [f"sine_cosine_many({count} * LANES, angle, sine, cosine);"]
+    return [
+        f"sine_cosine_few({min(_AT_ONCE, count - i)}, angle + {i}, sine + {i}, cosine + {i});"
+        for i in range(0, count, _AT_ONCE)
+    ]
+
+
+def _statement_lines(statements: tuple[Statement, ...], printer: InfixPrinter) -> list[str]:
+    lines: list[str] = []
+    for statement in statements:
+        lines += _wrapped(f"const real {statement.name} = ", printer.expression(statement.value))
+    return lines
+
+
+def _wrapped(start: str, expression: str) -> list[str]:
+    """An assignment within the line width, continued on further lines if need be."""
+    return textwrap.wrap(
+        f"{start}{expression};",
+        _WIDTH - 4,
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

@@ -1,0 +1,118 @@
+"""The per-user cache of compiled libraries: private, keyed by content, verified, filled atomically.
+
+An entry is a folder that holds one library and its digest. It is made under another name and then
+renamed, so that it is whole or not there; it is never changed. A lock keeps processes that start at
+once from compiling the same thing side by side.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+_LIBRARY = "library.so"
+_DIGEST = "sha256"
+
+
+class CacheError(Exception):
+    """The cache cannot be used; the message says why in a line."""
+
+
+def cached_library(key: str, make: Callable[[Path], None]) -> Path:
+    """Path of the library that belongs to `key`, which `make` writes where there is none.
+
+    Raises `CacheError` where the cache cannot be used, and whatever `make` raises.
+    """
+    try:
+        root = _private_folder()
+        entry = root / hashlib.sha256(key.encode()).hexdigest()
+        if not _is_whole(entry):
+            with _lock(root / f"{entry.name}.lock"):
+                if not _is_whole(entry):
+                    _fill(root, entry, make)
+    except OSError as error:
+        raise CacheError(f"{error.filename or 'cache'}: {error.strerror or error}") from None
+    return entry / _LIBRARY
+
+
+def cache_folder() -> Path:
+    """Where libraries are kept: GIBBS_CODEGEN_CACHE, or a folder of the platform's user cache."""
+    chosen = os.environ.get("GIBBS_CODEGEN_CACHE")
+    if chosen:
+        return Path(chosen)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "gibbs_codegen"
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    # The specification has relative paths ignored.
+    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "gibbs_codegen"
+
+
+def _private_folder() -> Path:
+    """The cache folder, made if need be, once nobody else can write to it."""
+    try:
+        folder = cache_folder()
+    except RuntimeError:
+        raise CacheError("no home folder for a cache") from None
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    status = os.lstat(folder)
+    if not stat.S_ISDIR(status.st_mode):
+        raise CacheError(f"{folder}: not a folder of its own")
+    if status.st_uid != os.getuid():
+        raise CacheError(f"{folder}: belongs to another user")
+    if status.st_mode & 0o077:
+        raise CacheError(f"{folder}: open to others; make it private with chmod 700")
+    if not os.access(folder, os.W_OK):
+        raise CacheError(f"{folder}: is read-only")
+    return folder
+
+
+def _is_whole(entry: Path) -> bool:
+    """Whether an entry is there, ours, and holds what was put there."""
+    try:
+        paths = [entry, entry / _LIBRARY, entry / _DIGEST]
+        if any(p.is_symlink() or os.lstat(p).st_uid != os.getuid() for p in paths):
+            return False
+        return _digest(entry / _LIBRARY) == (entry / _DIGEST).read_text(encoding="ascii")
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _fill(root: Path, entry: Path, make: Callable[[Path], None]) -> None:
+    staging = Path(tempfile.mkdtemp(prefix=".new_", dir=root))
+    try:
+        library = staging / _LIBRARY
+        make(library)
+        (staging / _DIGEST).write_text(_digest(library), encoding="ascii")
+        if entry.is_symlink() or entry.exists():
+            # Aside first: a library that another process has loaded must not change under it.
+            os.replace(entry, staging / "old")
+        os.rename(staging, entry)
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+    shutil.rmtree(entry / "old", ignore_errors=True)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextmanager
+def _lock(path: Path) -> Iterator[None]:
+    """Wait until no other process holds the lock. The system lets go of it when a process ends."""
+    import fcntl
+
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
+    number = os.open(path, flags, 0o600)
+    try:
+        with suppress(OSError):  # Not every file system has locks; entries are atomic without.
+            fcntl.flock(number, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(number)

@@ -1,0 +1,293 @@
+/*
+ * Calls of compiled functions from Python at little cost.
+ *
+ * A Caller holds the address of a function of an emitted C module, the widths of its inputs and the
+ * shapes of its outputs. Called with plain arrays of one state it calls the function and returns
+ * new arrays; anything else goes to `general`, a Python function with the same arguments.
+ */
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <structmember.h>
+
+#define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
+#include <numpy/arrayobject.h>
+
+#define MAX_INPUTS 4
+#define MAX_OUTPUTS 2
+#define MAX_DIMENSIONS 2
+
+typedef struct {
+    int dimensions;
+    npy_intp shape[MAX_DIMENSIONS];
+} Shape;
+
+typedef struct {
+    PyObject_HEAD
+    vectorcallfunc vectorcall;
+    void *function;
+    int inputs;
+    int outputs;
+    npy_intp widths[MAX_INPUTS];
+    Shape shapes[MAX_OUTPUTS];
+    PyObject *constants;
+    PyObject *general;
+    PyObject *name;
+    PyObject *doc;
+} Caller;
+
+typedef void Two(const void *, double *, double *);
+typedef void Three(const void *, double *, double *, double *);
+typedef void Four(const void *, double *, double *, double *, double *);
+typedef void Five(const void *, double *, double *, double *, double *, double *);
+typedef void Six(const void *, double *, double *, double *, double *, double *, double *);
+
+static void call(void *function, const void *k, int number, double **p)
+{
+    switch (number) {
+    case 2:
+        ((Two *)function)(k, p[0], p[1]);
+        break;
+    case 3:
+        ((Three *)function)(k, p[0], p[1], p[2]);
+        break;
+    case 4:
+        ((Four *)function)(k, p[0], p[1], p[2], p[3]);
+        break;
+    case 5:
+        ((Five *)function)(k, p[0], p[1], p[2], p[3], p[4]);
+        break;
+    default:
+        ((Six *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5]);
+        break;
+    }
+}
+
+/* The numbers of a plain array of one state, or NULL. */
+static double *plain_data(PyObject *object, npy_intp width)
+{
+    if (!PyArray_CheckExact(object)) {
+        return NULL;
+    }
+    PyArrayObject *array = (PyArrayObject *)object;
+    if (PyArray_TYPE(array) != NPY_DOUBLE || PyArray_NDIM(array) != 1 ||
+        PyArray_DIM(array, 0) != width || !PyArray_ISCARRAY_RO(array)) {
+        return NULL;
+    }
+    return (double *)PyArray_DATA(array);
+}
+
+/* Constants given or those of the default parameters, or NULL where they are of another kind. */
+static const void *constants_data(const Caller *self, PyObject *const *args, Py_ssize_t given,
+                                  PyObject *names)
+{
+    PyObject *constants = Py_None;
+    const Py_ssize_t named = names ? PyTuple_GET_SIZE(names) : 0;
+    if (given - self->inputs + named > 1 || given < self->inputs) {
+        return NULL;
+    }
+    if (named && PyUnicode_CompareWithASCIIString(PyTuple_GET_ITEM(names, 0), "constants") != 0) {
+        return NULL;
+    }
+    if (given + named > self->inputs) {
+        constants = args[self->inputs];
+    }
+    if (constants == Py_None) {
+        constants = self->constants;
+    }
+    if (!PyBytes_CheckExact(constants) ||
+        PyBytes_GET_SIZE(constants) != PyBytes_GET_SIZE(self->constants)) {
+        return NULL;
+    }
+    return PyBytes_AS_STRING(constants);
+}
+
+static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size_t flagged,
+                                   PyObject *names)
+{
+    Caller *self = (Caller *)object;
+    double *pointers[MAX_INPUTS + MAX_OUTPUTS];
+    PyObject *results[MAX_OUTPUTS];
+    const void *constants = constants_data(self, args, PyVectorcall_NARGS(flagged), names);
+    int i = 0;
+    if (constants) {
+        for (; i < self->inputs; ++i) {
+            pointers[i] = plain_data(args[i], self->widths[i]);
+            if (!pointers[i]) {
+                break;
+            }
+        }
+    }
+    if (!constants || i < self->inputs) {
+        return PyObject_Vectorcall(self->general, args, flagged, names);
+    }
+    for (i = 0; i < self->outputs; ++i) {
+        Shape *shape = &self->shapes[i];
+        results[i] = PyArray_SimpleNew(shape->dimensions, shape->shape, NPY_DOUBLE);
+        if (!results[i]) {
+            while (i > 0) {
+                Py_DECREF(results[--i]);
+            }
+            return NULL;
+        }
+        pointers[self->inputs + i] = (double *)PyArray_DATA((PyArrayObject *)results[i]);
+    }
+    call(self->function, constants, self->inputs + self->outputs, pointers);
+    if (self->outputs == 1) {
+        return results[0];
+    }
+    PyObject *pair = PyTuple_New(self->outputs);
+    for (i = 0; i < self->outputs; ++i) {
+        if (pair) {
+            PyTuple_SET_ITEM(pair, i, results[i]);
+        } else {
+            Py_DECREF(results[i]);
+        }
+    }
+    return pair;
+}
+
+static int read_widths(Caller *self, PyObject *widths)
+{
+    self->inputs = (int)PyTuple_GET_SIZE(widths);
+    if (self->inputs < 1 || self->inputs > MAX_INPUTS) {
+        PyErr_SetString(PyExc_ValueError, "one to four inputs");
+        return -1;
+    }
+    for (int i = 0; i < self->inputs; ++i) {
+        self->widths[i] = PyLong_AsSsize_t(PyTuple_GET_ITEM(widths, i));
+    }
+    return PyErr_Occurred() ? -1 : 0;
+}
+
+static int read_shapes(Caller *self, PyObject *shapes)
+{
+    self->outputs = (int)PyTuple_GET_SIZE(shapes);
+    if (self->outputs < 1 || self->outputs > MAX_OUTPUTS) {
+        PyErr_SetString(PyExc_ValueError, "one or two outputs");
+        return -1;
+    }
+    for (int i = 0; i < self->outputs; ++i) {
+        PyObject *shape = PyTuple_GET_ITEM(shapes, i);
+        if (!PyTuple_Check(shape) || PyTuple_GET_SIZE(shape) > MAX_DIMENSIONS) {
+            PyErr_SetString(PyExc_ValueError, "outputs have at most two dimensions");
+            return -1;
+        }
+        self->shapes[i].dimensions = (int)PyTuple_GET_SIZE(shape);
+        for (int j = 0; j < self->shapes[i].dimensions; ++j) {
+            self->shapes[i].shape[j] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, j));
+        }
+    }
+    return PyErr_Occurred() ? -1 : 0;
+}
+
+/* Caller(address, widths, shapes, constants, general) */
+static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
+{
+    PyObject *address, *widths, *shapes, *constants, *general;
+    if (keywords && PyDict_GET_SIZE(keywords)) {
+        PyErr_SetString(PyExc_TypeError, "Caller takes no keywords");
+        return NULL;
+    }
+    if (!PyArg_ParseTuple(args, "O!O!O!SO:Caller", &PyLong_Type, &address, &PyTuple_Type, &widths,
+                          &PyTuple_Type, &shapes, &constants, &general)) {
+        return NULL;
+    }
+    Caller *self = (Caller *)type->tp_alloc(type, 0);
+    if (!self) {
+        return NULL;
+    }
+    self->vectorcall = Caller_vectorcall;
+    self->function = PyLong_AsVoidPtr(address);
+    self->constants = Py_NewRef(constants);
+    self->general = Py_NewRef(general);
+    self->name = PyObject_GetAttrString(general, "__name__");
+    self->doc = PyObject_GetAttrString(general, "__doc__");
+    if (PyErr_Occurred() || read_widths(self, widths) || read_shapes(self, shapes)) {
+        Py_DECREF(self);
+        return NULL;
+    }
+    return (PyObject *)self;
+}
+
+static int Caller_traverse(PyObject *object, visitproc visit, void *arg)
+{
+    Caller *self = (Caller *)object;
+    Py_VISIT(Py_TYPE(object));
+    Py_VISIT(self->general);
+    return 0;
+}
+
+static int Caller_clear(PyObject *object)
+{
+    Caller *self = (Caller *)object;
+    Py_CLEAR(self->constants);
+    Py_CLEAR(self->general);
+    Py_CLEAR(self->name);
+    Py_CLEAR(self->doc);
+    return 0;
+}
+
+static void Caller_dealloc(PyObject *object)
+{
+    PyTypeObject *type = Py_TYPE(object);
+    PyObject_GC_UnTrack(object);
+    (void)Caller_clear(object);
+    type->tp_free(object);
+    Py_DECREF(type);
+}
+
+static PyObject *Caller_repr(PyObject *object)
+{
+    return PyUnicode_FromFormat("<compiled function %U>", ((Caller *)object)->name);
+}
+
+static PyMemberDef members[] = {
+    {"__vectorcalloffset__", T_PYSSIZET, offsetof(Caller, vectorcall), READONLY, NULL},
+    {"__wrapped__", T_OBJECT, offsetof(Caller, general), READONLY, NULL},
+    {"__name__", T_OBJECT, offsetof(Caller, name), READONLY, NULL},
+    {"__doc__", T_OBJECT, offsetof(Caller, doc), READONLY, NULL},
+    {NULL, 0, 0, 0, NULL},
+};
+
+static PyType_Slot slots[] = {
+    {Py_tp_new, Caller_new},
+    {Py_tp_call, PyVectorcall_Call},
+    {Py_tp_dealloc, Caller_dealloc},
+    {Py_tp_traverse, Caller_traverse},
+    {Py_tp_clear, Caller_clear},
+    {Py_tp_repr, Caller_repr},
+    {Py_tp_members, members},
+    {0, NULL},
+};
+
+static PyType_Spec spec = {
+    .name = "gibbs_codegen_caller.Caller",
+    .basicsize = sizeof(Caller),
+    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_HAVE_GC | Py_TPFLAGS_HAVE_VECTORCALL |
+             Py_TPFLAGS_IMMUTABLETYPE,
+    .slots = slots,
+};
+
+static struct PyModuleDef module = {
+    PyModuleDef_HEAD_INIT,
+    .m_name = "gibbs_codegen_caller",
+    .m_size = -1,
+};
+
+PyMODINIT_FUNC PyInit_gibbs_codegen_caller(void)
+{
+    import_array();
+    PyObject *made = PyModule_Create(&module);
+    if (!made) {
+        return NULL;
+    }
+    PyObject *type = PyType_FromSpec(&spec);
+    if (!type || PyModule_AddObjectRef(made, "Caller", type) < 0) {
+        Py_XDECREF(type);
+        Py_DECREF(made);
+        return NULL;
+    }
+    Py_DECREF(type);
+    return made;
+}

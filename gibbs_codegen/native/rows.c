@@ -1,0 +1,172 @@
+/*
+ * States that follow each other in memory, through a function that takes blocks of eight.
+ *
+ * The functions of an emitted C module that end in _batch take each entry of eight states side by
+ * side. NumPy has one state after the other. This turns eight states at a time, in buffers small
+ * enough to stay in the cache.
+ */
+
+#include <stddef.h>
+#include <string.h>
+
+#ifndef GIBBS_CODEGEN_ROWS
+#define GIBBS_CODEGEN_ROWS gibbs_codegen_rows
+#endif
+
+#define LANES 8
+#define MAX_ARRAYS 6
+
+#ifdef __cplusplus
+extern "C"
+#endif
+int GIBBS_CODEGEN_ROWS(
+    void (*batch)(void),
+    const void *constants,
+    size_t count,
+    int inputs,
+    int outputs,
+    const size_t *widths,
+    double *const *arrays,
+    double *scratch);
+
+typedef void Two(const void *, size_t, double *, double *);
+typedef void Three(const void *, size_t, double *, double *, double *);
+typedef void Four(const void *, size_t, double *, double *, double *, double *);
+typedef void Five(const void *, size_t, double *, double *, double *, double *, double *);
+typedef void Six(const void *, size_t, double *, double *, double *, double *, double *, double *);
+
+static int call_block(void (*batch)(void), const void *constants, int number, double *const *block)
+{
+    double *const *b = block;
+    switch (number) {
+    case 2:
+        ((Two *)batch)(constants, LANES, b[0], b[1]);
+        return 0;
+    case 3:
+        ((Three *)batch)(constants, LANES, b[0], b[1], b[2]);
+        return 0;
+    case 4:
+        ((Four *)batch)(constants, LANES, b[0], b[1], b[2], b[3]);
+        return 0;
+    case 5:
+        ((Five *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4]);
+        return 0;
+    case 6:
+        ((Six *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5]);
+        return 0;
+    default:
+        return 1;
+    }
+}
+
+#ifdef __GNUC__
+typedef double Vector __attribute__((vector_size(LANES * sizeof(double)), aligned(8), may_alias));
+typedef long long Order __attribute__((vector_size(LANES * sizeof(double))));
+
+#ifdef __clang__
+#define MIX(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define MIX(a, b, ...) __builtin_shuffle(a, b, (Order){__VA_ARGS__})
+#endif
+
+/* Eight rows of eight become eight columns; rows may lie any distance apart on either side. */
+static void turn(const double *from, size_t from_step, double *to, size_t to_step)
+{
+    Vector row[LANES], pair[LANES], four[LANES];
+    for (int i = 0; i < LANES; ++i) {
+        row[i] = *(const Vector *)(from + (size_t)i * from_step);
+    }
+    for (int i = 0; i < LANES; i += 2) {
+        pair[i] = MIX(row[i], row[i + 1], 0, 8, 2, 10, 4, 12, 6, 14);
+        pair[i + 1] = MIX(row[i], row[i + 1], 1, 9, 3, 11, 5, 13, 7, 15);
+    }
+    for (int i = 0; i < LANES; i += 4) {
+        for (int j = i; j < i + 2; ++j) {
+            four[j] = MIX(pair[j], pair[j + 2], 0, 1, 8, 9, 4, 5, 12, 13);
+            four[j + 2] = MIX(pair[j], pair[j + 2], 2, 3, 10, 11, 6, 7, 14, 15);
+        }
+    }
+    for (int i = 0; i < 4; ++i) {
+        const Vector low = MIX(four[i], four[i + 4], 0, 1, 2, 3, 8, 9, 10, 11);
+        const Vector high = MIX(four[i], four[i + 4], 4, 5, 6, 7, 12, 13, 14, 15);
+        *(Vector *)(to + (size_t)i * to_step) = low;
+        *(Vector *)(to + (size_t)(i + 4) * to_step) = high;
+    }
+}
+#else
+static void turn(const double *from, size_t from_step, double *to, size_t to_step)
+{
+    for (size_t i = 0; i < LANES; ++i) {
+        for (size_t j = 0; j < LANES; ++j) {
+            to[j * to_step + i] = from[i * from_step + j];
+        }
+    }
+}
+#endif
+
+/* The states that are there, and the last of them again in lanes that would be empty. */
+static void pack(const double *rows, size_t filled, size_t width, double *block)
+{
+    size_t i = 0;
+    if (filled == LANES) {
+        for (; i + LANES <= width; i += LANES) {
+            turn(rows + i, width, block + i * LANES, LANES);
+        }
+    }
+    for (; i < width; ++i) {
+        for (size_t lane = 0; lane < LANES; ++lane) {
+            block[i * LANES + lane] = rows[(lane < filled ? lane : filled - 1) * width + i];
+        }
+    }
+}
+
+static void unpack(const double *block, size_t filled, size_t width, double *rows)
+{
+    size_t i = 0;
+    if (filled == LANES) {
+        for (; i + LANES <= width; i += LANES) {
+            turn(block + i * LANES, LANES, rows + i, width);
+        }
+    }
+    for (; i < width; ++i) {
+        for (size_t lane = 0; lane < filled; ++lane) {
+            rows[lane * width + i] = block[i * LANES + lane];
+        }
+    }
+}
+
+/*
+ * `arrays` are the inputs and then the outputs of `batch`, each with `count` rows of its width;
+ * `scratch` holds LANES states of all of them. Returns 0, or 1 where there are too many arrays.
+ */
+int GIBBS_CODEGEN_ROWS(
+    void (*batch)(void),
+    const void *constants,
+    size_t count,
+    int inputs,
+    int outputs,
+    const size_t *widths,
+    double *const *arrays,
+    double *scratch)
+{
+    double *block[MAX_ARRAYS];
+    const int number = inputs + outputs;
+    if (number < 2 || number > MAX_ARRAYS) {
+        return 1;
+    }
+    for (int i = 0; i < number; ++i) {
+        block[i] = scratch;
+        scratch += LANES * widths[i];
+    }
+    for (size_t first = 0; first < count; first += LANES) {
+        const size_t filled = count - first < LANES ? count - first : LANES;
+        for (int i = 0; i < inputs; ++i) {
+            pack(arrays[i] + first * widths[i], filled, widths[i], block[i]);
+        }
+        (void)call_block(batch, constants, number, block);
+        for (int i = inputs; i < number; ++i) {
+            unpack(block[i], filled, widths[i], arrays[i] + first * widths[i]);
+        }
+    }
+    return 0;
+}

@@ -1,0 +1,167 @@
+"""Time the C target against its peers in one run: `python tests/benchmarks/c_times.py`.
+
+Pinocchio, MuJoCo, CasADi-generated C and the project's C compute the same machines from 1024
+different states, on one core. All must agree to 1e-9 before any is timed. Rounds go through all
+contenders in turn, so that a slow moment of the machine hits all alike; what is reported is the
+median over the rounds, of times and of ratios, the latter with their 10th and 90th percentiles.
+`--picture FILE` draws the times, `--links 3 7` limits the machines.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
+
+from family import benchmark_robot  # noqa: E402
+from our_c import BATCH, ONE, our_contenders  # noqa: E402
+from peers.contender import FORWARD_DYNAMICS, TASKS, Contender, States, aligned, packed  # noqa: E402
+from peers.peers import STATES, Timer, check, contenders, random_states, timer  # noqa: E402
+
+ROUNDS = 60
+SECONDS_PER_MEASUREMENT = 1e-3
+
+Times = dict[tuple[str, str], np.ndarray]
+
+
+def measurement(time_calls: Timer, contender: Contender, states: States) -> Callable[[], float]:
+    """A function that measures nanoseconds per state, over at least one pass through the states."""
+    size = states[0].shape[1]
+    blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
+    first, second = (aligned(entries * contender.width) for entries in (size * size, size))
+    given = [number for block in blocks for number in (block.ctypes.data, block[0].size)]
+    pointer = ctypes.cast(contender.function, ctypes.c_void_p)
+    around = len(blocks[0])
+
+    def mean(calls: int) -> float:
+        return time_calls(pointer, calls, around, *given, first.ctypes.data, second.ctypes.data)
+
+    rounds = max(1, round(SECONDS_PER_MEASUREMENT * 1e9 / mean(around) / around))
+
+    def measure(keep: tuple[object, ...] = (blocks, first, second)) -> float:
+        return mean(rounds * around) / contender.width
+
+    return measure
+
+
+def times(links: int, folder: Path, time_calls: Timer, console: Console) -> Times:
+    """Nanoseconds per state of every contender in every round, for the machine of `links` links."""
+    robot = benchmark_robot(links)
+    with console.status(f"n = {links}: building and checking"):
+        found = [*contenders(robot, folder), *our_contenders(robot, folder)]
+        worst = max(check(contender, robot) for contender in found)
+        console.print(f"n = {links}: {len(found)} contenders agree to {worst:.0e}")
+        states = random_states(robot, STATES)
+        measures = {(c.task, c.name): measurement(time_calls, c, states) for c in found}
+    with console.status(f"n = {links}: timing"):
+        rounds = [{key: measure() for key, measure in measures.items()} for _ in range(ROUNDS)]
+    return {key: np.array([r[key] for r in rounds]) for key in measures}
+
+
+def ratio_text(peer: np.ndarray, ours: np.ndarray) -> str:
+    """Median of a ratio with its 10th and 90th percentiles."""
+    low, middle, high = np.percentile(peer / ours, (10, 50, 90))
+    return f"{middle:.3g} ({low:.3g}–{high:.3g})"
+
+
+def print_tables(measured: dict[int, Times], console: Console) -> None:
+    """A table a task: nanoseconds per state, and how many times that of ours it is."""
+    for task in TASKS:
+        table = Table(title=f"{task.capitalize()}: ns per state, and times ours (10–90 %)")
+        table.add_column("who")
+        for links in measured:
+            table.add_column(f"n = {links}", justify="right")
+            table.add_column("÷ one state", justify="right")
+            table.add_column("÷ batch", justify="right")
+        names = [who for found, who in next(iter(measured.values())) if found == task]
+        for who in names:
+            cells = []
+            for found in measured.values():
+                own = found[task, who]
+                one, batch = found[task, ONE], found[task, BATCH]
+                cells.append(f"{np.median(own):.1f}")
+                cells.append("" if who in (ONE, BATCH) else ratio_text(own, one))
+                cells.append("" if who == BATCH else ratio_text(own, batch))
+            table.add_row(who, *cells)
+        console.print(table)
+
+
+def draw(measured: dict[int, Times], file: str) -> None:
+    """Bars of nanoseconds per state on a logarithmic scale, a panel a task."""
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    figure, panels = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True, layout="constrained")
+    colours = plt.get_cmap("tab10").colors
+    for panel, task in zip(panels, TASKS, strict=True):
+        names = [who for found, who in next(iter(measured.values())) if found == task]
+        width = 0.86 / len(names)
+        for i, who in enumerate(names):
+            places = np.arange(len(measured)) + (i - (len(names) - 1) / 2) * width
+            heights = [np.median(found[task, who]) for found in measured.values()]
+            ours = who in (ONE, BATCH)
+            bars = panel.bar(
+                places,
+                heights,
+                width,
+                label=who,
+                color="black" if who == ONE else "dimgrey" if ours else colours[i],
+            )
+            panel.bar_label(bars, [f"{h:.3g}" for h in heights], fontsize=6.5, rotation=90, padding=2)
+        panel.set_yscale("log")
+        panel.set_xticks(range(len(measured)), [f"n = {links}" for links in measured])
+        panel.set_title(task)
+        panel.set_xlabel("links of the arm")
+        panel.grid(axis="y", which="major", alpha=0.4)
+        panel.set_axisbelow(True)
+    panels[0].set_ylabel("time per state, ns")
+    panels[0].set_ylim(top=4 * panels[0].get_ylim()[1])
+    panels[1].legend(fontsize=8, ncols=2, loc="upper left")
+    figure.savefig(file, dpi=150)
+
+
+def machine() -> str:
+    """Processor and compiler, as far as the system tells."""
+    cpu = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        lines = info.read_text(encoding="utf-8").splitlines()
+        cpu = next((x.split(":")[1].strip() for x in lines if x.startswith("model name")), cpu)
+        wide = any("avx512f" in line for line in lines)
+        cpu += ", AVX-512" if wide else ""
+    return f"{cpu}; one core; gcc -O3 -march=native; Python {platform.python_version()}"
+
+
+def main() -> None:
+    """Build, check, time, print; draw if asked to."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--links", type=int, nargs="+", default=[3, 7, 30])
+    parser.add_argument("--picture", metavar="FILE")
+    options = parser.parse_args()
+    console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        time_calls = timer(folder)
+        measured = {links: times(links, folder, time_calls, console) for links in options.links}
+        console.print(machine())
+        print_tables(measured, console)
+        if options.picture:
+            draw(measured, options.picture)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,88 @@
+"""The project's own C as contenders, beside its peers."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from peers.build import FLAGS, function
+from peers.contender import (
+    FORWARD_DYNAMICS,
+    LANES,
+    MASS_MATRIX_AND_RESIDUAL,
+    Array,
+    Contender,
+    Results,
+    States,
+)
+
+from gibbs_codegen.emit import TARGETS, render_module
+from gibbs_codegen.load import load
+from gibbs_codegen.model import derive
+from gibbs_codegen.robot import Robot
+
+ONE, BATCH = "gibbs_codegen", "gibbs_codegen, batch"
+
+_GLUE = """
+#include "{name}.h"
+
+#define CALL(glue, f, count, ...) \\
+    void glue(const double *q, const double *v, const double *u, double *first, double *second); \\
+    __attribute__((visibility("default"))) \\
+    void glue(const double *q, const double *v, const double *u, double *first, double *second) \\
+    {{ (void)u; (void)second; {name}_##f(&{name}_default_constants count, __VA_ARGS__); }}
+
+#define EIGHT , 8
+CALL(matrix_one, mass_matrix_and_residual, , q, v, first, second)
+CALL(matrix_batch, mass_matrix_and_residual_batch, EIGHT, q, v, first, second)
+CALL(forward_one, forward_dynamics, , q, v, u, first)
+CALL(forward_batch, forward_dynamics_batch, EIGHT, q, v, u, first)
+"""
+
+
+def our_contenders(robot: Robot, folder: Path) -> list[Contender]:
+    """Both tasks, one state and eight at a time, emitted and compiled in `folder`."""
+    package = folder / f"{robot.name}_module"
+    package.mkdir(parents=True)
+    for file, text in render_module(derive(robot), "", TARGETS).items():
+        (package / file).write_text(text, encoding="utf-8")
+    glue = package / "glue.c"
+    glue.write_text(_GLUE.format(name=robot.name), encoding="utf-8")
+    library = package / "ours.so"
+    source = package / f"{robot.name}.c"
+    subprocess.run(["gcc", *FLAGS, str(source), str(glue), "-o", str(library), "-lm"], check=True)
+    return _contenders(ctypes.CDLL(str(library)), load(package))
+
+
+def _contenders(library: ctypes.CDLL, module: ModuleType) -> list[Contender]:
+    size = len(module.COORDINATES)
+
+    def generalised(states: States) -> States:
+        """Inputs whose generalised forces are the given ones."""
+        q, v, tau = states
+        return q, v, np.linalg.solve(module.input_matrix(q), tau[..., None])[..., 0]
+
+    def matrix_and_residual(_: States, first: Array, second: Array) -> Results:
+        return first.reshape(-1, size, size), second
+
+    def accelerations(_: States, first: Array, second: Array) -> Results:
+        return (first[:, :size],)
+
+    return [
+        Contender(
+            name,
+            task,
+            width,
+            function(library, f"{prefix}_{'one' if width == 1 else 'batch'}"),
+            generalised if prefix == "forward" else lambda states: states,
+            accelerations if prefix == "forward" else matrix_and_residual,
+        )
+        for task, prefix in (
+            (MASS_MATRIX_AND_RESIDUAL, "matrix"),
+            (FORWARD_DYNAMICS, "forward"),
+        )
+        for name, width in ((ONE, 1), (BATCH, LANES))
+    ]

@@ -1,0 +1,1 @@
+"""The benchmark family computed by other tools, behind one interface in C."""

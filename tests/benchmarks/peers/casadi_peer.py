@@ -1,0 +1,77 @@
+"""CasADi as a contender: recursions in SX, its generated C, one state or eight at a time."""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+import casadi as ca
+from peers.build import compiled, function
+from peers.casadi_articulated import forward_dynamics
+from peers.casadi_recursions import ATTITUDE, Machine, effects, mass_matrix
+from peers.contender import (
+    FORWARD_DYNAMICS,
+    LANES,
+    MASS_MATRIX_AND_RESIDUAL,
+    Contender,
+    Ordered,
+)
+from peers.tree import Tree
+
+NO_OPERATION = (ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST)
+WIDTHS = (
+    ("CasADi C", 1, "casadi_one.c"),
+    ("CasADi C, eight at once", LANES, "casadi_eight.cpp"),
+)
+
+
+def tip_first(tree: Tree) -> tuple[int, ...]:
+    """Coordinates in the order in which composite bodies give the columns of the mass matrix.
+
+    CasADi computes in the order of its outputs; from the tip on, one column is done with before
+    the next, which makes the C for 30 links a quarter faster eight at a time.
+    """
+    arm = range(ATTITUDE, ATTITUDE + tree.joints)
+    position = range(tree.coordinates - 3, tree.coordinates)
+    return (*reversed(arm), *reversed(range(ATTITUDE)), *position)
+
+
+def functions(tree: Tree) -> dict[str, ca.Function]:
+    """A function per task: mass matrix and nonlinear effects, tip first; accelerations."""
+    machine, tip = Machine(tree), tip_first(tree)
+    q, v, tau = machine.q, machine.v, machine.tau
+    both = ca.cse([mass_matrix(machine)[tip, tip], effects(machine)[tip]])
+    accelerations = ca.cse([forward_dynamics(machine)])
+    return {
+        MASS_MATRIX_AND_RESIDUAL: ca.Function("mass_matrix_and_effects", [q[tip], v[tip]], both),
+        FORWARD_DYNAMICS: ca.Function("forward_dynamics", [q, v, tau], accelerations),
+    }
+
+
+def operations(made: ca.Function) -> int:
+    """Operations of a function, sines and cosines among them, loads and stores not."""
+    codes = (made.instruction_id(k) for k in range(made.n_instructions()))
+    return sum(code not in NO_OPERATION for code in codes)
+
+
+def casadi_contenders(tree: Tree, folder: Path) -> list[Contender]:
+    """CasADi one state and eight states at a time, both tasks."""
+    generated = folder / "casadi_generated.c"
+    generator = ca.CodeGenerator(generated.name)
+    for made in functions(tree).values():
+        generator.add(made)
+    generator.generate(f"{folder}/")
+    arguments = [f'-DGENERATED="{generated}"', "-lmvec", "-lm"]
+    tip, base = Ordered(tip_first(tree)), Ordered(tuple(range(tree.coordinates)))
+    found = []
+    for name, width, source in WIDTHS:
+        library = ctypes.CDLL(str(compiled(source, folder / f"{source}.so", arguments)))
+        both = function(library, "casadi_mass_matrix_and_effects")
+        forward = function(library, "casadi_forward_dynamics")
+        found += [
+            Contender(
+                name, MASS_MATRIX_AND_RESIDUAL, width, both, tip.inputs, tip.matrix_and_residual
+            ),
+            Contender(name, FORWARD_DYNAMICS, width, forward, base.inputs, base.accelerations),
+        ]
+    return found

@@ -1,0 +1,104 @@
+"""What is timed: a compiled function behind one interface, and how its numbers are laid out.
+
+`function(q, v, tau, first, second)` takes five pointers to doubles. For the mass matrix and
+residual it leaves the matrix in `first` and the residual, or minus it, in `second`; for forward
+dynamics the accelerations in `first`. A contender of width 8 takes eight states a call, each entry
+eight times in a row, from memory that starts at a multiple of 64 bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+States = tuple[Array, Array, Array]
+Results = tuple[Array, ...]
+
+MASS_MATRIX_AND_RESIDUAL = "mass matrix and residual"
+FORWARD_DYNAMICS = "forward dynamics"
+TASKS = (MASS_MATRIX_AND_RESIDUAL, FORWARD_DYNAMICS)
+
+LANES = 8
+
+
+@dataclass(frozen=True)
+class Contender:
+    """One tool at one task, for one robot.
+
+    `inputs` turns (q, v, τ), each (states, nq) in the project's coordinates, into the tool's own,
+    one row a state; `outputs` turns those states and rows of `first` and `second` into what
+    `reference` gives: (M, R), or the accelerations alone. A tool that leaves results in its own
+    memory has a `fetch(first, second)` that copies them out, which is not timed.
+    """
+
+    name: str
+    task: str
+    width: int
+    function: Any
+    inputs: Callable[[States], States]
+    outputs: Callable[[States, Array, Array], Results]
+    fetch: Any = None
+
+
+def aligned(*shape: int) -> Array:
+    """Zeros that start at a multiple of 64 bytes."""
+    size = int(np.prod(shape))
+    memory = np.zeros(size + LANES)
+    start = (-memory.ctypes.data % 64) // memory.itemsize
+    return memory[start : start + size].reshape(shape)
+
+
+def packed(rows: Array, width: int) -> Array:
+    """Rows as blocks of `width` states, (blocks, entries, width)."""
+    blocks = aligned(len(rows) // width, rows.shape[1], width)
+    blocks[:] = rows.reshape(-1, width, rows.shape[1]).transpose(0, 2, 1)
+    return blocks
+
+
+def unpacked(blocks: Array) -> Array:
+    """Rows of the states in blocks."""
+    return blocks.transpose(0, 2, 1).reshape(-1, blocks.shape[1])
+
+
+def results(contender: Contender, states: States) -> Results:
+    """What a contender computes, in the project's coordinates."""
+    count, size = states[0].shape
+    blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
+    first = aligned(count // contender.width, size * size, contender.width)
+    second = aligned(count // contender.width, size, contender.width)
+    for *given, one, two in zip(*blocks, first, second, strict=True):
+        contender.function(*(block.ctypes.data for block in (*given, one, two)))
+        if contender.fetch is not None:
+            contender.fetch(one.ctypes.data, two.ctypes.data)
+    return contender.outputs(states, unpacked(first), unpacked(second))
+
+
+@dataclass(frozen=True)
+class Ordered:
+    """Layout of a tool whose k-th coordinate is the project's `order[k]`."""
+
+    order: tuple[int, ...]
+
+    def inputs(self, states: States) -> States:
+        """States in the tool's order."""
+        q, v, tau = (rows[:, self.order] for rows in states)
+        return q, v, tau
+
+    def matrix_and_residual(self, states: States, first: Array, second: Array) -> Results:
+        """M and R of the tool's mass matrix and nonlinear effects, R being minus these."""
+        back = np.argsort(self.order)
+        matrices = first.reshape(len(first), len(back), len(back))
+        return matrices[:, back][:, :, back], -second[:, back]
+
+    def accelerations(self, states: States, first: Array, second: Array) -> Results:
+        """Accelerations in the project's order."""
+        return (first[:, : len(self.order)][:, np.argsort(self.order)],)
+
+
+def position_first(size: int) -> tuple[int, ...]:
+    """Order of a tree: position, attitude, arm."""
+    return (*range(size - 3, size), *range(size - 3))

@@ -1,0 +1,153 @@
+"""All peers of the C target, built, checked and timed: `python tests/benchmarks/peers/peers.py`.
+
+Absolute times do not carry to other machines; ratios within one run do.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+BENCHMARKS = Path(__file__).parent.parent
+sys.path[:0] = [str(BENCHMARKS), str(BENCHMARKS.parent)]
+
+from family import benchmark_robot  # noqa: E402
+from peers.build import compiled  # noqa: E402
+from peers.casadi_peer import casadi_contenders, functions, operations  # noqa: E402
+from peers.contender import (  # noqa: E402
+    MASS_MATRIX_AND_RESIDUAL,
+    TASKS,
+    Array,
+    Contender,
+    Results,
+    States,
+    aligned,
+    packed,
+    results,
+)
+from peers.mujoco_peer import mujoco_contenders  # noqa: E402
+from peers.pinocchio_peer import pinocchio_contenders  # noqa: E402
+from peers.tree import tree_of  # noqa: E402
+from pinocchio_oracle import Oracle  # noqa: E402
+
+from gibbs_codegen.robot import Robot  # noqa: E402
+
+LINKS = (3, 7, 30)
+STATES = 1024
+CHECKED_STATES = 32
+TOLERANCE = 1e-9
+REPEATS = 50
+NANOSECONDS_PER_REPEAT = 2e6
+
+Timer = Callable[..., float]
+
+
+def contenders(robot: Robot, folder: Path) -> list[Contender]:
+    """Every peer for one robot, built in `folder`; what is there already is not built again."""
+    own = folder / robot.name
+    own.mkdir(exist_ok=True)
+    tree = tree_of(robot)
+    return [
+        *pinocchio_contenders(tree, own),
+        *mujoco_contenders(tree, own),
+        *casadi_contenders(tree, own),
+    ]
+
+
+def random_states(robot: Robot, count: int, seed: int = 0) -> States:
+    """Random (q, v, τ), angles all round but for the middle one of the attitude, within ±1.2."""
+    rng = np.random.default_rng(seed)
+    q, v, tau = rng.uniform(-3, 3, (3, count, tree_of(robot).coordinates))
+    q[:, 1] *= 0.4
+    return q, v, tau
+
+
+def reference(robot: Robot, task: str, states: States) -> Results:
+    """What Pinocchio's Python module gives for a task."""
+    oracle = Oracle(robot, rigid_base=True)
+    still = np.zeros(states[0].shape[1])
+    matrices = np.array([oracle.mass_matrix(q) for q in states[0]])
+    effects = [oracle.inverse_dynamics(q, v, still) for q, v, _ in zip(*states, strict=True)]
+    residuals = -np.array(effects)
+    if task == MASS_MATRIX_AND_RESIDUAL:
+        return matrices, residuals
+    return (np.linalg.solve(matrices, (states[2] + residuals)[..., None])[..., 0],)
+
+
+def check(contender: Contender, robot: Robot) -> float:
+    """Largest error against the oracle, over each state's largest entry; raises above 1e-9."""
+    states = random_states(robot, CHECKED_STATES, seed=1)
+    pairs = zip(results(contender, states), reference(robot, contender.task, states), strict=True)
+    worst = float(np.max([_error(found, right) for found, right in pairs]))
+    if not worst < TOLERANCE:
+        raise AssertionError(f"{contender.name}, {contender.task}, {robot.name}: off by {worst}")
+    return worst
+
+
+def _error(found: Array, right: Array) -> Array:
+    within = tuple(range(1, right.ndim))
+    return np.max(np.abs(found - right).max(axis=within) / np.abs(right).max(axis=within))
+
+
+def timer(folder: Path) -> Timer:
+    """The timing loop of `harness.c`."""
+    library = ctypes.CDLL(str(compiled("harness.c", folder / "harness.so")))
+    pointer, count = ctypes.c_void_p, ctypes.c_long
+    library.time_calls.restype = ctypes.c_double
+    library.time_calls.argtypes = [pointer, count, count, *[pointer, count] * 3, pointer, pointer]
+    return library.time_calls
+
+
+def nanoseconds(time_calls: Timer, contender: Contender, states: States) -> float:
+    """Least time per state of many repeats, each at least once round the states."""
+    size = states[0].shape[1]
+    blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
+    first, second = (aligned(entries * contender.width) for entries in (size * size, size))
+    given = [number for block in blocks for number in (block.ctypes.data, block[0].size)]
+    pointer = ctypes.cast(contender.function, ctypes.c_void_p)
+
+    def mean(calls: int) -> float:
+        return time_calls(
+            pointer, calls, len(blocks[0]), *given, first.ctypes.data, second.ctypes.data
+        )
+
+    around = len(blocks[0])
+    calls = max(around, round(NANOSECONDS_PER_REPEAT / mean(around)))
+    return min(mean(calls) for _ in range(REPEATS)) / contender.width
+
+
+def main() -> None:
+    """Print nanoseconds per state of every peer, after checking it, and CasADi's operations."""
+    cells: dict[tuple[str, str], list[str]] = {}
+    with tempfile.TemporaryDirectory() as name:
+        time_calls = timer(Path(name))
+        for links in LINKS:
+            robot = benchmark_robot(links)
+            states = random_states(robot, STATES)
+            for contender in contenders(robot, Path(name)):
+                check(contender, robot)
+                time = nanoseconds(time_calls, contender, states)
+                cells.setdefault((contender.task, contender.name), []).append(f"{time:.1f}")
+            for task, function in functions(tree_of(robot)).items():
+                count = str(operations(function))
+                cells.setdefault((task, "operations of the CasADi C"), []).append(count)
+    for task in TASKS:
+        table = Table(title=f"{task.capitalize()}, ns per state")
+        table.add_column("who")
+        for links in LINKS:
+            table.add_column(f"n = {links}", justify="right")
+        for (found, who), row in cells.items():
+            if found == task:
+                table.add_row(who, *row)
+        Console(width=100).print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""Pinocchio's C++ as a contender: on a free-flyer, its best, and in the project's coordinates."""
+
+from __future__ import annotations
+
+from ctypes import c_double, c_int, c_long, c_void_p
+from pathlib import Path
+
+import numpy as np
+from peers import free_flyer
+from peers.build import compiled, function, own_copy, package_folder, required
+from peers.contender import (
+    FORWARD_DYNAMICS,
+    MASS_MATRIX_AND_RESIDUAL,
+    Contender,
+    Ordered,
+    position_first,
+)
+from peers.tree import Tree
+
+
+def headers() -> list[str]:
+    """Flags that find Pinocchio, Boost and Eigen in the wheels' common prefix."""
+    package = package_folder("pinocchio", "pin")
+    prefix = next((p for p in package.parents if p.name == "cmeel.prefix"), package)
+    include = prefix / "include"
+    required(include / "pinocchio" / "algorithm" / "aba.hpp", "pip install pin")
+    required(include / "boost" / "variant.hpp", "pip install cmeel-boost")
+    required(include / "eigen3" / "Eigen" / "Core", "pip install cmeel-eigen")
+    return [f"-I{include}", f"-I{include / 'eigen3'}"]
+
+
+def pinocchio_contenders(tree: Tree, folder: Path) -> list[Contender]:
+    """Pinocchio on both bases, both tasks."""
+    flags = ["-std=c++17", "-w", *headers()]
+    library = compiled("pinocchio_peer.cpp", folder.parent / "pinocchio.so", flags)
+    bodies = np.ascontiguousarray(tree.numbers())
+    found = []
+    for name, free, layout in (
+        ("Pinocchio, free-flyer", True, free_flyer),
+        ("Pinocchio, our coordinates", False, Ordered(position_first(tree.coordinates))),
+    ):
+        copy = own_copy(library, folder / f"pinocchio_{'free' if free else 'ours'}.so")
+        copy.pinocchio_load.argtypes = [c_void_p, c_long, c_double, c_int]
+        copy.pinocchio_load(bodies.ctypes.data, len(bodies), tree.gravity, free)
+        found += [
+            Contender(
+                name,
+                MASS_MATRIX_AND_RESIDUAL,
+                1,
+                function(copy, "pinocchio_mass_matrix_and_effects"),
+                layout.inputs,
+                layout.matrix_and_residual,
+                function(copy, "pinocchio_fetch_mass_matrix_and_effects", 2),
+            ),
+            Contender(
+                name,
+                FORWARD_DYNAMICS,
+                1,
+                function(copy, "pinocchio_forward_dynamics"),
+                layout.inputs,
+                layout.accelerations,
+                function(copy, "pinocchio_fetch_accelerations", 2),
+            ),
+        ]
+    return found

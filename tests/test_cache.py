@@ -1,0 +1,145 @@
+"""The cache of compiled libraries: private, verified, atomic."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+from pathlib import Path
+
+import pytest
+
+from gibbs_codegen.cache import CacheError, cache_folder, cached_library
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+class Maker:
+    """Writes a library and counts how often."""
+
+    def __init__(self, content: bytes = b"library") -> None:
+        self.content = content
+        self.calls = 0
+
+    def __call__(self, output: Path) -> None:
+        self.calls += 1
+        output.write_bytes(self.content)
+
+
+def test_made_once_and_kept(folder: Path) -> None:
+    make = Maker()
+    path = cached_library("key", make)
+    assert cached_library("key", make) == path
+    assert make.calls == 1
+    assert path.read_bytes() == b"library"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert cached_library("other key", make) != path
+    assert make.calls == 2
+
+
+@pytest.mark.parametrize("change", ["edit", "truncate", "remove", "digest", "link", "empty"])
+def test_what_was_changed_is_made_anew(change: str, folder: Path, tmp_path: Path) -> None:
+    path = cached_library("key", Maker())
+    if change == "edit":
+        path.write_bytes(b"Library")
+    elif change == "truncate":
+        path.write_bytes(b"")
+    elif change == "remove":
+        path.unlink()
+    elif change == "digest":
+        (path.parent / "sha256").write_text("0" * 64)
+    elif change == "link":
+        (tmp_path / "planted").write_bytes(b"library")
+        path.unlink()
+        path.symlink_to(tmp_path / "planted")
+    else:
+        for file in path.parent.iterdir():
+            file.unlink()
+    make = Maker()
+    assert cached_library("key", make) == path
+    assert make.calls == 1
+    assert path.read_bytes() == b"library"
+    assert not path.is_symlink()
+
+
+def test_a_loaded_library_does_not_change(folder: Path) -> None:
+    """A bad entry is moved aside: whoever has it open keeps what it has."""
+    path = cached_library("key", Maker())
+    path.write_bytes(b"edited")
+    with path.open("rb") as opened:
+        cached_library("key", Maker())
+        assert opened.read() == b"edited"
+    assert path.read_bytes() == b"library"
+
+
+def test_a_failure_leaves_nothing(folder: Path) -> None:
+    def fail(output: Path) -> None:
+        output.write_bytes(b"half")
+        raise RuntimeError("no")
+
+    with pytest.raises(RuntimeError, match="no"):
+        cached_library("key", fail)
+    assert [path.name for path in folder.iterdir() if path.is_dir()] == []
+    make = Maker()
+    cached_library("key", make)
+    assert make.calls == 1
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (lambda f: f.chmod(0o755), "chmod 700"),
+        (lambda f: (f.rename(f.with_name("real")), f.symlink_to(f.with_name("real"))), "folder"),
+        (lambda f: (f.rmdir(), f.write_text("")), "File exists"),
+    ],
+)
+def test_a_folder_that_is_not_private_is_not_used(spoil, reason: str, folder: Path) -> None:
+    folder.mkdir(mode=0o700)
+    spoil(folder)
+    make = Maker()
+    with pytest.raises(CacheError, match=reason):
+        cached_library("key", make)
+    assert make.calls == 0
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a folder away")
+def test_the_folder_of_another_user_is_not_used(folder: Path) -> None:
+    folder.mkdir(mode=0o700)
+    os.chown(folder, 12345, 12345)
+    with pytest.raises(CacheError, match="another user"):
+        cached_library("key", Maker())
+
+
+def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("GIBBS_CODEGEN_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr("sys.platform", "linux")
+    assert cache_folder() == tmp_path / "gibbs_codegen"
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / ".cache" / "gibbs_codegen"
+    monkeypatch.setattr("sys.platform", "darwin")
+    assert cache_folder() == tmp_path / "Library" / "Caches" / "gibbs_codegen"
+
+
+def slow(output: Path) -> None:
+    with (output.parent.parent / "calls").open("a") as calls:
+        calls.write("x")
+    output.write_bytes(b"half")
+    time.sleep(0.3)
+    output.write_bytes(b"whole")
+
+
+def read(_: int) -> bytes:
+    return cached_library("key", slow).read_bytes()
+
+
+def test_many_processes_at_once(folder: Path) -> None:
+    """One makes it; all of them get the whole of it."""
+    with multiprocessing.get_context("spawn").Pool(16) as pool:
+        assert pool.map(read, range(16), chunksize=1) == [b"whole"] * 16
+    assert (folder / "calls").read_text() == "x"
