@@ -16,8 +16,9 @@ import math
 import re
 import sys
 import sysconfig
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -72,7 +73,24 @@ def compiled_library(folder: Path, name: str, compiler: Compiler) -> Path:
     files = [folder / file for file in c_files(name)] + [_NATIVE / "rows.c"]
     key = [compiler.identity, *(path.read_text(encoding="utf-8") for path in files)]
     sources = [path for path in files if path.suffix == ".c"]
-    return cached_library("\0".join(key), lambda output: compiler.library(sources, output))
+
+    def make(output: Path) -> None:
+        with _announced(f"compiling {name}"):
+            compiler.library(sources, output)
+
+    return cached_library("\0".join(key), make)
+
+
+@contextmanager
+def _announced(what: str) -> Iterator[None]:
+    """Say what takes long, on a terminal; nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
 
 
 def c_files(name: str) -> list[str]:

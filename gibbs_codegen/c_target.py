@@ -23,8 +23,8 @@ from gibbs_codegen.program import (
     Statement,
     count_operations,
     names_in,
+    total_mass,
 )
-from gibbs_codegen.robot import Robot
 from gibbs_codegen.stack import stack_bytes
 from gibbs_codegen.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
 
@@ -76,6 +76,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
             if name in used
         ],
         "prepare": _statement_lines(program.prepare, printer),
+        "total_mass": printer.expression(total_mass(program)),
         "sine_kinds": [
             {
                 "name": "sine_cosine_one",

@@ -16,7 +16,7 @@ from gibbs_codegen.robot import Robot
 
 @dataclass(frozen=True)
 class Description:
-    """What a function returns in a line, details, the equation it implements, its outputs' names."""
+    """What a function returns, details, the equation it implements, and its outputs' names."""
 
     summary: str
     details: str

@@ -11,7 +11,16 @@ import sympy as sp
 
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.robot import AXES
-from gibbs_codegen.vectors import Rotation, Vector, Wrench, add, axis_vector, cross, scale
+from gibbs_codegen.vectors import (
+    NO_WRENCH,
+    Rotation,
+    Vector,
+    Wrench,
+    add,
+    axis_vector,
+    cross,
+    scale,
+)
 
 
 def thrust_direction(machine: Machine, k: int) -> Vector:
@@ -67,22 +76,13 @@ def motor_columns(machine: Machine) -> list[tuple[sp.Expr, ...]]:
 
 
 def total_thrust_wrench(machine: Machine) -> Wrench:
-    """Wrench of all motors about the origin for the inputs u, in the root's carrier."""
-    tape = machine.tape
-    rotors = machine.robot.rotors
-    wrenches = [motor_wrench(machine, k) for k in range(1, rotors + 1)]
-    thrusts = machine.u[:rotors]
-
-    def weighted(vectors: list[Vector]) -> Vector:
-        x, y, z = (
-            tape.let(sp.Add(*(tape.let(c * f) for c, f in zip(column, thrusts, strict=True))))
-            for column in zip(*vectors, strict=True)
-        )
-        return (x, y, z)
-
-    force = weighted([wrench.force for wrench in wrenches])
-    moment = weighted([wrench.moment for wrench in wrenches])
-    return Wrench(force, moment).rotated(tape, machine.root.segment_rotation)
+    """Wrench of all motors about the origin for the inputs u, in arm 1's frame."""
+    tape, total = machine.tape, NO_WRENCH
+    for k, thrust in enumerate(machine.u[: machine.robot.rotors], start=1):
+        unit = motor_wrench(machine, k)
+        force, moment = (scale(tape, thrust, v) for v in (unit.force, unit.moment))
+        total = total.plus(tape, Wrench(force, moment))
+    return total
 
 
 def input_matrix(machine: Machine) -> list[list[sp.Expr]]:

@@ -1,47 +1,63 @@
-"""Forward dynamics: the translation eliminated first, then LDLᵀ from the arm's tip to the root.
+"""Forward dynamics in two ways, by articulated bodies and by M: each robot gets the shorter one.
 
-The unknowns are the joint accelerations, the root's angular acceleration Ω (the sum of θ̈ times
-their axes) and the origin's acceleration A, in the root's carrier, where nothing has to be
-projected. A flying machine falls freely, so gravity enters once, at the end: A is relative to free
-fall. The attitude angles' accelerations follow from Ω.
+The recursion's operations grow with n, those of factors of M with n³. Either way the unknowns are
+the joint accelerations, the root's angular acceleration Ω (the sum of θ̈ times their axes) and the
+base centre's acceleration, in the root's carrier, where nothing has to be projected. About its
+centre the base is balanced, whatever the origin of the coordinates. A flying machine falls freely,
+so gravity enters once, at the end: accelerations are relative to free fall.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 
 import sympy as sp
 
+from gibbs_codegen.articulated import Acceleration, articulated_accelerations
 from gibbs_codegen.coordinates import coordinate_text
 from gibbs_codegen.equations import Matrix, State, chain_motions, unprojected_mass_matrix
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.forces import total_thrust_wrench
 from gibbs_codegen.inertia import ANGULAR, PAIRS, Inertia
+from gibbs_codegen.kinematics import Motion
+from gibbs_codegen.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.serial import inward
 from gibbs_codegen.tape import Scalars
-from gibbs_codegen.vectors import ZERO, Vector, Wrench, cross, dot, scale
+from gibbs_codegen.vectors import ZERO, Vector, Wrench, add, cross, dot, scale
 
 
-class ZeroPivotError(Exception):
-    """A pivot is zero whatever the numbers: nothing determines `unknown`."""
-
-    def __init__(self, unknown: int) -> None:
-        self.unknown = unknown
-        super().__init__(f"unknown {unknown}")
-
-
-def forward_dynamics(machine: Machine) -> list[sp.Expr]:
-    """Accelerations a of M a = R + B u, in the order of q.
+def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
+    """Accelerations a of M a = R + B u, in the order of q, by articulated bodies.
 
     Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
     """
-    tape, root, chain = machine.tape, machine.root, machine.reduced_chain
+    centred = _about_base_centre(machine)
+    with _refused_as_singular(machine):
+        joints, root = articulated_accelerations(
+            machine.tape,
+            centred.reduced_chain,
+            _free_motions(centred),
+            total_thrust_wrench(centred),
+            _efforts(machine),
+        )
+    return _in_coordinates(machine, joints, root)
+
+
+def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
+    """The same from M: translation eliminated first, since its block is m·1₃, then LDLᵀ.
+
+    Returns nothing where LDLᵀ alone takes `most` operations or more. Raises `SingularRobotError`
+    like the other way.
+    """
+    tape, n = machine.tape, machine.joints
+    centred = _about_base_centre(machine)
+    chain = centred.reduced_chain
     composite, wrenches, block = unprojected_mass_matrix(tape, chain)
-    drive, efforts = _driving_forces(machine)
     lightness = tape.let(1 / composite.mass)
     centre = scale(tape, lightness, composite.moment)
-    n = machine.joints
     light = [scale(tape, lightness, wrench.force) for wrench in wrenches]
     matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
     for (i, j), entry in block.items():
@@ -55,76 +71,87 @@ def forward_dynamics(machine: Machine) -> list[sp.Expr]:
     for k in range(3):
         for m, entry in enumerate(about_centre.response(tape, ANGULAR + k).moment):
             matrix[n + k][n + m] = entry
-    right = [_minus_dot(tape, effort, light[i], drive.force) for i, effort in enumerate(efforts)]
-    right.extend(_about(tape, drive, centre))
     # Tip first: the last joint couples to all others, the root is left for the end.
     order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
-    try:
+    if operations_to_solve(matrix, order) >= most:
+        return None
+    drive, efforts = _driving_forces(centred)
+    right = [_minus_dot(tape, effort, light[i], drive.force) for i, effort in enumerate(efforts)]
+    right.extend(_about(tape, drive, centre))
+    with _refused_as_singular(machine):
         solution = solve_symmetric(tape, matrix, right, order)
-    except ZeroPivotError as error:
-        place = 3 + error.unknown if error.unknown < n else error.unknown - n
-        unresisted = coordinate_text(machine.robot, place)
-        raise SingularRobotError(machine.robot.name, unresisted) from None
     angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
     spin = cross(tape, angular, centre)
-    linear = []
-    for k in range(3):
-        shares = [light[i][k] * solution[i] for i in range(n)]
-        linear.append(tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares)))
-    x, y, z = root.world(tape, (linear[0], linear[1], linear[2]))
+    shares = [[light[i][k] * solution[i] for i in range(n)] for k in range(3)]
+    x, y, z = (
+        tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares[k])) for k in range(3)
+    )
+    return _in_coordinates(machine, solution[:n], Acceleration((x, y, z), angular))
+
+
+@contextmanager
+def _refused_as_singular(machine: Machine) -> Iterator[None]:
+    """Name the coordinate of an unknown: the joints come first, then Ω, then the position."""
+    n = machine.joints
+    places = [*range(3, n + 3), 0, 1, 2, *range(n + 3, n + 6)]
+    try:
+        yield
+    except ZeroPivotError as error:
+        unresisted = coordinate_text(machine.robot, places[error.unknown])
+        raise SingularRobotError(machine.robot.name, unresisted) from None
+
+
+def _about_base_centre(machine: Machine) -> Machine:
+    base = machine.robot.base
+    if base.origin == "centre":
+        return machine
+    return replace(machine, robot=replace(machine.robot, base=replace(base, origin="centre")))
+
+
+def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration) -> list[sp.Expr]:
+    """Accelerations in the order of q, from those of the joints and the base centre."""
+    tape, turns = machine.tape, machine.root
+    x, y, z = turns.world(tape, _at_origin(machine, root))
     return [
-        *root.angle_accelerations(tape, angular),
-        *solution[:n],
+        *turns.angle_accelerations(tape, root.angular),
+        *joints,
         x,
         y,
         tape.let(z - machine.parameters.gravity),
     ]
 
 
-def solve_symmetric(
-    tape: Scalars, matrix: Matrix, right: Sequence[sp.Expr], order: Sequence[int]
-) -> list[sp.Expr]:
-    """Solve a symmetric system by LDLᵀ, eliminating the unknowns in `order`.
+def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
+    """Acceleration of the origin of the coordinates, from that of the base centre."""
+    tape, root = machine.tape, machine.root
+    zeros = [sp.S.Zero] * 3
+    still = root.carrier_motion(tape, machine.v[:3], zeros, ZERO)
+    still = still.spun(tape, root.segment_spin(machine.v), sp.S.Zero)
+    omega_dot = add(tape, still.omega_dot, centre.angular)
+    base = Motion.of(tape, still.omega, omega_dot, centre.linear)
+    return base.displaced_along(tape, root.segment_rotation, -machine.centre_offset).acceleration
 
-    Zeros of the matrix cost nothing. Raises `ZeroPivotError` for a pivot that is zero whatever the
-    numbers.
+
+def _free_motions(machine: Machine) -> list[Motion]:
+    """Motions that the rates alone make: every θ̈ is zero, and the origin does not accelerate.
+
+    The root's B₀r̈, which the recursions leave out, is therefore zero.
     """
-    lower = [list(row) for row in matrix]
-    rest = list(right)
-    inverse: dict[int, sp.Expr] = {}
-    factors: dict[tuple[int, int], sp.Expr] = {}
-    for step, k in enumerate(order):
-        if lower[k][k] == 0:
-            raise ZeroPivotError(k)
-        inverse[k] = tape.let(1 / lower[k][k])
-        remaining = order[step + 1 :]
-        for i in remaining:
-            factors[i, k] = tape.let(lower[i][k] * inverse[k])
-        for place, i in enumerate(remaining):
-            if factors[i, k] == 0:
-                continue
-            for j in remaining[place:]:
-                entry = tape.let(lower[i][j] - tape.let(factors[i, k] * lower[j][k]))
-                lower[i][j] = lower[j][i] = entry
-            rest[i] = tape.let(rest[i] - tape.let(factors[i, k] * rest[k]))
-    solution: dict[int, sp.Expr] = {}
-    for step in range(len(order) - 1, -1, -1):
-        k = order[step]
-        known = [tape.let(factors[i, k] * solution[i]) for i in order[step + 1 :]]
-        solution[k] = tape.let(tape.let(rest[k] * inverse[k]) - sp.Add(*known))
-    return [solution[k] for k in range(len(order))]
+    state = State(machine.v, [sp.S.Zero] * len(machine.q), sp.S.Zero)
+    return chain_motions(machine.tape, machine.root, machine.reduced_chain, state)
+
+
+def _efforts(machine: Machine) -> tuple[sp.Symbol, ...]:
+    """Torques and forces of the joints."""
+    return machine.u[machine.robot.rotors :]
 
 
 def _driving_forces(machine: Machine) -> tuple[Wrench, list[sp.Expr]]:
     """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
-    tape, chain = machine.tape, machine.reduced_chain
-    falling = State(machine.v, [sp.S.Zero] * len(machine.q), sp.S.Zero)
-    # The root's B₀r̈, which `inward` leaves out, is zero here: the origin does not accelerate.
-    motions = chain_motions(tape, machine.root, chain, falling)
-    bias, joints = inward(tape, chain, motions)
-    thrust = total_thrust_wrench(machine)
-    torques = machine.u[machine.robot.rotors :]
-    efforts = [tape.let(u - row) for u, row in zip(torques, joints, strict=True)]
+    tape = machine.tape
+    bias, joints = inward(tape, machine.reduced_chain, _free_motions(machine))
+    thrust = total_thrust_wrench(machine).rotated(tape, machine.root.segment_rotation)
+    efforts = [tape.let(u - row) for u, row in zip(_efforts(machine), joints, strict=True)]
     return Wrench(
         _difference(tape, thrust.force, bias.force), _difference(tape, thrust.moment, bias.moment)
     ), efforts

@@ -1,6 +1,7 @@
 """Loading a generated module by name or path, without putting its folder on the import path.
 
-The back end is a choice of the caller's: the functions and constants are the same.
+The back end is a choice of the caller's: the functions and constants are the same. What compiles is
+imported when first used, since it needs NumPy, which the command line mostly does not.
 """
 
 from __future__ import annotations
@@ -13,9 +14,6 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.c_backend import c_files, c_module
-from gibbs_codegen.cache import CacheError
-from gibbs_codegen.compiler import CompilerError, find_compiler
 from gibbs_codegen.errors import UsageError
 
 BACKENDS = ("numpy", "c")
@@ -46,6 +44,10 @@ def load(
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
+    from gibbs_codegen.c_backend import c_files, c_module
+    from gibbs_codegen.cache import CacheError
+    from gibbs_codegen.compiler import CompilerError, find_compiler
+
     missing = [n for n in c_files(module.NAME) if not (folder / n).is_file()]
     if missing:
         raise UsageError(

@@ -25,6 +25,7 @@ from gibbs_codegen.program import (
     Reciprocal,
     Statement,
     Sum,
+    count_operations,
     names_in,
 )
 from gibbs_codegen.tape import Stage, Tape, signed
@@ -74,6 +75,14 @@ def lower(
             for draft in drafts
         ),
     )
+
+
+def operations(tape: Tape, piece: Slice) -> int:
+    """Operations that a slice takes as a function, sine–cosine pairs apart."""
+    draft = _Lowering(tape).draft(piece)
+    entries = (entry for output in draft.outputs for entry in output.entries)
+    nodes = (*(statement.value for statement in draft.statements), *dict.fromkeys(entries))
+    return count_operations(nodes).total
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,9 @@ from gibbs_codegen.combine import (
 )
 from gibbs_codegen.determinacy import refuse_singular
 from gibbs_codegen.equations import State, generalised_inertia_forces, gibbs_function
-from gibbs_codegen.forward import forward_dynamics
+from gibbs_codegen.forward import articulated_dynamics, factorised_dynamics
 from gibbs_codegen.geometry import positions, tip_jacobian, tip_pose
-from gibbs_codegen.lower import Slice, lower
+from gibbs_codegen.lower import Slice, lower, operations
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.program import Program
 from gibbs_codegen.robot import Robot
@@ -51,15 +51,18 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     """
     tape = Tape()
     machine = Machine.of(robot, tape, keep_zeros)
-    slices = _slices(machine, progress)
+    slices = _slices(tape, machine, progress)
     progress("lowering the program")
     inputs = {
         name: tuple(symbol.name for symbol in symbols)
         for name, symbols in zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
     }
     parameters = machine.parameters
-    program = lower(tape, inputs, tuple(parameters.defaults), slices)
-    refuse_singular(robot, program, parameters.defaults)
+    names = tuple(parameters.defaults)
+    # The mass matrix by itself: the whole program's `prepare` divides by pivots, zero or not.
+    mass_matrix = [piece for piece in slices if piece.name == "mass_matrix"]
+    refuse_singular(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
+    program = lower(tape, inputs, names, slices)
     return Model(
         robot,
         program,
@@ -70,13 +73,13 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     )
 
 
-def _slices(machine: Machine, progress: Progress) -> list[Slice]:
+def _slices(tape: Tape, machine: Machine, progress: Progress) -> list[Slice]:
     progress("reduced system")
     reduced = reduced_system(machine)
     progress("hybrid system")
     hybrid = hybrid_system(machine, reduced)
     progress("forward dynamics")
-    forward = forward_dynamics(machine)
+    forward = _forward_dynamics(tape, machine)
     progress("inverse dynamics, energies and kinematics")
     mass = _matrix(reduced.matrix)
     residual = _vector(reduced.residual)
@@ -85,7 +88,7 @@ def _slices(machine: Machine, progress: Progress) -> list[Slice]:
         Slice("mass_matrix", ("q",), (mass,)),
         Slice("residual", ("q", "v"), (residual,)),
         Slice("input_matrix", ("q",), (_matrix(reduced.inputs),)),
-        Slice("forward_dynamics", ("q", "v", "u"), (_vector(forward),)),
+        forward,
         Slice("inverse_dynamics", ("q", "v", "a"), (_vector(_inverse_dynamics(machine)),)),
         *_hybrid_slices(hybrid),
         Slice("constraint_torques", ("q", "v", "a", "u"), (_vector(constraint_torques(machine)),)),
@@ -96,6 +99,21 @@ def _slices(machine: Machine, progress: Progress) -> list[Slice]:
         Slice("tip_pose", ("q",), (_matrix(tip_pose(machine)),)),
         Slice("tip_jacobian", ("q",), (_matrix(tip_jacobian(machine)),)),
     ]
+
+
+def _forward_dynamics(tape: Tape, machine: Machine) -> Slice:
+    """Forward dynamics in the way that takes fewer operations: by articulated bodies, or by M."""
+
+    def piece(accelerations: list[sp.Expr]) -> Slice:
+        return Slice("forward_dynamics", ("q", "v", "u"), (_vector(accelerations),))
+
+    articulated = piece(articulated_dynamics(machine))
+    most = operations(tape, articulated)
+    accelerations = factorised_dynamics(machine, most)
+    if accelerations is None:
+        return articulated
+    factorised = piece(accelerations)
+    return factorised if operations(tape, factorised) < most else articulated
 
 
 def _hybrid_slices(hybrid: LinearSystem) -> list[Slice]:

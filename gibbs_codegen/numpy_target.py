@@ -15,7 +15,7 @@ from gibbs_codegen.describe import (
 )
 from gibbs_codegen.model import Model
 from gibbs_codegen.printers import InfixPrinter
-from gibbs_codegen.program import Function, Statement, count_operations, names_in
+from gibbs_codegen.program import Function, Statement, count_operations, names_in, total_mass
 from gibbs_codegen.robot import Robot
 
 _WIDTH = 100
@@ -48,6 +48,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
         ),
         "parameter_loads": [f'{n} = values["{n}"]' for n in _used_parameters(model)],
         "prepare": _statements(program.prepare, printer),
+        "total_mass": printer.expression(total_mass(program)),
         "constant_names": _tuple_lines(list(program.constants)),
         "functions": functions,
     }

@@ -141,6 +141,11 @@ class Program:
         ]
 
 
+def total_mass(program: Program) -> Node:
+    """Mass of the whole machine: the last entry of the mass matrix, whatever the attitude."""
+    return program.function("mass_matrix").outputs[0].entries[-1]
+
+
 @dataclass(frozen=True)
 class Operations:
     """Exact operation counts; sign changes count as subtractions, sine–cosine pairs apart.

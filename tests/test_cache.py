@@ -26,6 +26,7 @@ class Maker:
         self.calls = 0
 
     def __call__(self, output: Path) -> None:
+        """Write it."""
         self.calls += 1
         output.write_bytes(self.content)
 

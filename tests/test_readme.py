@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import doctest
 import re
+import shutil
+import subprocess
+from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -22,13 +25,27 @@ def blocks(language: str) -> list[str]:
 
 def test_python_session(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
-    session, snippet = blocks("python")
+    session, *snippets = blocks("python")
     names: dict[str, object] = {}
     test = doctest.DocTestParser().get_doctest(session, names, "README", "README.md", 0)
     runner = doctest.DocTestRunner()
     runner.run(test, clear_globs=False)
     assert runner.summarize(verbose=False).failed == 0
-    exec(snippet, {**test.globs, "v": test.globs["q"]})  # noqa: S102
+    for snippet in snippets:
+        exec(snippet, {**test.globs, "v": test.globs["q"]})  # noqa: S102
+
+
+def test_c_program(tmp_path: Path) -> None:
+    """The C lines compile as the body of a program, and it runs."""
+    (text,) = blocks("c")
+    include, *body = text.splitlines()
+    lines = [include, "int main(void)", "{", *body, "return !(mass_matrix[80] > 0.0);", "}"]
+    (tmp_path / "program.c").write_text("\n".join(lines), encoding="utf-8")
+    folder = ROOT / "generated" / "hexarotor_3link"
+    sources = ["program.c", str(folder / "hexarotor_3link.c")]
+    command = [shutil.which("cc") or "gcc", "-O1", f"-I{folder}", *sources, "-o", "program", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    subprocess.run([str(tmp_path / "program")], check=True)
 
 
 def test_robot_file_is_one() -> None:

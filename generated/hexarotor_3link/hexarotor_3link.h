@@ -167,6 +167,7 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real k42;
     hexarotor_3link_real k43;
     hexarotor_3link_real k44;
+    hexarotor_3link_real k45;
     hexarotor_3link_real k46;
     hexarotor_3link_real k47;
     hexarotor_3link_real k50;
@@ -184,10 +185,13 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real k70;
     hexarotor_3link_real k71;
     hexarotor_3link_real k73;
-    hexarotor_3link_real k74;
     hexarotor_3link_real k75;
     hexarotor_3link_real k76;
-    hexarotor_3link_real k77;
+    hexarotor_3link_real k78;
+    hexarotor_3link_real k79;
+    hexarotor_3link_real k80;
+    hexarotor_3link_real k81;
+    hexarotor_3link_real k82;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -370,7 +374,7 @@ hexarotor_3link_input_matrix_batch(
  * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
  *     m], tau_8 [N m], tau_9 [N m]
  * @param[out] acceleration 9
- * @note 680 operations, 6 sine-cosine pairs; at most 2080 bytes of stack for one state of doubles,
+ * @note 397 operations, 6 sine-cosine pairs; at most 1648 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -531,7 +535,7 @@ hexarotor_3link_hybrid_input_matrix_batch(
  *     m], tau_8 [N m], tau_9 [N m]
  * @param[out] torque 5: tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N m],
  *     tau_prime_6 [N m]
- * @note 77 operations, 3 sine-cosine pairs; at most 752 bytes of stack for one state of doubles,
+ * @note 78 operations, 3 sine-cosine pairs; at most 752 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 14 and 15.
  */

@@ -148,9 +148,11 @@ typedef struct quadrotor_2link_constants {
     quadrotor_2link_real k37;
     quadrotor_2link_real k38;
     quadrotor_2link_real k39;
-    quadrotor_2link_real k40;
     quadrotor_2link_real k41;
     quadrotor_2link_real k42;
+    quadrotor_2link_real k43;
+    quadrotor_2link_real k44;
+    quadrotor_2link_real k45;
 } quadrotor_2link_constants;
 
 /** Parameters of the robot file. */
@@ -332,7 +334,7 @@ quadrotor_2link_input_matrix_batch(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
  * @param[out] acceleration 8
- * @note 459 operations, 5 sine-cosine pairs; at most 1520 bytes of stack for one state of doubles,
+ * @note 255 operations, 5 sine-cosine pairs; at most 1216 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */

@@ -27,7 +27,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
 from family import benchmark_robot  # noqa: E402
 from our_c import BATCH, ONE, our_contenders  # noqa: E402
-from peers.contender import FORWARD_DYNAMICS, TASKS, Contender, States, aligned, packed  # noqa: E402
+from peers.contender import TASKS, Contender, States, aligned, packed  # noqa: E402
 from peers.peers import STATES, Timer, check, contenders, random_states, timer  # noqa: E402
 
 ROUNDS = 60
@@ -119,7 +119,9 @@ def draw(measured: dict[int, Times], file: str) -> None:
                 label=who,
                 color="black" if who == ONE else "dimgrey" if ours else colours[i],
             )
-            panel.bar_label(bars, [f"{h:.3g}" for h in heights], fontsize=6.5, rotation=90, padding=2)
+            panel.bar_label(
+                bars, [f"{h:.3g}" for h in heights], fontsize=6.5, rotation=90, padding=2
+            )
         panel.set_yscale("log")
         panel.set_xticks(range(len(measured)), [f"n = {links}" for links in measured])
         panel.set_title(task)
