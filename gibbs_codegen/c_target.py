@@ -350,6 +350,8 @@ def _statement_lines(statements: tuple[Statement, ...], printer: InfixPrinter) -
 
 def _wrapped(start: str, expression: str) -> list[str]:
     """An assignment within the line width, continued on further lines if need be."""
+    if len(start) + len(expression) < _WIDTH - 4:
+        return [f"{start}{expression};"]
     return textwrap.wrap(
         f"{start}{expression};",
         _WIDTH - 4,

@@ -13,10 +13,17 @@
  *
  * SI units, radians, world axes with Z up. Arrays are dense, matrices row-major. No function
  * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs.
- * Link with the mathematics library (-lm). For single precision throughout define, wherever this
- * header is read and the source is compiled,
+ * Link with the mathematics library (-lm).
+ *
+ * For single precision throughout define, wherever this header is read and the source is compiled,
  *
  *     HEXAROTOR_3LINK_FLOAT
+ *
+ * and keep angles within a few turns: those of joints on parallel axes are added, in that precision.
+ *
+ * On small machines -ffunction-sections and -Wl,--gc-sections leave out what is not used. The stack
+ * that is stated is for doubles, half of it for floats, without what the library's sine and cosine
+ * take, which serve beyond 1e5 rad (400 for floats). The _batch functions take more.
  *
  * Coordinates q, in order (v: their rates, a: their accelerations):
  *
