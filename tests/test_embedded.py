@@ -7,10 +7,7 @@ Where the tools are missing the tests are skipped, unless GIBBS_CODEGEN_REQUIRE_
 from __future__ import annotations
 
 import math
-import os
 import re
-import shutil
-import subprocess
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from tools import missing, run, tool
 
 from gibbs_codegen.interface import Signature, signatures
 from gibbs_codegen.robot_file import shipped_robots
@@ -61,38 +59,6 @@ M7 = Target(
 )
 DESKTOP = Target("desktop", "gcc", (), np.float64)
 DESKTOP_FLOAT = Target("desktop_float", "gcc", (), np.float32)
-
-
-def tool(name: str) -> str:
-    """Path of a tool; without it the test is skipped or, where tools are required, fails."""
-    path = shutil.which(name)
-    return path if path else missing(f"{name} is not installed")
-
-
-def missing(what: str) -> Any:
-    """Skip the test or, where tools are required, fail it."""
-    if os.environ.get("GIBBS_CODEGEN_REQUIRE_TOOLS") == "1":
-        pytest.fail(f"{what}, but GIBBS_CODEGEN_REQUIRE_TOOLS=1", pytrace=False)
-    pytest.skip(what)
-
-
-def run(command: Sequence[str | Path], timeout: float = 300.0) -> str:
-    """What a command prints; a test that runs one that fails or hangs says so in its words."""
-    try:
-        done = subprocess.run(
-            [str(word) for word in command],
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-            stdin=subprocess.DEVNULL,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        pytest.fail(f"{Path(command[0]).name} did not end within {timeout:.0f} s", pytrace=False)
-    if done.returncode != 0:
-        said = f"{done.stderr[-3000:]}\n{done.stdout[-300:]}"
-        pytest.fail(f"{Path(command[0]).name} exits {done.returncode}: {said}", pytrace=False)
-    return done.stdout
 
 
 def compiler(target: Target) -> str:

@@ -60,10 +60,11 @@ typedef quadrotor_2link_constants Constants;
 #endif
 
 /*
- * Sine and cosine. The nearest multiple m of pi/2 is taken from the angle, in parts whose products
- * with m are exact; polynomials give the sine and cosine of the rest, and m swaps and signs them.
- * There is one branch: angles beyond ANGLE_LIMIT, infinities and NaN are left to the library, and
- * so is every angle where the compiler does not keep to the arithmetic as it is written.
+ * Sine and cosine. The nearest multiple m of pi/2 is taken from the angle, in parts of which all
+ * but the last multiply exactly; what rounding takes from the rest is kept. Polynomials give the
+ * sine and cosine of the rest, and m swaps and signs them. There is one branch: angles beyond
+ * ANGLE_LIMIT and infinities are left to the library, and so is every angle where the compiler does
+ * not keep to the arithmetic as it is written.
  */
 #ifdef QUADROTOR_2LINK_FLOAT
 #define R(literal) literal##f
@@ -74,10 +75,9 @@ typedef uint32_t bits;
 #define MAGNITUDE UINT32_C(0x7fffffff)
 #define ANGLE_LIMIT UINT32_C(0x43c80000) /* 400 as float */
 #define ROUND R(12582912.0)              /* 1.5 * 2^23 */
-#define REDUCED(x, m)                                                                          \
-    (((((x) - (m) * R(1.570770263671875)) - (m) * R(2.606306225061416626e-05)) -               \
-      (m) * R(6.077094383272196865e-11)) -                                                     \
-     (m) * R(6.123233995736765886e-17))
+#define HALF_PI_1 R(1.570770263671875)
+#define HALF_PI_2 R(2.606306225061416626e-05)
+#define HALF_PI_REST(m) ((m) * R(6.077094383272196865e-11) + (m) * R(6.123233995736765886e-17))
 #define SINE_SERIES(z, zz)                                                                     \
     ((R(-0.16666654908636106869) + (z) * R(0.008332175846584764919)) +                         \
      (zz) * R(-0.00019516977498448928726))
@@ -93,9 +93,9 @@ typedef uint64_t bits;
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
 #define ANGLE_LIMIT UINT64_C(0x40f86a0000000000) /* 100000 as double */
 #define ROUND R(6755399441055744.0)              /* 1.5 * 2^52 */
-#define REDUCED(x, m)                                                                          \
-    ((((x) - (m) * R(1.570796326792333275079727)) - (m) * R(2.563344151583955789121955e-12)) - \
-     (m) * R(1.056299906698742711241868e-23))
+#define HALF_PI_1 R(1.570796326792333275079727)
+#define HALF_PI_2 R(2.563344151583955789121955e-12)
+#define HALF_PI_REST(m) ((m) * R(1.056299906698742711241868e-23))
 #define SINE_SERIES(z, zz)                                                                     \
     ((R(-0.1666666666666663186) + (z) * R(0.008333333333322369958)) +                          \
      (zz) * ((R(-0.00019841269829771154519) + (z) * R(2.755731367866183082e-06)) +             \
@@ -106,9 +106,16 @@ typedef uint64_t bits;
              (zz) * (R(2.0875721623861680061e-09) + (z) * R(-1.1359559340405310137e-11))))
 #endif
 
-#if defined(__FAST_MATH__) || FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || FLT_EVAL_METHOD < 0 || \
+    FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
 #undef ANGLE_LIMIT
 #define ANGLE_LIMIT 0
+#endif
+
+#ifdef __clang__
+#define AS_WRITTEN _Pragma("clang fp reassociate(off)")
+#else
+#define AS_WRITTEN
 #endif
 
 /* Four angles in a vector, where there are vectors. */
@@ -126,20 +133,28 @@ static INLINE void sine_cosine_one(
     real *cosine,
     bits *beyond)
 {
+    AS_WRITTEN
     const real x = *angle;
     const real shifted = x * R(0.6366197723675813430755) + ROUND;
     const real m = shifted - ROUND;
-    const real r = REDUCED(x, m);
+    const real first = x - m * HALF_PI_1;
+    const real second = m * HALF_PI_2;
+    const real third = HALF_PI_REST(m);
+    const real r = first - (second + third);
+    const real lost = ((first - r) - second) - third;
     const real z = r * r;
     const real zz = z * z;
-    const real sine_of_rest = r + (r * z) * SINE_SERIES(z, zz);
+    const real sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
     const real cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
     const bits one = 1;
-    bits angle_bits, quadrant, sine_bits, cosine_bits;
+    bits angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
     memcpy(&angle_bits, &x, sizeof x);
     memcpy(&quadrant, &shifted, sizeof x);
+    memcpy(&rest_bits, &r, sizeof x);
     memcpy(&sine_bits, &sine_of_rest, sizeof x);
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
+    /* The sine of a negative zero is one. */
+    sine_bits |= rest_bits & ~(bits)MAGNITUDE;
     const bits swap = (sine_bits ^ cosine_bits) & -(quadrant & one);
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
     cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
@@ -157,20 +172,28 @@ static INLINE void sine_cosine_quad(
     quad *cosine,
     quad_bits *beyond)
 {
+    AS_WRITTEN
     const quad x = *angle;
     const quad shifted = x * R(0.6366197723675813430755) + ROUND;
     const quad m = shifted - ROUND;
-    const quad r = REDUCED(x, m);
+    const quad first = x - m * HALF_PI_1;
+    const quad second = m * HALF_PI_2;
+    const quad third = HALF_PI_REST(m);
+    const quad r = first - (second + third);
+    const quad lost = ((first - r) - second) - third;
     const quad z = r * r;
     const quad zz = z * z;
-    const quad sine_of_rest = r + (r * z) * SINE_SERIES(z, zz);
+    const quad sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
     const quad cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
     const bits one = 1;
-    quad_bits angle_bits, quadrant, sine_bits, cosine_bits;
+    quad_bits angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
     memcpy(&angle_bits, &x, sizeof x);
     memcpy(&quadrant, &shifted, sizeof x);
+    memcpy(&rest_bits, &r, sizeof x);
     memcpy(&sine_bits, &sine_of_rest, sizeof x);
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
+    /* The sine of a negative zero is one. */
+    sine_bits |= rest_bits & ~(bits)MAGNITUDE;
     const quad_bits swap = (sine_bits ^ cosine_bits) & -(quadrant & one);
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
     cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);

@@ -19,7 +19,8 @@
  *
  *     QUADROTOR_2LINK_FLOAT
  *
- * and keep angles within a few turns: those of joints on parallel axes are added, in that precision.
+ * and keep angles within a few turns: those of joints on parallel axes are added, in that
+ * precision.
  *
  * On small machines -ffunction-sections and -Wl,--gc-sections leave out what is not used. The stack
  * that is stated is for doubles, half of it for floats, without what the library's sine and cosine

@@ -1,0 +1,824 @@
+"""The emitted C under instruments: compilers, sanitizers, symbol tables, and NumPy's numbers."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import itertools
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from compiled import LANGUAGES, Emitted, build, compile_only, emit
+from numpy.typing import NDArray
+from random_robots import random_robot
+from tools import run, tool
+
+from gibbs_codegen.coordinates import inputs, reduced_coordinates
+from gibbs_codegen.describe import DESCRIPTIONS
+from gibbs_codegen.interface import Signature
+from gibbs_codegen.program import Function, count_operations
+from gibbs_codegen.robot import JOINT_KINDS, RigidBody, Robot
+from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.stack import stack_bytes
+from gibbs_codegen.trigonometry import gathered
+
+SMALL = "quadrotor_2link"
+# Seed, rotors and links: every kind of joint and body, with and without gravity and drag.
+RANDOM = {
+    f"random_{rotors}_{links}": (seed, rotors, links)
+    for seed, rotors, links in ((0, 2, 0), (0, 3, 1), (2, 5, 2), (1, 4, 3), (1, 7, 4), (0, 2, 5))
+}
+# The one with three links again, cut into pieces of so many memory references.
+CUT = {f"random_cut_at_{limit}": limit for limit in (40, 60)}
+WHOLE = "random_4_3"
+
+NATIVE = ["-O3", "-march=native"]
+# What distributions add to every program is no part of the emitted code; and addresses in constant
+# tables would be written by the loader if the code might lie anywhere.
+PLAIN = ["-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-pic"]
+SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+LANES = 8
+STATES = 21  # Two whole blocks and a part of one.
+
+Array = NDArray[np.floating]
+Arrays = dict[str, NDArray[np.float64]]
+
+
+class Library:
+    """The emitted C as a shared library, called through ctypes as its header documents."""
+
+    def __init__(
+        self,
+        emitted: Emitted,
+        path: Path,
+        compiler: str,
+        options: Sequence[str],
+        real: type[np.floating] = np.float64,
+    ) -> None:
+        build(compiler, ["-shared", "-fPIC", *options], emitted.sources[:1], path)
+        self.real = real
+        self._library = ctypes.CDLL(str(path))
+        self._name = emitted.name
+        self._size = len(emitted.model.program.constants)
+        self.constants = self.data("default_constants", self._size)
+
+    def data(self, name: str, size: int) -> Array:
+        """A constant array of the library."""
+        number = ctypes.c_float if self.real is np.float32 else ctypes.c_double
+        return np.array((number * size).in_dll(self._library, f"{self._name}_{name}"))
+
+    def call(self, name: str, *arguments: Array | int) -> int:
+        """Call a function whose arguments are arrays of reals and counts."""
+        c_arguments = [
+            ctypes.c_size_t(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data)
+            for a in arguments
+        ]
+        return int(self._library[f"{self._name}_{name}"](*c_arguments))
+
+    def init(self, parameters: Sequence[float]) -> tuple[int, Array]:
+        """What init_constants returns, and the constants."""
+        constants = np.full(self._size, np.nan, self.real)
+        return self.call("init_constants", np.array(parameters, self.real), constants), constants
+
+    def one(self, signature: Signature, rows: Sequence[Array]) -> list[Array]:
+        """The function, state by state; outputs hold garbage before."""
+        count = len(rows[0])
+        outputs = [np.full((count, *shape), np.nan, self.real) for shape in signature.shapes]
+        for i in range(count):
+            inputs = [np.ascontiguousarray(array[i], self.real) for array in rows]
+            self.call(signature.name, self.constants, *inputs, *(out[i : i + 1] for out in outputs))
+        return outputs
+
+    def batch(self, signature: Signature, rows: Sequence[Array], unused: Array) -> list[Array]:
+        """The _batch function; unused lanes of inputs and all of the outputs hold `unused`.
+
+        One block more than the outputs need must be left as it is.
+        """
+        count = len(rows[0])
+        inputs = [self.blocks(array, unused) for array in rows]
+        outputs = [
+            np.full((math.ceil(count / LANES) + 1, math.prod(shape), LANES), unused, self.real)
+            for shape in signature.shapes
+        ]
+        self.call(f"{signature.name}_batch", self.constants, count, *inputs, *outputs)
+        for output in outputs:
+            assert output[-1].tobytes() == np.full_like(output[-1], unused).tobytes()
+        return [
+            self.rows(output, count).reshape(count, *shape)
+            for output, shape in zip(outputs, signature.shapes, strict=True)
+        ]
+
+    def blocks(self, rows: Array, unused: Array) -> Array:
+        """States in blocks, entry by entry as the header says."""
+        count, width = rows.shape
+        blocks = np.full(math.ceil(count / LANES) * width * LANES, unused, self.real)
+        for i, e in np.ndindex(count, width):
+            blocks[(i // LANES) * width * LANES + e * LANES + i % LANES] = rows[i, e]
+        return blocks
+
+    def rows(self, blocks: Array, count: int) -> Array:
+        """States from an array of blocks, entries and lanes."""
+        return np.stack([blocks[i // LANES, :, i % LANES] for i in range(count)])
+
+
+def signalling_nan(real: type[np.floating]) -> Array:
+    """A signalling NaN, which no arithmetic makes."""
+    if real is np.float32:
+        return np.array(0x7F800001, np.uint32).view(np.float32)
+    return np.array(0x7FF0000000000001, np.uint64).view(np.float64)
+
+
+def states(module: ModuleType, real: type[np.floating] = np.float64) -> Arrays:
+    """Random q, v, a, u, away from the singularity of the attitude, that `real` can represent."""
+    rng = np.random.default_rng(5)
+    n = len(module.COORDINATES)
+    q = rng.uniform(-7.0, 7.0, (STATES, n))
+    q[:, 1] = rng.uniform(-1.0, 1.0, STATES)
+    v, a = rng.normal(size=(2, STATES, n))
+    u = rng.normal(size=(STATES, len(module.INPUTS)))
+    named = zip("qvau", (q, v, a, u), strict=True)
+    return {name: values.astype(real).astype(np.float64) for name, values in named}
+
+
+def numpy_outputs(module: ModuleType, name: str, arguments: Sequence[Array]) -> tuple[Array, ...]:
+    values = getattr(module, name)(*arguments)
+    return values if isinstance(values, tuple) else (values,)
+
+
+def deviation(ours: Array, theirs: Array) -> float:
+    """Distance relative to the norm; what is zero throughout must be so in both.
+
+    NaN, which no maximum and no comparison would show, is infinitely far off.
+    """
+    size, error = float(np.linalg.norm(theirs)), float(np.linalg.norm(ours - theirs))
+    if error == 0.0:
+        return 0.0
+    return error / size if size > 0 and math.isfinite(error) else math.inf
+
+
+def worst_deviation(
+    emitted: Emitted, library: Library, at: Arrays, scale: Callable[[Array], Array]
+) -> dict[str, float]:
+    """The largest deviation from NumPy of each function, for one state and in blocks.
+
+    It is relative to the norm over all states, since a single energy may be zero by cancellation.
+    Accelerations are taken state by state, divided by what `scale` makes of the mass matrices'
+    condition numbers.
+    """
+    worst = {}
+    divisors = scale(np.linalg.cond(emitted.module.mass_matrix(at["q"])))
+    for signature in emitted.signatures():
+        arguments = [at[name] for name in signature.arguments]
+        theirs = numpy_outputs(emitted.module, signature.name, arguments)
+        unused = signalling_nan(library.real)
+        found = []
+        for outputs in (
+            library.one(signature, arguments),
+            library.batch(signature, arguments, unused),
+        ):
+            for ours, expected in zip(outputs, theirs, strict=True):
+                if signature.name == "forward_dynamics":
+                    each = map(deviation, ours, expected)
+                    found += [e / d for e, d in zip(each, divisors, strict=True)]
+                else:
+                    found.append(deviation(ours, expected))
+        worst[signature.name] = max(found)
+    return worst
+
+
+@pytest.fixture(scope="module")
+def emitted(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Emitted]:
+    """Emit a robot that ships, or one of RANDOM or CUT."""
+    base = tmp_path_factory.mktemp("emitted")
+
+    @functools.cache
+    def made(label: str) -> Emitted:
+        if label not in RANDOM and label not in CUT:
+            robot, text = read_robot(label)
+            return emit(robot, base / label, text)
+        with pytest.MonkeyPatch.context() as patch:
+            if label in CUT:
+                patch.setattr("gibbs_codegen.c_target._MAX_REFERENCES", CUT[label])
+            robot = random_robot(*RANDOM[WHOLE if label in CUT else label])
+            return emit(replace(robot, name=label), base / label)
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def strict(
+    emitted: Callable[[str], Emitted], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Emitted, Library]:
+    """The small robot, compiled to keep to the arithmetic as it is written."""
+    small = emitted(SMALL)
+    path = tmp_path_factory.mktemp("strict") / "small.so"
+    return small, Library(small, path, "gcc", ["-O1", "-ffp-contract=off"])
+
+
+def test_the_random_robots_are_of_every_kind() -> None:
+    robots = [random_robot(*numbers) for numbers in RANDOM.values()]
+    links = [link for robot in robots for link in robot.links]
+    assert [len(robot.links) for robot in robots] == [0, 1, 2, 3, 4, 5]
+    assert {link.joint for link in links} == set(JOINT_KINDS)
+    assert any(isinstance(link.body, RigidBody) for link in links)
+    assert any(isinstance(arm, RigidBody) for robot in robots for arm in robot.base.arms)
+    assert any(robot.base.rotors == 2 for robot in robots)
+    assert any(any(robot.base.drag) for robot in robots)
+    assert {robot.base.origin for robot in robots} == {"motor1", "centre"}
+
+
+def test_a_missing_tool_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a skip, or where the environment requires tools by a failure."""
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("GIBBS_CODEGEN_REQUIRE_TOOLS", raising=False)
+    with pytest.raises(pytest.skip.Exception, match="gcc is not installed"):
+        tool("gcc")
+    monkeypatch.setenv("GIBBS_CODEGEN_REQUIRE_TOOLS", "1")
+    with pytest.raises(pytest.fail.Exception, match="gcc is not installed"):
+        tool("gcc")
+
+
+# Warnings
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O3"])
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", LANGUAGES)
+def test_small_robot_compiles_silently(
+    compiler: str, real: str, level: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    small = emitted(SMALL)
+    options = [level, *([small.single] if real == "float" else [])]
+    compile_only(compiler, options, small.sources, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", LANGUAGES)
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots_compile_silently(
+    name: str, compiler: str, real: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(name)
+    for level in ("-O0", "-O1", "-O2", "-O3"):
+        options = [level, *([robot.single] if real == "float" else [])]
+        compile_only(compiler, options, robot.sources, tmp_path)
+
+
+# Numbers
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler", "options"),
+    [
+        (SMALL, "gcc", NATIVE),
+        (SMALL, "clang", NATIVE),
+        (SMALL, "gcc", ["-O1", "-fopenmp"]),
+        *((label, "gcc", ["-O0"]) for label in RANDOM),
+        ("random_cut_at_40", "clang", ["-O0"]),
+        ("random_cut_at_60", "gcc", NATIVE),
+    ],
+    ids=lambda value: "".join(value),
+)
+def test_functions_equal_numpy(
+    label: str,
+    compiler: str,
+    options: list[str],
+    emitted: Callable[[str], Emitted],
+    tmp_path: Path,
+) -> None:
+    """Every function for one state and in blocks, to 1e-14 of the norm.
+
+    Accelerations solve M a = R + B u, which magnifies rounding of M by its condition number.
+    """
+    robot = emitted(label)
+    library = Library(robot, tmp_path / "robot.so", compiler, options)
+    worst = worst_deviation(robot, library, states(robot.module), lambda condition: condition)
+    assert max(worst.values()) <= 1e-14, worst
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler", "options"), [(SMALL, "gcc", NATIVE), (WHOLE, "clang", ["-O0"])]
+)
+def test_single_precision_is_near_double(
+    label: str,
+    compiler: str,
+    options: list[str],
+    emitted: Callable[[str], Emitted],
+    tmp_path: Path,
+) -> None:
+    """Accelerations are compared where the mass matrix is conditioned well enough for floats."""
+    robot = emitted(label)
+    options = [*options, robot.single]
+    library = Library(robot, tmp_path / "robot.so", compiler, options, np.float32)
+    at = states(robot.module, np.float32)
+    assert np.count_nonzero(np.linalg.cond(robot.module.mass_matrix(at["q"])) < 1000) >= 3
+    worst = worst_deviation(
+        robot, library, at, lambda condition: np.where(condition < 1000, 1.0, np.inf)
+    )
+    assert max(worst.values()) <= 5e-5, worst
+
+
+def test_cutting_changes_no_number(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
+    """The limits do cut, and the same operations give the same bits."""
+    outputs = []
+    for label in (WHOLE, *CUT):
+        robot = emitted(label)
+        assert ("_lane_2(" in robot.text(".c")) == (label in CUT)
+        options = ["-O0", "-ffp-contract=off"]
+        library = Library(robot, tmp_path / f"{label}.so", "gcc", options)
+        at = states(robot.module)
+        outputs.append(
+            [
+                array.tobytes()
+                for signature in robot.signatures()
+                for array in library.one(signature, [at[name] for name in signature.arguments])
+            ]
+        )
+    assert outputs[0] == outputs[1] == outputs[2]
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 16])
+def test_unused_lanes_do_not_matter(count: int, strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    at = {name: values[:count] for name, values in states(emitted.module).items()}
+    for signature in emitted.signatures():
+        arguments = [at[name] for name in signature.arguments]
+        garbage = [signalling_nan(np.float64), np.array(1e300), np.array(0.0)]
+        found = [
+            [array.tobytes() for array in library.batch(signature, arguments, unused)]
+            for unused in garbage
+        ]
+        assert found[0] == found[1] == found[2]
+
+
+def test_no_states_are_none(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    for signature in emitted.signatures():
+        unread = [np.empty(0)] * len(signature.arguments)
+        outputs = [np.full(LANES, 7.0) for _ in signature.shapes]
+        library.call(f"{signature.name}_batch", library.constants, 0, *unread, *outputs)
+        assert all((output == 7.0).all() for output in outputs)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 21])
+def test_pack_and_unpack(count: int, strict: tuple[Emitted, Library]) -> None:
+    """Pack fills a last block up with the last state; unpack gives the states back."""
+    library = strict[1]
+    width = 5
+    rows = np.random.default_rng(count).normal(size=(count, width))
+    filled_up = np.concatenate([rows, np.repeat(rows[-1:], -count % LANES, axis=0)])
+    blocks = np.full(filled_up.size, np.nan)
+    library.call("pack", count, width, rows, blocks)
+    np.testing.assert_array_equal(blocks, library.blocks(filled_up, np.array(np.nan)))
+    back = np.full_like(rows, np.nan)
+    library.call("unpack", count, width, blocks, back)
+    np.testing.assert_array_equal(back, rows)
+
+
+def test_two_robots_in_one_program(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
+    """One compiled as C, the other as C++; each gives the numbers that it gives alone."""
+    robots = [emitted(SMALL), emitted("random_2_0")]
+    objects = [
+        compile_only(compiler, ["-O0"], robot.sources, tmp_path)[0]
+        for compiler, robot in zip(("gcc", "g++"), robots, strict=True)
+    ]
+    main = tmp_path / "main.c"
+    main.write_text(_program_of_two(robots), encoding="utf-8")
+    folders = [f"-I{robot.folder}" for robot in robots]
+    objects += compile_only("gcc", folders, [str(main)], tmp_path)
+    run([tool("g++"), *objects, "-o", tmp_path / "main", "-lm"])
+    printed = iter(map(float, run([tmp_path / "main"]).split()))
+    for robot in robots:
+        at = _first_state(robot)
+        for signature in robot.signatures():
+            arguments = [at[name] for name in signature.arguments]
+            for expected in numpy_outputs(robot.module, signature.name, arguments):
+                ours = np.array([next(printed) for _ in range(expected.size)])
+                np.testing.assert_allclose(ours, expected.reshape(-1), rtol=1e-12, atol=1e-12)
+    assert next(printed, None) is None
+
+
+def _first_state(robot: Emitted) -> Arrays:
+    return {name: values[0] for name, values in states(robot.module).items()}
+
+
+def _program_of_two(robots: Sequence[Emitted]) -> str:
+    """A program that prints what every function of every robot returns at a state."""
+    lines = [f'#include "{robot.name}.h"' for robot in robots]
+    lines += ["#include <stdio.h>", "", "int main(void)", "{"]
+    for robot in robots:
+        lines.append("    {")
+        for name, values in _first_state(robot).items():
+            numbers = ", ".join(value.hex() for value in values.tolist())
+            lines.append(f"        const double {name}[] = {{{numbers}}};")
+        for signature in robot.signatures():
+            sizes = [math.prod(shape) for shape in signature.shapes]
+            outputs = [f"output_{i}" for i in range(len(sizes))]
+            arguments = ", ".join(
+                [f"&{robot.name}_default_constants", *signature.arguments, *outputs]
+            )
+            lines.append("        {")
+            lines += [f"            double {o}[{s}];" for o, s in zip(outputs, sizes, strict=True)]
+            lines.append(f"            {robot.name}_{signature.name}({arguments});")
+            for output, size in zip(outputs, sizes, strict=True):
+                lines.append(f"            for (int i = 0; i < {size}; ++i) {{")
+                lines.append(f'                printf("%.17g\\n", {output}[i]);')
+                lines.append("            }")
+            lines.append("        }")
+        lines.append("    }")
+    return "\n".join([*lines, "    return 0;", "}", ""])
+
+
+# Constants
+
+
+def test_default_parameters_and_constants_are_those_of_numpy(
+    strict: tuple[Emitted, Library],
+) -> None:
+    emitted, library = strict
+    defaults = emitted.module.PARAMETERS
+    assert library.data("default_parameters", len(defaults)).tolist() == list(defaults.values())
+    assert library.constants.tolist() == list(emitted.module.prepare({}))
+
+
+def test_places_of_parameters_are_in_numpy_s_order(emitted: Callable[[str], Emitted]) -> None:
+    small = emitted(SMALL)
+    body = re.search(r"\benum \{(.*?)\};", small.text(".h"), re.DOTALL)
+    assert body is not None
+    places = re.findall(r"/\*\* (\S+(?: \S+)*) \*/\s*(\w+),", body[1])
+    units = small.model.units
+    assert places == [
+        (units[name], f"{small.name}_{name}".upper()) for name in small.module.PARAMETERS
+    ]
+
+
+def test_constants_of_other_parameters_are_those_of_numpy(strict: tuple[Emitted, Library]) -> None:
+    """To the last bit: the operations are the same ones."""
+    emitted, library = strict
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        changed = {n: v * rng.uniform(0.5, 2.0) for n, v in emitted.module.PARAMETERS.items()}
+        status, constants = library.init(list(changed.values()))
+        assert status == 0
+        assert constants.tolist() == list(emitted.module.prepare(changed))
+
+
+def test_parameters_that_are_no_numbers_are_refused(
+    emitted: Callable[[str], Emitted], strict: tuple[Emitted, Library], tmp_path: Path
+) -> None:
+    """Also one that no constant needs, as a length which the robot's numbers make idle."""
+    idle = emitted("random_5_2")
+    assert "link1_length" in idle.module.PARAMETERS
+    assert not re.search(r"\blink1_length =", idle.text(".c"))
+    for robot, library in (strict, (idle, Library(idle, tmp_path / "idle.so", "gcc", ["-O0"]))):
+        defaults = robot.module.PARAMETERS
+        assert library.init(list(defaults.values()))[0] == 0
+        for name, wrong in itertools.product(defaults, (math.nan, math.inf, -math.inf)):
+            assert library.init(list((defaults | {name: wrong}).values()))[0] == 1, name
+
+
+def test_parameters_whose_constants_overflow_are_refused(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    huge = emitted.module.PARAMETERS | {"link2_length": 1e200}
+    assert library.init(list(huge.values()))[0] == 1
+
+
+def test_parameters_that_leave_no_mass_are_refused(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    defaults = emitted.module.PARAMETERS
+    massless = {name: 0.0 for name in defaults if name.endswith("mass_per_length")}
+    assert library.init(list((defaults | massless).values()))[0] == 1
+    with pytest.raises(ValueError, match="leave an acceleration undetermined"):
+        emitted.module.prepare(massless)
+
+
+# Sanitizers
+
+_DRIVER_START = """\
+#include "ROBOT.h"
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* How much too short outputs are: to see that the instruments would tell. */
+#ifndef SHORT
+#define SHORT 0
+#endif
+#define COUNT_OF(array) (sizeof(array) / sizeof(array)[0])
+
+typedef ROBOT_constants Constants;
+
+static uint64_t state = 88172645463325252u;
+
+static size_t draw(const size_t below)
+{
+    state ^= state << 13;
+    state ^= state >> 7;
+    state ^= state << 17;
+    return (size_t)((state >> 33) % below);
+}
+
+static double value(void)
+{
+    static const double special[] = {
+        0.0, -0.0, 3.141592653589793, -3.141592653589793, 1e4, -1e4, 1e5, -1e5, 1e6, -1e6,
+        (double)INFINITY, -(double)INFINITY, (double)NAN, 5e-324, -1e-310,
+    };
+    const size_t choice = draw(512);
+    return choice < COUNT_OF(special) ? special[choice] : (double)draw(2000000) * 4e-6 - 4.0;
+}
+
+static double *room(const size_t size)
+{
+    double *array = malloc((size - SHORT) * sizeof(double));
+    if (!array) {
+        exit(2);
+    }
+    return array;
+}
+
+static double *filled(const size_t size)
+{
+    double *array = room(size + SHORT);
+    for (size_t i = 0; i < size; ++i) {
+        array[i] = value();
+    }
+    return array;
+}
+
+static size_t whole_blocks(const size_t count)
+{
+    return (count + ROBOT_LANES - 1) / ROBOT_LANES * ROBOT_LANES;
+}
+
+static void try_init_constants(const Constants *constants)
+{
+    double *parameters = filled(ROBOT_PARAMETERS);
+    Constants *made = malloc(sizeof(Constants));
+    (void)constants;
+    if (!made || ROBOT_init_constants(parameters, made) > 1) {
+        exit(2);
+    }
+    free(parameters);
+    free(made);
+}
+
+static void try_pack_and_unpack(const Constants *constants)
+{
+    const size_t count = draw(21), width = 1 + draw(9);
+    double *rows = filled(count * width);
+    double *blocks = room(whole_blocks(count) * width + SHORT);
+    double *back = room(count * width + SHORT);
+    (void)constants;
+    ROBOT_pack(count, width, rows, blocks);
+    ROBOT_unpack(count, width, blocks, back);
+    if (memcmp(rows, back, count * width * sizeof(double)) != 0) {
+        exit(3);
+    }
+    free(rows);
+    free(blocks);
+    free(back);
+}
+"""
+
+_DRIVER_END = """\
+
+int main(void)
+{
+    static void (*const tries[])(const Constants *) = {
+        try_init_constants,
+        try_pack_and_unpack,
+        TRIES
+    };
+    Constants *constants = malloc(sizeof(Constants));
+    if (!constants || ROBOT_init_constants(ROBOT_default_parameters, constants) != 0) {
+        return 2;
+    }
+    for (int i = 0; i < 100000; ++i) {
+        tries[draw(COUNT_OF(tries))](constants);
+    }
+    free(constants);
+    return 0;
+}
+"""
+
+
+def _driver(emitted: Emitted) -> str:
+    """A program of 100 000 random calls, each array in a piece of the heap of just its size."""
+    parts, tries = [_DRIVER_START], []
+    for signature in emitted.signatures():
+        for form in ("", "_batch"):
+            tries.append(f"try_{signature.name}{form}")
+            parts.append(_driver_function(signature, form))
+    end = _DRIVER_END.replace("TRIES", ",\n        ".join(tries))
+    text = "".join([*parts, end])
+    for macro in ("LANES", "PARAMETERS"):
+        text = text.replace(f"ROBOT_{macro}", f"{emitted.name.upper()}_{macro}")
+    return text.replace("ROBOT", emitted.name)
+
+
+def _driver_function(signature: Signature, form: str) -> str:
+    batch = form == "_batch"
+    times = " * whole_blocks(count)" if batch else ""
+    names = [*signature.arguments, *(f"output_{i}" for i in range(len(signature.shapes)))]
+    made = [f"filled({width}{times})" for width in signature.widths]
+    made += [f"room({math.prod(shape)}{times})" for shape in signature.shapes]
+    call = ", ".join(["constants", *(["count"] if batch else []), *names])
+    lines = ["    const size_t count = draw(21);"] if batch else []
+    lines += [f"    double *{name} = {array};" for name, array in zip(names, made, strict=True)]
+    lines += [f"    ROBOT_{signature.name}{form}({call});"]
+    lines += [f"    free({name});" for name in names]
+    head = f"\nstatic void try_{signature.name}{form}(const Constants *constants)\n"
+    return "\n".join([head + "{", *lines, "}", ""])
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler"), [(SMALL, "gcc"), ("random_cut_at_40", "clang"), ("random_2_0", "gcc")]
+)
+def test_sanitizers_find_nothing_in_random_calls(
+    label: str, compiler: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """Nor would they be silent about a buffer that is one number too short."""
+    robot = emitted(label)
+    (tmp_path / "driver.c").write_text(_driver(robot), encoding="utf-8")
+    options = ["-O0", *SANITIZERS, f"-I{robot.folder}"]
+    source = compile_only(compiler, options, robot.sources[:1], tmp_path)
+    driver = [str(tmp_path / "driver.c")]
+    for short in ("0", "1"):
+        objects = compile_only(compiler, [*options, f"-DSHORT={short}"], driver, tmp_path)
+        program = tmp_path / f"driver_{short}"
+        run([tool(compiler), *SANITIZERS, *source, *objects, "-o", program, "-lm"])
+    # Functions do not allocate, which the symbols tell; looking for leaks needs rights to trace.
+    environment = {"ASAN_OPTIONS": "detect_leaks=0"}
+    run([tmp_path / "driver_0"], **environment)
+    with pytest.raises(pytest.fail.Exception, match="heap-buffer-overflow"):
+        run([tmp_path / "driver_1"], **environment)
+
+
+# Symbols
+
+
+def _symbols(path: Path) -> list[tuple[str, str]]:
+    """Kind and name of each symbol of an object file."""
+    lines = [line.split() for line in run([tool("nm"), path]).splitlines()]
+    return [(line[-2], line[-1]) for line in lines]
+
+
+def _declared(header: str) -> set[str]:
+    """Names of the functions and data that a header declares."""
+    code = re.sub(r"/\*.*?\*/|^#.*?$", "", header, flags=re.DOTALL | re.MULTILINE)
+    functions = re.findall(r"(\w+)\s*\(", code)
+    return {*functions, *re.findall(r"\bextern const \w+\s+(\w+)", code)}
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler", "real"),
+    [
+        (SMALL, "gcc", "double"),
+        (SMALL, "clang", "float"),
+        (SMALL, "clang++", "double"),
+        (WHOLE, "gcc", "float"),
+        ("random_2_0", "g++", "double"),
+    ],
+)
+def test_symbols(
+    label: str,
+    compiler: str,
+    real: str,
+    emitted: Callable[[str], Emitted],
+    tmp_path: Path,
+) -> None:
+    """What is defined is declared and prefixed; nothing is written to, nothing is allocated."""
+    robot = emitted(label)
+    options = ["-O2", *PLAIN, *([robot.single] if real == "float" else [])]
+    objects = compile_only(compiler, options, robot.sources, tmp_path)
+    source, casadi = map(_symbols, objects)
+    for path, symbols in zip(objects, (source, casadi), strict=True):
+        assert {kind for kind, _ in symbols} <= set("TtRrU")
+        data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
+        assert (data, bss) == ("0", "0")
+    declared = _declared(robot.text(".h"))
+    assert {name for kind, name in source if kind in "TR"} == declared
+    assert all(name.startswith(f"{robot.name}_") for name in declared)
+    suffix = "f" if real == "float" else ""
+    library = {f"sin{suffix}", f"cos{suffix}", f"sincos{suffix}"}
+    moving = {"memcpy", "memset", "memmove"}
+    assert {name for kind, name in source if kind == "U"} <= library | moving
+    assert {name for kind, name in casadi if kind == "U"} <= declared | moving
+    adapters = {
+        f"{robot.name}_casadi_{function.name}{ending}"
+        for function in robot.model.program.functions
+        for ending in (
+            *("", "_n_in", "_n_out", "_name_in", "_name_out"),
+            *("_sparsity_in", "_sparsity_out", "_work"),
+        )
+    }
+    assert {name for kind, name in casadi if kind in "TR"} == adapters
+
+
+@pytest.mark.parametrize("level", ["-O1", "-O2"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_stack_is_what_the_header_promises(
+    compiler: str, level: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(SMALL)
+    compile_only(compiler, [level, *PLAIN, "-fstack-usage"], robot.sources[:1], tmp_path)
+    rows = [line.split("\t") for line in (tmp_path / f"{SMALL}.su").read_text().splitlines()]
+    used = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
+    promised = {
+        f"{SMALL}_{function.name}": stack_bytes(gathered(function))
+        for function in robot.model.program.functions
+    }
+    over = {n: (used[n], most) for n, most in promised.items() if used[n] > most}
+    assert not over, f"bytes used and promised: {over}"
+
+
+# Text
+
+
+@pytest.mark.parametrize("label", [SMALL, "random_2_5", *CUT])
+def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitted]) -> None:
+    robot = emitted(label)
+    for ending in (".h", ".c", "_casadi.c"):
+        text = robot.text(ending)
+        assert "M_PI" not in text
+        assert re.search(r"\bpow[fl]?\s*\(", text) is None
+        assert max(map(len, text.splitlines())) <= 100
+        assert text.isascii()
+
+
+@pytest.mark.parametrize("ending", [".h", ".c", "_casadi.c"])
+def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emitted]) -> None:
+    small = emitted(SMALL)
+    digest = hashlib.sha256(read_robot(SMALL)[1].encode()).hexdigest()
+    head = small.text(ending).splitlines()[:5]
+    assert head[0].startswith("/* Generated by gibbs_codegen")
+    assert head[1] == f"/* Robot: {SMALL} */"
+    assert head[2] == f"/* Robot file SHA-256: {digest} */"
+    assert "without conditions" in head[4]
+
+
+@pytest.mark.parametrize("label", [SMALL, "random_2_5"])
+def test_header_gives_every_coordinate_and_input_its_unit(
+    label: str, emitted: Callable[[str], Emitted]
+) -> None:
+    robot = emitted(label)
+    opening = robot.text(".h").partition("#ifndef")[0]
+    for coordinate in (*reduced_coordinates(robot.model.robot), *inputs(robot.model.robot)):
+        line = rf"^ \*     {coordinate.name} +\[{re.escape(coordinate.unit)}\]  \S"
+        assert re.search(line, opening, re.MULTILINE), coordinate
+
+
+def _comment(header: str, name: str) -> str:
+    """The comment of a function in a header, in one line."""
+    found = re.search(rf"/\*\*((?:(?!\*/).)*)\*/\s*void\s+{name}\(", header, re.DOTALL)
+    assert found is not None, name
+    return " ".join(re.sub(r"^ \*", "", found[1], flags=re.MULTILINE).split())
+
+
+@pytest.mark.parametrize("label", [SMALL, "random_2_5"])
+def test_comments_tell_arguments_shapes_units_and_cost(
+    label: str, emitted: Callable[[str], Emitted]
+) -> None:
+    robot = emitted(label)
+    header = robot.text(".h")
+    for signature in robot.signatures():
+        function = robot.model.program.function(signature.name)
+        comment = _comment(header, f"{robot.name}_{signature.name}")
+        assert DESCRIPTIONS[signature.name].summary in comment
+        assert "@param[in] constants" in comment
+        for name, width in zip(signature.arguments, signature.widths, strict=True):
+            entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
+            assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries
+        names = DESCRIPTIONS[signature.name].outputs
+        for name, shape in zip(names, signature.shapes, strict=True):
+            assert f"@param[out] {name} {' x '.join(map(str, shape)) or '1'}" in comment
+        assert _cost(function) in comment
+        assert f"The same for `count` states in blocks. */\nvoid\n{robot.name}_" in header
+
+
+def _entries(robot: Robot, argument: str) -> str:
+    if argument == "u":
+        return ", ".join(f"{c.name} [{c.unit}]" for c in inputs(robot))
+    prefix = "" if argument == "q" else f"{argument}_"
+    per_time = {"q": "", "v": "/s", "a": "/s^2"}[argument]
+    return ", ".join(f"{prefix}{c.name} [{c.unit}{per_time}]" for c in reduced_coordinates(robot))
+
+
+def _cost(function: Function) -> str:
+    counts = count_operations(function.nodes())
+    return (
+        f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
+        f"at most {stack_bytes(gathered(function))} bytes of stack"
+    )

@@ -1,0 +1,214 @@
+"""Gathering a function's sines and cosines, on functions built by hand and drawn at random."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gibbs_codegen.program import (
+    Call,
+    Function,
+    Name,
+    Node,
+    Number,
+    Output,
+    Product,
+    Program,
+    Reciprocal,
+    Statement,
+    Sum,
+    calls_in,
+    names_in,
+    node_value,
+)
+from gibbs_codegen.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
+
+INPUTS = ("x", "y", "z")
+CONSTANTS = ("p", "r")
+X, Y, P = Name("x"), Name("y"), Name("p")
+T1, T2, T3, T4 = (Name(f"t{i}") for i in range(1, 5))
+
+Values = dict[str, float]
+
+
+def sine(argument: Node) -> Call:
+    return Call("sin", argument)
+
+
+def cosine(argument: Node) -> Call:
+    return Call("cos", argument)
+
+
+def function(statements: dict[str, Node], *entries: Node) -> Function:
+    """A function of q with one vector for output."""
+    rows = tuple(Statement(name, value) for name, value in statements.items())
+    return Function("f", ("q",), CONSTANTS, rows, (Output((len(entries),), entries),))
+
+
+def sum_of(*terms: Node) -> Sum:
+    return Sum(tuple((1, term) for term in terms))
+
+
+def random_function(seed: int, size: int) -> Function:
+    """A straight-line function of `size` statements and up to two outputs.
+
+    As in the functions of a robot, no angle depends on a sine or cosine.
+    """
+    rng = random.Random(seed)  # noqa: S311 - no secret
+    known: list[Node] = [Name(name) for name in (*INPUTS, *CONSTANTS)]
+    angles = list(known)
+    statements = []
+    for i in range(size):
+        name = Name(f"t{i}")
+        if rng.random() < 0.3:
+            value: Node = _random_sum(rng, angles)
+            angles.append(name)
+        else:
+            value = _random_node(rng, known, angles)
+        statements.append(Statement(name.name, value))
+        known.append(name)
+    outputs = []
+    for _ in range(rng.randrange(3)):
+        entries = [
+            Number(0.0) if rng.random() < 0.2 else _random_node(rng, known, angles)
+            for _ in range(rng.randrange(1, 9))
+        ]
+        outputs.append(Output((len(entries),), tuple(entries)))
+    return Function("f", ("q",), CONSTANTS, tuple(statements), tuple(outputs))
+
+
+def _random_node(rng: random.Random, known: list[Node], angles: list[Node]) -> Node:
+    """A node of any kind; reciprocals are of what is never zero."""
+    angle = rng.choice(angles) if rng.random() < 0.5 else _random_sum(rng, angles)
+    leaves = [*rng.choices(known, k=3), Number(2.0), Call(rng.choice(["sin", "cos"]), angle)]
+    factors = [*leaves, Reciprocal(Name(rng.choice((*INPUTS, *CONSTANTS))))]
+    product = Product(tuple(rng.sample(factors, rng.randrange(2, 4))))
+    return rng.choice([*factors, product, product, _random_sum(rng, [*leaves, product])])
+
+
+def _random_sum(rng: random.Random, terms: Sequence[Node]) -> Sum:
+    chosen = rng.sample(terms, rng.randrange(1, 5))
+    return Sum(tuple((rng.choice((1, -1)), term) for term in chosen))
+
+
+def functions() -> st.SearchStrategy[Function]:
+    """Random straight-line functions."""
+    return st.builds(random_function, st.integers(0, 2**32 - 1), st.integers(0, 30))
+
+
+def values() -> st.SearchStrategy[Values]:
+    """Values of inputs and constants; none is zero, so that there are reciprocals."""
+    number = st.floats(0.5, 2.0)
+    return st.fixed_dictionaries(dict.fromkeys((*INPUTS, *CONSTANTS), number))
+
+
+def evaluated(function: Function, at: Values) -> list[list[float]]:
+    """Entries of each output, by the program's own interpreter."""
+    program = Program({"q": INPUTS}, CONSTANTS, CONSTANTS, (), (function,))
+    parameters = {name: at[name] for name in CONSTANTS}
+    return program.evaluate("f", parameters, {"q": [at[name] for name in INPUTS]})
+
+
+def sines_added(parts: GatheredFunction, at: Values) -> Values:
+    """`at`, with the sines and cosines under their names; nothing else of the angles is kept."""
+    with_angles = dict(at)
+    for statement in parts.angle_statements:
+        with_angles[statement.name] = node_value(statement.value, with_angles)
+    made = dict(at)
+    for i, angle in enumerate(parts.angles):
+        made[sine_name(i)] = node_value(sine(angle), with_angles)
+        made[cosine_name(i)] = node_value(cosine(angle), with_angles)
+    return made
+
+
+def evaluated_in_parts(parts: GatheredFunction, at: Values) -> list[list[float]]:
+    """Entries of each output, angles first, then their sines and cosines, then the rest."""
+    made = sines_added(parts, at)
+    for statement in parts.statements:
+        made[statement.name] = node_value(statement.value, made)
+    return [[node_value(entry, made) for entry in output.entries] for output in parts.outputs]
+
+
+def test_angles_come_in_the_order_of_their_first_call() -> None:
+    parts = gathered(function({"t1": sum_of(cosine(Y), sine(X))}, T1, cosine(X)))
+    assert parts.angles == (Y, X)
+    assert parts.statements == (Statement("t1", sum_of(Name("c1"), Name("s2"))),)
+    assert parts.outputs[0].entries == (T1, Name("c2"))
+
+
+def test_sine_and_cosine_of_an_angle_share_its_place() -> None:
+    parts = gathered(function({}, Product((sine(X), cosine(X))), sine(X)))
+    assert parts.angles == (X,)
+    assert parts.outputs[0].entries == (Product((Name("s1"), Name("c1"))), Name("s1"))
+
+
+def test_what_only_angles_need_is_left_out_of_the_rest() -> None:
+    parts = gathered(function({"t1": sum_of(X, Y), "t2": Product((P, X))}, sine(T1), T2))
+    assert parts.angle_statements == (Statement("t1", sum_of(X, Y)),)
+    assert parts.statements == (Statement("t2", Product((P, X))),)
+
+
+def test_what_both_need_is_computed_in_both() -> None:
+    both = Statement("t1", sum_of(X, Y))
+    parts = gathered(function({"t1": both.value}, Product((T1, sine(T1)))))
+    assert parts.angle_statements == parts.statements == (both,)
+
+
+def test_a_name_for_a_sine_gives_way_to_the_sine() -> None:
+    """Also where that name has another name, and where it is an entry by itself."""
+    parts = gathered(function({"t1": sine(X), "t2": T1, "t3": sum_of(T2, P)}, T1, T2, T3))
+    assert parts.statements == (Statement("t3", sum_of(Name("s1"), P)),)
+    assert parts.outputs[0].entries == (Name("s1"), Name("s1"), T3)
+
+
+def test_a_statement_that_nothing_needs_is_dropped() -> None:
+    parts = gathered(function({"t1": sum_of(X, Y), "t2": sum_of(T1, sine(X))}, cosine(X)))
+    assert parts.angle_statements == parts.statements == ()
+
+
+def test_without_sines_the_function_stays_as_it_is() -> None:
+    plain = function({"t1": sum_of(X, Y)}, T1, Reciprocal(P))
+    parts = gathered(plain)
+    assert parts == GatheredFunction((), (), plain.statements, plain.outputs)
+
+
+def test_shapes_stay() -> None:
+    outputs = (Output((2, 1), (sine(X), X)), Output((), (Y,)))
+    parts = gathered(Function("f", ("q",), (), (), outputs))
+    assert [output.shape for output in parts.outputs] == [(2, 1), ()]
+
+
+@given(function=functions(), at=values())
+def test_gathered_functions_evaluate_alike(function: Function, at: Values) -> None:
+    """To the last bit: the operations are the same ones. As text, since NaN is not itself."""
+    assert str(evaluated_in_parts(gathered(function), at)) == str(evaluated(function, at))
+
+
+@given(function=functions())
+def test_no_call_is_left(function: Function) -> None:
+    parts = gathered(function)
+    nodes = [s.value for s in (*parts.angle_statements, *parts.statements)]
+    nodes += [*parts.angles, *(entry for output in parts.outputs for entry in output.entries)]
+    assert not any(calls_in(node) for node in nodes)
+
+
+@given(function=functions())
+def test_angles_are_unique_and_all_are_used(function: Function) -> None:
+    parts = gathered(function)
+    assert len(set(parts.angles)) == len(parts.angles)
+    assert set(parts.angles) == {c.argument for n in function.nodes() for c in calls_in(n)}
+
+
+@given(function=functions())
+def test_statements_keep_their_order_and_nothing_idle_stays(function: Function) -> None:
+    parts = gathered(function)
+    order = [statement.name for statement in function.statements]
+    entries = [entry for output in parts.outputs for entry in output.entries]
+    for rows, roots in ((parts.angle_statements, parts.angles), (parts.statements, entries)):
+        places = [order.index(statement.name) for statement in rows]
+        assert places == sorted(set(places))
+        read = {n for node in (*roots, *(s.value for s in rows)) for n in names_in(node)}
+        assert read >= {statement.name for statement in rows}
