@@ -140,6 +140,12 @@ def test_parameters_that_are_no_numbers_are_refused(module: ModuleType) -> None:
         module.prepare({"link2_length": float("nan")})
 
 
+def test_parameters_that_overflow_are_refused(module: ModuleType) -> None:
+    length = next(name for name in module.PARAMETERS if name.endswith("_length"))
+    with pytest.raises(ValueError, match="too large or too small"):
+        module.prepare({length: 1e200})
+
+
 def test_parameters_that_leave_no_mass_are_refused(module: ModuleType) -> None:
     massless = {name: 0.0 for name in module.PARAMETERS if name.endswith("mass_per_length")}
     with pytest.raises(ValueError, match="leave an acceleration undetermined"):

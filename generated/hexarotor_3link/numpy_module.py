@@ -86,7 +86,7 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
 
     `parameters` maps names of PARAMETERS to values; a name that is left out keeps its default.
     Raises ValueError for a name that is not in PARAMETERS, for a value that is not finite, and
-    where the values leave an acceleration undetermined.
+    where the values leave an acceleration undetermined or cannot be computed with.
     """
     unknown = sorted(set(parameters) - set(PARAMETERS))
     if unknown:
@@ -96,9 +96,12 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
         if not math.isfinite(value):
             raise ValueError(f"{name} must be finite, not {value}")
     try:
-        return _constants(values)
+        constants = _constants(values)
     except ZeroDivisionError:
         raise ValueError("these parameters leave an acceleration undetermined") from None
+    if not all(map(math.isfinite, constants)):
+        raise ValueError("these parameters are too large or too small to compute with")
+    return constants
 
 
 def _constants(values):

@@ -203,11 +203,16 @@ static INLINE void sine_cosine_quad(
 }
 #endif
 
+/* Angles that are not for the functions above, so that no other's result depends on them. */
 static COLD void library_sine_cosine(const int count, const real *angle, real *sine, real *cosine)
 {
     for (int i = 0; i < count; ++i) {
-        sine[i] = LIBRARY_SIN(angle[i]);
-        cosine[i] = LIBRARY_COS(angle[i]);
+        bits angle_bits;
+        memcpy(&angle_bits, angle + i, sizeof angle_bits);
+        if ((angle_bits & MAGNITUDE) > ANGLE_LIMIT) {
+            sine[i] = LIBRARY_SIN(angle[i]);
+            cosine[i] = LIBRARY_COS(angle[i]);
+        }
     }
 }
 
