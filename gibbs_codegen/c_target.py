@@ -14,7 +14,7 @@ from gibbs_codegen.describe import (
     output_text,
 )
 from gibbs_codegen.model import Model
-from gibbs_codegen.pieces import Piece, Store, cut, interleaved
+from gibbs_codegen.pieces import Loop, Step, Store, interleaved
 from gibbs_codegen.printers import InfixPrinter
 from gibbs_codegen.program import (
     Function,
@@ -25,12 +25,17 @@ from gibbs_codegen.program import (
     names_in,
     total_mass,
 )
+from gibbs_codegen.rolling import rolled
+from gibbs_codegen.slots import Layout, Piece, laid_out
 from gibbs_codegen.stack import stack_bytes
 from gibbs_codegen.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
 
 _WIDTH = 100
 # gcc vectorises no loop with more than 1000 memory references, and does smaller ones better.
 _MAX_REFERENCES = 250
+# Fewer steps in loops are not faster than straight on. Blocks of states never are faster in loops,
+# which have to hold in memory what fits into registers if each column goes straight on.
+_FEWEST_ROLLED = 200
 # States in a block: a vector of doubles in the widest registers that are common.
 _LANES = 8
 # Angles whose sines and cosines are computed at once in a call for one state.
@@ -116,8 +121,9 @@ class _CFunction:
         steps = interleaved(
             self._parts.statements, self._parts.outputs, [not sparse for sparse in self._sparse]
         )
-        self._pieces = cut(steps, _MAX_REFERENCES)
-        self._slots = 1 + max((s for p in self._pieces for s in p.held.values()), default=-1)
+        self._block = laid_out(steps, {}, _MAX_REFERENCES)
+        looped = laid_out(*rolled(steps), _MAX_REFERENCES)
+        self._one = looped if _goes_in_loops(looped) else self._block
 
     def context(self) -> dict[str, Any]:
         """What the templates need of the function."""
@@ -178,13 +184,16 @@ class _CFunction:
         name = self._function.name
         if self._parts.angles:
             helpers.append(self._angle_helper(f"{name}_angles"))
-        for number, piece in enumerate(self._pieces, start=1):
-            helpers.append(self._piece_helper(self._piece_name(number), piece))
+        for layout in dict.fromkeys([self._one, self._block]):
+            for piece, piece_name in zip(layout.pieces, self._piece_names(layout), strict=True):
+                helpers.append(self._piece_helper(piece_name, piece, layout))
         return helpers
 
-    def _piece_name(self, number: int) -> str:
-        name = self._function.name
-        return f"{name}_lane" if len(self._pieces) == 1 else f"{name}_lane_{number}"
+    def _piece_names(self, layout: Layout) -> list[str]:
+        name = self._function.name + ("_lane" if layout is self._block else "_state")
+        if len(layout.pieces) == 1:
+            return [name]
+        return [f"{name}_{number}" for number, _ in enumerate(layout.pieces, start=1)]
 
     def _angle_helper(self, name: str) -> dict[str, Any]:
         parts = self._parts
@@ -200,55 +209,85 @@ class _CFunction:
             "lines": [*unused, *lines],
         }
 
-    def _piece_helper(self, name: str, piece: Piece) -> dict[str, Any]:
-        read = {n for step in piece.steps for n in names_in(step.value)}
+    def _piece_helper(self, name: str, piece: Piece, layout: Layout) -> dict[str, Any]:
+        if isinstance(piece.part, Loop):
+            steps, read = piece.part.body, set(piece.part.shared)
+        else:
+            steps = piece.part
+            read = {name for step in steps for name in names_in(step.value)}
         lines, unused = self._loads(read)
-        for i in range(len(self._parts.angles)):
-            for array, entry in (("sine", sine_name(i)), ("cosine", cosine_name(i))):
-                if entry in read:
-                    lines.append(f"const real {entry} = {array}[{i} * stride];")
-        lines += [f"const real {n} = held[{slot} * stride];" for n, slot in piece.taken.items()]
-        stored = set()
-        for step in piece.steps:
+        if isinstance(piece.part, Loop):
+            lines += self._loop_lines(piece.part, piece, layout)
+        else:
+            lines += self._straight_lines(piece.part, piece, layout)
+        stored = {step.output for step in steps if isinstance(step, Store)}
+        unused += [f"(void){o};" for i, o in enumerate(self._outputs) if i not in stored]
+        return {
+            "name": name,
+            "parameters": ",\n    ".join(
+                [*self._scratch_parameters(layout), *self._array_parameters("RESTRICT ", "real")]
+            ),
+            "lines": [*self._unused_scratch(piece, read, layout), *unused, *lines],
+        }
+
+    def _straight_lines(self, steps: tuple[Step, ...], piece: Piece, layout: Layout) -> list[str]:
+        lines = []
+        for name, slot in piece.taken.items():
+            lines.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
+        for step in steps:
             text = self._printer.expression(step.value)
             if isinstance(step, Store):
-                stored.add(step.output)
                 output = self._outputs[step.output]
                 lines += _wrapped(f"{output}[{step.place} * stride] = ", text)
                 continue
             lines += _wrapped(f"const real {step.name} = ", text)
             if step.name in piece.held:
-                lines.append(f"held[{piece.held[step.name]} * stride] = {step.name};")
-        unused += [f"(void){o};" for i, o in enumerate(self._outputs) if i not in stored]
-        return {
-            "name": name,
-            "parameters": ",\n    ".join(
-                [*self._scratch_parameters(), *self._array_parameters("RESTRICT ", "real")]
-            ),
-            "lines": [*self._unused_scratch(piece, read), *unused, *lines],
-        }
+                slot = piece.held[step.name]
+                lines.append(f"held[{slot} * stride] = {layout.sign(step.name)}{step.name};")
+        return lines
 
-    def _scratch_parameters(self) -> list[str]:
+    def _loop_lines(self, loop: Loop, piece: Piece, layout: Layout) -> list[str]:
+        before, lines = [], []
+        for name, slot in piece.taken.items():
+            if name in loop.operands:
+                lines.append(f"const real {name} = held[({slot} + i) * stride];")
+            else:
+                before.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
+        places = iter(zip(loop.places, loop.pitches, strict=True))
+        for step in loop.body:
+            text = self._printer.expression(step.value)
+            if isinstance(step, Store):
+                first, pitch = next(places)
+                place = f"({first} + {pitch} * i) * stride"
+                lines += _wrapped(f"{self._outputs[step.output]}[{place}] = ", text, 4)
+                continue
+            lines += _wrapped(f"const real {step.name} = ", text, 4)
+            if step.name in piece.held:
+                lines.append(f"held[({piece.held[step.name]} + i) * stride] = {step.name};")
+        head = ["VECTORISE", f"for (int i = 0; i < {loop.count}; ++i) {{"]
+        return [*before, *head, *(f"    {line}" for line in lines), "}"]
+
+    def _scratch_parameters(self, layout: Layout) -> list[str]:
         scratch = []
         if self._parts.angles:
             scratch += ["const real *RESTRICT sine", "const real *RESTRICT cosine"]
-        if self._slots:
+        if layout.slots:
             scratch.append("real *RESTRICT held")
         return scratch
 
-    def _unused_scratch(self, piece: Piece, read: set[str]) -> list[str]:
+    def _unused_scratch(self, piece: Piece, read: set[str], layout: Layout) -> list[str]:
         count = range(len(self._parts.angles))
         unused = []
         if count and not any(sine_name(i) in read for i in count):
             unused.append("(void)sine;")
         if count and not any(cosine_name(i) in read for i in count):
             unused.append("(void)cosine;")
-        if self._slots and not (piece.taken or piece.held):
+        if layout.slots and not (piece.taken or piece.held):
             unused.append("(void)held;")
         return unused
 
     def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
-        """Lines that load constants and inputs, and those that say what is not used."""
+        """Lines that load what is neither made nor held, and those that say what is not used."""
         constants = [name for name in self._function.constants if name in read]
         lines = [f"const real {name} = constants->{name};" for name in constants]
         unused = [] if constants else ["(void)constants;"]
@@ -260,18 +299,23 @@ class _CFunction:
             ]
             lines += loads
             unused += [] if loads else [f"(void){argument};"]
+        for i in range(len(self._parts.angles)):
+            for array, entry in (("sine", sine_name(i)), ("cosine", cosine_name(i))):
+                if entry in read:
+                    lines.append(f"const real {entry} = {array}[{i} * stride];")
         return lines, unused
 
     def _call_lines(self, stride: str, offset: str) -> list[str]:
         """Body of the function for one state, or for a block of states, one a lane."""
         one = stride == "1"
+        layout = self._one if one else self._block
         size = "" if one else " * LANES"
         count, lines = len(self._parts.angles), []
         if count:
             local = ", ".join(f"{name}[{count}{size}]" for name in ("angle", "sine", "cosine"))
             lines.append(f"real {local};")
-        if self._slots:
-            lines.append(f"real held[{self._slots}{size}];")
+        if layout.slots:
+            lines.append(f"real held[{layout.slots}{size}];")
         for output, sparse in zip(self._outputs, self._sparse, strict=True):
             if sparse:
                 lines += [
@@ -285,10 +329,10 @@ class _CFunction:
             call = [*arrays, "angle"]
             lines += _lane_call(f"{name}_angles", call, stride, offset)
             lines += _sine_lines(count, one)
-        scratch = (["sine", "cosine"] if count else []) + (["held"] if self._slots else [])
-        for number in range(1, len(self._pieces) + 1):
+        scratch = (["sine", "cosine"] if count else []) + (["held"] if layout.slots else [])
+        for piece_name in self._piece_names(layout):
             call = [*scratch, *arrays, *self._outputs]
-            lines += _lane_call(self._piece_name(number), call, stride, offset)
+            lines += _lane_call(piece_name, call, stride, offset)
         return lines
 
     def _doc_lines(self) -> list[str]:
@@ -315,6 +359,12 @@ class _CFunction:
         for item in items:
             lines += textwrap.wrap(item, _WIDTH - 3, subsequent_indent="    ")
         return [f" {line}".rstrip() for line in lines]
+
+
+def _goes_in_loops(layout: Layout) -> bool:
+    """Whether the steps that loops stand for are enough to be worth it."""
+    loops = [piece.part for piece in layout.pieces if isinstance(piece.part, Loop)]
+    return sum(len(loop.straight) for loop in loops) >= _FEWEST_ROLLED
 
 
 def _is_sparse(output: Output) -> bool:
@@ -348,13 +398,13 @@ def _statement_lines(statements: tuple[Statement, ...], printer: InfixPrinter) -
     return lines
 
 
-def _wrapped(start: str, expression: str) -> list[str]:
+def _wrapped(start: str, expression: str, indent: int = 0) -> list[str]:
     """An assignment within the line width, continued on further lines if need be."""
     if len(start) + len(expression) < _WIDTH - 4:
         return [f"{start}{expression};"]
     return textwrap.wrap(
         f"{start}{expression};",
-        _WIDTH - 4,
+        _WIDTH - 4 - indent,
         subsequent_indent="    ",
         break_long_words=False,
         break_on_hyphens=False,

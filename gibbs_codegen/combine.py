@@ -24,7 +24,7 @@ from gibbs_codegen.equations import (
 )
 from gibbs_codegen.forces import input_matrix, motor_columns, motor_torque_about_arm_joint
 from gibbs_codegen.machine import Machine
-from gibbs_codegen.serial import SerialChain, composites, joint_column, link_wrench
+from gibbs_codegen.serial import SerialChain, joint_columns, link_wrench
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ def constrained_joint_column(
 ) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
     """Column of I_H for a constrained joint: its entries at θ₋₁, θ₀, θ₁, x, y, z and its own."""
     tape = machine.tape
-    wrench, entries = joint_column(tape, serial, 1, composites(tape, serial)[1])
-    return machine.root.rows(tape, wrench), entries[1]
+    _, wrenches, entries = joint_columns(tape, serial)
+    return machine.root.rows(tape, wrenches[0]), entries[1, 1]
 
 
 def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -> sp.Expr:

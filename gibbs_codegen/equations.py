@@ -18,9 +18,8 @@ from gibbs_codegen.root import TaitBryanRoot
 from gibbs_codegen.serial import (
     SerialChain,
     chain_gibbs_function,
-    composites,
     inward,
-    joint_column,
+    joint_columns,
     outward,
 )
 from gibbs_codegen.tape import Scalars
@@ -105,11 +104,9 @@ def unprojected_mass_matrix(
     tape: Scalars, chain: SerialChain
 ) -> tuple[Inertia, list[Wrench], dict[tuple[int, int], sp.Expr]]:
     """The mass matrix before projection: composite at the root, joint wrenches, joint block."""
-    inertias = composites(tape, chain)
-    wrenches, block = [], {}
-    for k in range(1, len(inertias)):
-        wrench, entries = joint_column(tape, chain, k, inertias[k])
-        wrenches.append(wrench)
-        for j, entry in entries.items():
+    composite, wrenches, entries = joint_columns(tape, chain)
+    block = {}
+    for (j, k), entry in entries.items():
+        if j > 0:
             block[j - 1, k - 1] = block[k - 1, j - 1] = entry
-    return inertias[0], wrenches, block
+    return composite, wrenches, block

@@ -2,12 +2,12 @@
 
 A step computes a name or stores an entry; each entry is stored as soon as its value is known, so
 that few values are alive at once. Compilers give up on loops with too many memory references, so a
-long row is cut; what a later piece needs of an earlier one is held in numbered slots.
+long row is cut. Among the steps may be loops, each a piece by itself.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from gibbs_codegen.program import Node, Number, Output, Statement, names_in
@@ -26,12 +26,46 @@ Step = Statement | Store
 
 
 @dataclass(frozen=True)
-class Piece:
-    """Consecutive steps, with the slots of the names that they take over and hand on."""
+class Loop:
+    """`body` done `count` times, which is the same as `straight`.
 
-    steps: tuple[Step, ...]
-    taken: dict[str, int]
-    held: dict[str, int]
+    Its names are those of one of the blocks of steps: `operands` and `results` have, for each that
+    is not the same in every block, the row of its names, one a block; results are only those that
+    are read elsewhere. The stores of the first block go to `places`, which move on by `pitches`
+    from block to block.
+    """
+
+    count: int
+    body: tuple[Step, ...]
+    operands: Mapping[str, tuple[str, ...]]
+    results: Mapping[str, tuple[str, ...]]
+    places: tuple[int, ...]
+    pitches: tuple[int, ...]
+    straight: tuple[Step, ...]
+
+    @property
+    def shared(self) -> list[str]:
+        """Names that every block reads."""
+        own = {*self.operands, *(s.name for s in self.body if isinstance(s, Statement))}
+        read = [name for step in self.body for name in names_in(step.value)]
+        return [name for name in dict.fromkeys(read) if name not in own]
+
+
+Item = Step | Loop
+
+
+def names_read(item: Item) -> list[str]:
+    """Names that a step or a loop reads and, if it is a loop, does not make."""
+    if not isinstance(item, Loop):
+        return names_in(item.value)
+    return [*item.shared, *(name for row in item.operands.values() for name in row)]
+
+
+def names_made(item: Item) -> list[str]:
+    """Names that a step or a loop makes for others."""
+    if isinstance(item, Loop):
+        return [name for row in item.results.values() for name in row]
+    return [item.name] if isinstance(item, Statement) else []
 
 
 def interleaved(
@@ -55,52 +89,33 @@ def interleaved(
     return steps
 
 
-def cut(steps: Sequence[Step], limit: int) -> list[Piece]:
+def cut(items: Sequence[Item], limit: int) -> list[tuple[Item, ...]]:
     """Cut steps into pieces in a row that refer to memory at most `limit` times each.
 
     Each goes on until the next step would be too much; a step that is too much by itself is a piece
-    by itself. Whatever a piece reads that no step defines counts as a reference, whether it is an
-    input or a constant.
+    by itself, and so is a loop. Whatever a piece reads that no step defines counts as a reference,
+    whether it is an input or a constant.
     """
-    defined = {step.name: i for i, step in enumerate(steps) if isinstance(step, Statement)}
+    defined = {name: i for i, item in enumerate(items) for name in names_made(item)}
     last_use: dict[str, int] = {}
-    for i, step in enumerate(steps):
-        last_use.update(dict.fromkeys(names_in(step.value), i))
+    for i, item in enumerate(items):
+        last_use.update(dict.fromkeys(names_read(item), i))
     starts = [0]
     read: set[str] = set()
     alive = stores = 0
-    for i, step in enumerate(steps):
-        names = set(names_in(step.value))
+    for i, item in enumerate(items):
+        names = set(names_read(item))
         outside = {name for name in names if defined.get(name, -1) < starts[-1]}
         ended = sum(last_use[name] == i for name in names - outside)
-        begun = int(isinstance(step, Statement) and last_use.get(step.name, -1) > i)
-        stored = int(isinstance(step, Store))
-        if len(read | outside) + alive - ended + begun + stores + stored > limit and i > starts[-1]:
+        begun = sum(last_use.get(name, -1) > i for name in names_made(item))
+        stored = int(isinstance(item, Store))
+        full = len(read | outside) + alive - ended + begun + stores + stored > limit
+        if i > starts[-1] and (full or isinstance(item, Loop) or isinstance(items[i - 1], Loop)):
             starts.append(i)
             read, alive, stores = names, begun, stored
         else:
             read |= outside
             alive += begun - ended
             stores += stored
-    return _with_slots(steps, starts, last_use)
-
-
-def _with_slots(
-    steps: Sequence[Step], starts: Sequence[int], last_use: dict[str, int]
-) -> list[Piece]:
-    slots: dict[str, int] = {}
-    free: list[int] = []
-    pieces = []
-    for start, stop in zip(starts, [*starts[1:], len(steps)], strict=True):
-        part = steps[start:stop]
-        read = dict.fromkeys(name for step in part for name in names_in(step.value))
-        taken = {name: slots[name] for name in read if name in slots}
-        for name in [name for name in slots if last_use[name] < stop]:
-            free.append(slots.pop(name))
-        held = {}
-        for step in part:
-            if isinstance(step, Statement) and last_use.get(step.name, -1) >= stop:
-                used = len(slots) + len(free)
-                held[step.name] = slots[step.name] = free.pop(0) if free else used
-        pieces.append(Piece(tuple(part), taken, held))
-    return pieces
+    ends = [*starts[1:], len(items)]
+    return [tuple(items[start:end]) for start, end in zip(starts, ends, strict=True)]

@@ -12,7 +12,7 @@ another group hangs on it, since all that passes through has to be turned once a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -27,7 +27,14 @@ from gibbs_codegen.gibbs import (
     link_gibbs_function,
     link_partials_by_gradient,
 )
-from gibbs_codegen.inertia import ANGULAR, LINEAR, Inertia, split_prismatic, split_revolute
+from gibbs_codegen.inertia import (
+    ANGULAR,
+    LINEAR,
+    NO_INERTIA,
+    Inertia,
+    split_prismatic,
+    split_revolute,
+)
 from gibbs_codegen.kinematics import Motion
 from gibbs_codegen.robot import JointKind
 from gibbs_codegen.tape import Scalars
@@ -43,6 +50,9 @@ from gibbs_codegen.vectors import (
 )
 
 Carried = TypeVar("Carried", Wrench, Inertia)
+
+# Joints that a column of the mass matrix is carried past before the next column.
+_JOINTS_AT_ONCE = 8
 
 
 @dataclass(frozen=True)
@@ -208,31 +218,48 @@ def inward(
 
 def composites(tape: Scalars, chain: SerialChain) -> list[Inertia]:
     """Inertia of each segment with all that it carries, about its joint, in its carrier."""
-    found: list[Inertia] = []
+    return list(_composites_inward(tape, chain))[::-1]
+
+
+def _composites_inward(tape: Scalars, chain: SerialChain) -> Iterator[Inertia]:
+    composite = NO_INERTIA
     for k in range(len(chain.segments) - 1, -1, -1):
         own = chain.working_inertia(tape, k)
-        if found:
-            own = own.plus(tape, chain.passed_in(tape, k + 1, found[-1]))
-        found.append(chain.to_carrier(tape, k, own))
-    return found[::-1]
+        if k + 1 < len(chain.segments):
+            own = own.plus(tape, chain.passed_in(tape, k + 1, composite))
+        composite = chain.to_carrier(tape, k, own)
+        yield composite
 
 
-def joint_column(
-    tape: Scalars, chain: SerialChain, k: int, composite: Inertia
-) -> tuple[Wrench, dict[int, sp.Expr]]:
-    """Column of the mass matrix for the joint of segment k.
+def joint_columns(
+    tape: Scalars, chain: SerialChain
+) -> tuple[Inertia, list[Wrench], dict[tuple[int, int], sp.Expr]]:
+    """Columns of the mass matrix for the joints after the root.
 
-    Returns its wrench about the root, in the root's carrier, and its entries in the rows of the
-    joints 1 … k.
+    Returns the composite of all segments, the wrench of each column about the root, in the root's
+    carrier, and the entries (j, k) of the rows j ≤ k. From the tip inwards, a few joints at a time,
+    every column is carried past them before the next few, so that the same statements follow one
+    another once a column.
     """
-    turns = chain.segments[k].joint == "revolute"
-    wrench = composite.response(tape, ANGULAR + Z if turns else LINEAR + Z)
-    entries = {k: chain.segments[k].row(wrench)}
-    for j in range(k - 1, -1, -1):
-        wrench = chain.to_carrier(tape, j, chain.passed_in(tape, j + 1, wrench))
-        if j > 0:
-            entries[j] = chain.segments[j].row(wrench)
-    return wrench, entries
+    last = len(chain.segments) - 1
+    inertias: dict[int, Inertia] = {}
+    columns: dict[int, Wrench] = {}
+    entries: dict[tuple[int, int], sp.Expr] = {}
+    inward = _composites_inward(tape, chain)
+    for end in range(last, -1, -_JOINTS_AT_ONCE):
+        start = max(end - _JOINTS_AT_ONCE + 1, 0)
+        inertias.update(zip(range(end, start - 1, -1), inward, strict=False))
+        for k in range(max(start, 1), last + 1):
+            for j in range(min(k, end), start - 1, -1):
+                segment = chain.segments[j]
+                if j == k:
+                    turns = segment.joint == "revolute"
+                    columns[k] = inertias[k].response(tape, ANGULAR + Z if turns else LINEAR + Z)
+                else:
+                    wrench = chain.passed_in(tape, j + 1, columns[k])
+                    columns[k] = chain.to_carrier(tape, j, wrench)
+                entries[j, k] = segment.row(columns[k])
+    return inertias[0], [columns[k] for k in range(1, last + 1)], entries
 
 
 def chain_gibbs_function(tape: Scalars, chain: SerialChain, motions: Sequence[Motion]) -> sp.Expr:

@@ -23,6 +23,8 @@ ROOMS = [
     {"forces"},
     {"program"},
     {"trigonometry", "pieces"},
+    {"runs", "slots"},
+    {"rolling"},
     {"stack", "determinacy"},
     {"combine", "forward", "geometry", "closed_form"},
     {"lower"},

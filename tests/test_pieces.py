@@ -1,4 +1,4 @@
-"""Rows of steps and their pieces, on functions built by hand and drawn at random."""
+"""Rows of steps, their pieces and slots, on functions built by hand and drawn at random."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from test_trigonometry import (
     values,
 )
 
-from gibbs_codegen.pieces import Piece, Step, Store, cut, interleaved
+from gibbs_codegen.pieces import Step, Store, cut, interleaved
 from gibbs_codegen.program import (
     Function,
     Name,
@@ -31,6 +31,7 @@ from gibbs_codegen.program import (
     names_in,
     node_value,
 )
+from gibbs_codegen.slots import Piece, laid_out
 from gibbs_codegen.trigonometry import GatheredFunction, gathered
 
 X, Y, Z, P, ZERO = Name("x"), Name("y"), Name("z"), Name("p"), Number(0.0)
@@ -41,6 +42,16 @@ LIMITS = st.integers(1, 40)
 def steps_of(parts: GatheredFunction) -> list[Step]:
     """All steps, zeros stored too."""
     return interleaved(parts.statements, parts.outputs, [True] * len(parts.outputs))
+
+
+def pieces_of(steps: Sequence[Step], limit: int) -> tuple[Piece, ...]:
+    """Pieces with slots of steps without loops."""
+    return laid_out(steps, {}, limit).pieces
+
+
+def straight(piece: Piece) -> tuple[Step, ...]:
+    assert isinstance(piece.part, tuple)
+    return piece.part
 
 
 def statements(**rows: Node) -> list[Statement]:
@@ -73,7 +84,7 @@ def evaluated_in_pieces(
     slots: dict[int, float] = {}
     for piece in pieces:
         known = at | {name: slots[slot] for name, slot in piece.taken.items()}
-        for step in piece.steps:
+        for step in straight(piece):
             value = node_value(step.value, known)
             if isinstance(step, Store):
                 outputs[step.output][step.place] = value
@@ -111,34 +122,34 @@ def test_zeros_are_stored_only_where_they_are_wanted() -> None:
 
 def test_a_short_row_is_one_piece_without_slots() -> None:
     steps = steps_of(gathered(function({"t1": sum_of(X, Y)}, T1, Product((T1, T1)))))
-    assert cut(steps, 900) == [Piece(tuple(steps), {}, {})]
+    assert pieces_of(steps, 900) == (Piece(tuple(steps), {}, {}),)
 
 
 def test_no_steps_are_one_empty_piece() -> None:
     """So that a function without outputs is still a function."""
-    assert cut([], 900) == [Piece((), {}, {})]
+    assert cut([], 900) == [()]
 
 
 def test_what_a_later_piece_reads_is_handed_on_in_slots() -> None:
     rows = statements(t1=sum_of(X, Y), t2=Product((T1, T1)))
     store = Store(0, 0, sum_of(T2, T1, Z, P))
-    assert cut([*rows, store], 4) == [
+    assert pieces_of([*rows, store], 4) == (
         Piece(tuple(rows), {}, {"t1": 0, "t2": 1}),
         Piece((store,), {"t2": 1, "t1": 0}, {}),
-    ]
+    )
 
 
 def test_a_slot_is_used_again_once_its_name_is_not_needed() -> None:
     rows = statements(t1=sum_of(X, Y), t2=Product((T1, T1)), t3=Product((T2, X)))
-    pieces = cut([*rows, Store(0, 0, T3)], 2)
+    pieces = pieces_of([*rows, Store(0, 0, T3)], 2)
     assert [piece.held for piece in pieces] == [{"t1": 0}, {"t2": 0}, {"t3": 0}, {}]
     assert [piece.taken for piece in pieces] == [{}, {"t1": 0}, {"t2": 0}, {"t3": 0}]
 
 
 def test_a_step_over_the_limit_is_a_piece_by_itself() -> None:
     rows = statements(t1=sum_of(X, Y, Z), t2=sum_of(T1, P))
-    pieces = cut([*rows, Store(0, 0, T2)], 1)
-    assert [len(piece.steps) for piece in pieces] == [1, 1, 1]
+    pieces = pieces_of([*rows, Store(0, 0, T2)], 1)
+    assert [len(straight(piece)) for piece in pieces] == [1, 1, 1]
 
 
 @given(function=functions(), at=values(), limit=LIMITS)
@@ -146,7 +157,7 @@ def test_pieces_evaluate_as_the_function_does(function: Function, at: Values, li
     """To the last bit: the operations are the same ones. As text, since NaN is not itself."""
     parts = gathered(function)
     sizes = [len(output.entries) for output in parts.outputs]
-    ours = evaluated_in_pieces(cut(steps_of(parts), limit), sizes, sines_added(parts, at))
+    ours = evaluated_in_pieces(pieces_of(steps_of(parts), limit), sizes, sines_added(parts, at))
     assert str(ours) == str(evaluated(function, at))
 
 
@@ -179,12 +190,12 @@ def test_every_entry_is_stored_once_and_right_after_it_is_known(
 def test_pieces_are_the_steps_in_order_within_the_limit(function: Function, limit: int) -> None:
     """None but a single step goes beyond the limit, and none ends before it has to."""
     steps = steps_of(gathered(function))
-    pieces = cut(steps, limit)
-    assert [step for piece in pieces for step in piece.steps] == steps
+    pieces = pieces_of(steps, limit)
+    assert [step for piece in pieces for step in straight(piece)] == steps
     start = 0
     for piece in pieces:
-        stop = start + len(piece.steps)
-        assert references(steps, start, stop) <= limit or len(piece.steps) == 1
+        stop = start + len(straight(piece))
+        assert references(steps, start, stop) <= limit or len(straight(piece)) == 1
         if stop < len(steps):
             assert references(steps, start, stop + 1) > limit
         start = stop
@@ -194,12 +205,12 @@ def test_pieces_are_the_steps_in_order_within_the_limit(function: Function, limi
 def test_slots_are_as_few_as_names_alive_between_pieces(function: Function, limit: int) -> None:
     """No two names that are alive at once have one slot, and there is no slot too many."""
     steps = steps_of(gathered(function))
-    pieces = cut(steps, limit)
+    pieces = pieces_of(steps, limit)
     last = last_uses(steps)
     slot_of: dict[str, int] = {}
     stop, most = 0, 0
     for piece in pieces:
-        stop += len(piece.steps)
+        stop += len(straight(piece))
         assert piece.taken == {name: slot_of[name] for name in piece.taken}
         slot_of |= piece.held
         alive = [name for name in slot_of if last[name] >= stop]

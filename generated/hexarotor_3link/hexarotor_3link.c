@@ -7,8 +7,9 @@
 /*
  * Each function is a straight line, written once for one state of several: `stride` is the distance
  * from one entry of an array to the next. With stride 1 it serves the function for one state, with
- * stride LANES a loop over the states of a block, which compilers vectorise. Sines and cosines are
- * computed before, all angles in one go.
+ * stride LANES a loop over the states of a block, which compilers vectorise. What would be too long
+ * a line for one state is written for it once more, with loops over the columns of a matrix. Sines
+ * and cosines are computed before, all angles in one go.
  */
 
 #include "hexarotor_3link.h"
@@ -37,7 +38,7 @@ typedef hexarotor_3link_constants Constants;
 #define COLD
 #endif
 
-/* The lanes of a loop are independent. */
+/* The lanes or columns of a loop are independent. */
 #if defined(__GNUC__) && !defined(__clang__)
 #define VECTORISE _Pragma("GCC ivdep")
 #else
