@@ -12,13 +12,14 @@ import functools
 import importlib.machinery
 import importlib.util
 import inspect
+import logging
 import math
+import os
 import re
 import sys
 import sysconfig
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -26,12 +27,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.c_library import NATIVE, compiled_library
 from gibbs_codegen.cache import CacheError, cached_library
 from gibbs_codegen.compiler import Compiler, CompilerError
-from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.interface import LANES, Signature, signatures
 
-_NATIVE = Path(__file__).parent / "native"
-_LANES = 8
+_log = logging.getLogger("gibbs_codegen")
 # Fewer states a thread are sooner done than handed over.
 _MIN_ROWS = 256
 _DATA = ("NAME", "COORDINATES", "HYBRID_COORDINATES", "INPUTS", "POINTS", "PARAMETERS")
@@ -55,47 +56,14 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         setattr(made, name, getattr(module, name))
     constants = _Constants(library, module)
     made.prepare = constants.prepare  # type: ignore[attr-defined]
-    pool = ThreadPoolExecutor(threads) if threads > 1 else None
+    pool = _Pool(threads)
     caller = _caller_type(compiler)
     lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
     for signature in signatures(*map(len, lists)):
-        function = _Function(library, module.NAME, signature, constants, pool, threads)
+        function = _Function(library, module.NAME, signature, constants, pool)
         general = function.general(getattr(module, signature.name))
         setattr(made, signature.name, function.fast(caller, general) if caller else general)
     return made
-
-
-def compiled_library(folder: Path, name: str, compiler: Compiler) -> Path:
-    """The shared library of a generated module, from the cache or compiled now.
-
-    It exports the module's C functions, those of its CasADi adapter, and `gibbs_codegen_rows`.
-    """
-    files = [folder / file for file in c_files(name)] + [_NATIVE / "rows.c"]
-    key = [compiler.identity, *(path.read_text(encoding="utf-8") for path in files)]
-    sources = [path for path in files if path.suffix == ".c"]
-
-    def make(output: Path) -> None:
-        with _announced(f"compiling {name}"):
-            compiler.library(sources, output)
-
-    return cached_library("\0".join(key), make)
-
-
-@contextmanager
-def _announced(what: str) -> Iterator[None]:
-    """Say what takes long, on a terminal; nothing in a pipe."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(what):
-        yield
-
-
-def c_files(name: str) -> list[str]:
-    """Names of the files that the C target of a module consists of."""
-    return [f"{name}.h", f"{name}.c", f"{name}_casadi.c"]
 
 
 class _Constants:
@@ -126,6 +94,21 @@ class _Constants:
         return constants
 
 
+class _Pool:
+    """Threads, made when first needed, and anew in a process that was forked."""
+
+    def __init__(self, threads: int) -> None:
+        self.threads = threads
+        self._executor: ThreadPoolExecutor | None = None
+        self._process = 0
+
+    def executor(self) -> ThreadPoolExecutor:
+        """The threads of this process."""
+        if self._executor is None or self._process != os.getpid():
+            self._executor, self._process = ThreadPoolExecutor(self.threads), os.getpid()
+        return self._executor
+
+
 class _Function:
     """One compiled function, for one state and for rows of states."""
 
@@ -135,13 +118,11 @@ class _Function:
         prefix: str,
         signature: Signature,
         constants: _Constants,
-        pool: ThreadPoolExecutor | None,
-        threads: int,
+        pool: _Pool,
     ) -> None:
         self._signature = signature
         self._constants = constants
         self._pool = pool
-        self._threads = threads
         self._one = library[f"{prefix}_{signature.name}"]
         self._batch = ctypes.cast(library[f"{prefix}_{signature.name}_batch"], ctypes.c_void_p)
         self._rows = library["gibbs_codegen_rows"]
@@ -184,7 +165,7 @@ class _Function:
         ]
         batch = _common_batch(arrays)
         inputs = [
-            np.ascontiguousarray(np.broadcast_to(array, (*batch, array.shape[-1])))
+            np.require(np.broadcast_to(array, (*batch, array.shape[-1])), requirements=["C", "A"])
             for array in arrays
         ]
         outputs = [np.empty((*batch, *shape)) for shape in signature.shapes]
@@ -196,14 +177,16 @@ class _Function:
 
     def _all_rows(self, constants: bytes, count: int, inputs: Arrays, outputs: Arrays) -> None:
         flat = [a.reshape(-1) for a in [*inputs, *outputs]]
-        parts = min(self._threads, count // _MIN_ROWS)
-        if self._pool is None or parts < 2:
+        parts = min(self._pool.threads, count // _MIN_ROWS)
+        if parts < 2:
             self._some_rows(constants, flat, 0, count)
             return
         # Whole blocks, so that no two threads write to one block.
-        step = -(-count // (parts * _LANES)) * _LANES
+        step = -(-count // (parts * LANES)) * LANES
         futures = [
-            self._pool.submit(self._some_rows, constants, flat, start, min(step, count - start))
+            self._pool.executor().submit(
+                self._some_rows, constants, flat, start, min(step, count - start)
+            )
             for start in range(0, count, step)
         ]
         for future in futures:
@@ -212,7 +195,7 @@ class _Function:
     def _some_rows(self, constants: bytes, flat: Arrays, start: int, count: int) -> None:
         starts = [a[start * size :] for a, size in zip(flat, self._sizes, strict=True)]
         pointers = (ctypes.c_void_p * len(starts))(*(a.ctypes.data for a in starts))
-        scratch = np.empty(_LANES * (sum(self._sizes) + 1))
+        scratch = np.empty(LANES * (sum(self._sizes) + 1))
         # Blocks that begin where a cache line does are faster.
         aligned = scratch.ctypes.data + -scratch.ctypes.data % 64
         self._rows(
@@ -254,8 +237,9 @@ def _caller_type(compiler: Compiler) -> Callable[..., Any] | None:
     """The extension type that calls with little overhead; none where Python's headers are not."""
     include = sysconfig.get_path("include")
     if not (Path(include) / "Python.h").is_file() or sys.implementation.name != "cpython":
+        _log.info("calls for one state take the long way: Python's headers are not installed")
         return None
-    source = _NATIVE / "caller.c"
+    source = NATIVE / "caller.c"
 
     def make(output: Path) -> None:
         extra = [f"-I{include}", f"-I{np.get_include()}"]
@@ -280,7 +264,8 @@ def _caller_type(compiler: Compiler) -> Callable[..., Any] | None:
             return None
         made = importlib.util.module_from_spec(spec)
         loader.exec_module(made)
-    except (CompilerError, CacheError, ImportError):
+    except (CompilerError, CacheError, ImportError) as error:
+        _log.info("calls for one state take the long way: %s", error)
         return None
     caller: Callable[..., Any] = made.Caller
     return caller

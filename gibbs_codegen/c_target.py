@@ -13,6 +13,7 @@ from gibbs_codegen.describe import (
     coordinate_table,
     output_text,
 )
+from gibbs_codegen.interface import LANES
 from gibbs_codegen.model import Model
 from gibbs_codegen.pieces import Loop, Step, Store, interleaved
 from gibbs_codegen.printers import InfixPrinter
@@ -36,8 +37,6 @@ _MAX_REFERENCES = 250
 # Fewer steps in loops are not faster than straight on. Blocks of states never are faster in loops,
 # which have to hold in memory what fits into registers if each column goes straight on.
 _FEWEST_ROLLED = 200
-# States in a block: a vector of doubles in the widest registers that are common.
-_LANES = 8
 # Angles whose sines and cosines are computed at once in a call for one state.
 _AT_ONCE = 4
 
@@ -51,7 +50,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
     return {
         "name": robot.name,
         "NAME": robot.name.upper(),
-        "lanes": _LANES,
+        "lanes": LANES,
         "coordinate_lines": coordinate_table(reduced_coordinates(robot)),
         "hybrid_coordinate_lines": coordinate_table(hybrid_coordinates(robot)),
         "input_lines": coordinate_table(inputs(robot)),
@@ -349,11 +348,11 @@ class _CFunction:
             items.append(f"@param[in] {a} {argument_meaning(a)}, {width} entries: {text}")
         for name, output in zip(self._outputs, function.outputs, strict=True):
             shape = " x ".join(map(str, output.shape)) or "1"
-            entries = output_text(robot, function.name)
-            items.append(f"@param[out] {name} {shape}" + (f": {entries}" if entries else ""))
+            entries = output_text(robot, function.name, name)
+            items.append(f"@param[out] {name} {shape}: {entries}")
         items += [
-            f"@note {counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; at "
-            f"most {stack_bytes(self._parts)} bytes of stack for one state of doubles, optimised.",
+            f"@note {counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
+            f"about {stack_bytes(self._parts)} bytes of stack for one state of doubles, optimised.",
             f"@par Source: {description.source}.",
         ]
         for item in items:

@@ -13,12 +13,15 @@ import shutil
 import stat
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 _LIBRARY = "library.so"
 _DIGEST = "sha256"
+_STAGING = ".new_"
+_STALE_SECONDS = 3600.0
 
 
 class CacheError(Exception):
@@ -46,7 +49,7 @@ def cache_folder() -> Path:
     """Where libraries are kept: GIBBS_CODEGEN_CACHE, or a folder of the platform's user cache."""
     chosen = os.environ.get("GIBBS_CODEGEN_CACHE")
     if chosen:
-        return Path(chosen)
+        return Path(chosen).expanduser().absolute()
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "gibbs_codegen"
     base = os.environ.get("XDG_CACHE_HOME", "")
@@ -60,7 +63,12 @@ def _private_folder() -> Path:
         folder = cache_folder()
     except RuntimeError:
         raise CacheError("no home folder for a cache") from None
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for path in (*reversed(folder.parents), folder):
+        path.mkdir(mode=0o700, exist_ok=True)
+    for parent in folder.parents:
+        mode = parent.stat().st_mode
+        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            raise CacheError(f"{parent}: open to everybody, who could replace {folder.name}")
     status = os.lstat(folder)
     if not stat.S_ISDIR(status.st_mode):
         raise CacheError(f"{folder}: not a folder of its own")
@@ -68,8 +76,6 @@ def _private_folder() -> Path:
         raise CacheError(f"{folder}: belongs to another user")
     if status.st_mode & 0o077:
         raise CacheError(f"{folder}: open to others; make it private with chmod 700")
-    if not os.access(folder, os.W_OK):
-        raise CacheError(f"{folder}: is read-only")
     return folder
 
 
@@ -85,7 +91,8 @@ def _is_whole(entry: Path) -> bool:
 
 
 def _fill(root: Path, entry: Path, make: Callable[[Path], None]) -> None:
-    staging = Path(tempfile.mkdtemp(prefix=".new_", dir=root))
+    _remove_stale(root)
+    staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=root))
     try:
         library = staging / _LIBRARY
         make(library)
@@ -97,6 +104,14 @@ def _fill(root: Path, entry: Path, make: Callable[[Path], None]) -> None:
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     shutil.rmtree(entry / "old", ignore_errors=True)
+
+
+def _remove_stale(root: Path) -> None:
+    """Remove what processes that were killed have left."""
+    for path in root.glob(f"{_STAGING}*"):
+        with suppress(OSError):
+            if time.time() - path.stat().st_mtime > _STALE_SECONDS:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 def _digest(path: Path) -> str:
@@ -115,4 +130,7 @@ def _lock(path: Path) -> Iterator[None]:
             fcntl.flock(number, fcntl.LOCK_EX)
         yield
     finally:
+        # Closing is not enough where a child that was forked meanwhile has the file open too.
+        with suppress(OSError):
+            fcntl.flock(number, fcntl.LOCK_UN)
         os.close(number)

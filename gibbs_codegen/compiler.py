@@ -8,14 +8,20 @@ import os
 import platform
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-_TIMEOUT_SECONDS = 600.0
+# Sixty-four links take minutes.
+_TIMEOUT_SECONDS = 300.0
 _FLAGS = ("-O3", "-ffp-contract=fast", "-fPIC", "-shared")
+# A program that has a function of the same name must not get the calls within a library.
+_LINKER_FLAGS = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
+_NATIVE = "-march=native"
 
 
 class CompilerError(Exception):
@@ -24,44 +30,37 @@ class CompilerError(Exception):
 
 @dataclass(frozen=True)
 class Compiler:
-    """A compiler's command, and what it calls itself."""
+    """A compiler's command, of which the user's own flags come last, and what it calls itself."""
 
     command: tuple[str, ...]
     version: str
 
     @property
     def identity(self) -> str:
-        """Text that differs where the compiler, its flags or the processor differ."""
-        return "\n".join(
-            [*self.command, self.version, *_flags(), platform.platform(), _processor()]
-        )
+        """Text that differs where compiler, flags, processor or C library differ."""
+        system = (platform.system(), platform.machine(), *platform.libc_ver(), _processor())
+        return "\n".join([*self.command, self.version, *_FLAGS, *_LINKER_FLAGS, *system])
 
     def library(self, sources: Sequence[Path], output: Path, extra: Sequence[str] = ()) -> None:
         """Make a shared library. Raises `CompilerError` where the compiler fails or hangs."""
-        command = [*self.command, *_flags(), *extra, *map(str, sources), "-o", str(output), "-lm"]
-        try:
-            done = subprocess.run(  # noqa: S603 - a compiler that the user has chosen
-                command,
-                capture_output=True,
-                text=True,
-                errors="replace",
-                timeout=_TIMEOUT_SECONDS,
-                stdin=subprocess.DEVNULL,
-                cwd=output.parent,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            raise CompilerError(
-                f"{self.command[0]} did not finish in {_TIMEOUT_SECONDS:.0f} s"
-            ) from None
-        except OSError as error:
-            raise CompilerError(f"{self.command[0]}: {error.strerror}") from None
-        if done.returncode != 0 or not output.is_file():
-            said = next(
-                (line for line in done.stderr.splitlines() if "error" in line.lower()),
-                f"exit code {done.returncode}",
-            )
-            raise CompilerError(f"{self.command[0]} failed: {said.strip()[:300]}")
+        # Without knowing the processor a library in the cache might meet another one.
+        if _processor():
+            with suppress(CompilerError):
+                self._make(sources, output, [*_FLAGS, _NATIVE, *extra])
+                return
+        self._make(sources, output, [*_FLAGS, *extra])
+
+    def _make(self, sources: Sequence[Path], output: Path, flags: Sequence[str]) -> None:
+        first, *own = self.command
+        files = [*map(str, sources), "-o", str(output), *_LINKER_FLAGS, "-lm"]
+        code, said = _run([first, *flags, *own, *files], _TIMEOUT_SECONDS, output.parent)
+        if code is None:
+            raise CompilerError(f"{first} did not finish in {_TIMEOUT_SECONDS:.0f} s")
+        if code != 0 or not output.is_file():
+            lines = [line.strip() for line in said.splitlines() if line.strip()]
+            telling = [x for x in lines if "error" in x.lower() and not x.startswith("collect2")]
+            reason = [*telling, *lines, f"exit code {code}"][0]
+            raise CompilerError(f"{first} failed: {reason[:300]}")
 
 
 @functools.cache
@@ -72,33 +71,51 @@ def find_compiler(chosen: str | None) -> Compiler:
     """
     if os.name == "nt":
         raise CompilerError("compiling on Windows is not supported yet")
-    commands = [shlex.split(chosen)] if chosen else [["cc"], ["gcc"], ["clang"]]
+    try:
+        commands = [shlex.split(chosen)] if chosen else [["cc"], ["gcc"], ["clang"]]
+    except ValueError as error:
+        raise CompilerError(f"CC={chosen}: {error}") from None
     for command in commands:
         path = shutil.which(command[0]) if command else None
         if path:
-            return Compiler((path, *command[1:]), _version(path))
+            whole = (os.path.abspath(path), *command[1:])
+            return Compiler(whole, _version(whole))
     raise CompilerError(f"CC={chosen}: no such compiler" if chosen else "no C compiler found")
 
 
-def _version(path: str) -> str:
+def _version(command: Sequence[str]) -> str:
+    code, said = _run([*command, "--version"], 20.0, Path.cwd())
+    if code is None:
+        raise CompilerError(f"{command[0]} does not answer --version")
+    return said
+
+
+def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | None, str]:
+    """Exit code and output of a command; no code if it hangs, and then nothing of it goes on."""
     try:
-        done = subprocess.run(  # noqa: S603 - a compiler that the user has chosen
-            [path, "--version"],
-            capture_output=True,
+        process = subprocess.Popen(  # noqa: S603 - a compiler that the user has chosen
+            command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            cwd=folder,
+            env={**os.environ, "LC_ALL": "C"},
             text=True,
             errors="replace",
-            timeout=20,
-            stdin=subprocess.DEVNULL,
-            check=False,
+            start_new_session=True,
         )
-    except (OSError, subprocess.TimeoutExpired):
-        raise CompilerError(f"{path} does not answer --version") from None
-    return done.stdout
-
-
-def _flags() -> tuple[str, ...]:
-    # Without knowing the processor a library in the cache might meet another one.
-    return (*_FLAGS, "-march=native") if _processor() else _FLAGS
+    except OSError as error:
+        raise CompilerError(f"{command[0]}: {error.strerror}") from None
+    try:
+        said, _ = process.communicate(timeout=seconds)
+    except BaseException as error:
+        with suppress(OSError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        if isinstance(error, subprocess.TimeoutExpired):
+            return None, ""
+        raise
+    return process.returncode, said
 
 
 @functools.cache

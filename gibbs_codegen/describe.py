@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from gibbs_codegen.coordinates import (
     Coordinate,
     constraint_torque,
+    hybrid_coordinates,
     inputs,
     points,
     reduced_coordinates,
@@ -145,13 +146,32 @@ def argument_meaning(argument: str) -> str:
     }[argument]
 
 
-def output_text(robot: Robot, function: str) -> str | None:
-    """What the entries of a function's output are, where the coordinates do not say it."""
-    if function == "constraint_torques":
-        return _listed(tuple(constraint_torque(k) for k in range(2, robot.rotors + 1)))
-    if function == "positions":
-        return ", ".join(points(robot))
-    return None
+def output_text(robot: Robot, function: str, output: str) -> str:
+    """What the entries of a function's output are, with their units."""
+    reduced = reduced_coordinates(robot)
+    match output:
+        case "acceleration":
+            return argument_text(robot, "a")
+        case "force" | "residual":
+            unknowns = hybrid_coordinates(robot) if "hybrid" in function else reduced
+            return ", ".join(f"{c.name} [{_FORCE_UNITS.get(c.unit, c.unit)}]" for c in unknowns)
+        case "torque":
+            return _listed(tuple(constraint_torque(k) for k in range(2, robot.rotors + 1)))
+        case "position":
+            return f"{', '.join(points(robot))} [m]"
+        case _:
+            return _ENTRIES[output]
+
+
+_FORCE_UNITS = {"rad": "N m", "m": "N", "N m": "rad/s^2"}
+_ENTRIES = {
+    "mass_matrix": "[kg m^2] between angles, [kg] between lengths, [kg m] between both",
+    "input_matrix": "[N/N], [N m/N] and [N m/(N m)], by row and column",
+    "value": "[W/s]",
+    "energy": "[J]",
+    "pose": "axes [1] and position [m]",
+    "jacobian": "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others",
+}
 
 
 def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:

@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+# States in a block of the C functions for batches: as many doubles as the widest registers hold.
+LANES = 8
+
 _FORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "mass_matrix_and_residual": ("qv", ("qq", "q")),
     "mass_matrix": ("q", ("qq",)),

@@ -11,6 +11,7 @@ import importlib.util
 import logging
 import os
 import sys
+import threading
 from pathlib import Path
 from types import ModuleType
 
@@ -19,6 +20,7 @@ from gibbs_codegen.errors import UsageError
 BACKENDS = ("numpy", "c")
 
 _log = logging.getLogger("gibbs_codegen")
+_importing = threading.Lock()
 
 
 def load(
@@ -36,15 +38,17 @@ def load(
     """
     if backend not in BACKENDS:
         raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
-    if threads < 1:
-        raise UsageError(f"threads: at least 1, not {threads}")
+    if not isinstance(threads, int) or threads < 1:
+        raise UsageError(f"threads: a whole number, at least 1, not {threads!r}")
     folder = _find(Path(name_or_path))
-    module = _import(folder)
+    with _importing:
+        module = _import(folder)
     return module if backend == "numpy" else _compiled(module, folder, threads)
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
-    from gibbs_codegen.c_backend import c_files, c_module
+    from gibbs_codegen.c_backend import c_module
+    from gibbs_codegen.c_library import c_files
     from gibbs_codegen.cache import CacheError
     from gibbs_codegen.compiler import CompilerError, find_compiler
 
@@ -61,11 +65,10 @@ def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
 
 
 def _import(folder: Path) -> ModuleType:
-    digest = hashlib.sha256(str(folder).encode()).hexdigest()[:16]
+    digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
     module_name = f"_gibbs_codegen_{digest}_{folder.name}"
-    if module_name in sys.modules:
-        del sys.modules[module_name]
-        sys.modules.pop(f"{module_name}.numpy_module", None)
+    for name in (module_name, f"{module_name}.numpy_module"):
+        sys.modules.pop(name, None)
     spec = importlib.util.spec_from_file_location(
         module_name, folder / "__init__.py", submodule_search_locations=[str(folder)]
     )

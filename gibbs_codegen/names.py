@@ -117,6 +117,9 @@ _C_KEYWORDS = frozenset(
 # A package of one of these names would stand in the way of what a generated module imports.
 _SHADOWING = frozenset({"math", "numpy"})
 
+# With these a C function of one robot could have the name of another robot's.
+_ENDINGS = ("_casadi", "_default", "_hybrid", "_init", "_mass_matrix_and")
+
 
 def name_fault(name: str) -> str | None:
     """Why `name` is refused as a robot's name, or None where it is accepted."""
@@ -130,6 +133,12 @@ def name_fault(name: str) -> str | None:
         return f"{shown} is a keyword of Python, C or C++; add a word, e.g. {name}_arm"
     if name in _SHADOWING:
         return f"{shown} is the name of a module that the generated code imports; add a word"
+    for ending in _ENDINGS:
+        if name.endswith(ending):
+            return (
+                f"{shown} ends in {ending}, as the names of C functions go on; add a word, "
+                f"e.g. {name}_arm"
+            )
     return None
 
 

@@ -92,15 +92,16 @@ def _doc_lines(robot: Robot, function: Function) -> list[str]:
     arguments.append(
         "constants: what `prepare` returns; those of the default parameters if omitted"
     )
-    returned = " and ".join(_shape_text(output.shape) for output in function.outputs)
-    if entries := output_text(robot, function.name):
-        returned += f": {entries}"
+    returned = [
+        f"{name}: {_shape_text(output.shape)}; {output_text(robot, function.name, name)}"
+        for name, output in zip(description.outputs, function.outputs, strict=True)
+    ]
     counts = count_operations(function.nodes())
     source = (
         f"Source: {description.source}. {counts.total} operations, "
         f"{counts.sine_cosine_pairs} sine-cosine pairs."
     )
-    paragraphs += [arguments, [f"Returns: {returned}", source]]
+    paragraphs += [arguments, ["Returns:", *returned, source]]
     lines = [f'    """{description.summary}']
     if description.details:
         lines.append("")

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import gc
 import inspect
 import logging
-import sys
+import os
+import shutil
+import signal
 import threading
+import time
+import tracemalloc
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 
@@ -15,6 +21,7 @@ import pytest
 from conftest import ROOT
 
 from gibbs_codegen import c_backend, load
+from gibbs_codegen.compiler import find_compiler
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import Signature, signatures
 from gibbs_codegen.model import derive
@@ -248,17 +255,46 @@ def test_calls_from_many_threads(backends, states: dict[str, np.ndarray]) -> Non
 def test_memory_does_not_grow(backends) -> None:
     """References are given back, on the short way and on the others."""
     compiled = backends[1]
-    q = np.zeros(9)
+    q, constants = np.zeros(9), compiled.prepare({})
     calls = [
-        lambda: compiled.mass_matrix_and_residual(q, q),
+        lambda: compiled.mass_matrix_and_residual(q, q, constants),
         lambda: compiled.mass_matrix(q.tolist()),
         lambda: compiled.mass_matrix(np.zeros((3, 9))),
     ]
-    before = sys.getrefcount(q), sys.getrefcount(compiled.prepare({}))
     for call in calls:
-        for _ in range(1000):
+        call()
+        tracemalloc.start()
+        for _ in range(2000):
             call()
-    assert (sys.getrefcount(q), sys.getrefcount(compiled.prepare({}))) == before
+        gc.collect()
+        grown, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert grown < 20_000
+
+
+def test_a_forked_process_has_threads_of_its_own(states: dict[str, np.ndarray]) -> None:
+    compiled = load(ROBOT, backend="c", threads=2)
+    q = states["q"][:2000]
+    expected = compiled.mass_matrix(q)
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if np.array_equal(compiled.mass_matrix(q), expected) else 1)
+    for _ in range(300):
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            break
+        time.sleep(0.1)
+    else:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        pytest.fail("the child hangs")
+    assert status == 0
+
+
+def test_many_threads_load_at_once() -> None:
+    with ThreadPoolExecutor(8) as pool:
+        modules = list(pool.map(lambda _: load(ROBOT, backend="c"), range(16)))
+    assert all(module.__file__ == modules[0].__file__ for module in modules)
 
 
 def test_without_python_headers(
@@ -310,7 +346,13 @@ def said(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]
 
 @pytest.mark.parametrize(
     ("compiler", "reason"),
-    [("/nowhere/cc", "no such compiler"), ("false", "failed"), ("true", "failed")],
+    [
+        ("/nowhere/cc", "no such compiler"),
+        ("false", "failed"),
+        ("true", "failed"),
+        ('cc "', "quotation"),
+        ("cc --no-such-flag", "--no-such-flag"),
+    ],
 )
 def test_numpy_serves_where_nothing_compiles(
     compiler: str,
@@ -348,3 +390,49 @@ def test_a_module_without_c_is_refused(tmp_path: Path) -> None:
         load(folder, backend="c")
     with pytest.raises(UsageError, match="threads"):
         load(folder, threads=0)
+
+
+def test_a_compiler_that_hangs_is_given_up_with_all_it_started(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: pytest.LogCaptureFixture
+) -> None:
+    script = tmp_path / "hanging"
+    script.write_text('#!/bin/sh\ntest "$1" = --version || sleep 987\n')
+    script.chmod(0o755)
+    monkeypatch.setenv("CC", str(script))
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("gibbs_codegen.compiler._TIMEOUT_SECONDS", 0.5)
+    assert load(ROBOT, backend="c").__file__.endswith(".py")
+    assert "did not finish" in said.records[0].getMessage()
+    commands = [
+        path.read_bytes().split(b"\0")
+        for path in Path("/proc").glob("[0-9]*/cmdline")
+        if path.is_file()
+    ]
+    assert [b"sleep", b"987"] not in [command[:2] for command in commands]
+
+
+def test_flags_of_the_user_come_last(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("CC", f"{shutil.which('cc') or 'gcc'} -O0 -DMARK")
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    compiler = find_compiler(os.environ["CC"])
+    assert compiler.command[1:] == ("-O0", "-DMARK")
+    module = load(ROBOT, backend="c")
+    assert module.__file__.startswith(str(tmp_path))
+    assert module.mass_matrix(np.zeros(9)).shape == (9, 9)
+
+
+@pytest.mark.parametrize("changed", ["hexarotor_3link.h", "hexarotor_3link.c", "numpy_module.py"])
+def test_files_of_different_makes_are_refused(changed: str, tmp_path: Path) -> None:
+    folder = tmp_path / "hexarotor_3link"
+    shutil.copytree(ROBOT, folder)
+    lines = (folder / changed).read_text(encoding="utf-8").splitlines()
+    lines[2] = lines[2].replace(lines[2].split()[-1 if changed.endswith("py") else -2], "0" * 64)
+    (folder / changed).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with pytest.raises(UsageError, match="generate the module again"):
+        load(folder, backend="c")
+
+
+def test_any_folder_name_will_do(tmp_path: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"a b\xff-x 'q'") / "hexarotor_3link"
+    shutil.copytree(ROBOT, folder)
+    assert load(folder, backend="c").mass_matrix(np.zeros(9)).shape == (9, 9)

@@ -820,5 +820,5 @@ def _cost(function: Function) -> str:
     counts = count_operations(function.nodes())
     return (
         f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
-        f"at most {stack_bytes(gathered(function))} bytes of stack"
+        f"about {stack_bytes(gathered(function))} bytes of stack"
     )

@@ -115,6 +115,42 @@ def test_the_folder_of_another_user_is_not_used(folder: Path) -> None:
         cached_library("key", Maker())
 
 
+def test_a_parent_that_is_open_to_everybody_is_refused(folder: Path) -> None:
+    folder.parent.chmod(0o777)
+    with pytest.raises(CacheError, match="open to everybody"):
+        cached_library("key", Maker())
+
+
+def test_a_full_cache_may_be_read_only(folder: Path) -> None:
+    """What is there serves; only making it needs to write."""
+    path = cached_library("key", Maker())
+    folder.chmod(0o500)
+    try:
+        assert cached_library("key", Maker()) == path
+    finally:
+        folder.chmod(0o700)
+
+
+def test_what_a_killed_process_left_is_removed(folder: Path) -> None:
+    cached_library("key", Maker())
+    stale, young = folder / ".new_stale", folder / ".new_young"
+    for left in (stale, young):
+        left.mkdir()
+    os.utime(stale, (0, 0))
+    cached_library("other", Maker())
+    assert not stale.exists()
+    assert young.exists()
+
+
+def test_a_relative_path_is_made_absolute(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", "here")
+    assert cache_folder() == tmp_path / "here"
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", "~/there")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_folder() == tmp_path / "there"
+
+
 def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("GIBBS_CODEGEN_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from gibbs_codegen.interface import signatures
 from gibbs_codegen.names import name_fault, name_from
 
 HOSTILE = [
@@ -37,6 +38,11 @@ HOSTILE = [
     "while",
     "numpy",
     "math",
+    "arm_hybrid",
+    "arm_casadi",
+    "arm_default",
+    "arm_init",
+    "arm_mass_matrix_and",
 ]
 
 
@@ -71,3 +77,15 @@ def test_a_name_is_made_of_any_text(text: str, name: str) -> None:
 @pytest.mark.parametrize("text", HOSTILE)
 def test_what_is_made_of_hostile_text_is_accepted(text: str) -> None:
     assert name_fault(name_from(text)) is None
+
+
+def test_no_two_robots_can_share_a_name_in_c() -> None:
+    """No symbol of a robot goes on as one of a robot whose name is the longer."""
+    functions = [s.name for s in signatures(6, 8, 2, 4)]
+    own = ["real", "constants", "pack", "unpack", "init_constants", "default_constants"]
+    symbols = {*functions, *(f"{f}_batch" for f in functions), *own, "default_parameters"}
+    symbols |= {f"casadi_{f}" for f in functions}
+    for symbol in symbols:
+        for other in symbols:
+            if symbol.endswith(f"_{other}"):
+                assert name_fault(f"arm_{symbol.removesuffix(f'_{other}')}") is not None, symbol

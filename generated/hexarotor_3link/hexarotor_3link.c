@@ -24,8 +24,10 @@ typedef hexarotor_3link_constants Constants;
 
 #define LANES HEXAROTOR_3LINK_LANES
 
-#ifdef __cplusplus
+#if defined(_MSC_VER) || (defined(__cplusplus) && defined(__GNUC__))
 #define RESTRICT __restrict
+#elif defined(__cplusplus)
+#define RESTRICT
 #else
 #define RESTRICT restrict
 #endif
@@ -48,7 +50,7 @@ typedef hexarotor_3link_constants Constants;
 /* Compilers keep to half of the widest registers unless told; a block of states fills them. */
 #if defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
-#elif defined(__GNUC__) && defined(__AVX512F__)
+#elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
 #define WIDE __attribute__((target("prefer-vector-width=512")))
 #else
 #define WIDE
@@ -74,6 +76,7 @@ typedef hexarotor_3link_constants Constants;
 typedef uint32_t bits;
 #define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
+#define NOT_FINITE UINT32_C(0x7f800000)
 #define ANGLE_LIMIT UINT32_C(0x43c80000) /* 400 as float */
 #define ROUND R(12582912.0)              /* 1.5 * 2^23 */
 #define HALF_PI_1 R(1.570770263671875)
@@ -86,12 +89,16 @@ typedef uint32_t bits;
     ((R(0.041666646807190746216) + (z) * R(-0.0013887364485517624984)) +                       \
      (zz) * R(0.000024438090961243314256))
 #else
+#if DBL_MANT_DIG != 53
+#error "double has not 64 bits here: choose single precision, as the header says"
+#endif
 #define R(literal) literal
 #define LIBRARY_SIN sin
 #define LIBRARY_COS cos
 typedef uint64_t bits;
 #define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
+#define NOT_FINITE UINT64_C(0x7ff0000000000000)
 #define ANGLE_LIMIT UINT64_C(0x40f86a0000000000) /* 100000 as double */
 #define ROUND R(6755399441055744.0)              /* 1.5 * 2^52 */
 #define HALF_PI_1 R(1.570796326792333275079727)
@@ -107,10 +114,12 @@ typedef uint64_t bits;
              (zz) * (R(2.0875721623861680061e-09) + (z) * R(-1.1359559340405310137e-11))))
 #endif
 
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || FLT_EVAL_METHOD < 0 || \
-    FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
+    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
 #undef ANGLE_LIMIT
 #define ANGLE_LIMIT 0
+#elif defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
+#define QUAD
 #endif
 
 #ifdef __clang__
@@ -120,8 +129,7 @@ typedef uint64_t bits;
 #endif
 
 /* Four angles in a vector, where there are vectors. */
-#if defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
-#define QUAD
+#ifdef QUAD
 typedef real quad __attribute__((vector_size(4 * sizeof(real))));
 typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
 #endif
@@ -156,7 +164,7 @@ static INLINE void sine_cosine_one(
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
     /* The sine of a negative zero is one. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const bits swap = (sine_bits ^ cosine_bits) & -(quadrant & one);
+    const bits swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
     cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
     memcpy(sine, &sine_bits, sizeof x);
@@ -195,7 +203,7 @@ static INLINE void sine_cosine_quad(
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
     /* The sine of a negative zero is one. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const quad_bits swap = (sine_bits ^ cosine_bits) & -(quadrant & one);
+    const quad_bits swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
     cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
     memcpy(sine, &sine_bits, sizeof x);
@@ -387,6 +395,14 @@ const Constants
     R(2.1199999999999983e-07),
 };
 
+/* By its bits, since compilers that are told so take every number for finite. */
+static int is_finite(const real value)
+{
+    bits value_bits;
+    memcpy(&value_bits, &value, sizeof value_bits);
+    return (value_bits & MAGNITUDE) < NOT_FINITE;
+}
+
 int hexarotor_3link_init_constants(
     const real *RESTRICT parameters,
     Constants *RESTRICT constants)
@@ -493,104 +509,103 @@ int hexarotor_3link_init_constants(
     const real k80 = R(0.5) * k9;
     const real k81 = R(0.5) * k38;
     const real k82 = R(0.5) * k34;
-    /* A value less itself is zero, unless it is infinite or no number. */
-    real check = R(0.0);
+    int good = k38 > R(0.0);
     for (int i = 0; i < 16; ++i) {
-        check += parameters[i] - parameters[i];
+        good &= is_finite(parameters[i]);
     }
     constants->gravity = gravity;
-    check += gravity - gravity;
+    good &= is_finite(gravity);
     constants->base_arm_length = base_arm_length;
-    check += base_arm_length - base_arm_length;
+    good &= is_finite(base_arm_length);
     constants->link2_length = link2_length;
-    check += link2_length - link2_length;
+    good &= is_finite(link2_length);
     constants->link3_length = link3_length;
-    check += link3_length - link3_length;
+    good &= is_finite(link3_length);
     constants->k6 = k6;
-    check += k6 - k6;
+    good &= is_finite(k6);
     constants->k9 = k9;
-    check += k9 - k9;
+    good &= is_finite(k9);
     constants->k17 = k17;
-    check += k17 - k17;
+    good &= is_finite(k17);
     constants->k20 = k20;
-    check += k20 - k20;
+    good &= is_finite(k20);
     constants->k25 = k25;
-    check += k25 - k25;
+    good &= is_finite(k25);
     constants->k26 = k26;
-    check += k26 - k26;
+    good &= is_finite(k26);
     constants->k32 = k32;
-    check += k32 - k32;
+    good &= is_finite(k32);
     constants->k33 = k33;
-    check += k33 - k33;
+    good &= is_finite(k33);
     constants->k34 = k34;
-    check += k34 - k34;
+    good &= is_finite(k34);
     constants->k36 = k36;
-    check += k36 - k36;
+    good &= is_finite(k36);
     constants->k38 = k38;
-    check += k38 - k38;
+    good &= is_finite(k38);
     constants->k39 = k39;
-    check += k39 - k39;
+    good &= is_finite(k39);
     constants->k40 = k40;
-    check += k40 - k40;
+    good &= is_finite(k40);
     constants->k41 = k41;
-    check += k41 - k41;
+    good &= is_finite(k41);
     constants->k42 = k42;
-    check += k42 - k42;
+    good &= is_finite(k42);
     constants->k43 = k43;
-    check += k43 - k43;
+    good &= is_finite(k43);
     constants->k44 = k44;
-    check += k44 - k44;
+    good &= is_finite(k44);
     constants->k45 = k45;
-    check += k45 - k45;
+    good &= is_finite(k45);
     constants->k46 = k46;
-    check += k46 - k46;
+    good &= is_finite(k46);
     constants->k47 = k47;
-    check += k47 - k47;
+    good &= is_finite(k47);
     constants->k50 = k50;
-    check += k50 - k50;
+    good &= is_finite(k50);
     constants->k51 = k51;
-    check += k51 - k51;
+    good &= is_finite(k51);
     constants->k52 = k52;
-    check += k52 - k52;
+    good &= is_finite(k52);
     constants->k57 = k57;
-    check += k57 - k57;
+    good &= is_finite(k57);
     constants->k58 = k58;
-    check += k58 - k58;
+    good &= is_finite(k58);
     constants->k59 = k59;
-    check += k59 - k59;
+    good &= is_finite(k59);
     constants->k60 = k60;
-    check += k60 - k60;
+    good &= is_finite(k60);
     constants->k64 = k64;
-    check += k64 - k64;
+    good &= is_finite(k64);
     constants->k65 = k65;
-    check += k65 - k65;
+    good &= is_finite(k65);
     constants->k66 = k66;
-    check += k66 - k66;
+    good &= is_finite(k66);
     constants->k67 = k67;
-    check += k67 - k67;
+    good &= is_finite(k67);
     constants->k69 = k69;
-    check += k69 - k69;
+    good &= is_finite(k69);
     constants->k70 = k70;
-    check += k70 - k70;
+    good &= is_finite(k70);
     constants->k71 = k71;
-    check += k71 - k71;
+    good &= is_finite(k71);
     constants->k73 = k73;
-    check += k73 - k73;
+    good &= is_finite(k73);
     constants->k75 = k75;
-    check += k75 - k75;
+    good &= is_finite(k75);
     constants->k76 = k76;
-    check += k76 - k76;
+    good &= is_finite(k76);
     constants->k78 = k78;
-    check += k78 - k78;
+    good &= is_finite(k78);
     constants->k79 = k79;
-    check += k79 - k79;
+    good &= is_finite(k79);
     constants->k80 = k80;
-    check += k80 - k80;
+    good &= is_finite(k80);
     constants->k81 = k81;
-    check += k81 - k81;
+    good &= is_finite(k81);
     constants->k82 = k82;
-    check += k82 - k82;
-    return !(k38 > R(0.0) && check <= R(0.0) && check >= R(0.0));
+    good &= is_finite(k82);
+    return !good;
 }
 
 /* ---- mass_matrix_and_residual ---- */

@@ -12,8 +12,8 @@
  * unknowns.
  *
  * SI units, radians, world axes with Z up. Arrays are dense, matrices row-major. No function
- * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs.
- * Link with the mathematics library (-lm).
+ * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs or
+ * each other. Numbers are rounded to nearest. Link with the mathematics library (-lm).
  *
  * For single precision throughout define, wherever this header is read and the source is compiled,
  *
@@ -23,8 +23,9 @@
  * precision.
  *
  * On small machines -ffunction-sections and -Wl,--gc-sections leave out what is not used. The stack
- * that is stated is for doubles, half of it for floats, without what the library's sine and cosine
- * take, which serve beyond 1e5 rad (400 for floats). The _batch functions take more.
+ * that is stated is an estimate for doubles, half of it serves for floats; it leaves out what the
+ * library's sine and cosine take, which serve beyond 1e5 rad (400 for floats). The _batch functions
+ * take up to eight times as much and more.
  *
  * Coordinates q, in order (v: their rates, a: their accelerations):
  *
@@ -215,8 +216,8 @@ extern const hexarotor_3link_constants
  *
  * @param[in] parameters all 16 values, in the order of their places
  * @param[out] constants for the first argument of every function
- * @return 0, or 1 where the parameters leave an acceleration undetermined or are not finite: the
- *     constants are then of no use
+ * @return 0, or 1 where the machine has no mass or a parameter or constant is not finite, as where
+ *     nothing resists an acceleration: the constants are then of no use
  */
 int hexarotor_3link_init_constants(
     const hexarotor_3link_real *parameters,
@@ -260,9 +261,10 @@ void hexarotor_3link_unpack(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] mass_matrix 9 x 9
- * @param[out] residual 9
- * @note 440 operations, 6 sine-cosine pairs; at most 1504 bytes of stack for one state of doubles,
+ * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
+ * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
+ *     m], theta_9 [N m], x [N], y [N], z [N]
+ * @note 440 operations, 6 sine-cosine pairs; about 1504 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -292,8 +294,8 @@ hexarotor_3link_mass_matrix_and_residual_batch(
  * @param[in] constants what hexarotor_3link_init_constants() made
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] mass_matrix 9 x 9
- * @note 192 operations, 6 sine-cosine pairs; at most 1104 bytes of stack for one state of doubles,
+ * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
+ * @note 192 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -321,8 +323,9 @@ hexarotor_3link_mass_matrix_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] residual 9
- * @note 275 operations, 6 sine-cosine pairs; at most 1440 bytes of stack for one state of doubles,
+ * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
+ *     m], theta_9 [N m], x [N], y [N], z [N]
+ * @note 275 operations, 6 sine-cosine pairs; about 1440 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -350,8 +353,8 @@ hexarotor_3link_residual_batch(
  * @param[in] constants what hexarotor_3link_init_constants() made
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] input_matrix 9 x 9
- * @note 53 operations, 3 sine-cosine pairs; at most 704 bytes of stack for one state of doubles,
+ * @param[out] input_matrix 9 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
+ * @note 53 operations, 3 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 7-13.
  */
@@ -381,8 +384,10 @@ hexarotor_3link_input_matrix_batch(
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
  *     m], tau_8 [N m], tau_9 [N m]
- * @param[out] acceleration 9
- * @note 397 operations, 6 sine-cosine pairs; at most 1648 bytes of stack for one state of doubles,
+ * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+ *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
+ *     [m/s^2]
+ * @note 397 operations, 6 sine-cosine pairs; about 1648 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -417,8 +422,9 @@ hexarotor_3link_forward_dynamics_batch(
  * @param[in] a their accelerations, 9 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
  *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
  *     [m/s^2], a_z [m/s^2]
- * @param[out] force 9
- * @note 301 operations, 6 sine-cosine pairs; at most 1632 bytes of stack for one state of doubles,
+ * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
+ *     theta_9 [N m], x [N], y [N], z [N]
+ * @note 301 operations, 6 sine-cosine pairs; about 1632 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 4-6.
  */
@@ -449,8 +455,9 @@ hexarotor_3link_inverse_dynamics_batch(
  * @param[in] constants what hexarotor_3link_init_constants() made
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] mass_matrix 19 x 19
- * @note 236 operations, 6 sine-cosine pairs; at most 1344 bytes of stack for one state of doubles,
+ * @param[out] mass_matrix 19 x 19: [kg m^2] between angles, [kg] between lengths, [kg m] between
+ *     both
+ * @note 236 operations, 6 sine-cosine pairs; about 1344 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -478,8 +485,11 @@ hexarotor_3link_hybrid_mass_matrix_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] residual 19
- * @note 329 operations, 6 sine-cosine pairs; at most 1632 bytes of stack for one state of doubles,
+ * @param[out] residual 19: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3 [N
+ *     m], theta_4 [N m], theta_5 [N m], theta_6 [N m], theta_7 [N m], theta_8 [N m], theta_9 [N m],
+ *     x [N], y [N], z [N], tau_prime_2 [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2],
+ *     tau_prime_5 [rad/s^2], tau_prime_6 [rad/s^2]
+ * @note 329 operations, 6 sine-cosine pairs; about 1632 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -507,8 +517,8 @@ hexarotor_3link_hybrid_residual_batch(
  * @param[in] constants what hexarotor_3link_init_constants() made
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] input_matrix 19 x 9
- * @note 53 operations, 3 sine-cosine pairs; at most 720 bytes of stack for one state of doubles,
+ * @param[out] input_matrix 19 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
+ * @note 53 operations, 3 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 12, 13 and 18.
  */
@@ -543,7 +553,7 @@ hexarotor_3link_hybrid_input_matrix_batch(
  *     m], tau_8 [N m], tau_9 [N m]
  * @param[out] torque 5: tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N m],
  *     tau_prime_6 [N m]
- * @note 78 operations, 3 sine-cosine pairs; at most 752 bytes of stack for one state of doubles,
+ * @note 78 operations, 3 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 14 and 15.
  */
@@ -580,8 +590,8 @@ hexarotor_3link_constraint_torques_batch(
  * @param[in] a their accelerations, 9 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
  *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
  *     [m/s^2], a_z [m/s^2]
- * @param[out] value 1
- * @note 452 operations, 6 sine-cosine pairs; at most 1552 bytes of stack for one state of doubles,
+ * @param[out] value 1: [W/s]
+ * @note 452 operations, 6 sine-cosine pairs; about 1552 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 2 and 3.
  */
@@ -611,8 +621,8 @@ hexarotor_3link_gibbs_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] energy 1
- * @note 188 operations, 6 sine-cosine pairs; at most 1104 bytes of stack for one state of doubles,
+ * @param[out] energy 1: [J]
+ * @note 188 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 2 with rates for accelerations.
  */
@@ -638,8 +648,8 @@ hexarotor_3link_kinetic_energy_batch(
  * @param[in] constants what hexarotor_3link_init_constants() made
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] energy 1
- * @note 23 operations, 6 sine-cosine pairs; at most 704 bytes of stack for one state of doubles,
+ * @param[out] energy 1: [J]
+ * @note 23 operations, 6 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: gravity times the first moment of mass.
  */
@@ -664,8 +674,8 @@ hexarotor_3link_potential_energy_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] position 12 x 3: O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
- *     joint8, joint9, tip
- * @note 108 operations, 6 sine-cosine pairs; at most 1008 bytes of stack for one state of doubles,
+ *     joint8, joint9, tip [m]
+ * @note 108 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -691,8 +701,8 @@ hexarotor_3link_positions_batch(
  * @param[in] constants what hexarotor_3link_init_constants() made
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] pose 4 x 4
- * @note 75 operations, 6 sine-cosine pairs; at most 864 bytes of stack for one state of doubles,
+ * @param[out] pose 4 x 4: axes [1] and position [m]
+ * @note 75 operations, 6 sine-cosine pairs; about 864 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -718,8 +728,8 @@ hexarotor_3link_tip_pose_batch(
  * @param[in] constants what hexarotor_3link_init_constants() made
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
- * @param[out] jacobian 6 x 9
- * @note 116 operations, 6 sine-cosine pairs; at most 848 bytes of stack for one state of doubles,
+ * @param[out] jacobian 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
+ * @note 116 operations, 6 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */

@@ -277,7 +277,11 @@ def mass_matrix_and_residual(
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 9, 9) and array (..., 9)
+    Returns:
+    mass_matrix: array (..., 9, 9); [kg m^2] between angles, [kg] between lengths, [kg m] between
+        both
+    residual: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8
+        [N m], theta_9 [N m], x [N], y [N], z [N]
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 440 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -542,7 +546,9 @@ def mass_matrix(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 9, 9)
+    Returns:
+    mass_matrix: array (..., 9, 9); [kg m^2] between angles, [kg] between lengths, [kg m] between
+        both
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 192 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -695,7 +701,9 @@ def residual(
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 9)
+    Returns:
+    residual: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8
+        [N m], theta_9 [N m], x [N], y [N], z [N]
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 275 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -888,7 +896,8 @@ def input_matrix(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 9, 9)
+    Returns:
+    input_matrix: array (..., 9, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 7-13. 53 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -972,7 +981,10 @@ def forward_dynamics(
         [N m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 9)
+    Returns:
+    acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+        a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
+        [m/s^2]
     Source: eq. 19, solved for the free coordinates. 397 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1212,7 +1224,9 @@ def inverse_dynamics(
         [m/s^2]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 9)
+    Returns:
+    force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
+        m], theta_9 [N m], x [N], y [N], z [N]
     Source: eqs. 4-6. 301 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1426,7 +1440,9 @@ def hybrid_mass_matrix(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 19, 19)
+    Returns:
+    mass_matrix: array (..., 19, 19); [kg m^2] between angles, [kg] between lengths, [kg m] between
+        both
     Source: eqs. 15, 18 and 19. 236 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1628,7 +1644,11 @@ def hybrid_residual(
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 19)
+    Returns:
+    residual: array (..., 19); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3
+        [N m], theta_4 [N m], theta_5 [N m], theta_6 [N m], theta_7 [N m], theta_8 [N m], theta_9 [N
+        m], x [N], y [N], z [N], tau_prime_2 [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4
+        [rad/s^2], tau_prime_5 [rad/s^2], tau_prime_6 [rad/s^2]
     Source: eqs. 15, 18 and 19. 329 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1847,7 +1867,8 @@ def hybrid_input_matrix(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 19, 9)
+    Returns:
+    input_matrix: array (..., 19, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 12, 13 and 18. 53 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1941,7 +1962,8 @@ def constraint_torques(
         [N m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 5): tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N
+    Returns:
+    torque: array (..., 5); tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N
         m], tau_prime_6 [N m]
     Source: eqs. 14 and 15. 78 operations, 3 sine-cosine pairs.
     """
@@ -2036,7 +2058,8 @@ def gibbs(
         [m/s^2]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (...)
+    Returns:
+    value: array (...); [W/s]
     Source: eqs. 2 and 3. 452 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -2314,7 +2337,8 @@ def kinetic_energy(
         v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (...)
+    Returns:
+    energy: array (...); [J]
     Source: eq. 2 with rates for accelerations. 188 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -2459,7 +2483,8 @@ def potential_energy(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (...)
+    Returns:
+    energy: array (...); [J]
     Source: gravity times the first moment of mass. 23 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -2517,8 +2542,9 @@ def positions(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 12, 3): O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
-        joint8, joint9, tip
+    Returns:
+    position: array (..., 12, 3); O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
+        joint8, joint9, tip [m]
     Source: forward kinematics. 108 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -2627,7 +2653,8 @@ def tip_pose(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 4, 4)
+    Returns:
+    pose: array (..., 4, 4); axes [1] and position [m]
     Source: forward kinematics. 75 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -2706,7 +2733,8 @@ def tip_jacobian(
         theta_9 [rad], x [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 6, 9)
+    Returns:
+    jacobian: array (..., 6, 9); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
     Source: forward kinematics. 116 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(

@@ -229,7 +229,11 @@ def mass_matrix_and_residual(
         v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 8, 8) and array (..., 8)
+    Returns:
+    mass_matrix: array (..., 8, 8); [kg m^2] between angles, [kg] between lengths, [kg m] between
+        both
+    residual: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6
+        [N m], x [N], y [N], z [N]
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 324 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -432,7 +436,9 @@ def mass_matrix(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 8, 8)
+    Returns:
+    mass_matrix: array (..., 8, 8); [kg m^2] between angles, [kg] between lengths, [kg m] between
+        both
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 136 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -555,7 +561,9 @@ def residual(
         v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 8)
+    Returns:
+    residual: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6
+        [N m], x [N], y [N], z [N]
     Source: eqs. 5, 11 and 18, reduced to the free coordinates. 205 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -703,7 +711,8 @@ def input_matrix(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 8, 6)
+    Returns:
+    input_matrix: array (..., 8, 6); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 7-13. 19 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -759,7 +768,9 @@ def forward_dynamics(
     u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 8)
+    Returns:
+    acceleration: array (..., 8); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+        a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
     Source: eq. 19, solved for the free coordinates. 255 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -929,7 +940,9 @@ def inverse_dynamics(
         a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 8)
+    Returns:
+    force: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
+        m], x [N], y [N], z [N]
     Source: eqs. 4-6. 228 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1094,7 +1107,9 @@ def hybrid_mass_matrix(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 14, 14)
+    Returns:
+    mass_matrix: array (..., 14, 14); [kg m^2] between angles, [kg] between lengths, [kg m] between
+        both
     Source: eqs. 15, 18 and 19. 160 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1240,7 +1255,10 @@ def hybrid_residual(
         v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 14)
+    Returns:
+    residual: array (..., 14); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3
+        [N m], theta_4 [N m], theta_5 [N m], theta_6 [N m], x [N], y [N], z [N], tau_prime_2
+        [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2]
     Source: eqs. 15, 18 and 19. 241 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1403,7 +1421,8 @@ def hybrid_input_matrix(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 14, 6)
+    Returns:
+    input_matrix: array (..., 14, 6); [N/N], [N m/N] and [N m/(N m)], by row and column
     Source: eqs. 12, 13 and 18. 19 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1465,7 +1484,8 @@ def constraint_torques(
     u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 3): tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m]
+    Returns:
+    torque: array (..., 3); tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m]
     Source: eqs. 14 and 15. 57 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1545,7 +1565,8 @@ def gibbs(
         a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (...)
+    Returns:
+    value: array (...); [W/s]
     Source: eqs. 2 and 3. 319 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1756,7 +1777,8 @@ def kinetic_energy(
         v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (...)
+    Returns:
+    energy: array (...); [J]
     Source: eq. 2 with rates for accelerations. 137 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1872,7 +1894,8 @@ def potential_energy(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (...)
+    Returns:
+    energy: array (...); [J]
     Source: gravity times the first moment of mass. 18 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -1925,7 +1948,8 @@ def positions(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 9, 3): O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip
+    Returns:
+    position: array (..., 9, 3); O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip [m]
     Source: forward kinematics. 71 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -2006,7 +2030,8 @@ def tip_pose(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 4, 4)
+    Returns:
+    pose: array (..., 4, 4); axes [1] and position [m]
     Source: forward kinematics. 59 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
@@ -2077,7 +2102,8 @@ def tip_jacobian(
         [m], y [m], z [m]
     constants: what `prepare` returns; those of the default parameters if omitted
 
-    Returns: array (..., 6, 8)
+    Returns:
+    jacobian: array (..., 6, 8); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
     Source: forward kinematics. 87 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(

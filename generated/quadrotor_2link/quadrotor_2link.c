@@ -24,8 +24,10 @@ typedef quadrotor_2link_constants Constants;
 
 #define LANES QUADROTOR_2LINK_LANES
 
-#ifdef __cplusplus
+#if defined(_MSC_VER) || (defined(__cplusplus) && defined(__GNUC__))
 #define RESTRICT __restrict
+#elif defined(__cplusplus)
+#define RESTRICT
 #else
 #define RESTRICT restrict
 #endif
@@ -48,7 +50,7 @@ typedef quadrotor_2link_constants Constants;
 /* Compilers keep to half of the widest registers unless told; a block of states fills them. */
 #if defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
-#elif defined(__GNUC__) && defined(__AVX512F__)
+#elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
 #define WIDE __attribute__((target("prefer-vector-width=512")))
 #else
 #define WIDE
@@ -74,6 +76,7 @@ typedef quadrotor_2link_constants Constants;
 typedef uint32_t bits;
 #define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
+#define NOT_FINITE UINT32_C(0x7f800000)
 #define ANGLE_LIMIT UINT32_C(0x43c80000) /* 400 as float */
 #define ROUND R(12582912.0)              /* 1.5 * 2^23 */
 #define HALF_PI_1 R(1.570770263671875)
@@ -86,12 +89,16 @@ typedef uint32_t bits;
     ((R(0.041666646807190746216) + (z) * R(-0.0013887364485517624984)) +                       \
      (zz) * R(0.000024438090961243314256))
 #else
+#if DBL_MANT_DIG != 53
+#error "double has not 64 bits here: choose single precision, as the header says"
+#endif
 #define R(literal) literal
 #define LIBRARY_SIN sin
 #define LIBRARY_COS cos
 typedef uint64_t bits;
 #define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
+#define NOT_FINITE UINT64_C(0x7ff0000000000000)
 #define ANGLE_LIMIT UINT64_C(0x40f86a0000000000) /* 100000 as double */
 #define ROUND R(6755399441055744.0)              /* 1.5 * 2^52 */
 #define HALF_PI_1 R(1.570796326792333275079727)
@@ -107,10 +114,12 @@ typedef uint64_t bits;
              (zz) * (R(2.0875721623861680061e-09) + (z) * R(-1.1359559340405310137e-11))))
 #endif
 
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || FLT_EVAL_METHOD < 0 || \
-    FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
+    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
 #undef ANGLE_LIMIT
 #define ANGLE_LIMIT 0
+#elif defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
+#define QUAD
 #endif
 
 #ifdef __clang__
@@ -120,8 +129,7 @@ typedef uint64_t bits;
 #endif
 
 /* Four angles in a vector, where there are vectors. */
-#if defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
-#define QUAD
+#ifdef QUAD
 typedef real quad __attribute__((vector_size(4 * sizeof(real))));
 typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
 #endif
@@ -156,7 +164,7 @@ static INLINE void sine_cosine_one(
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
     /* The sine of a negative zero is one. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const bits swap = (sine_bits ^ cosine_bits) & -(quadrant & one);
+    const bits swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
     cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
     memcpy(sine, &sine_bits, sizeof x);
@@ -195,7 +203,7 @@ static INLINE void sine_cosine_quad(
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
     /* The sine of a negative zero is one. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const quad_bits swap = (sine_bits ^ cosine_bits) & -(quadrant & one);
+    const quad_bits swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
     cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
     memcpy(sine, &sine_bits, sizeof x);
@@ -363,6 +371,14 @@ const Constants
     R(1.0599999999999992e-07),
 };
 
+/* By its bits, since compilers that are told so take every number for finite. */
+static int is_finite(const real value)
+{
+    bits value_bits;
+    memcpy(&value_bits, &value, sizeof value_bits);
+    return (value_bits & MAGNITUDE) < NOT_FINITE;
+}
+
 int quadrotor_2link_init_constants(
     const real *RESTRICT parameters,
     Constants *RESTRICT constants)
@@ -427,66 +443,65 @@ int quadrotor_2link_init_constants(
     const real k43 = R(0.5) * k9;
     const real k44 = R(0.5) * k23;
     const real k45 = R(0.5) * k18;
-    /* A value less itself is zero, unless it is infinite or no number. */
-    real check = R(0.0);
+    int good = k23 > R(0.0);
     for (int i = 0; i < 11; ++i) {
-        check += parameters[i] - parameters[i];
+        good &= is_finite(parameters[i]);
     }
     constants->gravity = gravity;
-    check += gravity - gravity;
+    good &= is_finite(gravity);
     constants->base_arm_length = base_arm_length;
-    check += base_arm_length - base_arm_length;
+    good &= is_finite(base_arm_length);
     constants->link2_length = link2_length;
-    check += link2_length - link2_length;
+    good &= is_finite(link2_length);
     constants->k6 = k6;
-    check += k6 - k6;
+    good &= is_finite(k6);
     constants->k9 = k9;
-    check += k9 - k9;
+    good &= is_finite(k9);
     constants->k11 = k11;
-    check += k11 - k11;
+    good &= is_finite(k11);
     constants->k16 = k16;
-    check += k16 - k16;
+    good &= is_finite(k16);
     constants->k17 = k17;
-    check += k17 - k17;
+    good &= is_finite(k17);
     constants->k18 = k18;
-    check += k18 - k18;
+    good &= is_finite(k18);
     constants->k21 = k21;
-    check += k21 - k21;
+    good &= is_finite(k21);
     constants->k23 = k23;
-    check += k23 - k23;
+    good &= is_finite(k23);
     constants->k24 = k24;
-    check += k24 - k24;
+    good &= is_finite(k24);
     constants->k25 = k25;
-    check += k25 - k25;
+    good &= is_finite(k25);
     constants->k26 = k26;
-    check += k26 - k26;
+    good &= is_finite(k26);
     constants->k27 = k27;
-    check += k27 - k27;
+    good &= is_finite(k27);
     constants->k28 = k28;
-    check += k28 - k28;
+    good &= is_finite(k28);
     constants->k29 = k29;
-    check += k29 - k29;
+    good &= is_finite(k29);
     constants->k34 = k34;
-    check += k34 - k34;
+    good &= is_finite(k34);
     constants->k35 = k35;
-    check += k35 - k35;
+    good &= is_finite(k35);
     constants->k37 = k37;
-    check += k37 - k37;
+    good &= is_finite(k37);
     constants->k38 = k38;
-    check += k38 - k38;
+    good &= is_finite(k38);
     constants->k39 = k39;
-    check += k39 - k39;
+    good &= is_finite(k39);
     constants->k41 = k41;
-    check += k41 - k41;
+    good &= is_finite(k41);
     constants->k42 = k42;
-    check += k42 - k42;
+    good &= is_finite(k42);
     constants->k43 = k43;
-    check += k43 - k43;
+    good &= is_finite(k43);
     constants->k44 = k44;
-    check += k44 - k44;
+    good &= is_finite(k44);
     constants->k45 = k45;
-    check += k45 - k45;
-    return !(k23 > R(0.0) && check <= R(0.0) && check >= R(0.0));
+    good &= is_finite(k45);
+    return !good;
 }
 
 /* ---- mass_matrix_and_residual ---- */

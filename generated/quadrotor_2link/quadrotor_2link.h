@@ -12,8 +12,8 @@
  * unknowns.
  *
  * SI units, radians, world axes with Z up. Arrays are dense, matrices row-major. No function
- * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs.
- * Link with the mathematics library (-lm).
+ * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs or
+ * each other. Numbers are rounded to nearest. Link with the mathematics library (-lm).
  *
  * For single precision throughout define, wherever this header is read and the source is compiled,
  *
@@ -23,8 +23,9 @@
  * precision.
  *
  * On small machines -ffunction-sections and -Wl,--gc-sections leave out what is not used. The stack
- * that is stated is for doubles, half of it for floats, without what the library's sine and cosine
- * take, which serve beyond 1e5 rad (400 for floats). The _batch functions take more.
+ * that is stated is an estimate for doubles, half of it serves for floats; it leaves out what the
+ * library's sine and cosine take, which serve beyond 1e5 rad (400 for floats). The _batch functions
+ * take up to eight times as much and more.
  *
  * Coordinates q, in order (v: their rates, a: their accelerations):
  *
@@ -176,8 +177,8 @@ extern const quadrotor_2link_constants
  *
  * @param[in] parameters all 11 values, in the order of their places
  * @param[out] constants for the first argument of every function
- * @return 0, or 1 where the parameters leave an acceleration undetermined or are not finite: the
- *     constants are then of no use
+ * @return 0, or 1 where the machine has no mass or a parameter or constant is not finite, as where
+ *     nothing resists an acceleration: the constants are then of no use
  */
 int quadrotor_2link_init_constants(
     const quadrotor_2link_real *parameters,
@@ -221,9 +222,10 @@ void quadrotor_2link_unpack(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] mass_matrix 8 x 8
- * @param[out] residual 8
- * @note 324 operations, 5 sine-cosine pairs; at most 1200 bytes of stack for one state of doubles,
+ * @param[out] mass_matrix 8 x 8: [kg m^2] between angles, [kg] between lengths, [kg m] between both
+ * @param[out] residual 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
+ *     m], x [N], y [N], z [N]
+ * @note 324 operations, 5 sine-cosine pairs; about 1200 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -253,8 +255,8 @@ quadrotor_2link_mass_matrix_and_residual_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] mass_matrix 8 x 8
- * @note 136 operations, 5 sine-cosine pairs; at most 944 bytes of stack for one state of doubles,
+ * @param[out] mass_matrix 8 x 8: [kg m^2] between angles, [kg] between lengths, [kg m] between both
+ * @note 136 operations, 5 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -282,8 +284,9 @@ quadrotor_2link_mass_matrix_batch(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] residual 8
- * @note 205 operations, 5 sine-cosine pairs; at most 1152 bytes of stack for one state of doubles,
+ * @param[out] residual 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
+ *     m], x [N], y [N], z [N]
+ * @note 205 operations, 5 sine-cosine pairs; about 1152 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -311,8 +314,8 @@ quadrotor_2link_residual_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] input_matrix 8 x 6
- * @note 19 operations, 3 sine-cosine pairs; at most 496 bytes of stack for one state of doubles,
+ * @param[out] input_matrix 8 x 6: [N/N], [N m/N] and [N m/(N m)], by row and column
+ * @note 19 operations, 3 sine-cosine pairs; about 496 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 7-13.
  */
@@ -341,8 +344,9 @@ quadrotor_2link_input_matrix_batch(
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
- * @param[out] acceleration 8
- * @note 255 operations, 5 sine-cosine pairs; at most 1216 bytes of stack for one state of doubles,
+ * @param[out] acceleration 8: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+ *     a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
+ * @note 255 operations, 5 sine-cosine pairs; about 1216 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -376,8 +380,9 @@ quadrotor_2link_forward_dynamics_batch(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[in] a their accelerations, 8 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
  *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @param[out] force 8
- * @note 228 operations, 5 sine-cosine pairs; at most 1296 bytes of stack for one state of doubles,
+ * @param[out] force 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N m],
+ *     x [N], y [N], z [N]
+ * @note 228 operations, 5 sine-cosine pairs; about 1296 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 4-6.
  */
@@ -408,8 +413,9 @@ quadrotor_2link_inverse_dynamics_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] mass_matrix 14 x 14
- * @note 160 operations, 5 sine-cosine pairs; at most 1040 bytes of stack for one state of doubles,
+ * @param[out] mass_matrix 14 x 14: [kg m^2] between angles, [kg] between lengths, [kg m] between
+ *     both
+ * @note 160 operations, 5 sine-cosine pairs; about 1040 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -437,8 +443,10 @@ quadrotor_2link_hybrid_mass_matrix_batch(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] residual 14
- * @note 241 operations, 5 sine-cosine pairs; at most 1264 bytes of stack for one state of doubles,
+ * @param[out] residual 14: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3 [N
+ *     m], theta_4 [N m], theta_5 [N m], theta_6 [N m], x [N], y [N], z [N], tau_prime_2 [rad/s^2],
+ *     tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2]
+ * @note 241 operations, 5 sine-cosine pairs; about 1264 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -466,8 +474,8 @@ quadrotor_2link_hybrid_residual_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] input_matrix 14 x 6
- * @note 19 operations, 3 sine-cosine pairs; at most 496 bytes of stack for one state of doubles,
+ * @param[out] input_matrix 14 x 6: [N/N], [N m/N] and [N m/(N m)], by row and column
+ * @note 19 operations, 3 sine-cosine pairs; about 496 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 12, 13 and 18.
  */
@@ -499,7 +507,7 @@ quadrotor_2link_hybrid_input_matrix_batch(
  *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
  * @param[out] torque 3: tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m]
- * @note 57 operations, 3 sine-cosine pairs; at most 640 bytes of stack for one state of doubles,
+ * @note 57 operations, 3 sine-cosine pairs; about 640 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 14 and 15.
  */
@@ -535,8 +543,8 @@ quadrotor_2link_constraint_torques_batch(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[in] a their accelerations, 8 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
  *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @param[out] value 1
- * @note 319 operations, 5 sine-cosine pairs; at most 1312 bytes of stack for one state of doubles,
+ * @param[out] value 1: [W/s]
+ * @note 319 operations, 5 sine-cosine pairs; about 1312 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 2 and 3.
  */
@@ -566,8 +574,8 @@ quadrotor_2link_gibbs_batch(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
- * @param[out] energy 1
- * @note 137 operations, 5 sine-cosine pairs; at most 944 bytes of stack for one state of doubles,
+ * @param[out] energy 1: [J]
+ * @note 137 operations, 5 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 2 with rates for accelerations.
  */
@@ -593,8 +601,8 @@ quadrotor_2link_kinetic_energy_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] energy 1
- * @note 18 operations, 5 sine-cosine pairs; at most 608 bytes of stack for one state of doubles,
+ * @param[out] energy 1: [J]
+ * @note 18 operations, 5 sine-cosine pairs; about 608 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: gravity times the first moment of mass.
  */
@@ -618,8 +626,8 @@ quadrotor_2link_potential_energy_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] position 9 x 3: O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip
- * @note 71 operations, 5 sine-cosine pairs; at most 800 bytes of stack for one state of doubles,
+ * @param[out] position 9 x 3: O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip [m]
+ * @note 71 operations, 5 sine-cosine pairs; about 800 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -645,8 +653,8 @@ quadrotor_2link_positions_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] pose 4 x 4
- * @note 59 operations, 5 sine-cosine pairs; at most 784 bytes of stack for one state of doubles,
+ * @param[out] pose 4 x 4: axes [1] and position [m]
+ * @note 59 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -672,8 +680,8 @@ quadrotor_2link_tip_pose_batch(
  * @param[in] constants what quadrotor_2link_init_constants() made
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
- * @param[out] jacobian 6 x 8
- * @note 87 operations, 5 sine-cosine pairs; at most 736 bytes of stack for one state of doubles,
+ * @param[out] jacobian 6 x 8: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
+ * @note 87 operations, 5 sine-cosine pairs; about 736 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
