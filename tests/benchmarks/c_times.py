@@ -103,7 +103,7 @@ def draw(measured: dict[int, Times], file: str) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, panels = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True, layout="constrained")
+    figure, panels = plt.subplots(1, 2, figsize=(11, 5), sharey=True, layout="constrained")
     colours = plt.get_cmap("tab10").colors
     for panel, task in zip(panels, TASKS, strict=True):
         names = [who for found, who in next(iter(measured.values())) if found == task]
@@ -129,8 +129,9 @@ def draw(measured: dict[int, Times], file: str) -> None:
         panel.grid(axis="y", which="major", alpha=0.4)
         panel.set_axisbelow(True)
     panels[0].set_ylabel("time per state, ns")
-    panels[0].set_ylim(top=4 * panels[0].get_ylim()[1])
-    panels[1].legend(fontsize=8, ncols=2, loc="upper left")
+    panels[0].set_ylim(top=2 * panels[0].get_ylim()[1])
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=9)
     figure.savefig(file, dpi=150)
 
 
