@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import doctest
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from tools import run, tool
 
 from gibbs_codegen.cli import argument_parser
 from gibbs_codegen.describe import DESCRIPTIONS
@@ -25,6 +24,7 @@ def blocks(language: str) -> list[str]:
 
 def test_python_session(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
+    tool("cc")
     session, *snippets = blocks("python")
     names: dict[str, object] = {}
     test = doctest.DocTestParser().get_doctest(session, names, "README", "README.md", 0)
@@ -36,16 +36,17 @@ def test_python_session(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_c_program(tmp_path: Path) -> None:
-    """The C lines compile as the body of a program, and it runs."""
-    (text,) = blocks("c")
-    include, *body = text.splitlines()
-    lines = [include, "int main(void)", "{", *body, "return !(mass_matrix[80] > 0.0);", "}"]
+    """The C lines compile as the body of a program, and it computes something."""
+    one, batch = blocks("c")
+    include, *body = one.splitlines()
+    lines = [include, "int main(void)", "{", *body, "{", batch, "mass_matrix[0] = M[999 * 81];"]
+    lines += ["}", "return !(mass_matrix[80] > 0.0 && mass_matrix[0] > 0.0);", "}"]
     (tmp_path / "program.c").write_text("\n".join(lines), encoding="utf-8")
     folder = ROOT / "generated" / "hexarotor_3link"
-    sources = ["program.c", str(folder / "hexarotor_3link.c")]
-    command = [shutil.which("cc") or "gcc", "-O1", f"-I{folder}", *sources, "-o", "program", "-lm"]
-    subprocess.run(command, cwd=tmp_path, check=True)
-    subprocess.run([str(tmp_path / "program")], check=True)
+    sources = [tmp_path / "program.c", folder / "hexarotor_3link.c"]
+    program = tmp_path / "program"
+    run([tool("cc"), "-O1", f"-I{folder}", *sources, "-o", program, "-lm"])
+    run([program])
 
 
 def test_robot_file_is_one() -> None:

@@ -119,9 +119,8 @@ def draw(measured: dict[int, Times], file: str) -> None:
                 label=who,
                 color="black" if who == ONE else "dimgrey" if ours else colours[i],
             )
-            panel.bar_label(
-                bars, [f"{h:.3g}" for h in heights], fontsize=6.5, rotation=90, padding=2
-            )
+            texts = [f"{h:.0f}" if h >= 100 else f"{h:.3g}" for h in heights]
+            panel.bar_label(bars, texts, fontsize=7, rotation=90, padding=2)
         panel.set_yscale("log")
         panel.set_xticks(range(len(measured)), [f"n = {links}" for links in measured])
         panel.set_title(task)
