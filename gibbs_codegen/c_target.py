@@ -26,6 +26,7 @@ from gibbs_codegen.program import (
     names_in,
     total_mass,
 )
+from gibbs_codegen.robot import Robot
 from gibbs_codegen.rolling import rolled
 from gibbs_codegen.slots import Layout, Piece, laid_out
 from gibbs_codegen.stack import stack_bytes
@@ -51,6 +52,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
         "name": robot.name,
         "NAME": robot.name.upper(),
         "lanes": LANES,
+        "convention_lines": _convention_lines(robot),
         "coordinate_lines": coordinate_table(reduced_coordinates(robot)),
         "hybrid_coordinate_lines": coordinate_table(hybrid_coordinates(robot)),
         "input_lines": coordinate_table(inputs(robot)),
@@ -100,6 +102,17 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
         "widest": max(map(len, program.inputs.values())),
         "functions": [function.context() for function in functions],
     }
+
+
+def _convention_lines(robot: Robot) -> list[str]:
+    angles = zip(robot.base.attitude, ("theta_m1", "theta_0", "theta_1"), strict=True)
+    attitude = " ".join(f"R_{axis}({angle})" for axis, angle in angles)
+    return textwrap.wrap(
+        f"The attitude, from base arm 1's frame to the world, is {attitude}. Rates are plain time "
+        "derivatives of the coordinates, not body rates. A thrust acts at its motor, along the "
+        "direction that the robot file gives in the frame of the motor's arm.",
+        _WIDTH - 4,
+    )
 
 
 def _folded_lines(model: Model) -> list[str]:
@@ -341,7 +354,10 @@ class _CFunction:
         lines = [f"@brief {description.summary}", ""]
         if description.details:
             lines += [*textwrap.wrap(description.details, _WIDTH - 3), ""]
-        items = [f"@param[in] constants what {robot.name}_init_constants() made"]
+        items = [
+            f"@param[in] constants what {robot.name}_init_constants() made, or "
+            f"&{robot.name}_default_constants"
+        ]
         for a in function.arguments:
             width = len(self._model.program.inputs[a])
             text = argument_text(robot, a)

@@ -52,7 +52,7 @@ DESCRIPTIONS: dict[str, Description] = {
     ),
     "forward_dynamics": Description(
         "Accelerations a of M a = R + B u.",
-        "Singular where the middle attitude angle is +-90 degrees.",
+        "Singular where the middle attitude angle is +-90 degrees: results there mean nothing.",
         "eq. 19, solved for the free coordinates",
         ("acceleration",),
     ),

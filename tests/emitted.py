@@ -12,15 +12,17 @@ from gibbs_codegen.load import load
 from gibbs_codegen.model import derive
 from gibbs_codegen.robot import Robot
 
+NUMPY = {"numpy": TARGETS["numpy"]}
+
 _number = itertools.count()
 
 
 def emitted_module(robot: Robot, keep_zeros: bool = False) -> ModuleType:
-    """Derive, render, write to a temporary folder, and import."""
+    """Derive, render for NumPy, write to a temporary folder, and import."""
     model = derive(robot, keep_zeros)
     with tempfile.TemporaryDirectory() as folder:
         package = Path(folder) / f"{robot.name}_{next(_number)}"
         package.mkdir()
-        for name, text in render_module(model, "", TARGETS).items():
+        for name, text in render_module(model, "", NUMPY).items():
             (package / name).write_text(text, encoding="utf-8")
         return load(package)

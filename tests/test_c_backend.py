@@ -250,7 +250,10 @@ def test_functions_say_what_they_are(backends) -> None:
     assert Path(compiled.__file__).suffix == ".so"
 
 
-def test_threads_share_a_batch(states: dict[str, np.ndarray]) -> None:
+def test_threads_share_a_batch(
+    states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(c_backend, "_MIN_ROWS", 256)
     alone, shared = load(ROBOT, backend="c"), load(ROBOT, backend="c", threads=3)
     for rows in (1, 255, 769, 5003):
         q, v = states["q"][:rows], states["v"][:rows]
@@ -299,7 +302,10 @@ def test_memory_does_not_grow(backends) -> None:
         assert grown < 20_000
 
 
-def test_a_forked_process_has_threads_of_its_own(states: dict[str, np.ndarray]) -> None:
+def test_a_forked_process_has_threads_of_its_own(
+    states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(c_backend, "_MIN_ROWS", 256)
     compiled = load(ROBOT, backend="c", threads=2)
     q = states["q"][:2000]
     expected = compiled.mass_matrix(q)

@@ -66,8 +66,9 @@ class Library:
         self.real = real
         self._library = ctypes.CDLL(str(path))
         self._name = emitted.name
+        self._mark = "_float" if real is np.float32 else ""
         self._size = len(emitted.model.program.constants)
-        self.constants = self.data("default_constants", self._size)
+        self.constants = self.data(f"default_constants{self._mark}", self._size)
 
     def data(self, name: str, size: int) -> Array:
         """A constant array of the library."""
@@ -85,7 +86,8 @@ class Library:
     def init(self, parameters: Sequence[float]) -> tuple[int, Array]:
         """What init_constants returns, and the constants."""
         constants = np.full(self._size, np.nan, self.real)
-        return self.call("init_constants", np.array(parameters, self.real), constants), constants
+        numbers = np.array(parameters, self.real)
+        return self.call(f"init_constants{self._mark}", numbers, constants), constants
 
     def one(self, signature: Signature, rows: Sequence[Array]) -> list[Array]:
         """The function, state by state; outputs hold garbage before."""
@@ -666,6 +668,25 @@ def test_sanitizers_find_nothing_in_random_calls(
         run([tmp_path / "driver_1"], **environment)
 
 
+def test_programs_of_the_other_precision_do_not_link(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(SMALL)
+    program = tmp_path / "program.c"
+    program.write_text(
+        f'#include "{robot.name}.h"\n'
+        f"int main(void) {{ {robot.name}_real q[8] = {{0}}, energy;\n"
+        f"{robot.name}_potential_energy(&{robot.name}_default_constants, q, &energy);\n"
+        "return energy > 0; }\n",
+        encoding="utf-8",
+    )
+    options = ["-O0", f"-I{robot.folder}"]
+    source = compile_only("gcc", [*options, robot.single], robot.sources[:1], tmp_path)
+    build("gcc", [*options, robot.single], [str(program), *map(str, source)], tmp_path / "same")
+    with pytest.raises(pytest.fail.Exception, match="default_constants"):
+        build("gcc", options, [str(program), *map(str, source)], tmp_path / "other")
+
+
 # Symbols
 
 
@@ -709,6 +730,9 @@ def test_symbols(
         data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
         assert (data, bss) == ("0", "0")
     declared = _declared(robot.text(".h"))
+    if real == "float":
+        marked = {f"{robot.name}_{name}" for name in ("default_constants", "init_constants")}
+        declared = (declared - marked) | {f"{name}_float" for name in marked}
     assert {name for kind, name in source if kind in "TR"} == declared
     assert all(name.startswith(f"{robot.name}_") for name in declared)
     suffix = "f" if real == "float" else ""

@@ -37,10 +37,15 @@ def test_python_session(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
-    one, batch = blocks("c")
-    include, *body = one.splitlines()
-    lines = [include, "int main(void)", "{", *body, "{", batch, "mass_matrix[0] = M[999 * 81];"]
-    lines += ["}", "return !(mass_matrix[80] > 0.0 && mass_matrix[0] > 0.0);", "}"]
+    one, other, batch = blocks("c")
+    *include, body = re.split(r"(?<=\*/)\n\n", one)
+    lines = [*include, "#include <string.h>", "int main(void)", "{", body, other, "{", batch]
+    lines += [
+        "mass_matrix[0] = M[999 * 81];",
+        "}",
+        "return !(mass_matrix[80] > 0.0 && mass_matrix[0] > 0.0);",
+        "}",
+    ]
     (tmp_path / "program.c").write_text("\n".join(lines), encoding="utf-8")
     folder = ROOT / "generated" / "hexarotor_3link"
     sources = [tmp_path / "program.c", folder / "hexarotor_3link.c"]

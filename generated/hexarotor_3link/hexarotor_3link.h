@@ -27,6 +27,10 @@
  * library's sine and cosine take, which serve beyond 1e5 rad (400 for floats). The _batch functions
  * take up to eight times as much and more.
  *
+ * The attitude, from base arm 1's frame to the world, is R_x(theta_m1) R_y(theta_0) R_z(theta_1).
+ * Rates are plain time derivatives of the coordinates, not body rates. A thrust acts at its motor,
+ * along the direction that the robot file gives in the frame of the motor's arm.
+ *
  * Coordinates q, in order (v: their rates, a: their accelerations):
  *
  *     theta_m1  [rad]  first attitude angle, about x
@@ -97,6 +101,11 @@ extern "C" {
 
 #ifdef HEXAROTOR_3LINK_FLOAT
 typedef float hexarotor_3link_real;
+/* So that a program of one precision does not link with a source of the other. */
+#define hexarotor_3link_default_constants \
+    hexarotor_3link_default_constants_float
+#define hexarotor_3link_init_constants \
+    hexarotor_3link_init_constants_float
 #else
 typedef double hexarotor_3link_real;
 #endif
@@ -256,7 +265,8 @@ void hexarotor_3link_unpack(
  *
  * R holds the velocity terms and gravity, with the sign of a force.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -291,7 +301,8 @@ hexarotor_3link_mass_matrix_and_residual_batch(
  *
  * The same matrix as Pinocchio's crba gives for these coordinates.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
@@ -318,7 +329,8 @@ hexarotor_3link_mass_matrix_batch(
  *
  * It is minus what Pinocchio calls nonLinearEffects.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -350,7 +362,8 @@ hexarotor_3link_residual_batch(
  *
  * Column k holds the generalised forces of a unit of input k.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 9 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -375,9 +388,10 @@ hexarotor_3link_input_matrix_batch(
 /**
  * @brief Accelerations a of M a = R + B u.
  *
- * Singular where the middle attitude angle is +-90 degrees.
+ * Singular where the middle attitude angle is +-90 degrees: results there mean nothing.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -414,7 +428,8 @@ hexarotor_3link_forward_dynamics_batch(
  *
  * The partial derivatives of the Gibbs function by the accelerations.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -452,7 +467,8 @@ hexarotor_3link_inverse_dynamics_batch(
  * Rows and columns are in the order of HYBRID_COORDINATES; the last rows hold the constrained
  * joints, the last columns their torques.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 19 x 19: [kg m^2] between angles, [kg] between lengths, [kg m] between
@@ -480,7 +496,8 @@ hexarotor_3link_hybrid_mass_matrix_batch(
  *
  * Entries are in the order of HYBRID_COORDINATES.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -514,7 +531,8 @@ hexarotor_3link_hybrid_residual_batch(
  *
  * Rows are in the order of HYBRID_COORDINATES, columns in that of INPUTS.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 19 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -541,7 +559,8 @@ hexarotor_3link_hybrid_input_matrix_batch(
  *
  * Linear in the accelerations and inputs, which need not fit each other.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -582,7 +601,8 @@ hexarotor_3link_constraint_torques_batch(
  *
  * Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -616,7 +636,8 @@ hexarotor_3link_gibbs_batch(
 /**
  * @brief Kinetic energy in J.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -645,7 +666,8 @@ hexarotor_3link_kinetic_energy_batch(
 /**
  * @brief Potential energy in J, zero at world Z = 0.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] energy 1: [J]
@@ -670,7 +692,8 @@ hexarotor_3link_potential_energy_batch(
 /**
  * @brief World positions of POINTS in m, one row each.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] position 12 x 3: O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
@@ -698,7 +721,8 @@ hexarotor_3link_positions_batch(
  *
  * The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] pose 4 x 4: axes [1] and position [m]
@@ -725,7 +749,8 @@ hexarotor_3link_tip_pose_batch(
  *
  * It takes v to the velocity of the tip in m/s and rad/s.
  *
- * @param[in] constants what hexarotor_3link_init_constants() made
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] jacobian 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others

@@ -759,7 +759,7 @@ def forward_dynamics(
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
-    Singular where the middle attitude angle is +-90 degrees.
+    Singular where the middle attitude angle is +-90 degrees: results there mean nothing.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]

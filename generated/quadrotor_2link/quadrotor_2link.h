@@ -27,6 +27,10 @@
  * library's sine and cosine take, which serve beyond 1e5 rad (400 for floats). The _batch functions
  * take up to eight times as much and more.
  *
+ * The attitude, from base arm 1's frame to the world, is R_x(theta_m1) R_y(theta_0) R_z(theta_1).
+ * Rates are plain time derivatives of the coordinates, not body rates. A thrust acts at its motor,
+ * along the direction that the robot file gives in the frame of the motor's arm.
+ *
  * Coordinates q, in order (v: their rates, a: their accelerations):
  *
  *     theta_m1  [rad]  first attitude angle, about x
@@ -88,6 +92,11 @@ extern "C" {
 
 #ifdef QUADROTOR_2LINK_FLOAT
 typedef float quadrotor_2link_real;
+/* So that a program of one precision does not link with a source of the other. */
+#define quadrotor_2link_default_constants \
+    quadrotor_2link_default_constants_float
+#define quadrotor_2link_init_constants \
+    quadrotor_2link_init_constants_float
 #else
 typedef double quadrotor_2link_real;
 #endif
@@ -217,7 +226,8 @@ void quadrotor_2link_unpack(
  *
  * R holds the velocity terms and gravity, with the sign of a force.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -252,7 +262,8 @@ quadrotor_2link_mass_matrix_and_residual_batch(
  *
  * The same matrix as Pinocchio's crba gives for these coordinates.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 8 x 8: [kg m^2] between angles, [kg] between lengths, [kg m] between both
@@ -279,7 +290,8 @@ quadrotor_2link_mass_matrix_batch(
  *
  * It is minus what Pinocchio calls nonLinearEffects.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -311,7 +323,8 @@ quadrotor_2link_residual_batch(
  *
  * Column k holds the generalised forces of a unit of input k.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 8 x 6: [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -336,9 +349,10 @@ quadrotor_2link_input_matrix_batch(
 /**
  * @brief Accelerations a of M a = R + B u.
  *
- * Singular where the middle attitude angle is +-90 degrees.
+ * Singular where the middle attitude angle is +-90 degrees: results there mean nothing.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -373,7 +387,8 @@ quadrotor_2link_forward_dynamics_batch(
  *
  * The partial derivatives of the Gibbs function by the accelerations.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -410,7 +425,8 @@ quadrotor_2link_inverse_dynamics_batch(
  * Rows and columns are in the order of HYBRID_COORDINATES; the last rows hold the constrained
  * joints, the last columns their torques.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 14 x 14: [kg m^2] between angles, [kg] between lengths, [kg m] between
@@ -438,7 +454,8 @@ quadrotor_2link_hybrid_mass_matrix_batch(
  *
  * Entries are in the order of HYBRID_COORDINATES.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -471,7 +488,8 @@ quadrotor_2link_hybrid_residual_batch(
  *
  * Rows are in the order of HYBRID_COORDINATES, columns in that of INPUTS.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 14 x 6: [N/N], [N m/N] and [N m/(N m)], by row and column
@@ -498,7 +516,8 @@ quadrotor_2link_hybrid_input_matrix_batch(
  *
  * Linear in the accelerations and inputs, which need not fit each other.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -536,7 +555,8 @@ quadrotor_2link_constraint_torques_batch(
  *
  * Gravity enters as the upward acceleration of the base, so that dS/da = M a - R.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -569,7 +589,8 @@ quadrotor_2link_gibbs_batch(
 /**
  * @brief Kinetic energy in J.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
@@ -598,7 +619,8 @@ quadrotor_2link_kinetic_energy_batch(
 /**
  * @brief Potential energy in J, zero at world Z = 0.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] energy 1: [J]
@@ -623,7 +645,8 @@ quadrotor_2link_potential_energy_batch(
 /**
  * @brief World positions of POINTS in m, one row each.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] position 9 x 3: O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip [m]
@@ -650,7 +673,8 @@ quadrotor_2link_positions_batch(
  *
  * The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] pose 4 x 4: axes [1] and position [m]
@@ -677,7 +701,8 @@ quadrotor_2link_tip_pose_batch(
  *
  * It takes v to the velocity of the tip in m/s and rad/s.
  *
- * @param[in] constants what quadrotor_2link_init_constants() made
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] jacobian 6 x 8: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others

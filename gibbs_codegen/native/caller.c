@@ -198,12 +198,16 @@ static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywor
         return NULL;
     }
     self->vectorcall = Caller_vectorcall;
-    self->function = PyLong_AsVoidPtr(address);
     self->constants = Py_NewRef(constants);
     self->general = Py_NewRef(general);
+    self->function = PyLong_AsVoidPtr(address);
+    if (PyErr_Occurred()) {
+        Py_DECREF(self);
+        return NULL;
+    }
     self->name = PyObject_GetAttrString(general, "__name__");
-    self->doc = PyObject_GetAttrString(general, "__doc__");
-    if (PyErr_Occurred() || read_widths(self, widths) || read_shapes(self, shapes)) {
+    self->doc = self->name ? PyObject_GetAttrString(general, "__doc__") : NULL;
+    if (!self->doc || read_widths(self, widths) || read_shapes(self, shapes)) {
         Py_DECREF(self);
         return NULL;
     }

@@ -35,27 +35,24 @@ typedef void Four(const void *, size_t, double *, double *, double *, double *);
 typedef void Five(const void *, size_t, double *, double *, double *, double *, double *);
 typedef void Six(const void *, size_t, double *, double *, double *, double *, double *, double *);
 
-static int call_block(void (*batch)(void), const void *constants, int number, double *const *block)
+static void call_block(void (*batch)(void), const void *constants, int number, double *const *b)
 {
-    double *const *b = block;
     switch (number) {
     case 2:
         ((Two *)batch)(constants, LANES, b[0], b[1]);
-        return 0;
+        break;
     case 3:
         ((Three *)batch)(constants, LANES, b[0], b[1], b[2]);
-        return 0;
+        break;
     case 4:
         ((Four *)batch)(constants, LANES, b[0], b[1], b[2], b[3]);
-        return 0;
+        break;
     case 5:
         ((Five *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4]);
-        return 0;
-    case 6:
-        ((Six *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5]);
-        return 0;
+        break;
     default:
-        return 1;
+        ((Six *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5]);
+        break;
     }
 }
 
@@ -163,7 +160,7 @@ int GIBBS_CODEGEN_ROWS(
         for (int i = 0; i < inputs; ++i) {
             pack(arrays[i] + first * widths[i], filled, widths[i], block[i]);
         }
-        (void)call_block(batch, constants, number, block);
+        call_block(batch, constants, number, block);
         for (int i = inputs; i < number; ++i) {
             unpack(block[i], filled, widths[i], arrays[i] + first * widths[i]);
         }

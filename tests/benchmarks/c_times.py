@@ -28,7 +28,8 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 from family import benchmark_robot  # noqa: E402
 from our_c import BATCH, ONE, our_contenders  # noqa: E402
 from peers.contender import TASKS, Contender, States, aligned, packed  # noqa: E402
-from peers.peers import STATES, Timer, check, contenders, random_states, timer  # noqa: E402
+from peers.peers import STATES, check, contenders, random_states  # noqa: E402
+from peers.timing import Timer, timer  # noqa: E402
 
 ROUNDS = 60
 SECONDS_PER_MEASUREMENT = 1e-3

@@ -19,7 +19,7 @@ from rich.table import Table
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
-from peers.peers import timer  # noqa: E402
+from peers.timing import timer  # noqa: E402
 
 from gibbs_codegen import load  # noqa: E402
 from gibbs_codegen.interface import signatures  # noqa: E402

@@ -8,7 +8,6 @@ from __future__ import annotations
 import ctypes
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,6 @@ BENCHMARKS = Path(__file__).parent.parent
 sys.path[:0] = [str(BENCHMARKS), str(BENCHMARKS.parent)]
 
 from family import benchmark_robot  # noqa: E402
-from peers.build import compiled  # noqa: E402
 from peers.casadi_peer import casadi_contenders, functions, operations  # noqa: E402
 from peers.contender import (  # noqa: E402
     MASS_MATRIX_AND_RESIDUAL,
@@ -34,6 +32,7 @@ from peers.contender import (  # noqa: E402
 )
 from peers.mujoco_peer import mujoco_contenders  # noqa: E402
 from peers.pinocchio_peer import pinocchio_contenders  # noqa: E402
+from peers.timing import Timer, timer  # noqa: E402
 from peers.tree import tree_of  # noqa: E402
 from pinocchio_oracle import Oracle  # noqa: E402
 
@@ -45,8 +44,6 @@ CHECKED_STATES = 32
 TOLERANCE = 1e-9
 REPEATS = 50
 NANOSECONDS_PER_REPEAT = 2e6
-
-Timer = Callable[..., float]
 
 
 def contenders(robot: Robot, folder: Path) -> list[Contender]:
@@ -94,15 +91,6 @@ def check(contender: Contender, robot: Robot) -> float:
 def _error(found: Array, right: Array) -> Array:
     within = tuple(range(1, right.ndim))
     return np.max(np.abs(found - right).max(axis=within) / np.abs(right).max(axis=within))
-
-
-def timer(folder: Path) -> Timer:
-    """The timing loop of `harness.c`."""
-    library = ctypes.CDLL(str(compiled("harness.c", folder / "harness.so")))
-    pointer, count = ctypes.c_void_p, ctypes.c_long
-    library.time_calls.restype = ctypes.c_double
-    library.time_calls.argtypes = [pointer, count, count, *[pointer, count] * 3, pointer, pointer]
-    return library.time_calls
 
 
 def nanoseconds(time_calls: Timer, contender: Contender, states: States) -> float:
