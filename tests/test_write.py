@@ -141,7 +141,9 @@ def test_signals_during_the_swap_leave_a_whole_module(
     """Also when a second signal comes while the first is being dealt with."""
     write_module(tmp_path / "robot", FILES)
     code = (
-        "import os, sys; from pathlib import Path; from gibbs_codegen import write\n"
+        "import os, signal, sys; from pathlib import Path; from gibbs_codegen import write\n"
+        # Tests that run in the background begin with signals ignored, and a child inherits that.
+        f"signal.signal({int(number)}, signal.SIG_DFL)\n"
         "real, seen = os.replace, []\n"
         "def interrupted(source, destination):\n"
         "    real(source, destination); seen.append(source)\n"
