@@ -207,7 +207,7 @@ def emitted(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Emitted
             return emit(robot, base / label, text)
         with pytest.MonkeyPatch.context() as patch:
             if label in CUT:
-                patch.setattr("gibbs_codegen.c_target._MAX_REFERENCES", CUT[label])
+                patch.setattr("gibbs_codegen.c_function._MAX_REFERENCES", CUT[label])
             robot = random_robot(*RANDOM[WHOLE if label in CUT else label])
             return emit(replace(robot, name=label), base / label)
 

@@ -30,6 +30,7 @@ ROOMS = [
     {"lower"},
     {"model"},
     {"printers", "describe"},
+    {"c_function"},
     {"numpy_target", "c_target"},
     {"emit"},
     {"write", "report"},
