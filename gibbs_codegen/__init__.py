@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.errors import GibbsCodegenError as GibbsCodegenError
 from gibbs_codegen.errors import OutputError as OutputError
+from gibbs_codegen.errors import RefusedFileError as RefusedFileError
 from gibbs_codegen.errors import RobotFileError as RobotFileError
+from gibbs_codegen.errors import ScenarioFileError as ScenarioFileError
 from gibbs_codegen.errors import SingularRobotError as SingularRobotError
 from gibbs_codegen.errors import UsageError as UsageError
 from gibbs_codegen.load import load as load
@@ -22,21 +24,37 @@ if TYPE_CHECKING:
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot_file import parse_robot as parse_robot
     from gibbs_codegen.robot_file import read_robot as read_robot
+    from gibbs_codegen.simulator.flight import Flight as Flight
+    from gibbs_codegen.simulator.flight import read_flight as read_flight
+    from gibbs_codegen.simulator.results import write_results as write_results
+    from gibbs_codegen.simulator.scenario import Scenario as Scenario
+    from gibbs_codegen.simulator.scenario_file import read_scenario as read_scenario
+    from gibbs_codegen.simulator.simulate import simulate as simulate
 
 _LAZY = {
+    "Flight": "simulator.flight",
+    "Scenario": "simulator.scenario",
     "chain_closed_form": "closed_form",
     "derive": "model",
     "generate": "pipeline",
     "paper_family": "family",
     "parse_robot": "robot_file",
+    "read_flight": "simulator.flight",
     "read_robot": "robot_file",
+    "read_scenario": "simulator.scenario_file",
+    "simulate": "simulator.simulate",
+    "write_results": "simulator.results",
 }
 
 
 __all__ = [
+    "Flight",
     "GibbsCodegenError",
     "OutputError",
+    "RefusedFileError",
     "RobotFileError",
+    "Scenario",
+    "ScenarioFileError",
     "SingularRobotError",
     "UsageError",
     "__version__",
@@ -46,7 +64,11 @@ __all__ = [
     "load",
     "paper_family",
     "parse_robot",
+    "read_flight",
     "read_robot",
+    "read_scenario",
+    "simulate",
+    "write_results",
 ]
 
 

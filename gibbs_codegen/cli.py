@@ -12,14 +12,15 @@ import io
 import json
 import os
 import shlex
+import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from gibbs_codegen.errors import GibbsCodegenError, RobotFileError, UsageError
+from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, UsageError
 from gibbs_codegen.version import __version__
 
 if TYPE_CHECKING:
@@ -56,9 +57,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = argument_parser().parse_args(arguments)
     try:
         code: int = options.command(options)
-    except RobotFileError as error:
+    except RefusedFileError as error:
         count = f"{len(error.faults)} faults" if len(error.faults) > 1 else "1 fault"
-        print(f"gibbs-codegen: robot file refused, {count}:\n{error}", file=sys.stderr)
+        print(f"gibbs-codegen: {error.kind} refused, {count}:\n{error}", file=sys.stderr)
         return error.exit_code
     except GibbsCodegenError as error:
         print(f"gibbs-codegen: {error}", file=sys.stderr)
@@ -111,12 +112,50 @@ def argument_parser() -> argparse.ArgumentParser:
     info.add_argument("--json", action="store_true", help="the same for machines")
     info.set_defaults(command=_info)
 
+    _add_simulate(commands)
+
     new = commands.add_parser(
         "new", help="write a commented robot file to start from", allow_abbrev=False
     )
     new.add_argument("file", metavar="ROBOT.toml", help="file to write; it must not exist yet")
     new.set_defaults(command=_new)
     return parser
+
+
+def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    simulate = commands.add_parser(
+        "simulate",
+        help="fly a scenario with a generated module: time series and figures",
+        allow_abbrev=False,
+    )
+    simulate.add_argument(
+        "module", metavar="NAME|DIR", help="a module in generated/ by its name, or its folder"
+    )
+    simulate.add_argument(
+        "--scenario",
+        default="paper",
+        metavar="NAME|FILE",
+        help="paper (default), hover, line, circle, or a scenario file in TOML",
+    )
+    simulate.add_argument(
+        "--out", default="flight", metavar="DIR", help="folder of the results (default: flight)"
+    )
+    simulate.add_argument(
+        "--backend",
+        choices=("numpy", "c"),
+        default="c",
+        help="c (default; compiled once, NumPy where that is not possible) or numpy",
+    )
+    simulate.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="replace an entry of the scenario, such as start.offset=[0.2,0,0]; may be repeated",
+    )
+    simulate.add_argument("--no-figures", action="store_true", help="time series only")
+    simulate.add_argument("--animate", choices=("gif", "mp4"), help="write an animation too")
+    simulate.set_defaults(command=_simulate)
 
 
 def _add_robot(parser: argparse.ArgumentParser) -> None:
@@ -203,6 +242,34 @@ def _info(options: argparse.Namespace) -> int:
     return 0
 
 
+def _simulate(options: argparse.Namespace) -> int:
+    from gibbs_codegen.simulator.results import check_folder, write_results
+    from gibbs_codegen.simulator.scenario_file import changes_of, read_scenario
+
+    scenario = read_scenario(options.scenario, changes_of(options.set))
+    check_folder(options.out)
+    from gibbs_codegen.load import load
+    from gibbs_codegen.simulator.simulate import simulate
+
+    module = load(options.module, options.backend)
+    with _ended_by_signals(), _progress_bar() as progress:
+        start = time.perf_counter()
+        flight = simulate(module, scenario, progress)
+        seconds = time.perf_counter() - start
+        write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
+    energy = max(abs(flight.energy_error), default=0.0)
+    print(
+        f"{options.out}: {flight.robot} flew {flight.scenario!r} for {flight.time[-1]:.4g} s, "
+        f"computed in {seconds:.1f} s\n"
+        f"largest errors: base centre {max(flight.centre_error):.2g} m, "
+        f"tip {max(flight.tip_error):.2g} m, energy balance {energy:.2g} J"
+    )
+    if flight.stopped:
+        print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
+        return 1
+    return 0
+
+
 def _new(options: argparse.Namespace) -> int:
     from gibbs_codegen.family import paper_family
     from gibbs_codegen.names import name_from
@@ -227,3 +294,42 @@ def _progress() -> Iterator[Progress]:
 
     with Console(stderr=True).status("starting") as status:
         yield lambda step: status.update(step)
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Callable[[str, float], None]]:
+    """A bar for each thing that is being done, on a terminal; nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield lambda what, share: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bars
+
+    with Bars(console=Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, Any] = {}
+
+        def show(what: str, share: float) -> None:
+            if what not in tasks:
+                tasks[what] = bars.add_task(what, total=1.0)
+            bars.update(tasks[what], completed=share)
+
+        yield show
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Let signals to end unwind the work, so that it leaves nothing half-written."""
+
+    def end(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = {}
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            before[number] = signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -21,7 +21,7 @@ class GibbsCodegenError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong with a robot file: its key path, the line where it can be had, and why."""
+    """One thing wrong with a file: its key path, the line where it can be had, and why."""
 
     path: str
     message: str
@@ -33,8 +33,13 @@ class Fault:
         return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
 
 
-class RobotFileError(GibbsCodegenError):
-    """A robot file that is refused; `faults` holds every reason, in the order of the file."""
+class RefusedFileError(GibbsCodegenError):
+    """A file that is refused; `faults` holds every reason, in the order of the file.
+
+    `kind` says what kind of file it is.
+    """
+
+    kind = "file"
 
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source = source
@@ -43,6 +48,18 @@ class RobotFileError(GibbsCodegenError):
         if len(self.faults) > _SHOWN:
             lines.append(f"{source}: and {len(self.faults) - _SHOWN} more")
         super().__init__("\n".join(lines))
+
+
+class RobotFileError(RefusedFileError):
+    """A robot file that is refused."""
+
+    kind = "robot file"
+
+
+class ScenarioFileError(RefusedFileError):
+    """A scenario that is refused."""
+
+    kind = "scenario"
 
 
 class SingularRobotError(GibbsCodegenError):

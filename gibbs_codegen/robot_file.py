@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
-import tomllib
 from importlib import resources
 from pathlib import Path
 
-from gibbs_codegen.errors import Fault, RobotFileError, UsageError
+from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.names import name_fault
 from gibbs_codegen.rigid_body import inertia_fault
 from gibbs_codegen.robot import (
@@ -30,10 +28,9 @@ from gibbs_codegen.robot import (
     Vector3,
     alternating_thrust,
 )
-from gibbs_codegen.toml_lines import key_lines, line_of
+from gibbs_codegen.toml_document import checked, file_text
 from gibbs_codegen.toml_reader import Table, shown
 
-MAX_BYTES = 1_000_000
 MAX_ROTORS = 256
 MAX_LINKS = 64
 
@@ -56,25 +53,9 @@ def read_robot(name_or_path: str) -> tuple[Robot, str]:
         resource = resources.files("gibbs_codegen") / "robots" / f"{name_or_path}.toml"
         text = resource.read_text(encoding="utf-8")
         return parse_robot(text, f"{name_or_path}.toml"), text
-    text = _file_text(Path(name_or_path))
+    path = Path(name_or_path)
+    text = file_text(path, RobotFileError, lambda: _not_found(path))
     return parse_robot(text, name_or_path), text
-
-
-def _file_text(path: Path) -> str:
-    try:
-        if not path.is_file():
-            raise UsageError(_not_found(path))
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            fault = Fault("", f"larger than {MAX_BYTES} bytes; a robot file is a page of text")
-            raise RobotFileError(str(path), [fault])
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
-        raise RobotFileError(str(path), [fault]) from None
-    except OSError as error:
-        raise UsageError(f"{str(path)[:80]}: cannot be read: {error.strerror}") from None
 
 
 def _not_found(path: Path) -> str:
@@ -91,31 +72,7 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
 
     Raises `RobotFileError` with every fault found; `source` is the name used in its message.
     """
-    try:
-        document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise RobotFileError(source, [_syntax_fault(error)]) from None
-    root = Table(document, "", [])
-    robot = _robot(root)
-    if root.faults or robot is None:
-        lines = key_lines(text)
-        faults = [Fault(f.path, f.message, line_of(lines, f.path)) for f in root.faults]
-        faults.sort(key=lambda fault: fault.line or 0)
-        raise RobotFileError(source, faults)
-    return robot
-
-
-def _syntax_fault(error: Exception) -> Fault:
-    """What `tomllib` found wrong, with the line where it says one."""
-    reason = str(error)
-    if isinstance(error, RecursionError):
-        reason = "nested too deeply"
-    elif "integer string conversion" in reason:
-        reason = "a number has too many digits"
-    elif "Cannot declare ('link',)" in reason:
-        reason += "; each link of the arm is [[link]], in two brackets"
-    place = re.search(r" \(at line (\d+), column \d+\)", reason)
-    return Fault("", f"not valid TOML: {reason}", int(place[1]) if place else None)
+    return checked(text, source, _robot, RobotFileError)
 
 
 def _robot(root: Table) -> Robot | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 
 import pytest
 from conftest import ROOT
@@ -12,7 +14,8 @@ PACKAGE = ROOT / "gibbs_codegen"
 # Each room, from left to right; a module may import from its own room and from those before it.
 ROOMS = [
     {"errors", "version"},
-    {"robot", "names", "rigid_body", "toml_lines", "toml_reader", "templating"},
+    {"toml_lines", "toml_reader", "toml_document"},
+    {"robot", "names", "rigid_body", "templating"},
     {"robot_file", "family", "coordinates", "robot_text"},
     {"chains", "arrangement"},
     {"structural", "tape"},
@@ -38,18 +41,41 @@ ROOMS = [
     {"c_library"},
     {"c_backend"},
     {"load"},
+    {"simulator.paths", "simulator.attitude", "simulator.flight"},
+    {"simulator.orientation", "simulator.vehicle", "simulator.path_file"},
+    {"simulator.machine_drawing"},
+    {"simulator.figures", "simulator.animation", "simulator.allocation"},
+    {"simulator.inverse_dynamics", "simulator.inverse_kinematics"},
+    {"simulator.reference"},
+    {"simulator.control"},
+    {"simulator.plant"},
+    {"simulator.compiled_loop"},
+    {"simulator.integrate"},
+    {"simulator.scenario"},
+    {"simulator.scenario_file"},
+    {"simulator.simulate", "simulator.results", "simulator.__init__"},
     {"pipeline"},
     {"cli"},
     {"__main__", "__init__"},
 ]
 PLACE = {name: place for place, room in enumerate(ROOMS) for name in room}
-MODULES = sorted(path.stem for path in PACKAGE.glob("*.py"))
+FOLDERS = (PACKAGE, PACKAGE / "simulator")
+MODULES = sorted(
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+    for folder in FOLDERS
+    for path in folder.glob("*.py")
+)
+SIMULATOR = [name for name in MODULES if name.startswith("simulator.")]
+
+
+def text_of(name: str) -> str:
+    return (PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8")
 
 
 def imports(name: str) -> set[str]:
     """Every module that a module imports anywhere in it."""
     found = set()
-    for node in ast.walk(ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8"))):
+    for node in ast.walk(ast.parse(text_of(name))):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module == "gibbs_codegen":
@@ -88,7 +114,24 @@ def test_jinja_stays_in_one_place(name: str) -> None:
 
 @pytest.mark.parametrize("name", MODULES)
 def test_only_the_command_line_prints_or_exits(name: str) -> None:
-    text = (PACKAGE / f"{name}.py").read_text(encoding="utf-8")
+    text = text_of(name)
     if name not in ("cli", "__main__"):
         assert "print(" not in text.replace("console.print(", "")
         assert "sys.exit" not in text
+
+
+@pytest.mark.parametrize("name", SIMULATOR)
+def test_the_simulator_knows_nothing_left_of_generated_modules(name: str) -> None:
+    shared = {"errors", "toml_reader", "toml_document", "c_library", "cache", "compiler", "load"}
+    ours = {
+        i.removeprefix("gibbs_codegen.") for i in imports(name) if i.startswith("gibbs_codegen.")
+    }
+    assert {i for i in ours if not i.startswith("simulator.")} <= shared
+
+
+def test_flying_imports_no_sympy() -> None:
+    run = (
+        "import sys; from gibbs_codegen import load, read_scenario, simulate, write_results; "
+        "assert 'sympy' not in sys.modules and 'jinja2' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", run], check=True)

@@ -13,8 +13,9 @@ from gibbs_codegen.errors import RobotFileError, UsageError
 from gibbs_codegen.family import paper_family
 from gibbs_codegen.rigid_body import inertia_fault
 from gibbs_codegen.robot import AXES, RigidBody, Robot, Rod
-from gibbs_codegen.robot_file import MAX_BYTES, parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot_file import parse_robot, read_robot, shipped_robots
 from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.toml_document import MAX_BYTES
 
 BASE = """
 name = "test"

@@ -1,0 +1,172 @@
+"""The fixed-step loop compiled from C: one call takes many steps of a controlled flight.
+
+`native/rk4.c` is compiled once for all robots; it is given the addresses of the functions in the
+compiled library of a module.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import logging
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.c_library import NATIVE
+from gibbs_codegen.cache import CacheError, cached_library
+from gibbs_codegen.compiler import Compiler, CompilerError, find_compiler
+from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
+from gibbs_codegen.simulator.plant import Plant
+
+Array = NDArray[np.float64]
+
+_log = logging.getLogger("gibbs_codegen")
+_POINTER = ctypes.c_void_p
+
+
+class _Flight(ctypes.Structure):
+    """`Flight` of `native/rk4.c`, field by field."""
+
+    _fields_ = (
+        ("forward_dynamics", _POINTER),
+        ("inverse_dynamics", _POINTER),
+        ("input_matrix", _POINTER),
+        ("constants", ctypes.c_char_p),
+        ("coordinates", ctypes.c_ssize_t),
+        ("rotors", ctypes.c_ssize_t),
+        ("pieces", ctypes.c_ssize_t),
+        ("open_loop", ctypes.c_int),
+        ("limited", ctypes.c_int),
+        ("least", ctypes.c_double),
+        ("most", ctypes.c_double),
+        ("lag", ctypes.c_double),
+        ("divergence", ctypes.c_double),
+        ("singular_cosine", ctypes.c_double),
+        ("begin", ctypes.c_double),
+        ("piece", ctypes.c_double),
+        ("coefficients", _POINTER),
+        ("stiffness", _POINTER),
+        ("damping", _POINTER),
+        ("distribution", _POINTER),
+        ("scratch", _POINTER),
+    )
+
+
+@dataclass(frozen=True)
+class CompiledLoop:
+    """Steps of one plant, of one size, in compiled code."""
+
+    function: Any
+    flight: _Flight
+    step: float
+    size: int
+    # What the structure points to, so that it lives as long.
+    arrays: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, plant: Plant, step: float, divergence: float) -> CompiledLoop | None:
+        """The loop of a plant, or None where its module is not compiled or the loop cannot be.
+
+        Nor is there one for rotors that do not command all directions: Python checks every wrench
+        of those.
+        """
+        vehicle, controller = plant.vehicle, plant.controller
+        library_file = Path(vehicle.module.__file__ or "")
+        if library_file.suffix == ".py" or controller.allocation.missing:
+            return None
+        try:
+            function = _function(find_compiler(os.environ.get("CC") or None))
+        except (CompilerError, CacheError) as error:
+            _log.warning("steps are taken in Python instead of C: %s", error)
+            return None
+        library = ctypes.CDLL(str(library_file))
+        count = len(vehicle.coordinates)
+        gains = controller.gains
+        reference = controller.reference
+        constants = vehicle.constants or vehicle.module.prepare({})
+        coefficients = np.ascontiguousarray(reference.coefficients)
+        distribution = np.ascontiguousarray(controller.allocation.inverse)
+        stiffness = np.array(gains.stiffness if gains else np.zeros(count))
+        damping = np.array(gains.damping if gains else np.zeros(count))
+        scratch = np.zeros(16 * (plant.size + vehicle.rotors) + count * len(vehicle.inputs))
+
+        def address(name: str) -> int | None:
+            return ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
+
+        flight = _Flight(
+            forward_dynamics=address("forward_dynamics"),
+            inverse_dynamics=address("inverse_dynamics"),
+            input_matrix=address("input_matrix"),
+            constants=constants,
+            coordinates=count,
+            rotors=vehicle.rotors,
+            pieces=len(coefficients),
+            open_loop=gains is None,
+            limited=plant.limits is not None,
+            least=plant.limits[0] if plant.limits else 0.0,
+            most=plant.limits[1] if plant.limits else 0.0,
+            lag=plant.lag,
+            divergence=divergence,
+            singular_cosine=SINGULAR_COSINE,
+            begin=reference.begin,
+            piece=reference.step,
+            coefficients=coefficients.ctypes.data,
+            stiffness=stiffness.ctypes.data,
+            damping=damping.ctypes.data,
+            distribution=distribution.ctypes.data,
+            scratch=scratch.ctypes.data,
+        )
+        arrays = (library, constants, coefficients, stiffness, damping, distribution, scratch)
+        return cls(function, flight, step, plant.size, arrays)
+
+    def __call__(
+        self, time: float, state: Array, count: int, every: int, number: int
+    ) -> tuple[int, Array, Array]:
+        """Take up to `count` steps from a state; every `every`-th, counted from `number`, is kept.
+
+        Returns the steps taken, the samples (s, size) and the last state. Fewer steps are taken
+        where a thrust meets a limit in the next one, or where the flight cannot go on.
+        """
+        last = np.array(state, dtype=np.float64)
+        samples = np.empty((count // every + 1, self.size))
+        taken = self.function(
+            ctypes.byref(self.flight),
+            time,
+            self.step,
+            count,
+            every,
+            number,
+            last.ctypes.data,
+            samples.ctypes.data,
+        )
+        kept = (number + taken) // every - number // every
+        return taken, samples[:kept], last
+
+
+@functools.cache
+def _function(compiler: Compiler) -> Any:
+    """`gibbs_codegen_rk4`, compiled. Raises `CompilerError` or `CacheError`."""
+    source = NATIVE / "rk4.c"
+
+    def make(output: Path) -> None:
+        compiler.library([source], output)
+
+    key = "\n".join([compiler.identity, "rk4", source.read_text(encoding="utf-8")])
+    function = ctypes.CDLL(str(cached_library(key, make))).gibbs_codegen_rk4
+    function.restype = ctypes.c_ssize_t
+    function.argtypes = [
+        _POINTER,
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.c_ssize_t,
+        ctypes.c_ssize_t,
+        ctypes.c_ssize_t,
+        _POINTER,
+        _POINTER,
+    ]
+    return function

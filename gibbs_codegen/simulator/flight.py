@@ -1,0 +1,181 @@
+"""A flight: the time series that a simulation leaves, and how they are written and read."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import OutputError, UsageError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Time series of one flight, a row per sample; SI units, radians, world axes with Z up.
+
+    With s samples, nq coordinates, nu inputs, N rotors and k points:
+
+    - `time` (s); `q`, `v`, `a` and `q_desired`, `v_desired`, `a_desired` (s, nq)
+    - `commanded` and `applied` (s, nu): inputs that the controller asks for, and those that act
+      after thrust limits and motor lag
+    - `constraint_torques` (s, N − 1) about the joints of base arms 2 … N (eqs. 14–17)
+    - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
+      2 … N against arm 1, measured from where the motors are
+    - `positions` (s, k, 3) of the `points`; `base_rotation` (s, 3, 3), from arm 1 to the world
+    - `thrust_directions` (N, 3): unit vectors of the thrusts in the frame of arm 1
+    - `centre_desired`, `tip_desired` (s, 3): where base centre and tip should be
+    - `heading_error` (s): angle between base arm `tangent_arm` and the tangent of the base's path,
+      0 where the attitude does not follow the path (`tangent_arm` is 0 then)
+    - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
+      external force have done since the start
+
+    `stopped` says why the flight ended before its time; it is empty where it did not.
+    """
+
+    robot: str
+    scenario: str
+    coordinates: tuple[str, ...]
+    input_names: tuple[str, ...]
+    points: tuple[str, ...]
+    tangent_arm: int
+    stopped: str
+    time: Array
+    q: Array
+    v: Array
+    a: Array
+    q_desired: Array
+    v_desired: Array
+    a_desired: Array
+    commanded: Array
+    applied: Array
+    constraint_torques: Array
+    base_arm_angles: Array
+    base_arm_angles_desired: Array
+    positions: Array
+    base_rotation: Array
+    thrust_directions: Array
+    centre_desired: Array
+    tip_desired: Array
+    heading_error: Array
+    kinetic_energy: Array
+    potential_energy: Array
+    work: Array
+
+    @property
+    def rotors(self) -> int:
+        """Number of rotors N."""
+        return len(self.base_arm_angles_desired) + 1
+
+    def point(self, name: str) -> Array:
+        """Positions (s, 3) of a point, by its name in `points`."""
+        return self.positions[:, self.points.index(name)]
+
+    @property
+    def centre_error(self) -> Array:
+        """Distance (s) of the base centre from where it should be, m."""
+        distance: Array = np.linalg.norm(self.point("O2") - self.centre_desired, axis=1)
+        return distance
+
+    @property
+    def tip_error(self) -> Array:
+        """Distance (s) of the tip from where it should be, m."""
+        distance: Array = np.linalg.norm(self.point("tip") - self.tip_desired, axis=1)
+        return distance
+
+    @property
+    def energy_error(self) -> Array:
+        """Change of energy since the start less the work done (s), J: 0 if energy balances."""
+        energy = self.kinetic_energy + self.potential_energy
+        change: Array = energy - energy[0] - self.work
+        return change
+
+    def columns(self) -> Iterator[tuple[str, str, Array]]:
+        """Name, unit and values (s) of every scalar series, time first."""
+        yield "time", "s", self.time
+        units = [coordinate_unit(name) for name in self.coordinates]
+        for prefix, suffix, series in (
+            ("", "", self.q),
+            ("", "_desired", self.q_desired),
+            ("rate_", "", self.v),
+            ("rate_", "_desired", self.v_desired),
+            ("acceleration_", "", self.a),
+            ("acceleration_", "_desired", self.a_desired),
+        ):
+            per = {"": "", "rate_": "/s", "acceleration_": "/s^2"}[prefix]
+            for name, unit, values in zip(self.coordinates, units, series.T, strict=True):
+                yield f"{prefix}{name}{suffix}", unit + per, values
+        for suffix, series in (("", self.applied), ("_commanded", self.commanded)):
+            for name, values in zip(self.input_names, series.T, strict=True):
+                yield f"{name}{suffix}", input_unit(name, self.coordinates), values
+        for k, values in enumerate(self.constraint_torques.T, start=2):
+            yield f"tau_prime_{k}", "N m", values
+        for k, values in enumerate(self.base_arm_angles.T, start=2):
+            yield f"theta_{k}", "rad", values
+        for j, point in enumerate(self.points):
+            for i, axis in enumerate("xyz"):
+                yield f"{point}_{axis}", "m", self.positions[:, j, i]
+        for point, series in (("O2", self.centre_desired), ("tip", self.tip_desired)):
+            for i, axis in enumerate("xyz"):
+                yield f"{point}_{axis}_desired", "m", series[:, i]
+        yield "centre_error", "m", self.centre_error
+        yield "tip_error", "m", self.tip_error
+        yield "heading_error", "rad", self.heading_error
+        yield "kinetic_energy", "J", self.kinetic_energy
+        yield "potential_energy", "J", self.potential_energy
+        yield "work", "J", self.work
+        yield "energy_error", "J", self.energy_error
+
+    def write_csv(self, path: Path) -> None:
+        """Write every series as comma-separated values, `name [unit]` in the header.
+
+        Numbers are the shortest that read back exactly. Raises `OutputError`.
+        """
+        columns = list(self.columns())
+        rows = zip(*(values.tolist() for _, _, values in columns), strict=True)
+        try:
+            with path.open("w", encoding="utf-8", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerow(f"{name} [{unit}]" for name, unit, _ in columns)
+                writer.writerows(rows)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+
+    def write_npz(self, path: Path) -> None:
+        """Write all fields to one `.npz` file, which `read_flight` reads. Raises `OutputError`."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        try:
+            np.savez_compressed(path, **fields)
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def read_flight(path: Path) -> Flight:
+    """The flight of an `.npz` file that `write_npz` wrote. Raises `UsageError` for any other."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            values = {field.name: stored[field.name] for field in dataclasses.fields(Flight)}
+    except (OSError, ValueError, KeyError) as error:
+        raise UsageError(f"{path}: is not a flight that was saved: {error}") from None
+    for name, value in values.items():
+        if value.dtype.kind == "U":
+            values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
+    values["tangent_arm"] = int(values["tangent_arm"])
+    return Flight(**values)
+
+
+def coordinate_unit(name: str) -> str:
+    """Unit of a coordinate, by its name: rad of angles (`theta_…`), else m."""
+    return "rad" if name.startswith("theta_") else "m"
+
+
+def input_unit(name: str, coordinates: tuple[str, ...]) -> str:
+    """Unit of an input: N m of the torque of a revolute joint, else N."""
+    joint = name.removeprefix("tau_")
+    return "N m" if joint != name and f"theta_{joint}" in coordinates else "N"

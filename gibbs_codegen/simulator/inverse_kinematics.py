@@ -1,0 +1,291 @@
+"""Inverse kinematics: coordinates, rates and accelerations of a wanted motion.
+
+The base is exact. The arm is found by damped least squares on the Jacobian of the tip, which serves
+any arm; rates and accelerations come from the same Jacobian. Of an arm with joints to spare the
+slowest motion is taken, the one of least Σ θ̇².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.stats import qmc
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.attitude import Turning, attitude_angles
+from gibbs_codegen.simulator.paths import Path
+from gibbs_codegen.simulator.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+Limits = tuple[Array, Array]
+
+# Distance from its place at which the tip counts as there, m.
+REACHED = 1e-9
+_ITERATIONS = 200
+# Steps of the damped iteration stop mattering here, rad or m.
+_SETTLED = 1e-13
+# Singular values of the Jacobian below this share of the largest carry no motion.
+_RANK = 1e-7
+# Speed and acceleration that a singular arm may fail to give, m/s and m/s².
+_MISSED = 1e-6
+# Step of the difference that gives the rate of the Jacobian, in s at rates of 1.
+_DIFFERENCE = 1e-5
+_GUESSES = 32
+
+
+class UnreachableError(UsageError):
+    """Points of a path that the tip cannot reach: when, and how far it stays from them.
+
+    `times` (s) and `distances` (m) of all such points that were tried.
+    """
+
+    def __init__(self, message: str, times: Array, distances: Array) -> None:
+        self.times = times
+        self.distances = distances
+        super().__init__(message)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Coordinates, rates and accelerations (s, nq) at times (s)."""
+
+    time: Array
+    q: Array
+    v: Array
+    a: Array
+
+
+def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) -> Motion:
+    """Motion of attitude and position (exact), with the arm's coordinates at rest at 0.
+
+    `centre` (s, ≥ 3, 3): position, velocity and acceleration of the base centre; `turning`: the
+    rotation of arm 1. Raises `SingularAttitudeError` near the singularity of the sequence.
+    """
+    q, v, a = (np.zeros((len(time), len(vehicle.coordinates))) for _ in range(3))
+    angles, v[:, :3], a[:, :3] = attitude_angles(vehicle.attitude, turning)
+    q[:, :3] = np.unwrap(angles, axis=0)
+    lever = vehicle.centre_offset(q)
+    spin, spin_rate = turning.velocity, turning.acceleration
+    swept = np.cross(spin, lever)
+    q[:, -3:] = centre[:, 0] - lever
+    v[:, -3:] = centre[:, 1] - swept
+    a[:, -3:] = centre[:, 2] - np.cross(spin_rate, lever) - np.cross(spin, swept)
+    return Motion(time, q, v, a)
+
+
+def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Array, float]:
+    """Turn the joints of `q` (nq) until the tip is at `target` (3), or as near as it comes.
+
+    Damped least squares (Levenberg and Marquardt) on the Jacobian of the tip, within joint limits.
+    Returns the coordinates and the distance that is left, m.
+    """
+    q = q.copy()
+    arm = vehicle.arm
+    q[arm] = np.clip(q[arm], *limits)
+    error = target - vehicle.tip_pose(q)[:3, 3]
+    damping = 1e-6
+    for _ in range(_ITERATIONS):
+        jacobian = vehicle.tip_jacobian(q)[:3, arm]
+        step = _damped_step(jacobian, error, damping, (limits[0] - q[arm], limits[1] - q[arm]))
+        if np.max(np.abs(step), initial=0.0) < _SETTLED:
+            break
+        tried = q.copy()
+        tried[arm] += step
+        left = target - vehicle.tip_pose(tried)[:3, 3]
+        if left @ left < error @ error:
+            q, error, damping = tried, left, max(damping / 10.0, 1e-12)
+        elif damping > 1e12:
+            break
+        else:
+            damping *= 10.0
+    return q, float(np.linalg.norm(error))
+
+
+def first_posture(
+    vehicle: Vehicle, q: Array, target: Array, limits: Limits, guess: Array | None
+) -> tuple[Array, float]:
+    """Coordinates that put the tip at `target`, from `guess` or from many postures.
+
+    Of the postures found the one whose Jacobian is farthest from singular is taken, and of equals
+    the one with the joints nearest to 0. Returns the coordinates and the distance left, as `reach`
+    does.
+    """
+    if guess is not None:
+        q = q.copy()
+        q[vehicle.arm] = guess
+        return reach(vehicle, q, target, limits)
+    low = np.where(np.isfinite(limits[0]), limits[0], -np.pi)
+    high = np.where(np.isfinite(limits[1]), limits[1], np.pi)
+    postures = []
+    for share in qmc.Halton(vehicle.joints, scramble=False).random(_GUESSES):
+        start = q.copy()
+        start[vehicle.arm] = low + share * (high - low)
+        found, left = reach(vehicle, start, target, limits)
+        found[vehicle.arm] = _unwound(vehicle, found[vehicle.arm], limits)
+        postures.append((found, left))
+    found, left = min(postures, key=lambda posture: posture[1])
+    if left > REACHED:
+        return found, left
+    reached = [posture for posture in postures if posture[1] <= REACHED]
+    measures = [_distance_to_singularity(vehicle, found) for found, _ in reached]
+    # Elbow up or down, say, are as good as each other: then the joints nearest to 0.
+    best = [p for p, m in zip(reached, measures, strict=True) if m > 0.999 * max(measures)]
+    return min(best, key=lambda posture: float(np.linalg.norm(posture[0][vehicle.arm])))
+
+
+def _distance_to_singularity(vehicle: Vehicle, q: Array) -> float:
+    """The least singular value of the Jacobian of the tip with respect to the joints."""
+    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm]
+    return float(np.linalg.svd(jacobian, compute_uv=False)[-1])
+
+
+def _unwound(vehicle: Vehicle, joints: Array, limits: Limits) -> Array:
+    """Joints without whole turns, which say nothing of where an unlimited joint is."""
+    turning = np.isinf(limits[0]) & np.isinf(limits[1])
+    turning &= np.array([name.startswith("theta_") for name in vehicle.joint_names], dtype=bool)
+    return np.where(turning, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
+
+
+def arm_motion(
+    vehicle: Vehicle,
+    base: Motion,
+    tip: Path,
+    limits: Limits,
+    guess: Array | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Motion:
+    """Motion of base and arm, with the tip on its path.
+
+    Raises `UnreachableError` for points that the tip does not reach, once all have been tried, and
+    `UsageError` where a singular arm cannot move as the path wants.
+    """
+    q, v, a = base.q.copy(), base.v.copy(), base.a.copy()
+    targets = tip(base.time)
+    left = np.zeros(len(q))
+    arm = vehicle.arm
+    for k in range(len(q)):
+        if k == 0:
+            q[k], left[k] = first_posture(vehicle, q[k], targets[k, 0], limits, guess)
+        else:
+            step = base.time[k] - base.time[k - 1]
+            ahead = q[k - 1, arm] + step * (v[k - 1, arm] + 0.5 * step * a[k - 1, arm])
+            q[k, arm] = ahead
+            q[k], left[k] = reach(vehicle, q[k], targets[k, 0], limits)
+        reached = left[k] <= REACHED
+        if reached:
+            spare = _set_rates(vehicle, q[k], v[k], a[k], targets[k], limits, base.time[k])
+            if spare and k and left[k - 1] <= REACHED:
+                _settle_spare_joints(vehicle, (q, v, a), k, targets[k], limits, base.time)
+        progress(k + 1, len(q))
+    _refuse_unreached(base.time, left)
+    return Motion(base.time, q, v, a)
+
+
+def _settle_spare_joints(
+    vehicle: Vehicle,
+    series: tuple[Array, Array, Array],
+    k: int,
+    target: Array,
+    limits: Limits,
+    time: Array,
+) -> None:
+    """Make the coordinates of an arm with joints to spare the integral of their rates.
+
+    The tip says nothing of motions that leave it in its place. They follow from the rates at both
+    ends of the step, by the corrector of fourth order with two derivatives (Obreshkov's).
+    """
+    q, v, a = series
+    arm, step = vehicle.arm, time[k] - time[k - 1]
+    for _ in range(3):
+        q[k, arm] = (
+            q[k - 1, arm]
+            + step / 2.0 * (v[k - 1, arm] + v[k, arm])
+            + step**2 / 12.0 * (a[k - 1, arm] - a[k, arm])
+        )
+        q[k], _ = reach(vehicle, q[k], target[0], limits)
+        _set_rates(vehicle, q[k], v[k], a[k], target, limits, time[k])
+
+
+def _set_rates(
+    vehicle: Vehicle, q: Array, v: Array, a: Array, target: Array, limits: Limits, time: float
+) -> bool:
+    """Write into `v` and `a` the rates and accelerations of the arm that move the tip as wanted.
+
+    ẋ = J v and ẍ = J a + J̇ v, with the base's part of J on the other side; a joint at its limit
+    does not go beyond it. Returns whether there are joints to spare.
+    """
+    arm = vehicle.arm
+    v[arm] = a[arm] = 0.0
+    jacobian = vehicle.tip_jacobian(q)[:3]
+    free = np.ones(vehicle.joints, dtype=bool)
+    for _ in range(vehicle.joints):
+        own = np.where(free, jacobian[:, arm], 0.0)
+        inverse = np.linalg.pinv(own, rcond=_RANK)
+        rates = inverse @ (target[1] - jacobian @ v)
+        pushed = free & (
+            ((q[arm] <= limits[0] + REACHED) & (rates < 0.0))
+            | ((q[arm] >= limits[1] - REACHED) & (rates > 0.0))
+        )
+        if not np.any(pushed):
+            break
+        free &= ~pushed
+    v[arm] = rates
+    bias = vehicle.tip_bias_acceleration(q, v)[:3]
+    a[arm] = inverse @ (target[2] - jacobian @ a - bias)
+    _refuse_singular(vehicle, jacobian @ v - target[1], "speed, m/s", time)
+    _refuse_singular(vehicle, jacobian @ a + bias - target[2], "acceleration, m/s²", time)
+    has_spare = bool(np.linalg.matrix_rank(own, _RANK * np.linalg.norm(own)) < np.sum(free))
+    if has_spare:
+        # Of J⁺: what changes of the share that spare joints take.
+        ahead, behind = (
+            vehicle.tip_jacobian(q + sign * _DIFFERENCE * v)[:3, arm] for sign in (1.0, -1.0)
+        )
+        jacobian_rate = np.where(free, ahead - behind, 0.0) / (2.0 * _DIFFERENCE)
+        spare = jacobian_rate.T @ (inverse.T @ rates)
+        a[arm] += spare - inverse @ (own @ spare)
+    return has_spare
+
+
+def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) -> Array:
+    """The step of least |J δ − e|² + λ|δ|² within the room that the joint limits leave."""
+    square = jacobian @ jacobian.T
+    weight = damping * (np.trace(square) / 3.0 + 1e-12)
+    step: Array = jacobian.T @ np.linalg.solve(square + weight * np.eye(3), error)
+    if np.all((step >= room[0]) & (step <= room[1])):
+        return step
+    # `lsq_linear` wants bounds that differ.
+    slack = 1e-15
+    bounds = (np.minimum(room[0], 0.0) - slack, np.maximum(room[1], 0.0) + slack)
+    stacked = np.vstack([jacobian, np.sqrt(weight) * np.eye(len(step))])
+    wanted = np.concatenate([error, np.zeros(len(step))])
+    found: Array = lsq_linear(stacked, wanted, bounds=bounds, method="bvls").x
+    return np.clip(found, *room)
+
+
+def _refuse_singular(vehicle: Vehicle, missed: Array, what: str, time: float) -> None:
+    missing = float(np.linalg.norm(missed))
+    if missing > _MISSED:
+        raise UsageError(
+            f"the arm is singular or at its limits at t = {time:.6g} s: its joints "
+            f"({', '.join(vehicle.joint_names)}) cannot move the tip as its path wants; "
+            f"{missing:.3g} of the {what}, is missing"
+        )
+
+
+def _refuse_unreached(time: Array, left: Array) -> None:
+    far = left > REACHED
+    if not np.any(far):
+        return
+    worst = int(np.argmax(left))
+    times, distances = time[far], left[far]
+    raise UnreachableError(
+        f"the tip cannot reach its path at {len(times)} of {len(time)} instants, from "
+        f"t = {times[0]:.6g} s to {times[-1]:.6g} s; at t = {time[worst]:.6g} s it stays "
+        f"{left[worst]:.3g} m away",
+        times,
+        distances,
+    )

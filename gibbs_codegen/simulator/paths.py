@@ -1,0 +1,185 @@
+"""Smooth paths in space, with their first three derivatives in closed form.
+
+A path is called with times (…) and returns (…, 4, 3): position, velocity, acceleration and jerk in
+world axes, in m and s. The jerk is there because the attitude that follows a path needs it for its
+angular acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import make_interp_spline
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+ORDERS = 4  # position and three derivatives
+
+
+class Path(Protocol):
+    """Anything that gives position, velocity, acceleration and jerk (…, 4, 3) at times (…)."""
+
+    def __call__(self, time: ArrayLike, /) -> Array:
+        """Position and derivatives at `time`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A point that stays where it is."""
+
+    position: Vector
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        out = np.zeros((*np.shape(time), ORDERS, 3))
+        out[..., 0, :] = self.position
+        return out
+
+
+@dataclass(frozen=True)
+class Term:
+    """amplitude · e^(growth·t) · cos(frequency·t + phase); m, 1/s, rad/s, rad."""
+
+    amplitude: float
+    growth: float = 0.0
+    frequency: float = 0.0
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """A sum of growing or decaying oscillations on each axis.
+
+    Both paths of the paper (eqs. 20 and 21) are of this kind. Each term is the real part of
+    A e^(iφ) e^(st) with s = growth + i·frequency, and a derivative is a factor s.
+    """
+
+    x: tuple[Term, ...] = ()
+    y: tuple[Term, ...] = ()
+    z: tuple[Term, ...] = ()
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        t = np.asarray(time, dtype=np.float64)
+        out = np.zeros((*t.shape, ORDERS, 3))
+        for axis, terms in enumerate((self.x, self.y, self.z)):
+            for term in terms:
+                s = complex(term.growth, term.frequency)
+                wave = term.amplitude * np.exp(1j * term.phase) * np.exp(s * t)
+                for order in range(ORDERS):
+                    out[..., order, axis] += (s**order * wave).real
+        return out
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line with minimum jerk, at rest before and after.
+
+    Between `begin` and `begin` + `duration` the way done is 10s³ − 15s⁴ + 6s⁵ of the whole, s from
+    0 to 1 (Flash and Hogan, 1985).
+    """
+
+    start: Vector
+    end: Vector
+    duration: float
+    begin: float = 0.0
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        t = np.asarray(time, dtype=np.float64)
+        s = np.clip((t - self.begin) / self.duration, 0.0, 1.0)
+        moving = (t >= self.begin) & (t < self.begin + self.duration)
+        share = np.stack(
+            [
+                s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
+                30.0 * s**2 * (1.0 - s) ** 2 / self.duration,
+                60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.duration**2,
+                np.where(moving, 60.0 * (1.0 + s * (-6.0 + 6.0 * s)), 0.0) / self.duration**3,
+            ],
+            axis=-1,
+        )
+        out: Array = share[..., np.newaxis] * np.subtract(self.end, self.start)
+        out[..., 0, :] += self.start
+        return out
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A circle at constant speed, anticlockwise about `normal`.
+
+    It begins where the projection of the world's X on its plane points (of Y where `normal` is
+    along X), turned by `phase`. `period` is negative for the other way round.
+    """
+
+    centre: Vector
+    radius: float
+    period: float
+    normal: Vector = (0.0, 0.0, 1.0)
+    phase: float = 0.0
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        t = np.asarray(time, dtype=np.float64)
+        first, second = _plane(self.normal)
+        rate = 2.0 * np.pi / self.period
+        out = np.empty((*t.shape, ORDERS, 3))
+        for order in range(ORDERS):
+            angle = (rate * t + self.phase + order * np.pi / 2)[..., np.newaxis]
+            turned = np.cos(angle) * first + np.sin(angle) * second
+            out[..., order, :] = self.radius * rate**order * turned
+        out[..., 0, :] += self.centre
+        return out
+
+
+class Waypoints:
+    """A path through points at given times: a quintic spline, at rest at both ends.
+
+    Before the first and after the last point it rests there. Position, velocity, acceleration and
+    jerk are continuous between.
+    """
+
+    def __init__(self, times: Sequence[float], points: Sequence[Sequence[float]]) -> None:
+        rest = [(1, np.zeros(3)), (2, np.zeros(3))]
+        spline = make_interp_spline(
+            np.asarray(times, dtype=np.float64),
+            np.asarray(points, dtype=np.float64),
+            k=5,
+            bc_type=(rest, rest),
+        )
+        self._derivatives = [spline, *(spline.derivative(order) for order in range(1, ORDERS))]
+        self._begin, self._end = float(times[0]), float(times[-1])
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        t = np.asarray(time, dtype=np.float64)
+        inside = np.clip(t, self._begin, self._end)
+        out: Array = np.stack([derivative(inside) for derivative in self._derivatives], axis=-2)
+        out[(t < self._begin) | (t > self._end), 1:] = 0.0
+        return out
+
+
+@dataclass(frozen=True)
+class Sum:
+    """The sum of paths: a tip that moves as wanted beside the base, say."""
+
+    paths: tuple[Path, ...]
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        out: Array = np.sum([path(time) for path in self.paths], axis=0)
+        return out
+
+
+def _plane(normal: Vector) -> tuple[Array, Array]:
+    """Two unit vectors that with the direction of `normal` make a right-handed frame."""
+    n = np.asarray(normal) / np.linalg.norm(normal)
+    axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    first = axis - (axis @ n) * n
+    first /= np.linalg.norm(first)
+    return first, np.cross(n, first)

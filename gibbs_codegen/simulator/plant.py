@@ -1,0 +1,127 @@
+"""The machine under control: what integrators integrate.
+
+The state is q, v, the work done since the start, and the thrusts where the motors lag. Work is part
+of the state so that the energy balance is as exact as the integration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.simulator.control import Controller
+from gibbs_codegen.simulator.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TipForce:
+    """A force on the tip, world axes, N, from time `begin` to `end`, s."""
+
+    force: tuple[float, float, float]
+    begin: float
+    end: float
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Machine, controller, motors and what pushes from outside.
+
+    `limits`: least and greatest thrust, N; `lag`: time constant of the motors, s, or 0 for none;
+    `tip_force`: None where nothing pushes.
+    """
+
+    vehicle: Vehicle
+    controller: Controller
+    limits: tuple[float, float] | None = None
+    lag: float = 0.0
+    tip_force: TipForce | None = None
+
+    @property
+    def size(self) -> int:
+        """Length of the state."""
+        return 2 * len(self.vehicle.coordinates) + 1 + (self.vehicle.rotors if self.lag else 0)
+
+    def start(self, q: Array, v: Array) -> Array:
+        """The state at time 0, with motors that have settled at what is first asked of them."""
+        thrusts = self.commanded(0.0, q, v)[: self.vehicle.rotors] if self.lag else np.zeros(0)
+        return np.concatenate([q, v, [0.0], thrusts])
+
+    def parts(self, states: Array) -> tuple[Array, Array, Array, Array]:
+        """q, v (…, nq), work (…) and thrusts (…, N or 0) of states (…, size)."""
+        n = len(self.vehicle.coordinates)
+        return (
+            states[..., :n],
+            states[..., n : 2 * n],
+            states[..., 2 * n],
+            states[..., 2 * n + 1 :],
+        )
+
+    def commanded(self, time: float | Array, q: Array, v: Array) -> Array:
+        """Inputs u (…, nu) that the controller asks for."""
+        return self.controller(time, q, v)
+
+    def applied(self, commanded: Array, thrusts: Array) -> Array:
+        """Inputs u (…, nu) that act: thrusts within limits, or those that the motors have."""
+        inputs = commanded.copy()
+        rotors = self.vehicle.rotors
+        if self.lag:
+            inputs[..., :rotors] = thrusts
+        elif self.limits:
+            inputs[..., :rotors] = np.clip(inputs[..., :rotors], *self.limits)
+        return inputs
+
+    def acceleration(
+        self, q: Array, v: Array, inputs: Array, pushed: bool | NDArray[np.bool_]
+    ) -> Array:
+        """Accelerations (…, nq) of states and inputs, with the force on the tip where `pushed`."""
+        acceleration = self.vehicle.forward_dynamics(q, v, inputs)
+        if self.tip_force is None or not np.any(pushed):
+            return acceleration
+        push = self._generalised_push(q)
+        extra = np.linalg.solve(self.vehicle.mass_matrix(q), push[..., np.newaxis])[..., 0]
+        return acceleration + np.where(np.asarray(pushed)[..., np.newaxis], extra, 0.0)
+
+    def pushed(self, time: float | Array) -> NDArray[np.bool_]:
+        """Whether the force on the tip acts at times (…)."""
+        force = self.tip_force
+        if force is None:
+            return np.zeros(np.shape(time), dtype=bool)
+        return (np.asarray(time) >= force.begin) & (np.asarray(time) < force.end)
+
+    def derivative(self, time: float, state: Array, pushed: bool) -> Array:
+        """Time derivative of a state (size).
+
+        `pushed` is given, since an integrator may ask for the end of a stretch without force, which
+        is the moment when the force begins.
+        """
+        q, v, _, thrusts = self.parts(state)
+        commanded = self.commanded(time, q, v)
+        inputs = self.applied(commanded, thrusts)
+        power = inputs @ (v @ self.vehicle.input_matrix(q))
+        if pushed:
+            power += self._generalised_push(q) @ v
+        rates: list[Any] = [v, self.acceleration(q, v, inputs, pushed), [power]]
+        if self.lag:
+            wanted = commanded[: self.vehicle.rotors]
+            if self.limits:
+                wanted = np.clip(wanted, *self.limits)
+            rates.append((wanted - thrusts) / self.lag)
+        return np.concatenate(rates)
+
+    def breaks(self, duration: float) -> list[float]:
+        """Times from 0 to `duration` between which nothing jumps."""
+        force = self.tip_force
+        inner = [force.begin, force.end] if force else []
+        return sorted({0.0, duration, *(t for t in inner if 0.0 < t < duration)})
+
+    def _generalised_push(self, q: Array) -> Array:
+        if self.tip_force is None:
+            return np.zeros_like(q)
+        jacobian = self.vehicle.tip_jacobian(q)[..., :3, :]
+        push: Array = np.asarray(self.tip_force.force) @ jacobian
+        return push

@@ -1,0 +1,113 @@
+"""A generated module as the simulator sees it: its functions with their constants, and its layout.
+
+This is all that the simulator knows of a robot; either back end serves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.attitude import rate_matrix, rotation_matrix
+
+Array = NDArray[np.float64]
+
+_NEEDED = ("ATTITUDE", "tip_bias_acceleration")
+
+
+class Vehicle:
+    """A generated module with the constants of some parameters.
+
+    `parameters` are those of the module's `prepare`; what is left out keeps its default. The
+    functions are the module's own, by the same names. Raises `UsageError` for a module of an older
+    version and for parameters that `prepare` refuses.
+    """
+
+    def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
+        if missing := [name for name in _NEEDED if not hasattr(module, name)]:
+            raise UsageError(
+                f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
+            )
+        try:
+            self.constants: Any = module.prepare(dict(parameters)) if parameters else None
+        except (ValueError, TypeError) as error:
+            raise UsageError(f"{module.NAME}: parameters: {error}") from None
+        self.module = module
+        self.name: str = module.NAME
+        self.attitude: str = module.ATTITUDE
+        self.coordinates: tuple[str, ...] = module.COORDINATES
+        self.inputs: tuple[str, ...] = module.INPUTS
+        self.points: tuple[str, ...] = module.POINTS
+        self.joints = len(self.coordinates) - 6
+        self.rotors = len(self.inputs) - self.joints
+        self.arm = slice(3, 3 + self.joints)
+        # Attitude and position: what thrusts act on.
+        self.base = np.array([0, 1, 2, -3, -2, -1]) % len(self.coordinates)
+        self.forward_dynamics = self._bound("forward_dynamics")
+        self.inverse_dynamics = self._bound("inverse_dynamics")
+        self.mass_matrix = self._bound("mass_matrix")
+        self.input_matrix = self._bound("input_matrix")
+        self.constraint_torques = self._bound("constraint_torques")
+        self.positions = self._bound("positions")
+        self.tip_pose = self._bound("tip_pose")
+        self.tip_jacobian = self._bound("tip_jacobian")
+        self.tip_bias_acceleration = self._bound("tip_bias_acceleration")
+        self.kinetic_energy = self._bound("kinetic_energy")
+        self.potential_energy = self._bound("potential_energy")
+
+    def _bound(self, name: str) -> Callable[..., Array]:
+        function: Callable[..., Array] = getattr(self.module, name)
+        return function if self.constants is None else partial(function, constants=self.constants)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's coordinates, from the base outwards."""
+        return self.coordinates[self.arm]
+
+    def base_rotation(self, q: ArrayLike) -> Array:
+        """R (…, 3, 3), from the frame of arm 1 to the world."""
+        return rotation_matrix(self.attitude, np.asarray(q)[..., :3])
+
+    def centre_offset(self, q: ArrayLike) -> Array:
+        """Base centre as seen from the point whose position is x, y, z; (…, 3), world axes."""
+        there = np.array(q, dtype=np.float64)
+        there[..., -3:] = 0.0
+        return self.positions(there)[..., self.points.index("O2"), :]
+
+    def arm_angles(self) -> Array:
+        """Angles (N) of the base arms against arm 1, in the order of the rotors.
+
+        Arm 1 points at the centre, the others away from it; so 0 for both arm 1 and the arm across.
+        """
+        angles = -np.pi + 2.0 * np.pi * np.arange(self.rotors) / self.rotors
+        angles[0] = 0.0
+        return angles
+
+    def base_wrench(self, q: Array, generalised_force: Array) -> Array:
+        """Force and torque about the base centre (…, 6), in arm 1's frame, of forces (…, nq).
+
+        The inverse of ψ = Jᵀw for the rows of attitude and position (eq. 13).
+        """
+        world_force = generalised_force[..., -3:]
+        turn = np.swapaxes(rate_matrix(self.attitude, q[..., :3]), -1, -2)
+        torque = np.linalg.solve(turn, generalised_force[..., :3, np.newaxis])[..., 0]
+        torque = torque - np.cross(self.centre_offset(q), world_force)
+        world = np.stack([world_force, torque], axis=-2)
+        wrench = world @ self.base_rotation(q)
+        return wrench.reshape(*wrench.shape[:-2], 6)
+
+    def thrust_wrenches(self) -> Array:
+        """Wrench on the base (6, N) of a unit thrust of each rotor: force, torque about the centre.
+
+        In arm 1's frame, and the same at every configuration.
+        """
+        level = np.zeros(len(self.coordinates))
+        columns = self.input_matrix(level)[:, : self.rotors]
+        wrenches: Array = self.base_wrench(np.zeros_like(columns.T), columns.T).T
+        return wrenches

@@ -1,0 +1,88 @@
+"""Files in TOML: their text, checked as a whole, or every fault of the file at once."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from gibbs_codegen.errors import Fault, RefusedFileError, UsageError
+from gibbs_codegen.toml_lines import key_lines, line_of
+from gibbs_codegen.toml_reader import Table
+
+MAX_BYTES = 1_000_000
+
+Built = TypeVar("Built")
+
+
+def file_text(path: Path, refused: type[RefusedFileError], not_found: Callable[[], str]) -> str:
+    """Text of a file.
+
+    Raises `refused` for what is not a page of UTF-8 text, and `UsageError` where there is no file,
+    with the message that `not_found` gives.
+    """
+    try:
+        if not path.is_file():
+            raise UsageError(not_found())
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            reason = f"larger than {MAX_BYTES} bytes; a {refused.kind} is a page of text"
+            raise refused(str(path), [Fault("", reason)])
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
+        raise refused(str(path), [fault]) from None
+    except OSError as error:
+        raise UsageError(f"{str(path)[:80]}: cannot be read: {error.strerror}") from None
+
+
+def checked(
+    text: str,
+    source: str,
+    build: Callable[[Table], Built | None],
+    refused: type[RefusedFileError],
+    changes: Mapping[str, Any] | None = None,
+) -> Built:
+    """What `build` makes of a document, once it has noted no fault in it.
+
+    `changes` are put in place of what the text says, table by table. Raises `refused` with every
+    fault found, in the order of the file.
+    """
+    try:
+        document = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
+        raise refused(source, [_syntax_fault(error)]) from None
+    root = Table(merged(document, changes or {}), "", [])
+    built = build(root)
+    if root.faults or built is None:
+        lines = key_lines(text)
+        faults = [Fault(f.path, f.message, line_of(lines, f.path)) for f in root.faults]
+        faults.sort(key=lambda fault: fault.line or 0)
+        raise refused(source, faults)
+    return built
+
+
+def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """A document with `changes` in place of what it says, table by table."""
+    whole = dict(document)
+    for key, value in changes.items():
+        before = whole.get(key)
+        both = isinstance(before, Mapping) and isinstance(value, Mapping)
+        whole[key] = merged(before or {}, value) if both else value
+    return whole
+
+
+def _syntax_fault(error: Exception) -> Fault:
+    """What `tomllib` found wrong, with the line where it says one."""
+    reason = str(error)
+    if isinstance(error, RecursionError):
+        reason = "nested too deeply"
+    elif "integer string conversion" in reason:
+        reason = "a number has too many digits"
+    elif "Cannot declare ('link',)" in reason:
+        reason += "; each link of the arm is [[link]], in two brackets"
+    place = re.search(r" \(at line (\d+), column \d+\)", reason)
+    return Fault("", f"not valid TOML: {reason}", int(place[1]) if place else None)
