@@ -123,6 +123,13 @@ DESCRIPTIONS: dict[str, Description] = {
         "forward kinematics",
         ("jacobian",),
     ),
+    "tip_bias_acceleration": Description(
+        "Acceleration of the tip where a is zero, gravity left out, in world axes.",
+        "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
+        "linear entries first, then angular.",
+        "forward kinematics",
+        ("bias_acceleration",),
+    ),
 }
 
 _PREFIXES_AND_UNITS = {"q": ("", ""), "v": ("v_", "/s"), "a": ("a_", "/s^2")}
@@ -171,6 +178,7 @@ _ENTRIES = {
     "energy": "[J]",
     "pose": "axes [1] and position [m]",
     "jacobian": "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others",
+    "bias_acceleration": "[m/s^2] in the first three, [rad/s^2] in the others",
 }
 
 

@@ -24,6 +24,7 @@ FUNCTIONS = {
     "positions": (("q",), (12, 3)),
     "tip_pose": (("q",), (4, 4)),
     "tip_jacobian": (("q",), (6, 9)),
+    "tip_bias_acceleration": (("q", "v"), (6,)),
 }
 
 

@@ -23,7 +23,7 @@ def gradient(function, x: np.ndarray) -> np.ndarray:
 @settings(max_examples=12)
 @given(robot=robots(most_rotors=5, most_links=4))
 def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
-    """∂S/∂a = M a − R, ∂T/∂v = M v, and J v is the velocity of the tip."""
+    """∂S/∂a = M a − R, ∂T/∂v = M v; J v is the tip's velocity, J̇ v its acceleration at a = 0."""
     module = emitted_module(robot)
     rng = np.random.default_rng(2)
     q, v, a = rng.uniform(-1, 1, (3, len(module.COORDINATES)))
@@ -38,6 +38,9 @@ def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
     assert module.kinetic_energy(q, v) == pytest.approx(0.5 * v @ momentum, rel=1e-12)
     moved = module.positions(q + STEP * v)[-1] - module.positions(q - STEP * v)[-1]
     np.testing.assert_allclose(module.tip_jacobian(q)[:3] @ v, moved / (2 * STEP), atol=1e-8)
+    gained = (module.tip_jacobian(q + STEP * v) - module.tip_jacobian(q - STEP * v)) @ v
+    bias = module.tip_bias_acceleration(q, v)
+    np.testing.assert_allclose(bias, gained / (2 * STEP), atol=1e-8 * np.abs(bias).max())
 
 
 @settings(max_examples=12)

@@ -27,6 +27,7 @@ from .numpy_module import (
     potential_energy,
     prepare,
     residual,
+    tip_bias_acceleration,
     tip_jacobian,
     tip_pose,
 )
@@ -53,6 +54,7 @@ __all__ = [
     "potential_energy",
     "prepare",
     "residual",
+    "tip_bias_acceleration",
     "tip_jacobian",
     "tip_pose",
 ]
