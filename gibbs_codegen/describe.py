@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gibbs_codegen.coordinates import (
+    ATTITUDE,
     Coordinate,
     constraint_torque,
     hybrid_coordinates,
@@ -180,6 +181,12 @@ _ENTRIES = {
     "jacobian": "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others",
     "bias_acceleration": "[m/s^2] in the first three, [rad/s^2] in the others",
 }
+
+
+def attitude_text(robot: Robot) -> str:
+    """The attitude as a product of rotations, such as R_x(theta_m1) R_y(theta_0) R_z(theta_1)."""
+    angles = zip(robot.base.attitude, ATTITUDE, strict=True)
+    return " ".join(f"R_{axis}({angle})" for axis, angle in angles)
 
 
 def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:

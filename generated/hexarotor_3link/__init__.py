@@ -6,6 +6,7 @@
 """Dynamics of hexarotor_3link."""
 
 from .numpy_module import (
+    ATTITUDE,
     COORDINATES,
     HYBRID_COORDINATES,
     INPUTS,
@@ -33,6 +34,7 @@ from .numpy_module import (
 )
 
 __all__ = [
+    "ATTITUDE",
     "COORDINATES",
     "HYBRID_COORDINATES",
     "INPUTS",

@@ -38,6 +38,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 NAME = "quadrotor_2link"
+# Intrinsic sequence of the attitude angles. From base arm 1's frame to the world the attitude is
+# R_x(theta_m1) R_y(theta_0) R_z(theta_1).
+ATTITUDE = "xyz"
 COORDINATES = (
     "theta_m1", "theta_0", "theta_1", "theta_5", "theta_6", "x", "y", "z",
 )
