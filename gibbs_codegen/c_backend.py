@@ -35,7 +35,15 @@ from gibbs_codegen.interface import LANES, Signature, signatures
 _log = logging.getLogger("gibbs_codegen")
 # Fewer states a thread are mostly sooner done than handed over.
 _MIN_ROWS = 16_384
-_DATA = ("NAME", "COORDINATES", "HYBRID_COORDINATES", "INPUTS", "POINTS", "PARAMETERS")
+_DATA = (
+    "NAME",
+    "ATTITUDE",
+    "COORDINATES",
+    "HYBRID_COORDINATES",
+    "INPUTS",
+    "POINTS",
+    "PARAMETERS",
+)
 
 Arrays = Sequence[NDArray[np.float64]]
 

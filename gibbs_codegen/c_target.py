@@ -7,9 +7,7 @@ from typing import Any
 
 from gibbs_codegen.c_function import WIDTH, CFunction, statement_lines
 from gibbs_codegen.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
-from gibbs_codegen.describe import (
-    coordinate_table,
-)
+from gibbs_codegen.describe import attitude_text, coordinate_table
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.model import Model
 from gibbs_codegen.printers import InfixPrinter
@@ -83,12 +81,10 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
 
 
 def _convention_lines(robot: Robot) -> list[str]:
-    angles = zip(robot.base.attitude, ("theta_m1", "theta_0", "theta_1"), strict=True)
-    attitude = " ".join(f"R_{axis}({angle})" for axis, angle in angles)
     return textwrap.wrap(
-        f"The attitude, from base arm 1's frame to the world, is {attitude}. Rates are plain time "
-        "derivatives of the coordinates, not body rates. A thrust acts at its motor, along the "
-        "direction that the robot file gives in the frame of the motor's arm.",
+        f"The attitude, from base arm 1's frame to the world, is {attitude_text(robot)}. Rates are "
+        "plain time derivatives of the coordinates, not body rates. A thrust acts at its motor, "
+        "along the direction that the robot file gives in the frame of the motor's arm.",
         WIDTH - 4,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gibbs_codegen.coordinates import (
+    ATTITUDE,
     Coordinate,
     constraint_torque,
     hybrid_coordinates,
@@ -123,6 +124,13 @@ DESCRIPTIONS: dict[str, Description] = {
         "forward kinematics",
         ("jacobian",),
     ),
+    "tip_bias_acceleration": Description(
+        "Acceleration of the tip where a is zero, gravity left out, in world axes.",
+        "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
+        "linear entries first, then angular.",
+        "forward kinematics",
+        ("bias_acceleration",),
+    ),
 }
 
 _PREFIXES_AND_UNITS = {"q": ("", ""), "v": ("v_", "/s"), "a": ("a_", "/s^2")}
@@ -171,7 +179,14 @@ _ENTRIES = {
     "energy": "[J]",
     "pose": "axes [1] and position [m]",
     "jacobian": "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others",
+    "bias_acceleration": "[m/s^2] in the first three, [rad/s^2] in the others",
 }
+
+
+def attitude_text(robot: Robot) -> str:
+    """The attitude as a product of rotations, such as R_x(theta_m1) R_y(theta_0) R_z(theta_1)."""
+    angles = zip(robot.base.attitude, ATTITUDE, strict=True)
+    return " ".join(f"R_{axis}({angle})" for axis, angle in angles)
 
 
 def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:

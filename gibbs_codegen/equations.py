@@ -65,6 +65,14 @@ def chain_motions(
     )
 
 
+def free_motions(
+    tape: Scalars, root: TaitBryanRoot, chain: SerialChain, rates: Sequence[sp.Expr]
+) -> list[Motion]:
+    """Motions that the rates alone make: every θ̈ is zero, and the origin does not accelerate."""
+    state = State(rates, [sp.S.Zero] * len(rates), sp.S.Zero)
+    return chain_motions(tape, root, chain, state)
+
+
 def generalised_inertia_forces(
     tape: Scalars, root: TaitBryanRoot, chain: SerialChain, state: State
 ) -> list[sp.Expr]:

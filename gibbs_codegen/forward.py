@@ -17,7 +17,7 @@ import sympy as sp
 
 from gibbs_codegen.articulated import Acceleration, articulated_accelerations
 from gibbs_codegen.coordinates import coordinate_text
-from gibbs_codegen.equations import Matrix, State, chain_motions, unprojected_mass_matrix
+from gibbs_codegen.equations import Matrix, free_motions, unprojected_mass_matrix
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.forces import total_thrust_wrench
 from gibbs_codegen.inertia import ANGULAR, PAIRS, Inertia
@@ -133,12 +133,8 @@ def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
 
 
 def _free_motions(machine: Machine) -> list[Motion]:
-    """Motions that the rates alone make: every θ̈ is zero, and the origin does not accelerate.
-
-    The root's B₀r̈, which the recursions leave out, is therefore zero.
-    """
-    state = State(machine.v, [sp.S.Zero] * len(machine.q), sp.S.Zero)
-    return chain_motions(machine.tape, machine.root, machine.reduced_chain, state)
+    """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero."""
+    return free_motions(machine.tape, machine.root, machine.reduced_chain, machine.v)
 
 
 def _efforts(machine: Machine) -> tuple[sp.Symbol, ...]:

@@ -1,16 +1,19 @@
-"""Where the machine's points are: positions, tip pose and tip Jacobian, in world axes."""
+"""Where the machine's points are and how the tip moves, in world axes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from gibbs_codegen.articulated import Acceleration
+from gibbs_codegen.equations import free_motions
 from gibbs_codegen.forces import motor_position
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.serial import Segment
 from gibbs_codegen.tape import Scalars
 from gibbs_codegen.vectors import (
+    NO_ROTATION,
     ZERO,
     Rotation,
     Vector,
@@ -57,10 +60,7 @@ def arm_geometry(machine: Machine) -> Geometry:
         own = _turned(tape, carrier, segment.rotation)
         positions.append(position)
         axes.append(carrier[2])
-    reach = (
-        machine.parameters.link(machine.joints).body.length if positions else machine.centre_offset
-    )
-    tip = add(tape, position, scale(tape, reach, own[0]))
+    tip = add(tape, position, scale(tape, machine.reach, own[0]))
     return Geometry(base, tuple(positions), tuple(axes), own, tip)
 
 
@@ -101,6 +101,30 @@ def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
             columns.append((axis, ZERO))
     columns += [(axis_vector(k), ZERO) for k in range(3)]
     return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
+
+
+def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
+    """J̇ v of the tip Jacobian, in its rows' order: how the tip accelerates where θ̈ = 0.
+
+    What each segment adds is summed from the tip inwards and turned towards the world on the way:
+    passed outwards, the sum would be turned twice.
+    """
+    tape, root, chain = machine.tape, machine.root, machine.reduced_chain
+    motions = free_motions(tape, root, chain, machine.v)
+    reaches = [*(segment.a for segment in chain.segments[1:]), machine.reach]
+    tip = Acceleration(ZERO, motions[-1].omega_dot)
+    for k in range(len(motions) - 1, -1, -1):
+        segment = chain.segments[k]
+        own_to_working, working_to_carrier = segment.rotation, NO_ROTATION
+        if chain.works_in_own_frame(k):
+            own_to_working, working_to_carrier = working_to_carrier, own_to_working
+        x, y, _ = own_to_working.vector(tape, axis_vector(0, reaches[k]))
+        motion = replace(motions[k], acceleration=tip.linear).displaced(tape, (x, y, segment.d))
+        if segment.joint == "prismatic":
+            motion = motion.slid(tape, machine.v[2 + k], sp.S.Zero)
+        tip = Acceleration(motion.acceleration, tip.angular)
+        tip = tip.rotated(tape, working_to_carrier).rotated(tape, segment.twist)
+    return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
 
 
 def _origin(machine: Machine) -> Vector:

@@ -29,6 +29,7 @@ _FORMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "positions": ("q", ("k3",)),
     "tip_pose": ("q", ("44",)),
     "tip_jacobian": ("q", ("6q",)),
+    "tip_bias_acceleration": ("qv", ("6",)),
 }
 
 

@@ -62,6 +62,16 @@ class Machine:
             return sp.S.Zero
         return self.parameters.arm_length(1)
 
+    @property
+    def reach(self) -> sp.Expr:
+        """Distance from the last segment's joint to the tip, along the segment's x axis.
+
+        Without an arm the tip is the base centre.
+        """
+        if self.joints == 0:
+            return self.centre_offset
+        return self.parameters.link(self.joints).body.length
+
     def arm_1_inertia(self) -> Inertia:
         """Inertia of arm 1 about the origin of the coordinates, in its own frame."""
         inertia = self.parameters.arm_inertia(1)

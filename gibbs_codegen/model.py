@@ -16,7 +16,12 @@ from gibbs_codegen.combine import (
 from gibbs_codegen.determinacy import refuse_singular
 from gibbs_codegen.equations import State, generalised_inertia_forces, gibbs_function
 from gibbs_codegen.forward import articulated_dynamics, factorised_dynamics
-from gibbs_codegen.geometry import positions, tip_jacobian, tip_pose
+from gibbs_codegen.geometry import (
+    positions,
+    tip_bias_acceleration,
+    tip_jacobian,
+    tip_pose,
+)
 from gibbs_codegen.lower import Slice, lower, operations
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.program import Program
@@ -98,6 +103,7 @@ def _slices(tape: Tape, machine: Machine, progress: Progress) -> list[Slice]:
         Slice("positions", ("q",), (_matrix(positions(machine)),)),
         Slice("tip_pose", ("q",), (_matrix(tip_pose(machine)),)),
         Slice("tip_jacobian", ("q",), (_matrix(tip_jacobian(machine)),)),
+        Slice("tip_bias_acceleration", ("q", "v"), (_vector(tip_bias_acceleration(machine)),)),
     ]
 
 

@@ -10,6 +10,7 @@ from gibbs_codegen.describe import (
     DESCRIPTIONS,
     argument_meaning,
     argument_text,
+    attitude_text,
     coordinate_table,
     output_text,
 )
@@ -19,7 +20,15 @@ from gibbs_codegen.program import Function, Statement, count_operations, names_i
 from gibbs_codegen.robot import Robot
 
 _WIDTH = 100
-_DATA_NAMES = ("NAME", "COORDINATES", "HYBRID_COORDINATES", "INPUTS", "POINTS", "PARAMETERS")
+_DATA_NAMES = (
+    "NAME",
+    "ATTITUDE",
+    "COORDINATES",
+    "HYBRID_COORDINATES",
+    "INPUTS",
+    "POINTS",
+    "PARAMETERS",
+)
 
 
 def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
@@ -30,6 +39,8 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
     return {
         "name": robot.name,
         "exports": sorted([*_DATA_NAMES, "prepare", *(f["name"] for f in functions)]),
+        "attitude": robot.base.attitude,
+        "attitude_text": attitude_text(robot),
         "coordinate_lines": coordinate_table(reduced_coordinates(robot)),
         "input_lines": coordinate_table(inputs(robot)),
         "coordinates": _strings([c.name for c in reduced_coordinates(robot)]),

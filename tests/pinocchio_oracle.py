@@ -131,6 +131,19 @@ class Oracle:
         jacobian[:3] += np.cross(frame[3:].T, lever).T
         return jacobian[:, self.order], placement
 
+    def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
+        """World-axes acceleration of the tip at zero accelerations, linear entries first."""
+        tree = self.spread(q), self.spread(v), np.zeros(self.model.nv)
+        pin.forwardKinematics(self.model, self.data, *tree)
+        joint, local = self.tip
+        return pin.getFrameClassicalAcceleration(
+            self.model,
+            self.data,
+            joint,
+            pin.SE3(np.eye(3), local),
+            pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
+        ).vector
+
     def input_matrix(self, q: Array) -> Array:
         """Generalised forces of unit inputs in all coordinates, in the hybrid order."""
         robot = self.robot

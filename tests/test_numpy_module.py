@@ -24,6 +24,7 @@ FUNCTIONS = {
     "positions": (("q",), (12, 3)),
     "tip_pose": (("q",), (4, 4)),
     "tip_jacobian": (("q",), (6, 9)),
+    "tip_bias_acceleration": (("q", "v"), (6,)),
 }
 
 
@@ -114,6 +115,7 @@ def test_one_state_at_the_singularity_answers_as_a_batch_does(module: ModuleType
 
 def test_names_are_those_of_the_contract(module: ModuleType) -> None:
     assert module.NAME == "hexarotor_3link"
+    assert module.ATTITUDE == "xyz"
     assert module.COORDINATES[:4] == ("theta_m1", "theta_0", "theta_1", "theta_7")
     assert (*(f"F_{k}" for k in range(1, 7)), "tau_7", "tau_8", "tau_9") == module.INPUTS
     motors = [f"motor{k}" for k in range(1, 7)]

@@ -19,6 +19,7 @@ REDUCED = (
     "potential_energy",
     "tip_pose",
     "tip_jacobian",
+    "tip_bias_acceleration",
 )
 
 

@@ -8,8 +8,9 @@ from emitted import emitted_module
 from hypothesis import given, settings
 from random_robots import robots
 from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot import ATTITUDES, Base, Robot, Rod, alternating_thrust
 
 STEP = 1e-6
 
@@ -23,7 +24,7 @@ def gradient(function, x: np.ndarray) -> np.ndarray:
 @settings(max_examples=12)
 @given(robot=robots(most_rotors=5, most_links=4))
 def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
-    """∂S/∂a = M a − R, ∂T/∂v = M v, and J v is the velocity of the tip."""
+    """∂S/∂a = M a − R, ∂T/∂v = M v; J v is the tip's velocity, J̇ v its acceleration at a = 0."""
     module = emitted_module(robot)
     rng = np.random.default_rng(2)
     q, v, a = rng.uniform(-1, 1, (3, len(module.COORDINATES)))
@@ -38,6 +39,19 @@ def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
     assert module.kinetic_energy(q, v) == pytest.approx(0.5 * v @ momentum, rel=1e-12)
     moved = module.positions(q + STEP * v)[-1] - module.positions(q - STEP * v)[-1]
     np.testing.assert_allclose(module.tip_jacobian(q)[:3] @ v, moved / (2 * STEP), atol=1e-8)
+    gained = (module.tip_jacobian(q + STEP * v) - module.tip_jacobian(q - STEP * v)) @ v
+    bias = module.tip_bias_acceleration(q, v)
+    np.testing.assert_allclose(bias, gained / (2 * STEP), atol=1e-8 * np.abs(bias).max())
+
+
+@pytest.mark.parametrize("sequence", ATTITUDES)
+def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
+    """Without an arm the tip has the axes of base arm 1."""
+    base = Base(4, (Rod(0.5, 1.0),), alternating_thrust(4), (0.0,) * 4, attitude=sequence)
+    module = emitted_module(Robot("armless", base, ()))
+    q = np.array([0.4, -0.7, 1.1, 0.0, 0.0, 0.0])
+    expected = Rotation.from_euler(module.ATTITUDE.upper(), q[:3]).as_matrix()
+    np.testing.assert_allclose(module.tip_pose(q)[:3, :3], expected, atol=1e-15)
 
 
 @settings(max_examples=12)

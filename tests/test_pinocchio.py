@@ -61,6 +61,7 @@ def compare(robot: Robot, module: ModuleType, count: int = 2) -> None:
         "positions": module.positions(q),
         "pose": module.tip_pose(q),
         "jacobian": module.tip_jacobian(q),
+        "tip bias": module.tip_bias_acceleration(q, v),
         "gibbs": module.gibbs(q, v, a) - module.gibbs(q, v, np.zeros_like(a)),
         "kinetic": module.kinetic_energy(q, v),
         "potential": module.potential_energy(q),
@@ -104,6 +105,7 @@ def _compare_state(
     jacobian, placement = oracle.point_jacobian(q, "tip")
     assert_close("tip pose", ours["pose"], placement.homogeneous)
     assert_close("tip Jacobian", ours["jacobian"], jacobian[:, free])
+    assert_close("tip bias acceleration", ours["tip bias"], oracle.tip_bias_acceleration(q, v))
     kinetic, potential = oracle.energies(q, v)
     assert_close("kinetic energy", ours["kinetic"], np.array(kinetic))
     assert_close("potential energy", ours["potential"], np.array(potential))

@@ -4716,3 +4716,200 @@ hexarotor_3link_tip_jacobian_batch(
             jacobian + whole * (54 * LANES));
     }
 }
+
+/* ---- tip_bias_acceleration ---- */
+
+static INLINE void tip_bias_acceleration_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void tip_bias_acceleration_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+    const real t15 = v_theta_m1 * s2;
+    const real t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t16;
+    const real t18 = t15 * t16;
+    const real t19 = R(2.0) * v_theta_0 * t15;
+    const real t20 = v_theta_1 + t15;
+    const real t21 = t20 * t20;
+    const real t22 = v_theta_7 + t20;
+    const real t23 = t19 - v_theta_0 * t22;
+    const real t24 = t18 - t16 * t22;
+    const real t25 = t22 * t22;
+    const real t26 = c4 * t16 + v_theta_0 * s4;
+    const real t27 = v_theta_0 * c4 - s4 * t16;
+    const real t28 = s4 * t23 + c4 * t24;
+    const real t29 = t26 * t26;
+    const real t30 = t22 * t26;
+    const real t31 = t28 - t30;
+    const real t32 = t17 - t26 * t27;
+    const real t33 = s4 * t24 + t22 * t27 - c4 * t23;
+    const real t34 = t28 + t30;
+    const real t35 = v_theta_8 - t27;
+    const real t36 = t35 * t35;
+    const real t37 = R(2.0) * t26;
+    const real t38 = R(2.0) * t22;
+    const real t39 = v_theta_9 + t35;
+    const real t40 = t33 + t22 * t39;
+    const real t41 = t32 - t26 * t39;
+    const real t42 = t39 * t39;
+    const real t43 = link2_length * c5;
+    const real t44 = link2_length * s5;
+    const real t45 = c3 * base_arm_length;
+    const real t46 = s3 * base_arm_length;
+    const real t47 = link3_length * c6;
+    const real t48 = link3_length * s6;
+    const real t49 = (t25 + t42) * t47 - t34 * t48;
+    const real t50 = t31 * t47 + (t29 + t42) * t48;
+    const real t51 = (t33 + t38 * t39) * t48;
+    const real t52 = (t32 - t37 * t39) * t47 - t51;
+    const real t53 = t49 + (t25 + t36) * t43 - t34 * t44;
+    const real t54 = t50 + t31 * t43 + (t29 + t36) * t44;
+    const real t55 = (t33 + t35 * t38) * t44;
+    const real t56 = t52 + (t32 - t35 * t37) * t43 - t55;
+    const real t57 = c4 * t56 - s4 * t53;
+    const real t58 = c4 * t40 - s4 * t28;
+    const real t59 = c4 * t28 + s4 * t40;
+    const real t60 = (v_theta_0 * v_theta_0 + t21) * t45;
+    const real t61 = c4 * t53 + s4 * t56 + t60;
+    const real t62 = (t16 * t16 + t21) * t46;
+    const real t63 = t57 + R(2.0) * t17 * t45 - t62;
+    const real t64 = (t19 - R(2.0) * t20 * v_theta_0) * t46;
+    const real t65 = t54 + (t18 - R(2.0) * t20 * t16) * t45 + t64;
+    const real t66 = s2 * t61 - c2 * t65;
+    const real t67 = c2 * t61 + s2 * t65;
+    bias_acceleration[0 * stride] = -t67;
+    const real t68 = c1 * t63 - s1 * t66;
+    bias_acceleration[1 * stride] = t68;
+    const real t69 = c1 * t66 + s1 * t63;
+    bias_acceleration[2 * stride] = t69;
+    const real t70 = c2 * t41 - s2 * t58;
+    const real t71 = s2 * t41 + c2 * t58;
+    bias_acceleration[3 * stride] = t71;
+    const real t72 = c1 * t59 - s1 * t70;
+    bias_acceleration[4 * stride] = t72;
+    const real t73 = c1 * t70 + s1 * t59;
+    bias_acceleration[5 * stride] = t73;
+}
+
+void
+hexarotor_3link_tip_bias_acceleration(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration)
+{
+    real angle[6], sine[6], cosine[6];
+    tip_bias_acceleration_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    tip_bias_acceleration_lane(constants, sine, cosine, q, v, bias_acceleration, 1);
+}
+
+static WIDE void tip_bias_acceleration_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        tip_bias_acceleration_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        tip_bias_acceleration_lane(constants, sine + lane, cosine + lane, q + lane, v +
+            lane, bias_acceleration + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_tip_bias_acceleration_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        tip_bias_acceleration_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            bias_acceleration + block * (6 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        tip_bias_acceleration_block(
+            constants,
+            last_q,
+            last_v,
+            bias_acceleration + whole * (6 * LANES));
+    }
+}

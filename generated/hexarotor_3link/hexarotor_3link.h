@@ -772,6 +772,39 @@ hexarotor_3link_tip_jacobian_batch(
     const hexarotor_3link_real *q,
     hexarotor_3link_real *jacobian);
 
+/**
+ * @brief Acceleration of the tip where a is zero, gravity left out, in world axes.
+ *
+ * It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, linear
+ * entries first, then angular.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
+ *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
+ * @note 143 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: forward kinematics.
+ */
+void
+hexarotor_3link_tip_bias_acceleration(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *bias_acceleration);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_tip_bias_acceleration_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *bias_acceleration);
+
 #ifdef __cplusplus
 }
 #endif

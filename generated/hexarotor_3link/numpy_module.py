@@ -42,6 +42,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 NAME = "hexarotor_3link"
+# Intrinsic sequence of the attitude angles. From base arm 1's frame to the world the attitude is
+# R_x(theta_m1) R_y(theta_0) R_z(theta_1).
+ATTITUDE = "xyz"
 COORDINATES = (
     "theta_m1", "theta_0", "theta_1", "theta_7", "theta_8", "theta_9", "x", "y", "z",
 )
@@ -2814,4 +2817,127 @@ def _tip_jacobian(k, sin, cos, q):
         t32, -t36, t39, -t45, -t48, -t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
         0.0, t1, -t15, -t15, -t26, -t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0,
         0.0,
+    )
+
+
+def tip_bias_acceleration(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Acceleration of the tip where a is zero, gravity left out, in world axes.
+
+    It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, linear
+    entries first, then angular.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    bias_acceleration: array (..., 6); [m/s^2] in the first three, [rad/s^2] in the others
+    Source: forward kinematics. 143 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _tip_bias_acceleration,
+        constants,
+        _argument("q", q, 9),
+        _argument("v", v, 9),
+    )
+    return _array(entries, (6,), batch)
+
+
+def _tip_bias_acceleration(k, sin, cos, q, v):
+    base_arm_length = k[1]
+    link2_length = k[2]
+    link3_length = k[3]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+    t15 = v_theta_m1 * t4
+    t16 = v_theta_m1 * t3
+    t17 = v_theta_0 * t16
+    t18 = t15 * t16
+    t19 = 2.0 * v_theta_0 * t15
+    t20 = v_theta_1 + t15
+    t21 = t20 * t20
+    t22 = v_theta_7 + t20
+    t23 = t19 - v_theta_0 * t22
+    t24 = t18 - t16 * t22
+    t25 = t22 * t22
+    t26 = t8 * t16 + v_theta_0 * t9
+    t27 = v_theta_0 * t8 - t9 * t16
+    t28 = t9 * t23 + t8 * t24
+    t29 = t26 * t26
+    t30 = t22 * t26
+    t31 = t28 - t30
+    t32 = t17 - t26 * t27
+    t33 = t9 * t24 + t22 * t27 - t8 * t23
+    t34 = t28 + t30
+    t35 = v_theta_8 - t27
+    t36 = t35 * t35
+    t37 = 2.0 * t26
+    t38 = 2.0 * t22
+    t39 = v_theta_9 + t35
+    t40 = t33 + t22 * t39
+    t41 = t32 - t26 * t39
+    t42 = t39 * t39
+    t43 = link2_length * t10
+    t44 = link2_length * t11
+    t45 = t5 * base_arm_length
+    t46 = t6 * base_arm_length
+    t47 = link3_length * t13
+    t48 = link3_length * t14
+    t49 = (t25 + t42) * t47 - t34 * t48
+    t50 = t31 * t47 + (t29 + t42) * t48
+    t51 = (t33 + t38 * t39) * t48
+    t52 = (t32 - t37 * t39) * t47 - t51
+    t53 = t49 + (t25 + t36) * t43 - t34 * t44
+    t54 = t50 + t31 * t43 + (t29 + t36) * t44
+    t55 = (t33 + t35 * t38) * t44
+    t56 = t52 + (t32 - t35 * t37) * t43 - t55
+    t57 = t8 * t56 - t9 * t53
+    t58 = t8 * t40 - t9 * t28
+    t59 = t8 * t28 + t9 * t40
+    t60 = (v_theta_0 * v_theta_0 + t21) * t45
+    t61 = t8 * t53 + t9 * t56 + t60
+    t62 = (t16 * t16 + t21) * t46
+    t63 = t57 + 2.0 * t17 * t45 - t62
+    t64 = (t19 - 2.0 * t20 * v_theta_0) * t46
+    t65 = t54 + (t18 - 2.0 * t20 * t16) * t45 + t64
+    t66 = t4 * t61 - t3 * t65
+    t67 = t3 * t61 + t4 * t65
+    t68 = t1 * t63 - t2 * t66
+    t69 = t1 * t66 + t2 * t63
+    t70 = t3 * t41 - t4 * t58
+    t71 = t4 * t41 + t3 * t58
+    t72 = t1 * t59 - t2 * t70
+    t73 = t1 * t70 + t2 * t59
+    return (
+        -t67, t68, t69, t71, t72, t73,
     )

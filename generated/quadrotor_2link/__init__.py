@@ -6,6 +6,7 @@
 """Dynamics of quadrotor_2link."""
 
 from .numpy_module import (
+    ATTITUDE,
     COORDINATES,
     HYBRID_COORDINATES,
     INPUTS,
@@ -27,11 +28,13 @@ from .numpy_module import (
     potential_energy,
     prepare,
     residual,
+    tip_bias_acceleration,
     tip_jacobian,
     tip_pose,
 )
 
 __all__ = [
+    "ATTITUDE",
     "COORDINATES",
     "HYBRID_COORDINATES",
     "INPUTS",
@@ -53,6 +56,7 @@ __all__ = [
     "potential_energy",
     "prepare",
     "residual",
+    "tip_bias_acceleration",
     "tip_jacobian",
     "tip_pose",
 ]

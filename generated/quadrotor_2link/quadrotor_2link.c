@@ -3927,3 +3927,179 @@ quadrotor_2link_tip_jacobian_batch(
             jacobian + whole * (48 * LANES));
     }
 }
+
+/* ---- tip_bias_acceleration ---- */
+
+static INLINE void tip_bias_acceleration_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void tip_bias_acceleration_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride];
+    const real v_theta_6 = v[4 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real t12 = v_theta_m1 * s2;
+    const real t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t13;
+    const real t15 = t12 * t13;
+    const real t16 = R(2.0) * v_theta_0 * t12;
+    const real t17 = v_theta_1 + t12;
+    const real t18 = t17 * t17;
+    const real t19 = v_theta_5 + t17;
+    const real t20 = t16 - v_theta_0 * t19;
+    const real t21 = t15 - t13 * t19;
+    const real t22 = c4 * t13 + v_theta_0 * s4;
+    const real t23 = v_theta_0 * c4 - s4 * t13;
+    const real t24 = c4 * t21 + s4 * t20;
+    const real t25 = t19 * t22;
+    const real t26 = t14 - t22 * t23;
+    const real t27 = s4 * t21 + t19 * t23 - c4 * t20;
+    const real t28 = v_theta_6 - t23;
+    const real t29 = t27 + t19 * t28;
+    const real t30 = t26 - t22 * t28;
+    const real t31 = t28 * t28;
+    const real t32 = c3 * base_arm_length;
+    const real t33 = s3 * base_arm_length;
+    const real t34 = link2_length * c5;
+    const real t35 = link2_length * s5;
+    const real t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35;
+    const real t37 = (t24 - t25) * t34 + (t22 * t22 + t31) * t35;
+    const real t38 = (t27 + R(2.0) * t28 * t19) * t35;
+    const real t39 = (t26 - R(2.0) * t28 * t22) * t34 - t38;
+    const real t40 = c4 * t39 - s4 * t36;
+    const real t41 = c4 * t29 - s4 * t24;
+    const real t42 = c4 * t24 + s4 * t29;
+    const real t43 = (v_theta_0 * v_theta_0 + t18) * t32;
+    const real t44 = c4 * t36 + s4 * t39 + t43;
+    const real t45 = (t13 * t13 + t18) * t33;
+    const real t46 = t40 + R(2.0) * t14 * t32 - t45;
+    const real t47 = (t16 - R(2.0) * t17 * v_theta_0) * t33;
+    const real t48 = t37 + (t15 - R(2.0) * t17 * t13) * t32 + t47;
+    const real t49 = s2 * t44 - c2 * t48;
+    const real t50 = c2 * t44 + s2 * t48;
+    bias_acceleration[0 * stride] = -t50;
+    const real t51 = c1 * t46 - s1 * t49;
+    bias_acceleration[1 * stride] = t51;
+    const real t52 = c1 * t49 + s1 * t46;
+    bias_acceleration[2 * stride] = t52;
+    const real t53 = c2 * t30 - s2 * t41;
+    const real t54 = s2 * t30 + c2 * t41;
+    bias_acceleration[3 * stride] = t54;
+    const real t55 = c1 * t42 - s1 * t53;
+    bias_acceleration[4 * stride] = t55;
+    const real t56 = c1 * t53 + s1 * t42;
+    bias_acceleration[5 * stride] = t56;
+}
+
+void
+quadrotor_2link_tip_bias_acceleration(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration)
+{
+    real angle[5], sine[5], cosine[5];
+    tip_bias_acceleration_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    tip_bias_acceleration_lane(constants, sine, cosine, q, v, bias_acceleration, 1);
+}
+
+static WIDE void tip_bias_acceleration_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        tip_bias_acceleration_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        tip_bias_acceleration_lane(constants, sine + lane, cosine + lane, q + lane, v +
+            lane, bias_acceleration + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_tip_bias_acceleration_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_acceleration)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        tip_bias_acceleration_block(
+            constants,
+            q + block * (8 * LANES),
+            v + block * (8 * LANES),
+            bias_acceleration + block * (6 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        real last_v[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        fill_lanes(
+            8,
+            rest,
+            v + whole * (8 * LANES),
+            last_v);
+        tip_bias_acceleration_block(
+            constants,
+            last_q,
+            last_v,
+            bias_acceleration + whole * (6 * LANES));
+    }
+}

@@ -724,6 +724,39 @@ quadrotor_2link_tip_jacobian_batch(
     const quadrotor_2link_real *q,
     quadrotor_2link_real *jacobian);
 
+/**
+ * @brief Acceleration of the tip where a is zero, gravity left out, in world axes.
+ *
+ * It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, linear
+ * entries first, then angular.
+ *
+ * @param[in] constants what quadrotor_2link_init_constants() made, or
+ *     &quadrotor_2link_default_constants
+ * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
+ *     theta_6 [rad], x [m], y [m], z [m]
+ * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
+ *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
+ * @note 120 operations, 5 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: forward kinematics.
+ */
+void
+quadrotor_2link_tip_bias_acceleration(
+    const quadrotor_2link_constants *constants,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *bias_acceleration);
+
+/** @brief The same for `count` states in blocks. */
+void
+quadrotor_2link_tip_bias_acceleration_batch(
+    const quadrotor_2link_constants *constants,
+    size_t count,
+    const quadrotor_2link_real *q,
+    const quadrotor_2link_real *v,
+    quadrotor_2link_real *bias_acceleration);
+
 #ifdef __cplusplus
 }
 #endif

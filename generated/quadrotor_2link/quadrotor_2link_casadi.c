@@ -154,6 +154,14 @@ const char *CASADI(tip_jacobian_name_out)(casadi_int);
 const casadi_int *CASADI(tip_jacobian_sparsity_in)(casadi_int);
 const casadi_int *CASADI(tip_jacobian_sparsity_out)(casadi_int);
 int CASADI(tip_jacobian_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(tip_bias_acceleration)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(tip_bias_acceleration_n_in)(void);
+casadi_int CASADI(tip_bias_acceleration_n_out)(void);
+const char *CASADI(tip_bias_acceleration_name_in)(casadi_int);
+const char *CASADI(tip_bias_acceleration_name_out)(casadi_int);
+const casadi_int *CASADI(tip_bias_acceleration_sparsity_in)(casadi_int);
+const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int);
+int CASADI(tip_bias_acceleration_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 #ifdef __cplusplus
 }
 #endif
@@ -1396,5 +1404,82 @@ int CASADI(tip_jacobian_work)(
     *sz_res = 1;
     *sz_iw = 0;
     *sz_w = 48;
+    return 0;
+}
+
+/* ---- tip_bias_acceleration ---- */
+
+int CASADI(tip_bias_acceleration)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    quadrotor_2link_tip_bias_acceleration(
+        &quadrotor_2link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        w + 0);
+    store(6, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(tip_bias_acceleration_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(tip_bias_acceleration_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(tip_bias_acceleration_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(tip_bias_acceleration_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "bias_acceleration",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(tip_bias_acceleration_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {8, 1, 1},
+        {8, 1, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {6, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(tip_bias_acceleration_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 6;
     return 0;
 }
