@@ -10,8 +10,10 @@ from types import ModuleType
 import pytest
 from hypothesis import HealthCheck, settings
 
+from gibbs_codegen.family import paper_family
 from gibbs_codegen.load import load
-from gibbs_codegen.pipeline import generate
+from gibbs_codegen.pipeline import generate, generate_robot
+from gibbs_codegen.robot_text import robot_text
 
 settings.register_profile(
     "project",
@@ -45,5 +47,36 @@ def shipped(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], ModuleT
             generate(name, folder)
             made[name] = load(folder / name)
         return made[name]
+
+    return module
+
+
+@pytest.fixture(scope="session")
+def fast(shipped: Callable[[str], ModuleType]) -> Callable[[str], ModuleType]:
+    """Load the C back end of a robot that ships; NumPy's where nothing compiles."""
+    made: dict[str, ModuleType] = {}
+
+    def module(name: str) -> ModuleType:
+        if name not in made:
+            made[name] = load(Path(shipped(name).__file__ or "").parent, backend="c")
+        return made[name]
+
+    return module
+
+
+@pytest.fixture(scope="session")
+def family(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Callable[[int, int], ModuleType]:
+    """Load the C back end of a member of the paper's family, by rotors and links."""
+    folder = tmp_path_factory.mktemp("family")
+    made: dict[tuple[int, int], ModuleType] = {}
+
+    def module(rotors: int, links: int) -> ModuleType:
+        if (rotors, links) not in made:
+            robot = paper_family(rotors, links)
+            generate_robot(robot, robot_text(robot), folder)
+            made[rotors, links] = load(folder / robot.name, backend="c")
+        return made[rotors, links]
 
     return module

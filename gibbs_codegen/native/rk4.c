@@ -12,6 +12,7 @@
 
 enum { BASE = 6, POWERS = 6 };
 enum { DONE = 0, LIMIT = 1 };
+enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2 };
 
 typedef void Forward(const void *, const double *, const double *, const double *, double *);
 typedef void Inverse(const void *, const double *, const double *, const double *, double *);
@@ -25,7 +26,7 @@ typedef struct {
     ptrdiff_t coordinates;
     ptrdiff_t rotors;
     ptrdiff_t pieces;
-    int open_loop;
+    int law;
     int limited;
     double least;
     double most;
@@ -37,12 +38,18 @@ typedef struct {
     const double *coefficients;  /* [pieces][6][coordinates] */
     const double *stiffness;     /* [coordinates] */
     const double *damping;       /* [coordinates] */
-    const double *distribution;  /* [rotors][6]: thrusts of a wrench */
-    double *scratch;             /* 16 × (2 × coordinates + 1 + rotors) + coordinates × inputs */
+    const double *distribution;  /* [rotors][6]: thrusts of a force and a torque on the base */
+    double *scratch;             /* [gibbs_codegen_rk4_room] */
 } Flight;
 
+/* Length of the state. */
+static ptrdiff_t size_of(const Flight *f)
+{
+    return 2 * f->coordinates + 1 + (f->lag > 0.0 ? f->rotors : 0);
+}
+
 /* Desired coordinates, rates and accelerations, one after the other. */
-static void reference(const Flight *f, double time, double *out)
+static void reference(const Flight *f, double time, double *restrict out)
 {
     const ptrdiff_t n = f->coordinates;
     const double last = (double)f->pieces * f->piece;
@@ -51,7 +58,7 @@ static void reference(const Flight *f, double time, double *out)
     ptrdiff_t k = (ptrdiff_t)(since / f->piece);
     k = k < f->pieces ? k : f->pieces - 1;
     const double s = since - (double)k * f->piece;
-    const double *c = f->coefficients + k * POWERS * n;
+    const double *restrict c = f->coefficients + k * POWERS * n;
     for (ptrdiff_t i = 0; i < n; ++i) {
         const double c1 = c[n + i], c2 = c[2 * n + i], c3 = c[3 * n + i];
         const double c4 = c[4 * n + i], c5 = c[5 * n + i];
@@ -61,146 +68,175 @@ static void reference(const Flight *f, double time, double *out)
     }
 }
 
-/* Solve A x = b by elimination with row pivots; A is overwritten, b becomes x. */
-static void solve(double a[BASE][BASE], double b[BASE])
+/* Desired accelerations, corrected by the errors of a state. */
+static void corrected(const Flight *f, const double *restrict wanted, const double *restrict state,
+                      double *restrict out)
 {
-    for (int k = 0; k < BASE; ++k) {
-        int pivot = k;
-        for (int i = k + 1; i < BASE; ++i) {
-            pivot = fabs(a[i][k]) > fabs(a[pivot][k]) ? i : pivot;
-        }
-        for (int j = 0; j < BASE; ++j) {
-            const double t = a[k][j];
-            a[k][j] = a[pivot][j];
-            a[pivot][j] = t;
-        }
-        const double t = b[k];
-        b[k] = b[pivot];
-        b[pivot] = t;
-        const double inverse = 1.0 / a[k][k];
-        for (int i = k + 1; i < BASE; ++i) {
-            const double factor = a[i][k] * inverse;
-            for (int j = k + 1; j < BASE; ++j) {
-                a[i][j] -= factor * a[k][j];
-            }
-            b[i] -= factor * b[k];
-        }
-    }
-    for (int k = BASE - 1; k >= 0; --k) {
-        for (int j = k + 1; j < BASE; ++j) {
-            b[k] -= a[k][j] * b[j];
-        }
-        b[k] /= a[k][k];
+    const ptrdiff_t n = f->coordinates;
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        out[i] = wanted[2 * n + i] + f->damping[i] * (wanted[n + i] - state[n + i]) +
+                 f->stiffness[i] * (wanted[i] - state[i]);
     }
 }
 
-/* Row of attitude or position in the coordinates. */
-static ptrdiff_t base_row(const Flight *f, int i)
+static void cross(const double *a, const double *b, double *out)
 {
-    return i < 3 ? i : f->coordinates - BASE + i;
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* Solve A x = b for three unknowns by Cramer's rule, A row by row. */
+static void solve(const double *a, const double *b, double *x)
+{
+    double first[3], second[3], third[3];
+    cross(a + 3, a + 6, first);
+    cross(a + 6, a, second);
+    cross(a, a + 3, third);
+    const double scale = 1.0 / (a[0] * first[0] + a[1] * first[1] + a[2] * first[2]);
+    for (int j = 0; j < 3; ++j) {
+        x[j] = scale * (first[j] * b[0] + second[j] * b[1] + third[j] * b[2]);
+    }
 }
 
 /*
  * Inputs of a generalised force: the joints' own entries, and thrusts for the rest. `distribution`
- * turns a wrench into thrusts; which wrench a generalised force is, G w = force, is told by the
- * generalised forces of those thrusts, G = W distribution with W the thrusts' part of B.
+ * tells the thrusts of a force and a torque on the base; which force and torque it takes is told by
+ * what such thrusts do to position and attitude. Position is moved by the force alone, so that is
+ * found first, and the torque then makes what the force leaves of the attitude's entries.
  */
-static void allocate(const Flight *f, const double *matrix, const double *force, double *inputs)
+static void allocate(const Flight *f, const double *matrix, const double *wanted, double *inputs)
 {
-    const ptrdiff_t joints = f->coordinates - BASE;
-    const ptrdiff_t width = f->rotors + joints;
-    double g[BASE][BASE], wrench[BASE];
-    for (int i = 0; i < BASE; ++i) {
-        const double *row = matrix + base_row(f, i) * width;
-        wrench[i] = force[base_row(f, i)];
-        for (int j = 0; j < BASE; ++j) {
-            g[i][j] = 0.0;
-        }
-        for (ptrdiff_t k = 0; k < f->rotors; ++k) {
-            for (int j = 0; j < BASE; ++j) {
-                g[i][j] += row[k] * f->distribution[k * BASE + j];
+    const ptrdiff_t n = f->coordinates, joints = n - BASE, width = f->rotors + joints;
+    const double *attitude = matrix, *position = matrix + (n - 3) * width;
+    double pushed[9] = {0.0}, turned[9] = {0.0}, force[3], torque[3];
+    double left[3] = {wanted[0], wanted[1], wanted[2]};
+    for (ptrdiff_t k = 0; k < f->rotors; ++k) {
+        const double *share = f->distribution + k * BASE;
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) {
+                pushed[3 * i + j] += position[i * width + k] * share[j];
+                turned[3 * i + j] += attitude[i * width + k] * share[3 + j];
             }
         }
     }
-    solve(g, wrench);
+    solve(pushed, wanted + n - 3, force);
     for (ptrdiff_t k = 0; k < f->rotors; ++k) {
-        inputs[k] = 0.0;
-        for (int j = 0; j < BASE; ++j) {
-            inputs[k] += f->distribution[k * BASE + j] * wrench[j];
+        const double *share = f->distribution + k * BASE;
+        inputs[k] = share[0] * force[0] + share[1] * force[1] + share[2] * force[2];
+        for (int i = 0; i < 3; ++i) {
+            left[i] -= attitude[i * width + k] * inputs[k];
         }
     }
-    for (ptrdiff_t k = 0; k < joints; ++k) {
-        inputs[f->rotors + k] = force[3 + k];
+    solve(turned, left, torque);
+    for (ptrdiff_t k = 0; k < f->rotors; ++k) {
+        const double *share = f->distribution + k * BASE + 3;
+        inputs[k] += share[0] * torque[0] + share[1] * torque[1] + share[2] * torque[2];
     }
+    memcpy(inputs + f->rotors, wanted + 3, (size_t)joints * sizeof *inputs);
+}
+
+/* Power of inputs: thrusts act on attitude and position, joint torques on their own joints. */
+static double power(const Flight *f, const double *matrix, const double *inputs, const double *v)
+{
+    const ptrdiff_t n = f->coordinates, joints = n - BASE, width = f->rotors + joints;
+    const double *attitude = matrix, *position = matrix + (n - 3) * width;
+    double sum = 0.0;
+    for (ptrdiff_t k = 0; k < f->rotors; ++k) {
+        double speed = 0.0;
+        for (int i = 0; i < 3; ++i) {
+            speed += attitude[i * width + k] * v[i] + position[i * width + k] * v[n - 3 + i];
+        }
+        sum += speed * inputs[k];
+    }
+    for (ptrdiff_t k = 0; k < joints; ++k) {
+        sum += v[3 + k] * inputs[f->rotors + k];
+    }
+    return sum;
+}
+
+static int within_limits(const Flight *f, const double *thrusts)
+{
+    for (ptrdiff_t k = 0; k < f->rotors; ++k) {
+        if (!(thrusts[k] >= f->least && thrusts[k] <= f->most)) {
+            return 0;
+        }
+    }
+    return 1;
 }
 
 /*
- * Time derivative of a state. `wanted` is the reference at its time, `matrix` and `work` are room
- * for the input matrix and for three vectors. Returns LIMIT where a thrust meets one.
+ * Time derivative of a state. `wanted` is the reference at its time; `matrix` is room for the input
+ * matrix, `work` for two vectors of coordinates and one of inputs. Returns LIMIT, without a rate,
+ * where a thrust meets one.
  */
 static int derivative(const Flight *f, const double *wanted, const double *state, double *rate,
                       double *matrix, double *work)
 {
     const ptrdiff_t n = f->coordinates, inputs = f->rotors + n - BASE;
     const double *q = state, *v = state + n, *thrusts = state + 2 * n + 1;
-    double *force = work, *commanded = work + n, *acceleration = work + n + inputs;
-    int status = DONE;
-    for (ptrdiff_t i = 0; i < n; ++i) {
-        acceleration[i] = wanted[2 * n + i];
-        if (!f->open_loop) {
-            acceleration[i] += f->damping[i] * (wanted[n + i] - v[i]) +
-                               f->stiffness[i] * (wanted[i] - q[i]);
-        }
-    }
-    if (f->open_loop) {
-        f->inverse_dynamics(f->constants, wanted, wanted + n, acceleration, force);
+    double *acceleration = work, *force = acceleration + n, *commanded = force + n;
+    if (f->law == OPEN_LOOP) {
+        f->inverse_dynamics(f->constants, wanted, wanted + n, wanted + 2 * n, force);
         f->input_matrix(f->constants, wanted, matrix);
         allocate(f, matrix, force, commanded);
-        f->input_matrix(f->constants, q, matrix);
-    } else {
-        f->inverse_dynamics(f->constants, q, v, acceleration, force);
-        f->input_matrix(f->constants, q, matrix);
-        allocate(f, matrix, force, commanded);
     }
-    for (ptrdiff_t k = 0; k < f->rotors; ++k) {
-        if (f->limited && !(commanded[k] >= f->least && commanded[k] <= f->most)) {
-            status = LIMIT;
-        }
-        if (f->lag > 0.0) {
+    f->input_matrix(f->constants, q, matrix);
+    if (f->law == COMPUTED_TORQUE) {
+        corrected(f, wanted, state, acceleration);
+        f->inverse_dynamics(f->constants, q, v, acceleration, force);
+        allocate(f, matrix, force, commanded);
+    } else if (f->law == OFF) {
+        memset(commanded, 0, (size_t)inputs * sizeof *commanded);
+    }
+    if (f->limited && !within_limits(f, commanded)) {
+        return LIMIT;
+    }
+    if (f->lag > 0.0) {
+        for (ptrdiff_t k = 0; k < f->rotors; ++k) {
             rate[2 * n + 1 + k] = (commanded[k] - thrusts[k]) / f->lag;
             commanded[k] = thrusts[k];
         }
     }
     memcpy(rate, v, (size_t)n * sizeof *rate);
     f->forward_dynamics(f->constants, q, v, commanded, rate + n);
-    double power = 0.0;
-    for (ptrdiff_t i = 0; i < n; ++i) {
-        double effort = 0.0;
-        for (ptrdiff_t k = 0; k < inputs; ++k) {
-            effort += matrix[i * inputs + k] * commanded[k];
-        }
-        power += effort * v[i];
+    rate[2 * n] = power(f, matrix, commanded, v);
+    return DONE;
+}
+
+/* Add a share of the slopes to `sum`, and go `ahead` along them from a state. */
+static void advance(ptrdiff_t size, const double *restrict rate, double share, double *restrict sum,
+                    const double *restrict state, double ahead, double *restrict stage)
+{
+    for (ptrdiff_t i = 0; i < size; ++i) {
+        sum[i] += share * rate[i];
+        stage[i] = state[i] + ahead * rate[i];
     }
-    rate[2 * n] = power;
-    return status;
 }
 
 /* Whether a flight can go on: finite, near what is wanted, and away from the singularity. */
 static int goes_on(const Flight *f, const double *wanted, const double *state, ptrdiff_t size)
 {
-    double sum = 0.0;
     for (ptrdiff_t i = 0; i < size; ++i) {
-        sum += fabs(state[i]);
-    }
-    if (!isfinite(sum)) {
-        return 0;
+        if (!isfinite(state[i])) {
+            return 0;
+        }
     }
     for (ptrdiff_t i = 0; i < f->coordinates; ++i) {
         if (fabs(state[i] - wanted[i]) > f->divergence) {
             return 0;
         }
     }
-    return fabs(cos(state[1])) >= f->singular_cosine;
+    return cos(state[1]) >= f->singular_cosine;
+}
+
+/* How many numbers `scratch` must hold; it is not looked at itself. */
+ptrdiff_t gibbs_codegen_rk4_room(const Flight *flight);
+
+ptrdiff_t gibbs_codegen_rk4_room(const Flight *flight)
+{
+    const ptrdiff_t n = flight->coordinates, inputs = flight->rotors + n - BASE;
+    return 3 * size_of(flight) + 3 * (3 * n) + n * inputs + (2 * n + inputs);
 }
 
 /*
@@ -215,34 +251,24 @@ ptrdiff_t gibbs_codegen_rk4(const Flight *flight, double time, double step, ptrd
 ptrdiff_t gibbs_codegen_rk4(const Flight *flight, double time, double step, ptrdiff_t count,
                             ptrdiff_t every, ptrdiff_t number, double *state, double *samples)
 {
-    static const double ahead[4] = {0.0, 0.5, 0.5, 1.0};
     static const double weight[4] = {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0};
+    static const double ahead[4] = {0.5, 0.5, 1.0, 0.0}; /* to where the next slopes are taken */
     const Flight f = *flight;
-    const ptrdiff_t n = f.coordinates, inputs = f.rotors + n - BASE;
-    const ptrdiff_t size = 2 * n + 1 + (f.lag > 0.0 ? f.rotors : 0);
+    const ptrdiff_t n = f.coordinates, inputs = f.rotors + n - BASE, size = size_of(&f);
     double *rate = f.scratch, *stage = rate + size, *sum = stage + size;
     double *now = sum + size, *middle = now + 3 * n, *then = middle + 3 * n;
     double *matrix = then + 3 * n, *work = matrix + n * inputs;
     reference(&f, time, now);
     for (ptrdiff_t done = 0; done < count; ++done) {
-        const double at = time + step * (double)done;
-        double *const wanted[4] = {now, middle, middle, then};
-        reference(&f, at + 0.5 * step, middle);
+        const double *const wanted[4] = {now, middle, middle, then};
+        reference(&f, time + step * ((double)done + 0.5), middle);
         reference(&f, time + step * (double)(done + 1), then);
         memcpy(sum, state, (size_t)size * sizeof *sum);
-        memcpy(stage, state, (size_t)size * sizeof *stage);
         for (int k = 0; k < 4; ++k) {
-            if (k > 0) {
-                for (ptrdiff_t i = 0; i < size; ++i) {
-                    stage[i] = state[i] + step * ahead[k] * rate[i];
-                }
-            }
-            if (derivative(&f, wanted[k], stage, rate, matrix, work) == LIMIT) {
+            if (derivative(&f, wanted[k], k > 0 ? stage : state, rate, matrix, work) == LIMIT) {
                 return done;
             }
-            for (ptrdiff_t i = 0; i < size; ++i) {
-                sum[i] += step * weight[k] * rate[i];
-            }
+            advance(size, rate, step * weight[k], sum, state, step * ahead[k], stage);
         }
         memcpy(state, sum, (size_t)size * sizeof *state);
         if ((number + done + 1) % every == 0) {

@@ -22,7 +22,14 @@ SINGULAR_COSINE = 0.005
 
 
 class SingularAttitudeError(UsageError):
-    """An attitude so near the singularity of the sequence that angles do not describe it."""
+    """An attitude so near the singularity of the sequence that angles do not describe it.
+
+    `place` is that of the first such attitude among those given.
+    """
+
+    def __init__(self, message: str, place: int) -> None:
+        self.place = place
+        super().__init__(message)
 
 
 @dataclass(frozen=True)
@@ -81,10 +88,12 @@ def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Arra
     first, _, third = ("xyz".index(letter) for letter in sequence)
     # The entry of R that is ± sin θ₀ in any sequence of three different axes.
     sine = rotation[..., first, third]
-    if np.any(1.0 - sine**2 < SINGULAR_COSINE**2):
+    singular = np.ravel(1.0 - sine**2 < SINGULAR_COSINE**2)
+    if np.any(singular):
         raise SingularAttitudeError(
             f"the attitude comes to the singularity of the sequence {sequence} (its second angle "
-            "to ±90°); choose another sequence in the robot file, or a gentler path"
+            "to ±90°); choose another sequence in the robot file, or a gentler path",
+            int(np.argmax(singular)),
         )
     flat = Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_euler(sequence.upper())
     angles = flat.reshape(*rotation.shape[:-2], 3)
@@ -95,8 +104,11 @@ def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Arra
 
 
 def _about(axis: Array, angles: Array) -> Array:
-    flat = Rotation.from_rotvec(np.multiply.outer(angles.reshape(-1), axis)).as_matrix()
-    matrix: Array = flat.reshape(*angles.shape, 3, 3)
+    """Rotations (…, 3, 3) by angles (…) about a coordinate axis (3): Rodrigues' formula."""
+    cross = np.cross(np.eye(3), axis)
+    along = np.outer(axis, axis)
+    cosine, sine = (part[..., np.newaxis, np.newaxis] for part in (np.cos(angles), np.sin(angles)))
+    matrix: Array = along + cosine * (np.eye(3) - along) + sine * cross
     return matrix
 
 

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 _log = logging.getLogger("gibbs_codegen")
 _POINTER = ctypes.c_void_p
+# As numbered in `native/rk4.c`.
+_LAWS = ("computed_torque", "open_loop", "off")
 
 
 class _Flight(ctypes.Structure):
@@ -40,7 +42,7 @@ class _Flight(ctypes.Structure):
         ("coordinates", ctypes.c_ssize_t),
         ("rotors", ctypes.c_ssize_t),
         ("pieces", ctypes.c_ssize_t),
-        ("open_loop", ctypes.c_int),
+        ("law", ctypes.c_int),
         ("limited", ctypes.c_int),
         ("least", ctypes.c_double),
         ("most", ctypes.c_double),
@@ -72,15 +74,17 @@ class CompiledLoop:
     def of(cls, plant: Plant, step: float, divergence: float) -> CompiledLoop | None:
         """The loop of a plant, or None where its module is not compiled or the loop cannot be.
 
-        Nor is there one for rotors that do not command all directions: Python checks every wrench
-        of those.
+        Nor is there one that controls by rotors that do not command all directions: Python checks
+        every wrench of those.
         """
         vehicle, controller = plant.vehicle, plant.controller
         library_file = Path(vehicle.module.__file__ or "")
-        if library_file.suffix == ".py" or controller.allocation.missing:
+        if library_file.suffix != ".so":
+            return None
+        if controller.allocation.missing and controller.law != "off":
             return None
         try:
-            function = _function(find_compiler(os.environ.get("CC") or None))
+            rk4 = _rk4(find_compiler(os.environ.get("CC") or None))
         except (CompilerError, CacheError) as error:
             _log.warning("steps are taken in Python instead of C: %s", error)
             return None
@@ -91,9 +95,8 @@ class CompiledLoop:
         constants = vehicle.constants or vehicle.module.prepare({})
         coefficients = np.ascontiguousarray(reference.coefficients)
         distribution = np.ascontiguousarray(controller.allocation.inverse)
-        stiffness = np.array(gains.stiffness if gains else np.zeros(count))
-        damping = np.array(gains.damping if gains else np.zeros(count))
-        scratch = np.zeros(16 * (plant.size + vehicle.rotors) + count * len(vehicle.inputs))
+        stiffness = np.array(gains.stiffness)
+        damping = np.array(gains.damping)
 
         def address(name: str) -> int | None:
             return ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
@@ -106,7 +109,7 @@ class CompiledLoop:
             coordinates=count,
             rotors=vehicle.rotors,
             pieces=len(coefficients),
-            open_loop=gains is None,
+            law=_LAWS.index(controller.law),
             limited=plant.limits is not None,
             least=plant.limits[0] if plant.limits else 0.0,
             most=plant.limits[1] if plant.limits else 0.0,
@@ -119,10 +122,11 @@ class CompiledLoop:
             stiffness=stiffness.ctypes.data,
             damping=damping.ctypes.data,
             distribution=distribution.ctypes.data,
-            scratch=scratch.ctypes.data,
         )
+        scratch = np.zeros(rk4.gibbs_codegen_rk4_room(ctypes.byref(flight)))
+        flight.scratch = scratch.ctypes.data
         arrays = (library, constants, coefficients, stiffness, damping, distribution, scratch)
-        return cls(function, flight, step, plant.size, arrays)
+        return cls(rk4.gibbs_codegen_rk4, flight, step, plant.size, arrays)
 
     def __call__(
         self, time: float, state: Array, count: int, every: int, number: int
@@ -149,24 +153,22 @@ class CompiledLoop:
 
 
 @functools.cache
-def _function(compiler: Compiler) -> Any:
-    """`gibbs_codegen_rk4`, compiled. Raises `CompilerError` or `CacheError`."""
+def _rk4(compiler: Compiler) -> ctypes.CDLL:
+    """`native/rk4.c`, compiled. Raises `CompilerError` or `CacheError`."""
     source = NATIVE / "rk4.c"
 
     def make(output: Path) -> None:
         compiler.library([source], output)
 
     key = "\n".join([compiler.identity, "rk4", source.read_text(encoding="utf-8")])
-    function = ctypes.CDLL(str(cached_library(key, make))).gibbs_codegen_rk4
-    function.restype = ctypes.c_ssize_t
-    function.argtypes = [
-        _POINTER,
-        ctypes.c_double,
-        ctypes.c_double,
-        ctypes.c_ssize_t,
-        ctypes.c_ssize_t,
-        ctypes.c_ssize_t,
-        _POINTER,
-        _POINTER,
+    library = ctypes.CDLL(str(cached_library(key, make)))
+    real, size = ctypes.c_double, ctypes.c_ssize_t
+    library.gibbs_codegen_rk4_room.argtypes = [_POINTER]
+    library.gibbs_codegen_rk4_room.restype = size
+    library.gibbs_codegen_rk4.argtypes = [
+        *(_POINTER, real, real),
+        *(size, size, size),
+        *(_POINTER, _POINTER),
     ]
-    return function
+    library.gibbs_codegen_rk4.restype = size
+    return library

@@ -1,11 +1,13 @@
-"""Computed torque: inverse dynamics of the desired acceleration, corrected by the error.
+"""Control laws: what inputs are asked for at a time and in a state.
 
-With the exact inputs each coordinate's error e obeys ë + d ė + k e = 0.
+Computed torque is the inverse dynamics of the desired acceleration, corrected by the error: with
+those inputs each coordinate's error e obeys ë + d ė + k e = 0.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,7 @@ from gibbs_codegen.simulator.reference import Reference
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+Law = Literal["computed_torque", "open_loop", "off"]
 
 
 @dataclass(frozen=True)
@@ -36,23 +39,23 @@ class Gains:
 class Controller:
     """Inputs for a state, so that the machine follows a reference.
 
-    Without gains it is open loop: the inputs of the desired motion, whatever the state.
+    "computed_torque" corrects by the gains; "open_loop" asks for the inputs of the desired motion,
+    whatever the state; "off" asks for none.
     """
 
     vehicle: Vehicle
     reference: Reference
     allocation: Allocation
-    gains: Gains | None
+    gains: Gains
+    law: Law = "computed_torque"
 
     def __call__(self, time: float | Array, q: Array, v: Array) -> Array:
         """Inputs u (…, nu) at times (…) and states q, v (…, nq). Raises `AllocationError`."""
-        wanted_q, wanted_v, wanted_a = self.reference(time)
-        if self.gains is None:
-            q, v, a = wanted_q, wanted_v, wanted_a
+        if self.law == "off":
+            return np.zeros((*np.shape(time), len(self.vehicle.inputs)))
+        wanted_q, wanted_v, a = self.reference(time)
+        if self.law == "open_loop":
+            q, v = wanted_q, wanted_v
         else:
-            a = (
-                wanted_a
-                + self.gains.damping * (wanted_v - v)
-                + self.gains.stiffness * (wanted_q - q)
-            )
+            a = a + self.gains.damping * (wanted_v - v) + self.gains.stiffness * (wanted_q - q)
         return required_inputs(self.vehicle, self.allocation, q, v, a)

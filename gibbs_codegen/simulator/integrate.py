@@ -30,7 +30,7 @@ class Settings:
     """How to integrate: method, tolerances of "adaptive", greatest step of "rk4" (s).
 
     `rate` samples a second are kept. A coordinate that is `divergence` (rad or m) off its desired
-    value ends the flight.
+    value ends the flight, unless nothing is controlled.
     """
 
     method: Method = "adaptive"
@@ -38,7 +38,7 @@ class Settings:
     relative_tolerance: float = 1e-10
     absolute_tolerance: float = 1e-11
     rate: float = 100.0
-    divergence: float = 100.0
+    divergence: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,18 @@ def integrate(
         times.append(course.time)
         states.append(course.states)
         stopped = course.stopped
-    return Course(np.concatenate(times), np.concatenate(states), stopped)
+    return _without_the_lost(
+        plant, settings, Course(np.concatenate(times), np.concatenate(states), stopped)
+    )
+
+
+def _without_the_lost(plant: Plant, settings: Settings, course: Course) -> Course:
+    """A course without samples in which control was lost: they would dwarf all others."""
+    error = _errors(plant, course.time, course.states)
+    kept = np.all(error <= _divergence(plant, settings), axis=1)
+    kept &= np.all(np.isfinite(course.states), axis=1)
+    kept[0] = True
+    return Course(course.time[kept], course.states[kept], course.stopped)
 
 
 @dataclass(frozen=True)
@@ -114,20 +125,32 @@ def _adaptive(
         if solver.status == "failed":
             stopped = f"at t = {solver.t:.6g} s: no step is small enough ({said})"
             break
-        reason = _reason(plant, settings, solver.t, solver.y)
-        if solver.status == "finished" or reason:
-            inside = wanted[(wanted > solver.t_old) & (wanted < solver.t)]
-        else:
-            inside = wanted[(wanted > solver.t_old) & (wanted <= solver.t)]
+        path = solver.dense_output()
+        time = solver.t
+        if stopped := _reason(plant, settings, time, solver.y):
+            time = _first_end(plant, settings, path, solver.t_old, time)
+            stopped = _reason(plant, settings, time, path(time))
+        inside = wanted[(wanted > solver.t_old) & (wanted <= time)]
+        if (stopped or solver.status == "finished") and time not in inside:
+            inside = np.append(inside, time)
         if len(inside):
             times.append(inside)
-            states.append(solver.dense_output()(inside).T)
-        if solver.status == "finished" or reason:
-            times.append(np.array([solver.t]))
-            states.append(solver.y[np.newaxis])
-        stopped = reason
+            states.append(path(inside).T)
         progress(solver.t)
     return _course(times, states, stopped, len(start))
+
+
+def _first_end(
+    plant: Plant, settings: Settings, path: Callable[[float], Array], good: float, bad: float
+) -> float:
+    """The first time in a step, to a millionth of it, at which the flight cannot go on."""
+    for _ in range(20):
+        middle = 0.5 * (good + bad)
+        if _reason(plant, settings, middle, path(middle)):
+            bad = middle
+        else:
+            good = middle
+    return bad
 
 
 def _fixed(
@@ -144,7 +167,7 @@ def _fixed(
     steps = max(int(np.ceil((stretch.end - stretch.begin) / settings.step - 1e-9)), 1)
     size = (stretch.end - stretch.begin) / steps
     every = max(round(1.0 / (settings.rate * size)), 1)
-    loop = None if stretch.pushed else CompiledLoop.of(plant, size, settings.divergence)
+    loop = None if stretch.pushed else CompiledLoop.of(plant, size, _divergence(plant, settings))
     times, states, stopped = [], [], ""
     state, done = start, 0
     while done < steps and not stopped:
@@ -188,21 +211,32 @@ def _step(plant: Plant, time: float, state: Array, size: float, pushed: bool) ->
 
 def _reason(plant: Plant, settings: Settings, time: float, state: Array) -> str:
     """Why a flight cannot go on from a state, or nothing."""
-    q = plant.parts(state)[0]
     if not np.all(np.isfinite(state)):
-        return f"at t = {time:.6g} s the state is no longer finite"
-    error = np.abs(q - plant.controller.reference(time)[0])
+        return f"at t = {time:.6g} s the state is no longer finite: control is lost"
+    q = plant.parts(state)[0]
+    error = _errors(plant, time, state)
     worst = int(np.argmax(error))
     name = plant.vehicle.coordinates[worst]
-    if error[worst] > settings.divergence:
+    if error[worst] > _divergence(plant, settings):
         unit = "rad" if name.startswith("theta_") else "m"
         return f"at t = {time:.6g} s {name} is {error[worst]:.3g} {unit} off: control is lost"
-    if abs(np.cos(q[1])) < SINGULAR_COSINE:
+    # Angles begin on the side where the cosine is positive, so this also tells a step across.
+    if np.cos(q[1]) < SINGULAR_COSINE:
         return (
             f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
             f"{plant.vehicle.attitude} (theta_0 = {np.degrees(q[1]):.4g}°)"
         )
     return ""
+
+
+def _errors(plant: Plant, time: float | Array, states: Array) -> Array:
+    """How far coordinates (…, nq) are from what is desired."""
+    error: Array = np.abs(plant.parts(states)[0] - plant.controller.reference(time)[0])
+    return error
+
+
+def _divergence(plant: Plant, settings: Settings) -> float:
+    return np.inf if plant.controller.law == "off" else settings.divergence
 
 
 def _course(times: list[Array], states: list[Array], stopped: str, size: int) -> Course:

@@ -21,6 +21,7 @@ from gibbs_codegen.simulator.paths import Path
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Limits = tuple[Array, Array]
 
 # Distance from its place at which the tip counts as there, m.
@@ -35,6 +36,10 @@ _MISSED = 1e-6
 # Step of the difference that gives the rate of the Jacobian, in s at rates of 1.
 _DIFFERENCE = 1e-5
 _GUESSES = 32
+
+
+class SingularArmError(UsageError):
+    """An arm whose joints cannot give the tip the speed or acceleration of its path."""
 
 
 class UnreachableError(UsageError):
@@ -86,10 +91,11 @@ def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Ar
     q = q.copy()
     arm = vehicle.arm
     q[arm] = np.clip(q[arm], *limits)
+    fixed = limits[0] >= limits[1]
     error = target - vehicle.tip_pose(q)[:3, 3]
     damping = 1e-6
     for _ in range(_ITERATIONS):
-        jacobian = vehicle.tip_jacobian(q)[:3, arm]
+        jacobian = np.where(fixed, 0.0, vehicle.tip_jacobian(q)[:3, arm])
         step = _damped_step(jacobian, error, damping, (limits[0] - q[arm], limits[1] - q[arm]))
         if np.max(np.abs(step), initial=0.0) < _SETTLED:
             break
@@ -133,8 +139,16 @@ def first_posture(
     reached = [posture for posture in postures if posture[1] <= REACHED]
     measures = [_distance_to_singularity(vehicle, found) for found, _ in reached]
     # Elbow up or down, say, are as good as each other: then the joints nearest to 0.
-    best = [p for p, m in zip(reached, measures, strict=True) if m > 0.999 * max(measures)]
-    return min(best, key=lambda posture: float(np.linalg.norm(posture[0][vehicle.arm])))
+    best = [p for p, m in zip(reached, measures, strict=True) if m >= 0.999 * max(measures)]
+    return min(best, key=lambda posture: _remoteness(posture[0][vehicle.arm]))
+
+
+def _remoteness(joints: Array) -> tuple[float, ...]:
+    """How far joints are from 0; of mirror images the one with positive joints comes first.
+
+    Rounded, so that rounding errors do not choose between equals.
+    """
+    return (round(float(np.linalg.norm(joints)), 6), *np.round(-joints, 6).tolist())
 
 
 def _distance_to_singularity(vehicle: Vehicle, q: Array) -> float:
@@ -160,29 +174,62 @@ def arm_motion(
 ) -> Motion:
     """Motion of base and arm, with the tip on its path.
 
-    Raises `UnreachableError` for points that the tip does not reach, once all have been tried, and
-    `UsageError` where a singular arm cannot move as the path wants.
+    Once all points have been tried, raises `UnreachableError` for those that the tip does not
+    reach, or else `SingularArmError` where the arm cannot move as the path wants.
     """
     q, v, a = base.q.copy(), base.v.copy(), base.a.copy()
     targets = tip(base.time)
     left = np.zeros(len(q))
     arm = vehicle.arm
+    stopped = np.zeros(vehicle.joints, dtype=bool)
+    singular: SingularArmError | None = None
     for k in range(len(q)):
         if k == 0:
             q[k], left[k] = first_posture(vehicle, q[k], targets[k, 0], limits, guess)
         else:
             step = base.time[k] - base.time[k - 1]
-            ahead = q[k - 1, arm] + step * (v[k - 1, arm] + 0.5 * step * a[k - 1, arm])
-            q[k, arm] = ahead
-            q[k], left[k] = reach(vehicle, q[k], targets[k, 0], limits)
-        reached = left[k] <= REACHED
-        if reached:
-            spare = _set_rates(vehicle, q[k], v[k], a[k], targets[k], limits, base.time[k])
-            if spare and k and left[k - 1] <= REACHED:
-                _settle_spare_joints(vehicle, (q, v, a), k, targets[k], limits, base.time)
+            q[k, arm] = q[k - 1, arm] + step * (v[k - 1, arm] + 0.5 * step * a[k - 1, arm])
+            stopped = stopped | _beyond(q[k, arm], limits)
+            q[k], left[k] = _reach_holding(vehicle, q[k], targets[k, 0], limits, stopped)
+        if left[k] <= REACHED:
+            try:
+                spare, stays = _set_rates(
+                    vehicle, q[k], v[k], a[k], targets[k], limits, base.time[k]
+                )
+                if spare and k and left[k - 1] <= REACHED:
+                    stays = _settle_spare_joints(
+                        vehicle, (q, v, a), k, targets[k], limits, stopped, base.time
+                    )
+                stopped = stays
+            except SingularArmError as error:
+                singular = singular or error
         progress(k + 1, len(q))
     _refuse_unreached(base.time, left)
+    if singular is not None:
+        raise singular
     return Motion(base.time, q, v, a)
+
+
+def _beyond(joints: Array, limits: Limits) -> Flags:
+    beyond: Flags = (joints < limits[0]) | (joints > limits[1])
+    return beyond
+
+
+def _reach_holding(
+    vehicle: Vehicle, q: Array, target: Array, limits: Limits, held: Flags
+) -> tuple[Array, float]:
+    """`reach`, with the joints that are `held` left where they are if it can be done without them.
+
+    Joints that come to a limit would else be moved off it by each step towards the target, only to
+    be driven into it again.
+    """
+    if np.any(held):
+        joints = np.clip(q[vehicle.arm], *limits)
+        narrow = np.where(held, joints, limits[0]), np.where(held, joints, limits[1])
+        found, left = reach(vehicle, q, target, narrow)
+        if left <= REACHED:
+            return found, left
+    return reach(vehicle, q, target, limits)
 
 
 def _settle_spare_joints(
@@ -191,38 +238,45 @@ def _settle_spare_joints(
     k: int,
     target: Array,
     limits: Limits,
+    stopped: Flags,
     time: Array,
-) -> None:
+) -> Flags:
     """Make the coordinates of an arm with joints to spare the integral of their rates.
 
     The tip says nothing of motions that leave it in its place. They follow from the rates at both
-    ends of the step, by the corrector of fourth order with two derivatives (Obreshkov's).
+    ends of the step, by the corrector of fourth order with two derivatives (Obreshkov's). Returns
+    which joints stay at their limits.
     """
     q, v, a = series
     arm, step = vehicle.arm, time[k] - time[k - 1]
+    stays = stopped
     for _ in range(3):
-        q[k, arm] = (
+        integral = (
             q[k - 1, arm]
             + step / 2.0 * (v[k - 1, arm] + v[k, arm])
             + step**2 / 12.0 * (a[k - 1, arm] - a[k, arm])
         )
-        q[k], _ = reach(vehicle, q[k], target[0], limits)
-        _set_rates(vehicle, q[k], v[k], a[k], target, limits, time[k])
+        q[k, arm] = np.where(stopped, q[k, arm], integral)
+        stopped = stopped | _beyond(integral, limits)
+        q[k], _ = _reach_holding(vehicle, q[k], target[0], limits, stopped)
+        _, stays = _set_rates(vehicle, q[k], v[k], a[k], target, limits, time[k])
+    return stays
 
 
 def _set_rates(
     vehicle: Vehicle, q: Array, v: Array, a: Array, target: Array, limits: Limits, time: float
-) -> bool:
+) -> tuple[bool, Flags]:
     """Write into `v` and `a` the rates and accelerations of the arm that move the tip as wanted.
 
     ẋ = J v and ẍ = J a + J̇ v, with the base's part of J on the other side; a joint at its limit
-    does not go beyond it. Returns whether there are joints to spare.
+    does not go beyond it. Returns whether there are joints to spare, and which stay at a limit.
     """
     arm = vehicle.arm
     v[arm] = a[arm] = 0.0
     jacobian = vehicle.tip_jacobian(q)[:3]
     free = np.ones(vehicle.joints, dtype=bool)
-    for _ in range(vehicle.joints):
+    # At most all joints are at their limits, one found after the other.
+    for _ in range(vehicle.joints + 1):
         own = np.where(free, jacobian[:, arm], 0.0)
         inverse = np.linalg.pinv(own, rcond=_RANK)
         rates = inverse @ (target[1] - jacobian @ v)
@@ -247,7 +301,7 @@ def _set_rates(
         jacobian_rate = np.where(free, ahead - behind, 0.0) / (2.0 * _DIFFERENCE)
         spare = jacobian_rate.T @ (inverse.T @ rates)
         a[arm] += spare - inverse @ (own @ spare)
-    return has_spare
+    return has_spare, ~free
 
 
 def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) -> Array:
@@ -269,7 +323,7 @@ def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) ->
 def _refuse_singular(vehicle: Vehicle, missed: Array, what: str, time: float) -> None:
     missing = float(np.linalg.norm(missed))
     if missing > _MISSED:
-        raise UsageError(
+        raise SingularArmError(
             f"the arm is singular or at its limits at t = {time:.6g} s: its joints "
             f"({', '.join(vehicle.joint_names)}) cannot move the tip as its path wants; "
             f"{missing:.3g} of the {what}, is missing"

@@ -6,6 +6,7 @@ import itertools
 import math
 from typing import Any
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.paths import (
     Circle,
     Fixed,
@@ -21,6 +22,7 @@ _LEAST = 1e-9
 # A quintic spline at rest at both ends needs no more.
 _FEWEST_POINTS = 2
 _MOST_POINTS = 10_000
+_MOST_TERMS = 100
 _ZERO = (0.0, 0.0, 0.0)
 
 
@@ -49,7 +51,13 @@ def _fixed(table: Table) -> Path:
 
 def _harmonic(table: Table) -> Path:
     table.refuse_unknown(("kind", "x", "y", "z"))
-    return Harmonic(*(tuple(_term(t) for t in table.tables(axis)) for axis in "xyz"))
+    terms = []
+    for axis in "xyz":
+        entries = table.tables(axis)
+        if len(entries) > _MOST_TERMS:
+            table.fault(axis, f"{len(entries)} terms; give at most {_MOST_TERMS}")
+        terms.append(tuple(_term(entry) for entry in entries[:_MOST_TERMS]))
+    return Harmonic(*terms)
 
 
 def _term(table: Table) -> Term:
@@ -114,7 +122,11 @@ def _waypoints(table: Table) -> Path | None:
         if later <= sooner:
             table.fault(f"times[{i + 1}]", f"must be after {sooner:g}, not {later:g}")
             return None
-    return Waypoints(instants, places)
+    try:
+        return Waypoints(instants, places)
+    except UsageError as error:
+        table.fault("times", str(error))
+        return None
 
 
 def _listed(table: Table, key: str) -> list[Any] | None:

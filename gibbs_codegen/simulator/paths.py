@@ -2,7 +2,8 @@
 
 A path is called with times (…) and returns (…, 4, 3): position, velocity, acceleration and jerk in
 world axes, in m and s. The jerk is there because the attitude that follows a path needs it for its
-angular acceleration.
+angular acceleration. What grows beyond the largest float is infinite or NaN, without a warning:
+`desired_base` and `desired_with_tip` refuse it with the time.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import make_interp_spline
+
+from gibbs_codegen.errors import UsageError
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -68,12 +71,14 @@ class Harmonic:
         """Position and derivatives (…, 4, 3) at times (…)."""
         t = np.asarray(time, dtype=np.float64)
         out = np.zeros((*t.shape, ORDERS, 3))
-        for axis, terms in enumerate((self.x, self.y, self.z)):
-            for term in terms:
-                s = complex(term.growth, term.frequency)
-                wave = term.amplitude * np.exp(1j * term.phase) * np.exp(s * t)
-                for order in range(ORDERS):
-                    out[..., order, axis] += (s**order * wave).real
+        with np.errstate(over="ignore", invalid="ignore"):
+            for axis, terms in enumerate((self.x, self.y, self.z)):
+                for term in terms:
+                    s = np.complex128(complex(term.growth, term.frequency))
+                    wave = term.amplitude * np.exp(1j * term.phase) * np.exp(s * t)
+                    for order in range(ORDERS):
+                        out[..., order, axis] += wave.real
+                        wave = wave * s
         return out
 
 
@@ -98,14 +103,16 @@ class Line:
         share = np.stack(
             [
                 s**3 * (10.0 + s * (-15.0 + 6.0 * s)),
-                30.0 * s**2 * (1.0 - s) ** 2 / self.duration,
-                60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / self.duration**2,
-                np.where(moving, 60.0 * (1.0 + s * (-6.0 + 6.0 * s)), 0.0) / self.duration**3,
+                30.0 * s**2 * (1.0 - s) ** 2,
+                60.0 * s * (1.0 - s) * (1.0 - 2.0 * s),
+                np.where(moving, 60.0 * (1.0 + s * (-6.0 + 6.0 * s)), 0.0),
             ],
             axis=-1,
         )
-        out: Array = share[..., np.newaxis] * np.subtract(self.end, self.start)
-        out[..., 0, :] += self.start
+        with np.errstate(all="ignore"):
+            share /= np.float64(self.duration) ** np.arange(ORDERS)
+            out: Array = share[..., np.newaxis] * np.subtract(self.end, self.start)
+            out[..., 0, :] += self.start
         return out
 
 
@@ -114,7 +121,7 @@ class Circle:
     """A circle at constant speed, anticlockwise about `normal`.
 
     It begins where the projection of the world's X on its plane points (of Y where `normal` is
-    along X), turned by `phase`. `period` is negative for the other way round.
+    within 26° of X), turned by `phase`. `period` is negative for the other way round.
     """
 
     centre: Vector
@@ -127,13 +134,15 @@ class Circle:
         """Position and derivatives (…, 4, 3) at times (…)."""
         t = np.asarray(time, dtype=np.float64)
         first, second = _plane(self.normal)
-        rate = 2.0 * np.pi / self.period
+        rate = np.float64(2.0 * np.pi) / self.period
         out = np.empty((*t.shape, ORDERS, 3))
-        for order in range(ORDERS):
-            angle = (rate * t + self.phase + order * np.pi / 2)[..., np.newaxis]
-            turned = np.cos(angle) * first + np.sin(angle) * second
-            out[..., order, :] = self.radius * rate**order * turned
-        out[..., 0, :] += self.centre
+        with np.errstate(over="ignore", invalid="ignore"):
+            angle = (rate * t + self.phase)[..., np.newaxis]
+            outwards = self.radius * (np.cos(angle) * first + np.sin(angle) * second)
+            ahead = self.radius * (np.cos(angle) * second - np.sin(angle) * first)
+            for order, turned in enumerate((outwards, ahead, -outwards, -ahead)):
+                out[..., order, :] = rate**order * turned
+            out[..., 0, :] += self.centre
         return out
 
 
@@ -141,25 +150,31 @@ class Waypoints:
     """A path through points at given times: a quintic spline, at rest at both ends.
 
     Before the first and after the last point it rests there. Position, velocity, acceleration and
-    jerk are continuous between.
+    jerk are continuous between. Raises `UsageError` for times that do not increase, or that lie so
+    unevenly that no curve can be found.
     """
 
     def __init__(self, times: Sequence[float], points: Sequence[Sequence[float]]) -> None:
-        rest = [(1, np.zeros(3)), (2, np.zeros(3))]
-        spline = make_interp_spline(
-            np.asarray(times, dtype=np.float64),
-            np.asarray(points, dtype=np.float64),
-            k=5,
-            bc_type=(rest, rest),
-        )
-        self._derivatives = [spline, *(spline.derivative(order) for order in range(1, ORDERS))]
         self._begin, self._end = float(times[0]), float(times[-1])
+        self._duration = self._end - self._begin
+        rest = [(1, np.zeros(3)), (2, np.zeros(3))]
+        try:
+            with np.errstate(all="raise", under="ignore"):
+                # In a time from 0 to 1, so that the unit does not matter to the numbers.
+                since = (np.asarray(times, dtype=np.float64) - self._begin) / self._duration
+            places = np.asarray(points, dtype=np.float64)
+            spline = make_interp_spline(since, places, k=5, bc_type=(rest, rest))
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            raise UsageError(f"waypoints: no smooth curve through them: {error}") from None
+        self._derivatives = [spline, *(spline.derivative(order) for order in range(1, ORDERS))]
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
         t = np.asarray(time, dtype=np.float64)
-        inside = np.clip(t, self._begin, self._end)
-        out: Array = np.stack([derivative(inside) for derivative in self._derivatives], axis=-2)
+        s = np.clip((t - self._begin) / self._duration, 0.0, 1.0)
+        out: Array = np.stack([derivative(s) for derivative in self._derivatives], axis=-2)
+        with np.errstate(all="ignore"):
+            out /= (np.float64(self._duration) ** np.arange(ORDERS))[:, np.newaxis]
         out[(t < self._begin) | (t > self._end), 1:] = 0.0
         return out
 
@@ -178,7 +193,8 @@ class Sum:
 
 def _plane(normal: Vector) -> tuple[Array, Array]:
     """Two unit vectors that with the direction of `normal` make a right-handed frame."""
-    n = np.asarray(normal) / np.linalg.norm(normal)
+    n = np.asarray(normal, dtype=np.float64) / np.max(np.abs(normal))
+    n /= np.linalg.norm(n)
     axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
     first = axis - (axis @ n) * n
     first /= np.linalg.norm(first)

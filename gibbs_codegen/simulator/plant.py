@@ -99,6 +99,8 @@ class Plant:
         `pushed` is given, since an integrator may ask for the end of a stretch without force, which
         is the moment when the force begins.
         """
+        if not np.all(np.isfinite(state)):
+            return np.full_like(state, np.nan)
         q, v, _, thrusts = self.parts(state)
         commanded = self.commanded(time, q, v)
         inputs = self.applied(commanded, thrusts)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
+from scipy.stats import qmc
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.attitude import SingularAttitudeError
@@ -23,6 +24,14 @@ from gibbs_codegen.simulator.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 KNOT_SPACING = 0.005
+# Lengths, speeds and so on, in m and s, that no machine comes to.
+_BOUND = 1e12
+# How far pieces may be from the motion halfway between knots: base (rad, m) and tip (m).
+_BASE_OFF = 1e-4
+_TIP_OFF = 1e-2
+# Postures that the search for the one that hangs starts from, and energies that count as equal, J.
+_HANGING_STARTS = 7
+_SAME_ENERGY = 1e-10
 
 
 class Reference:
@@ -70,24 +79,28 @@ def knots(duration: float, spacing: float = KNOT_SPACING) -> Array:
 def desired_base(vehicle: Vehicle, time: Array, centre: Path, orientation: Orientation) -> Motion:
     """Motion of the base at knots, its centre on a path, the arm's coordinates at rest at 0.
 
-    Raises `UsageError` with the time where the attitude is singular or not defined.
+    Raises `UsageError` with the time where the attitude is singular or not defined, and where the
+    motion is so fast, or turns so sharply, that pieces between the knots do not follow it.
     """
-    turning = orientation(centre, time, vehicle.arm_angles())
+    # Knots, and between them the instants that the pieces are checked at.
+    every = np.linspace(time[0], time[-1], 2 * len(time) - 1)
+    every[::2] = time
+    places = _bounded(every, centre, "path of the base")
+    with np.errstate(all="ignore"):
+        turning = orientation(centre, every, vehicle.arm_angles())
+        beyond = ~np.all(np.abs(turning.acceleration) < _BOUND, axis=-1)
+    _refuse(every, beyond, "the base turns too fast")
     try:
-        return base_motion(vehicle, time, centre(time), turning)
+        whole = base_motion(vehicle, every, places, turning)
     except SingularAttitudeError as error:
-        singular = _first_singular(vehicle, time, centre, orientation)
-        raise SingularAttitudeError(f"at t = {singular:.6g} s {error}") from None
-
-
-def _first_singular(vehicle: Vehicle, time: Array, centre: Path, orientation: Orientation) -> float:
-    for instant in time:
-        at = np.array([instant])
-        try:
-            base_motion(vehicle, at, centre(at), orientation(centre, at, vehicle.arm_angles()))
-        except SingularAttitudeError:
-            return float(instant)
-    return float(time[0])
+        message = f"at t = {every[error.place]:.6g} s {error}"
+        raise SingularAttitudeError(message, error.place) from None
+    motion = Motion(time, whole.q[::2], whole.v[::2], whole.a[::2])
+    q, v, _ = Reference(motion)(every)
+    step = every[1] - every[0]
+    off = np.maximum(np.abs(q - whole.q), step * np.abs(v - whole.v)).max(axis=-1)
+    _refuse(every, off > _BASE_OFF, "the base moves too fast or its attitude jumps")
+    return motion
 
 
 def desired_with_tip(
@@ -98,10 +111,34 @@ def desired_with_tip(
     guess: Array | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Motion:
-    """Motion of base and arm at knots, with the tip on a path. Raises `UnreachableError`."""
+    """Motion of base and arm at knots, with the tip on a path.
+
+    Raises `UnreachableError` for points out of reach, `SingularArmError` where the arm cannot move
+    as the path wants, and `UsageError` where it would have to move too fast.
+    """
     if vehicle.joints == 0:
         raise UsageError(f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own")
-    return arm_motion(vehicle, base, tip, limits, guess, progress)
+    _bounded(base.time, tip, "path of the tip")
+    motion = arm_motion(vehicle, base, tip, limits, guess, progress)
+    between = (base.time[:-1] + base.time[1:]) / 2.0
+    q, _, _ = Reference(motion)(between)
+    off = np.linalg.norm(vehicle.tip_pose(q)[:, :3, 3] - tip(between)[:, 0], axis=-1)
+    _refuse(between, off > _TIP_OFF, "the arm, or the path of its tip, moves too fast")
+    return motion
+
+
+def _bounded(time: Array, path: Path, what: str) -> Array:
+    """What a path gives at times (s), if it is no larger than numbers can be that matter here."""
+    with np.errstate(all="ignore"):
+        places = path(time)
+        beyond = ~np.all(np.abs(places) < _BOUND, axis=(-1, -2))
+    _refuse(time, beyond, f"the {what} or one of its derivatives grows beyond all bounds")
+    return places
+
+
+def _refuse(time: Array, wrong: NDArray[np.bool_], what: str) -> None:
+    if np.any(wrong):
+        raise UsageError(f"at t = {time[wrong][0]:.6g} s {what}; choose a gentler motion")
 
 
 def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Motion:
@@ -112,34 +149,71 @@ def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Moti
 
 
 def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
-    """Arm coordinates (n) of least potential energy under a level base; prismatic joints at 0."""
-    q = np.zeros(len(vehicle.coordinates))
+    """Arm coordinates (n) of least potential energy under a level base.
+
+    Prismatic joints are at 0, and so are revolute ones that make no difference, such as one about
+    the vertical; or where limits leave out 0, as near to it as they allow.
+    """
     turning = np.array([name.startswith("theta_") for name in vehicle.joint_names], dtype=bool)
-    places = np.arange(len(q))[vehicle.arm][turning]
     low, high = limits[0][turning], limits[1][turning]
-    q[vehicle.arm] = np.clip(0.0, *limits)
+    places = 3 + np.flatnonzero(turning)
+    rest = np.zeros(len(vehicle.coordinates))
+    rest[vehicle.arm] = np.clip(0.0, *limits)
     if not np.any(turning):
-        return q[vehicle.arm]
+        return rest[vehicle.arm]
 
-    def energy(angles: Array) -> tuple[float, Array]:
-        there = q.copy()
-        there[places] = angles
+    def posture(angles: Array) -> Array:
+        q = np.broadcast_to(rest, (*angles.shape[:-1], len(rest))).copy()
+        q[..., places] = angles
+        return q
+
+    def energy(angles: Array) -> float:
+        return float(vehicle.potential_energy(posture(angles)))
+
+    def torques(angles: Array) -> Array:
         # The forces that hold the arm still are the gradient of its potential energy.
-        holding = vehicle.inverse_dynamics(there, still, still)
-        return float(vehicle.potential_energy(there)), holding[places]
+        q = posture(angles)
+        return vehicle.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[..., places]
 
-    still = np.zeros_like(q)
-    # Away from 0 and from symmetry, where the energy may be at rest without being least.
-    start = np.clip(-0.3 - 0.1 * np.arange(len(places)), low, high)
-    bounds = np.stack([low, high], axis=-1)
-    options = {"ftol": 0.0, "gtol": 1e-12}
-    q[places] = minimize(
-        energy, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
-    ).x
-    # A joint that makes no difference, such as one about the vertical, is at 0.
-    for place, lowest, highest in zip(places, low, high, strict=True):
-        tried = q.copy()
-        tried[place] = np.clip(0.0, lowest, highest)
-        if vehicle.potential_energy(tried) <= vehicle.potential_energy(q) + 1e-9:
-            q = tried
-    return q[vehicle.arm]
+    best = rest[places]
+    least = np.inf
+    # First away from 0 and from symmetry, where the energy may be at rest without being least.
+    shares = qmc.Halton(len(places), scramble=False).random(_HANGING_STARTS)
+    ends = np.clip(-np.pi, low, high), np.clip(np.pi, low, high)
+    starts = [-0.3 - 0.1 * np.arange(len(places)), *(ends[0] + shares * (ends[1] - ends[0]))]
+    options = {"ftol": 1e-12, "gtol": 1e-7}
+    for start in starts:
+        found = minimize(
+            energy,
+            np.clip(start, low, high),
+            jac=torques,
+            method="L-BFGS-B",
+            bounds=np.stack([low, high], axis=-1),
+            options=options,
+        )
+        angles = _still(torques, found.x, low, high)
+        if energy(angles) < least - _SAME_ENERGY:
+            best, least = angles, energy(angles)
+    for place, nearest in enumerate(rest[places]):
+        tried = best.copy()
+        tried[place] = nearest
+        if energy(tried) <= least + _SAME_ENERGY:
+            best = tried
+    return posture(_still(torques, best, low, high))[vehicle.arm]
+
+
+def _still(torques: Callable[[Array], Array], angles: Array, low: Array, high: Array) -> Array:
+    """Angles near `angles` where gravity turns no joint but against its limit, by Newton's way."""
+    for _ in range(10):
+        torque = torques(angles)
+        free = ~((angles <= low) & (torque > 0.0)) & ~((angles >= high) & (torque < 0.0))
+        steps = 1e-5 * np.eye(len(angles))
+        stiffness = (torques(angles + steps) - torques(angles - steps)).T / 2e-5
+        # Motions that gravity does not resist, but for rounding, are left alone.
+        stiffness = np.where(np.outer(free, free), stiffness, 0.0)
+        step = np.linalg.pinv(stiffness, rcond=1e-7) @ np.where(free, torque, 0.0)
+        tried = np.clip(angles - step, low, high)
+        if not np.linalg.norm(torques(tried)[free]) < np.linalg.norm(torque[free]):
+            break
+        angles = tried
+    return angles

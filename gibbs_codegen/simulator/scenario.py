@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
 
+from gibbs_codegen.simulator.control import Law
 from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.orientation import Level, Tangent
 from gibbs_codegen.simulator.paths import Path, Vector
 from gibbs_codegen.simulator.plant import TipForce
-
-Law = Literal["computed_torque", "open_loop"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,10 @@ class Disturbance:
 
 @dataclass(frozen=True)
 class Control:
-    """Computed torque with the natural frequency (rad/s) and damping ratio of the errors."""
+    """The control law, and for computed torque the errors' natural frequency and damping ratio.
+
+    `frequency` is in rad/s.
+    """
 
     law: Law = "computed_torque"
     frequency: float = 5.0

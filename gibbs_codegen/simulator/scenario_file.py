@@ -7,32 +7,32 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from pathlib import Path as FilePath
 from typing import Any, get_args
 
-from gibbs_codegen.errors import ScenarioFileError, UsageError
+from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError
+from gibbs_codegen.simulator.control import Law
 from gibbs_codegen.simulator.integrate import Method, Settings
 from gibbs_codegen.simulator.orientation import Level, Tangent
 from gibbs_codegen.simulator.path_file import read_path
 from gibbs_codegen.simulator.paths import Path, Sum
 from gibbs_codegen.simulator.plant import TipForce
-from gibbs_codegen.simulator.scenario import (
-    ArmTask,
-    Control,
-    Disturbance,
-    Law,
-    Motors,
-    Scenario,
-)
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Disturbance, Motors, Scenario
 from gibbs_codegen.toml_document import checked, file_text, merged
 from gibbs_codegen.toml_reader import Table, shown
 
-MAX_DURATION = 3600.0
+MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
+MAX_SAMPLES, MAX_STEPS = 1_000_000, 100_000_000
 _TABLES = ("base", "arm", "start", "control", "motors", "tip_force", "integration", "parameters")
 _LEAST = 1e-9  # of what has to be greater than zero
+_MOST = 1e12  # of any number: no unit makes one so large of what flies
+_MOST_FREQUENCY, _MOST_DAMPING, _MOST_TOLERANCE = 1e4, 1e4, 0.1
+_LONGEST_NAME = 200
+_DEEPEST = 16  # tables and lists in one another; no scenario needs half as many
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -62,7 +62,10 @@ def parse_scenario(
 
     Raises `ScenarioFileError` with every fault found; `source` is the name used in its message.
     """
-    return checked(text, source, _scenario, ScenarioFileError, changes)
+    try:
+        return checked(text, source, _scenario, ScenarioFileError, changes)
+    except RecursionError:
+        raise ScenarioFileError(source, [_TOO_DEEP]) from None
 
 
 def changes_of(entries: Sequence[str]) -> dict[str, Any]:
@@ -75,21 +78,30 @@ def changes_of(entries: Sequence[str]) -> dict[str, Any]:
     for entry in entries:
         key, equals, value = entry.partition("=")
         if not equals:
-            raise UsageError(f"--set {entry}: must be KEY=VALUE, such as duration=5")
+            raise UsageError(f"--set {_printable(entry)}: must be KEY=VALUE, such as duration=5")
         one = _one_entry(key, value)
         if one is None:
-            one = _one_entry(key, json.dumps(value))
+            one = _one_entry(key, _quoted(value))
         if one is None:
-            raise UsageError(f"--set {entry}: {key!r} is not a key, such as start.offset")
+            raise UsageError(
+                f"--set {_printable(entry)}: not a key, such as start.offset, before the ="
+            )
         changes = merged(changes, one)
     return changes
 
 
 def _one_entry(key: str, value: str) -> dict[str, Any] | None:
+    if key.count(".") >= _DEEPEST or "\n" in key:
+        return None
     try:
         return tomllib.loads(f"{key} = {value}")
     except (tomllib.TOMLDecodeError, RecursionError, ValueError):
         return None
+
+
+def _quoted(text: str) -> str:
+    """Text as a string of TOML, whatever it holds."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _not_found(path: FilePath) -> str:
@@ -100,14 +112,16 @@ def _not_found(path: FilePath) -> str:
 
 
 def _scenario(root: Table) -> Scenario | None:
+    if not _is_plain(root):
+        return None
     root.refuse_unknown(("name", "description", "duration", *_TABLES))
-    name = root.text("name")
-    description = root.text("description") if "description" in root.values else ""
-    duration = root.number("duration", 0.0)
+    name = _text(root, "name", 1)
+    description = _text(root, "description", 0) if "description" in root.values else ""
+    duration = root.number("duration", 1.0)
     if "duration" not in root.values:
         root.fault("duration", "missing: the time to fly, in s")
-    elif not _LEAST <= duration <= MAX_DURATION:
-        root.fault("duration", f"must be more than 0 and at most {MAX_DURATION:g} s")
+    elif not MIN_DURATION <= duration <= MAX_DURATION:
+        root.fault("duration", f"must be from {MIN_DURATION:g} to {MAX_DURATION:g} s")
     base = root.table("base")
     path, attitude = _base(base) if base is not None else (None, Level())
     arm = _arm(_optional(root, "arm"), path)
@@ -115,7 +129,7 @@ def _scenario(root: Table) -> Scenario | None:
     control = _control(_optional(root, "control"))
     motors = _motors(_optional(root, "motors"))
     tip_force = _tip_force(_optional(root, "tip_force"))
-    integration = _integration(_optional(root, "integration"))
+    integration = _integration(_optional(root, "integration"), duration)
     parameters = _parameters(_optional(root, "parameters"))
     if root.faults or name is None or path is None or description is None:
         return None
@@ -135,6 +149,53 @@ def _scenario(root: Table) -> Scenario | None:
     )
 
 
+_TOO_DEEP = Fault("", f"nested too deeply: at most {_DEEPEST} tables and lists in one another")
+
+
+def _is_plain(root: Table) -> bool:
+    """Whether a document is not nested too deeply to be read; notes the numbers too large in it."""
+    waiting: list[tuple[str, Any, int]] = [("", root.values, 0)]
+    while waiting:
+        path, value, depth = waiting.pop()
+        if depth > _DEEPEST:
+            root.faults.append(_TOO_DEEP)
+            return False
+        if isinstance(value, dict):
+            inside = [(f"{path}.{_printable(k)}" if path else k, v) for k, v in value.items()]
+        elif isinstance(value, list):
+            inside = [(f"{path}[{i}]", v) for i, v in enumerate(value)]
+        else:
+            inside = []
+            # What is not finite is told where it is read.
+            if isinstance(value, int | float) and _MOST < abs(value) < math.inf:
+                root.fault(path, f"must be at most {_MOST:g} in size, not {shown(value)}")
+        waiting.extend((at, entry, depth + 1) for at, entry in reversed(inside))
+    return True
+
+
+def _text(root: Table, key: str, least: int) -> str | None:
+    """A line of text of `least` or more characters."""
+    text = root.text(key)
+    if text is None or (text.isprintable() and least <= len(text.strip()) <= _LONGEST_NAME):
+        return text
+    root.fault(key, f"must be {least} to {_LONGEST_NAME} characters on one line")
+    return None
+
+
+def _number(table: Table, key: str, default: float, least: float, most: float) -> float:
+    """An optional number from `least` to `most`."""
+    number = table.number(key, default, least=least)
+    if number > most:
+        table.fault(key, f"must be at most {most:g}, not {shown(number)}")
+        return default
+    return number
+
+
+def _printable(name: str) -> str:
+    """A name of the file's own, fit for a message."""
+    return ascii(name[:40])[1:-1]
+
+
 def _optional(root: Table, key: str) -> Table:
     """A table that may be left out."""
     return (root.table(key) if key in root.values else None) or Table({}, key, root.faults)
@@ -150,76 +211,76 @@ def _base(table: Table) -> tuple[Path | None, Level | Tangent]:
     kind = attitude.choice("kind", ("level", "tangent"), "level")
     if kind == "tangent":
         attitude.refuse_unknown(("kind", "arm"))
-        arm = attitude.integer("arm", 1, 256) if "arm" in attitude.values else 2
-        return path, Tangent(arm or 2)
+        arm = attitude.integer("arm", 1, 256) if "arm" in attitude.values else None
+        return path, Tangent() if arm is None else Tangent(arm)
     attitude.refuse_unknown(("kind", "heading_deg", "rate_deg"))
     heading, rate = (attitude.number(key, 0.0) for key in ("heading_deg", "rate_deg"))
     return path, Level(math.radians(heading), math.radians(rate))
 
 
 def _arm(table: Table, base: Path | None) -> ArmTask:
-    table.refuse_unknown(
-        (
-            "tip",
-            "tip_beside_base",
-            "posture",
-            "posture_deg",
-            "guess",
-            "guess_deg",
-            "limits",
-            "limits_deg",
-        )
-    )
-    given = [k for k in ("tip", "tip_beside_base", "posture", "posture_deg") if k in table.values]
+    keys = ("tip", "tip_beside_base")
+    by_joint = ("posture", "posture_deg", "guess", "guess_deg", "limits", "limits_deg")
+    table.refuse_unknown((*keys, *by_joint))
+    given = [k for k in (*keys, "posture", "posture_deg") if k in table.values]
     if len(given) > 1 and not {*given} <= {"posture", "posture_deg"}:
         table.fault(given[1], f"{given[0]} already says what the arm does; give one of them")
     tip: Path | None = None
-    for key in ("tip", "tip_beside_base"):
+    for key in keys:
         path_table = table.table(key) if key in table.values else None
         if path_table is not None:
             tip = read_path(path_table)
             if key == "tip_beside_base" and tip is not None and base is not None:
                 tip = Sum((base, tip))
-    limits = _limits(table)
-    return ArmTask(tip, _by_joint(table, "posture"), _by_joint(table, "guess"), limits)
+    limits = {joint: (low, high) for joint, (low, high) in _by_joint(table, "limits", 2).items()}
+    postures = {
+        key: {joint: value for joint, (value,) in _by_joint(table, key, 1).items()}
+        for key in ("posture", "guess")
+        if key in table.values or f"{key}_deg" in table.values
+    }
+    task = ArmTask(tip, postures.get("posture"), postures.get("guess"), limits)
+    if task.guess is not None and not {*given} & {*keys}:
+        table.fault(_form(table, "guess"), "is where the search for a tip path begins; give a tip")
+    for joint, value in (task.posture or {}).items():
+        low, high = limits.get(joint, (-math.inf, math.inf))
+        if not low <= value <= high:
+            table.fault(f"{_form(table, 'posture', joint)}.{joint}", "is outside its limits")
+    return task
 
 
-def _by_joint(table: Table, key: str) -> dict[str, float] | None:
-    """Numbers by joint, m under `key` and degrees under `key`_deg; None where there are none."""
-    if key not in table.values and f"{key}_deg" not in table.values:
-        return None
-    found: dict[str, float] = {}
-    for form, prefix in ((key, "d_"), (f"{key}_deg", "theta_")):
+def _by_joint(table: Table, key: str, length: int) -> dict[str, tuple[float, ...]]:
+    """`length` numbers by joint: m under `key`, degrees under `key`_deg; made m and rad."""
+    found: dict[str, tuple[float, ...]] = {}
+    for form, prefix, unit in ((key, "d", 1.0), (f"{key}_deg", "theta", math.radians(1.0))):
         entries = table.table(form) if form in table.values else None
-        for name in entries.values if entries is not None else ():
-            if entries is not None and _is_joint(entries, name, prefix):
-                value = entries.number(name, 0.0)
-                found[name] = math.radians(value) if prefix == "theta_" else value
-    return found
-
-
-def _limits(table: Table) -> dict[str, tuple[float, float]]:
-    found: dict[str, tuple[float, float]] = {}
-    for form, prefix in (("limits", "d_"), ("limits_deg", "theta_")):
-        entries = table.table(form) if form in table.values else None
-        for name in entries.values if entries is not None else ():
+        for name, entry in entries.values.items() if entries is not None else ():
             if entries is None or not _is_joint(entries, name, prefix):
                 continue
-            low, high = entries.numbers(name, 2, (0.0, 1.0))
+            if length == 1:
+                found[name] = (entries.number(name, 0.0) * unit,)
+                continue
+            low, high = entries.check_numbers(name, entry, length, (0.0, 1.0))
             if low >= high:
                 entries.fault(name, "the lower limit must be below the upper")
-            factor = math.radians(1.0) if prefix == "theta_" else 1.0
-            found[name] = (low * factor, high * factor)
+            found[name] = (low * unit, high * unit)
     return found
+
+
+def _form(table: Table, key: str, joint: str = "theta_") -> str:
+    """Which of `key` and `key`_deg a table has, and has for a joint if it has both."""
+    degrees = f"{key}_deg"
+    if key in table.values and degrees in table.values:
+        return degrees if joint.startswith("theta_") else key
+    return degrees if degrees in table.values else key
 
 
 def _is_joint(entries: Table, name: str, prefix: str) -> bool:
-    if name.startswith(prefix):
+    if re.fullmatch(rf"{prefix}_[0-9]{{1,4}}", name):
         return True
-    other = "in the table without _deg" if prefix == "theta_" else "in the table that ends in _deg"
+    other = "in the table without _deg" if prefix == "theta" else "in the table that ends in _deg"
     entries.fault(
-        ascii(name[:40])[1:-1],
-        f"must be the name of a joint, {prefix}…, here; the other kind of joint stands {other}",
+        _printable(name),
+        f"must be the name of a joint, {prefix}_…, here; the other kind of joint stands {other}",
     )
     return False
 
@@ -235,8 +296,8 @@ def _control(table: Table) -> Control:
     table.refuse_unknown(("law", "frequency", "damping_ratio"))
     return Control(
         table.choice("law", get_args(Law), "computed_torque"),
-        table.number("frequency", Control.frequency, least=_LEAST),
-        table.number("damping_ratio", Control.damping_ratio, least=0.0),
+        _number(table, "frequency", Control.frequency, _LEAST, _MOST_FREQUENCY),
+        _number(table, "damping_ratio", Control.damping_ratio, 0.0, _MOST_DAMPING),
     )
 
 
@@ -255,6 +316,8 @@ def _tip_force(table: Table) -> TipForce | None:
     if not table.values:
         return None
     table.refuse_unknown(("force", "begin", "end"))
+    if "force" not in table.values:
+        table.fault("force", "missing: [x, y, z] in N, world axes")
     x, y, z = table.numbers("force", 3, (0.0,) * 3)
     begin = table.number("begin", 0.0, least=0.0)
     end = table.number("end", MAX_DURATION)
@@ -263,23 +326,26 @@ def _tip_force(table: Table) -> TipForce | None:
     return TipForce((x, y, z), begin, end)
 
 
-def _integration(table: Table) -> Settings:
+def _integration(table: Table, duration: float) -> Settings:
     default = Settings()
     keys = ("method", "step", "relative_tolerance", "absolute_tolerance", "rate", "divergence")
     table.refuse_unknown(keys)
-    return Settings(
+    settings = Settings(
         table.choice("method", get_args(Method), default.method),
         table.number("step", default.step, least=1e-6),
         # SciPy raises smaller ones to about this.
-        table.number("relative_tolerance", default.relative_tolerance, least=3e-14),
-        table.number("absolute_tolerance", default.absolute_tolerance, least=1e-16),
+        _number(table, "relative_tolerance", default.relative_tolerance, 3e-14, _MOST_TOLERANCE),
+        _number(table, "absolute_tolerance", default.absolute_tolerance, 1e-16, _MOST_TOLERANCE),
         table.number("rate", default.rate, least=0.1),
         table.number("divergence", default.divergence, least=_LEAST),
     )
+    if settings.rate * duration > MAX_SAMPLES:
+        table.fault("rate", f"more than {MAX_SAMPLES} samples in {duration:g} s; lower it")
+    if settings.method == "rk4" and duration / settings.step > MAX_STEPS:
+        table.fault("step", f"more than {MAX_STEPS} steps in {duration:g} s; take longer ones")
+    return settings
 
 
 def _parameters(table: Table) -> dict[str, float]:
-    for name, value in table.values.items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            table.fault(ascii(name[:40])[1:-1], f"must be a number, not {shown(value)}")
-    return {name: table.number(name, 0.0) for name in table.values} if not table.faults else {}
+    plain = Table({_printable(n): v for n, v in table.values.items()}, table.path, table.faults)
+    return {name: plain.number(name, 0.0) for name in plain.values}

@@ -57,17 +57,16 @@ def simulate(
     """
     vehicle = Vehicle(module, scenario.parameters)
     allocation = Allocation(vehicle.thrust_wrenches(), scenario.motors.limits)
-    closed = scenario.control.law == "computed_torque"
-    if closed:
+    control = scenario.control
+    if control.law == "computed_torque":
         allocation.require_all_directions(
             f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
             "free to move in any direction"
         )
     reference = desired_motion(vehicle, scenario, progress)
     count = len(vehicle.coordinates)
-    control = scenario.control
-    gains = Gains.of(control.frequency, control.damping_ratio, count) if closed else None
-    controller = Controller(vehicle, reference, allocation, gains)
+    gains = Gains.of(control.frequency, control.damping_ratio, count)
+    controller = Controller(vehicle, reference, allocation, gains, control.law)
     plant = Plant(
         vehicle,
         controller,
@@ -136,8 +135,6 @@ def flight_of(plant: Plant, scenario: Scenario, course: Course) -> Flight:
     """All series of a flight, from the samples of its state."""
     vehicle, time = plant.vehicle, course.time
     q, v, work, thrusts = plant.parts(course.states)
-    usable = np.all(np.isfinite(course.states), axis=1)
-    time, q, v, work, thrusts = (series[usable] for series in (time, q, v, work, thrusts))
     wanted_q, wanted_v, wanted_a = plant.controller.reference(time)
     commanded = plant.commanded(time, q, v)
     applied = plant.applied(commanded, thrusts)

@@ -1,0 +1,231 @@
+"""Integration: order, conservation, energy balance, early stops, and both ways against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from gibbs_codegen.simulator.attitude import rate_matrix
+from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.integrate import Settings
+from gibbs_codegen.simulator.orientation import Tangent
+from gibbs_codegen.simulator.paths import Circle, Harmonic, Term
+from gibbs_codegen.simulator.plant import TipForce
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario
+from gibbs_codegen.simulator.scenario_file import read_scenario
+from gibbs_codegen.simulator.simulate import simulate
+
+Load = Callable[[str], ModuleType]
+
+TIGHT = Settings(relative_tolerance=1e-12, absolute_tolerance=1e-13)
+# Thrown, spinning, with the arm bent: nothing is symmetric and everything moves.
+TUMBLE = Scenario(
+    "tumble",
+    1.0,
+    Circle((0.0, 0.0, 2.0), 1.5, 3.0, normal=(0.3, 0.2, 1.0)),
+    arm=ArmTask(tip=Circle((0.5, 0.0, -1.0), 1.5, 2.5, normal=(0.2, 1.0, 0.4))),
+    control=Control(law="off"),
+    integration=TIGHT,
+)
+
+
+def momenta(module: ModuleType, constants: object, flight: Flight) -> tuple[np.ndarray, np.ndarray]:
+    """Linear momentum, and angular momentum about the world's origin, of every sample."""
+    mass = module.mass_matrix(flight.q, constants=constants)
+    generalised = np.einsum("sij,sj->si", mass, flight.v)
+    linear = generalised[:, -3:]
+    turn = np.swapaxes(rate_matrix(module.ATTITUDE, flight.q[:, :3]), -1, -2)
+    about_origin_point = np.linalg.solve(turn, generalised[:, :3, np.newaxis])[..., 0]
+    return linear, about_origin_point + np.cross(flight.q[:, -3:], linear)
+
+
+@pytest.mark.parametrize("name", ["hexarotor_3link", "octorotor_7link"])
+def test_without_gravity_and_inputs_energy_and_momentum_stay(name: str, fast: Load) -> None:
+    module = fast(name)
+    scale = 1.0 if name == "hexarotor_3link" else 0.2
+    scenario = replace(
+        TUMBLE,
+        duration=10.0,
+        base=Circle((0.0, 0.0, 2.0), scale, 9.0, normal=(0.3, 0.2, 1.0)),
+        arm=ArmTask(posture={module.COORDINATES[4]: 0.7, module.COORDINATES[5]: -0.6}),
+        attitude=replace(read_scenario("circle").attitude),
+        parameters={"gravity": 0.0},
+    )
+    flight = simulate(module, scenario)
+    assert not flight.stopped
+    assert flight.time[-1] == 10.0
+    # Nothing of it is at rest, so that conservation says something.
+    assert np.ptp(flight.q[:, 3:6], axis=0).max() > 0.1
+    assert flight.kinetic_energy == pytest.approx(flight.kinetic_energy[0], rel=1e-10)
+    constants = module.prepare({"gravity": 0.0})
+    for momentum in momenta(module, constants, flight):
+        size = np.linalg.norm(momentum[0])
+        assert size > 1e-3
+        assert momentum == pytest.approx(np.tile(momentum[0], (len(momentum), 1)), abs=1e-10 * size)
+
+
+def test_the_centre_of_mass_falls_freely(fast: Load) -> None:
+    module = fast("hexarotor_3link")
+    flight = simulate(module, TUMBLE)
+    linear, _ = momenta(module, None, flight)
+    mass = module.mass_matrix(flight.q[0])[-1, -1]
+    fallen = -mass * 9.81 * flight.time
+    assert linear[:, 2] - linear[0, 2] == pytest.approx(fallen, abs=1e-9 * mass)
+    assert linear[:, :2] == pytest.approx(np.tile(linear[0, :2], (len(linear), 1)), abs=1e-10)
+
+
+@pytest.mark.parametrize("law", ["off", "computed_torque"])
+@pytest.mark.parametrize("name", ["hexarotor_3link", "octorotor_7link"])
+def test_fixed_steps_are_of_fourth_order_with_gravity_on(name: str, law: str, fast: Load) -> None:
+    module = fast(name)
+    joints = module.COORDINATES[3:-3]
+    posture = dict(zip(joints, (0.3, -0.8, 0.9, 0.5, -0.4, 0.6, 0.2), strict=False))
+    scenario = read_scenario(
+        "circle",
+        {"start": {"offset": [0.2, 0.1, 0], "turn_deg": [5, 8, 0]}, "control": {"law": law}},
+    )
+    scenario = replace(scenario, duration=0.64, arm=ArmTask(posture=posture))
+    exact = simulate(module, replace(scenario, integration=TIGHT))
+    errors = []
+    for step in (0.032, 0.016, 0.008) if law == "off" else (0.016, 0.008, 0.004):
+        settings = Settings(method="rk4", step=step)
+        flight = simulate(module, replace(scenario, integration=settings))
+        errors.append(np.linalg.norm(flight.q[-1] - exact.q[-1]))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[-1] > 1e-12
+    assert orders == pytest.approx(4.0, abs=0.2)
+
+
+@pytest.mark.parametrize("scenario", ["paper", "line", "circle", "hover"])
+def test_energy_balances_to_1e_8(scenario: str, fast: Load) -> None:
+    flight = simulate(fast("hexarotor_3link"), read_scenario(scenario))
+    # In hover the energies vanish: then against the weight, by a metre.
+    weight = 9.81 * fast("hexarotor_3link").mass_matrix(flight.q[0])[-1, -1]
+    assert np.abs(flight.energy_error).max() <= 1e-8 * max(np.abs(flight.work).max(), weight)
+
+
+def test_energy_balances_with_everything_on(fast: Load) -> None:
+    """Lag, limits and a push: the work of each is counted."""
+    scenario = replace(
+        read_scenario("line", {"start": {"offset": [0.2, 0.1, 0.1], "turn_deg": [4, 8, 3]}}),
+        motors=Motors((-12.0, 15.0), 0.02),
+        tip_force=TipForce((0.5, -0.3, 0.4), 1.0, 2.0),
+        duration=3.0,
+    )
+    settings = Settings(method="rk4", step=0.001)
+    flight = simulate(fast("octorotor_7link"), replace(scenario, integration=settings))
+    assert np.any(flight.commanded[:, :8] > 15.0 - 1e-9)
+    assert not flight.stopped
+    assert np.abs(flight.energy_error).max() <= 1e-8 * np.ptp(flight.potential_energy)
+    moved = np.abs(flight.q - flight.q_desired).max(axis=1)
+    assert moved[(flight.time > 1.0) & (flight.time < 2.0)].max() > 1e-2
+
+
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+def test_both_back_ends_fly_the_same(method: str, fast: Load, shipped: Load) -> None:
+    scenario = read_scenario(
+        "paper",
+        {"start": {"offset": [0.1, 0, 0]}, "duration": 1.0, "integration": {"method": method}},
+    )
+    slow, quick = (simulate(load("hexarotor_3link"), scenario) for load in (shipped, fast))
+    assert np.array_equal(slow.time, quick.time)
+    for name in ("q", "v", "applied", "constraint_torques", "work"):
+        ours, theirs = getattr(slow, name), getattr(quick, name)
+        assert ours == pytest.approx(theirs, rel=1e-7, abs=1e-7 * np.abs(theirs).max()), name
+
+
+def test_both_methods_fly_the_same(fast: Load) -> None:
+    scenario = read_scenario("paper", {"start": {"turn_deg": [10, 0, 0]}, "duration": 2.0})
+    adaptive = simulate(fast("hexarotor_3link"), scenario)
+    fixed = simulate(fast("hexarotor_3link"), replace(scenario, integration=Settings(method="rk4")))
+    assert np.array_equal(adaptive.time.round(9), fixed.time.round(9))
+    assert adaptive.q == pytest.approx(fixed.q, abs=1e-8)
+
+
+def test_steps_that_meet_a_limit_are_taken_in_python(fast: Load, shipped: Load) -> None:
+    """C hands back steps whose thrusts meet a limit; with NumPy all steps are Python's."""
+    scenario = replace(
+        read_scenario("line", {"start": {"offset": [0.3, 0, 0]}, "duration": 1.0}),
+        motors=Motors((-10.0, 15.5)),
+        integration=Settings(method="rk4", step=0.004),
+    )
+    quick, slow = (simulate(load("octorotor_7link"), scenario) for load in (fast, shipped))
+    limited = np.any(
+        (quick.applied[:, :8] > 15.5 - 1e-9) | (quick.applied[:, :8] < -10 + 1e-9), axis=1
+    )
+    assert 0 < np.sum(limited) < len(limited)
+    assert quick.q == pytest.approx(slow.q, abs=1e-9)
+    assert np.all((quick.applied[:, :8] <= 15.5) & (quick.applied[:, :8] >= -10))
+
+
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_a_lost_flight_ends_with_its_reason(
+    method: str, backend: str, fast: Load, shipped: Load
+) -> None:
+    scenario = read_scenario(
+        "paper",
+        {"motors": {"time_constant": 0.05}, "duration": 2.0, "integration": {"method": method}},
+    )
+    module = (fast if backend == "c" else shipped)("hexarotor_3link")
+    flight = simulate(module, scenario)
+    assert "control is lost" in flight.stopped or "no step is small enough" in flight.stopped
+    assert len(flight.time) > 1
+    assert flight.time[-1] < 2.0
+    assert np.abs(flight.q - flight.q_desired).max() <= scenario.integration.divergence
+    for series in (flight.a, flight.constraint_torques, flight.work):
+        assert np.all(np.isfinite(series))
+
+
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_a_flight_ends_at_the_singular_attitude(
+    method: str, backend: str, fast: Load, shipped: Load
+) -> None:
+    """Left alone while it pitches, the base turns on to theta_0 = 90°, and stops there."""
+    hill = Harmonic(x=(Term(10.0, growth=0.1),), z=(Term(0.3, frequency=2.0),))
+    scenario = Scenario(
+        "pitch",
+        5.0,
+        hill,
+        Tangent(1),
+        control=Control("off"),
+        integration=Settings(method=method),  # type: ignore[arg-type]
+    )
+    flight = simulate((fast if backend == "c" else shipped)("hexarotor"), scenario)
+    assert "singularity of the sequence xyz" in flight.stopped
+    assert f"t = {flight.time[-1]:.6g} s" in flight.stopped
+    assert flight.q[-1, 1] == pytest.approx(np.pi / 2, abs=0.01)
+    assert np.all(np.isfinite(flight.a))
+
+
+def test_samples_are_at_the_rate_asked_for(fast: Load) -> None:
+    for method in ("adaptive", "rk4"):
+        settings = {"method": method, "rate": 40, "step": 0.001}
+        scenario = read_scenario("hover", {"duration": 1.01, "integration": settings})
+        time = simulate(fast("hexarotor_3link"), scenario).time
+        assert time[:-1] == pytest.approx(np.arange(41) / 40, abs=1e-9)
+        assert time[-1] == pytest.approx(1.01, abs=1e-12)
+
+
+def test_a_push_begins_and_ends_when_it_should(fast: Load) -> None:
+    push = TipForce((0.0, 0.0, 1.0), 0.503, 0.707)
+    off = Scenario(
+        "push",
+        1.0,
+        Circle((0, 0, 0), 1e-9, 1.0),
+        control=Control("off"),
+        tip_force=push,
+        parameters={"gravity": 0.0},
+    )
+    for settings in (TIGHT, Settings(method="rk4")):
+        module = fast("hexarotor")
+        flight = simulate(module, replace(off, integration=settings))
+        mass = module.mass_matrix(flight.q[0])[-1, -1]
+        speed = np.clip(flight.time - 0.503, 0, 0.204) / mass
+        assert flight.v[:, -1] == pytest.approx(speed, abs=1e-6)
+        assert flight.work == pytest.approx(0.5 * mass * speed**2, abs=1e-6)
