@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -59,6 +59,8 @@ def checked(
     built = build(root)
     if root.faults or built is None:
         lines = key_lines(text)
+        for path in _paths(changes or {}):  # What has been replaced stands in no line.
+            lines.pop(path, None)
         faults = [Fault(f.path, f.message, line_of(lines, f.path)) for f in root.faults]
         faults.sort(key=lambda fault: fault.line or 0)
         raise refused(source, faults)
@@ -73,6 +75,15 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
         both = isinstance(before, Mapping) and isinstance(value, Mapping)
         whole[key] = merged(before or {}, value) if both else value
     return whole
+
+
+def _paths(changes: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Key paths of what `changes` replace."""
+    for key, value in changes.items():
+        if isinstance(value, Mapping) and value:
+            yield from _paths(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}"
 
 
 def _syntax_fault(error: Exception) -> Fault:

@@ -13,6 +13,7 @@ from tools import run, tool
 from gibbs_codegen.cli import argument_parser
 from gibbs_codegen.describe import DESCRIPTIONS
 from gibbs_codegen.robot_file import parse_robot
+from gibbs_codegen.simulator.scenario_file import TABLES, parse_scenario
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -22,8 +23,9 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
 
 
-def test_python_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT)
+def test_python_session(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "generated").symlink_to(ROOT / "generated")
+    monkeypatch.chdir(tmp_path)
     tool("cc")
     session, *snippets = blocks("python")
     names: dict[str, object] = {}
@@ -55,9 +57,18 @@ def test_c_program(tmp_path: Path) -> None:
 
 
 def test_robot_file_is_one() -> None:
-    (text,) = blocks("toml")
+    text, _ = blocks("toml")
     robot = parse_robot(text)
     assert (robot.rotors, len(robot.links)) == (6, 1)
+
+
+def test_scenario_is_one() -> None:
+    _, text = blocks("toml")
+    scenario = parse_scenario(text)
+    assert scenario.arm.tip is not None
+    # Every table of a scenario is shown.
+    for table in TABLES:
+        assert f"[{table}]" in text or f"[{table}." in text, table
 
 
 def test_commands_are_ones() -> None:

@@ -1,4 +1,57 @@
 """Simulation of generated modules: desired motion, control, integration, results.
 
-Knows generated modules, NumPy and SciPy, and nothing of the derivation.
+Knows generated modules, NumPy and SciPy, and nothing of the derivation. `simulate` is the map.
+Figures and animation (`figures`, `snapshots`, `animation`) are imported by name, since Matplotlib
+takes long to import.
 """
+
+from gibbs_codegen.simulator.allocation import Allocation, AllocationError
+from gibbs_codegen.simulator.attitude import SingularAttitudeError
+from gibbs_codegen.simulator.flight import Flight, read_flight
+from gibbs_codegen.simulator.integrate import Settings
+from gibbs_codegen.simulator.inverse_dynamics import (
+    inputs_and_constraint_torques,
+    required_inputs,
+)
+from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
+from gibbs_codegen.simulator.orientation import Level, Tangent
+from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Sum, Term, Waypoints
+from gibbs_codegen.simulator.plant import TipForce
+from gibbs_codegen.simulator.results import write_results
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Disturbance, Motors, Scenario
+from gibbs_codegen.simulator.scenario_file import parse_scenario, read_scenario
+from gibbs_codegen.simulator.simulate import desired_motion, simulate
+from gibbs_codegen.simulator.vehicle import Vehicle
+
+__all__ = [
+    "Allocation",
+    "AllocationError",
+    "ArmTask",
+    "Circle",
+    "Control",
+    "Disturbance",
+    "Fixed",
+    "Flight",
+    "Harmonic",
+    "Level",
+    "Line",
+    "Motors",
+    "Scenario",
+    "Settings",
+    "SingularAttitudeError",
+    "Sum",
+    "Tangent",
+    "Term",
+    "TipForce",
+    "UnreachableError",
+    "Vehicle",
+    "Waypoints",
+    "desired_motion",
+    "inputs_and_constraint_torques",
+    "parse_scenario",
+    "read_flight",
+    "read_scenario",
+    "required_inputs",
+    "simulate",
+    "write_results",
+]

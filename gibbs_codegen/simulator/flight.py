@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,9 +160,10 @@ class Flight:
 def read_flight(path: Path) -> Flight:
     """The flight of an `.npz` file that `write_npz` wrote. Raises `UsageError` for any other."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        # Opened here: what `np.load` opens it leaves open where it is not an archive.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             values = {field.name: stored[field.name] for field in dataclasses.fields(Flight)}
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, BadZipFile) as error:
         raise UsageError(f"{path}: is not a flight that was saved: {error}") from None
     for name, value in values.items():
         if value.dtype.kind == "U":

@@ -27,7 +27,7 @@ from gibbs_codegen.toml_reader import Table, shown
 
 MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
 MAX_SAMPLES, MAX_STEPS = 1_000_000, 100_000_000
-_TABLES = ("base", "arm", "start", "control", "motors", "tip_force", "integration", "parameters")
+TABLES = ("base", "arm", "start", "control", "motors", "tip_force", "integration", "parameters")
 _LEAST = 1e-9  # of what has to be greater than zero
 _MOST = 1e12  # of any number: no unit makes one so large of what flies
 _MOST_FREQUENCY, _MOST_DAMPING, _MOST_TOLERANCE = 1e4, 1e4, 0.1
@@ -114,7 +114,7 @@ def _not_found(path: FilePath) -> str:
 def _scenario(root: Table) -> Scenario | None:
     if not _is_plain(root):
         return None
-    root.refuse_unknown(("name", "description", "duration", *_TABLES))
+    root.refuse_unknown(("name", "description", "duration", *TABLES))
     name = _text(root, "name", 1)
     description = _text(root, "description", 0) if "description" in root.values else ""
     duration = root.number("duration", 1.0)
@@ -161,7 +161,8 @@ def _is_plain(root: Table) -> bool:
             root.faults.append(_TOO_DEEP)
             return False
         if isinstance(value, dict):
-            inside = [(f"{path}.{_printable(k)}" if path else k, v) for k, v in value.items()]
+            before = f"{path}." if path else ""
+            inside = [(f"{before}{_printable(key)}", entry) for key, entry in value.items()]
         elif isinstance(value, list):
             inside = [(f"{path}[{i}]", v) for i, v in enumerate(value)]
         else:

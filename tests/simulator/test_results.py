@@ -1,0 +1,67 @@
+"""Results of a flight in a folder: whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.simulator.flight import Flight, read_flight
+from gibbs_codegen.simulator.results import write_results
+from gibbs_codegen.simulator.scenario_file import read_scenario
+from gibbs_codegen.simulator.simulate import simulate
+
+
+@pytest.fixture(scope="module")
+def flight(shipped: Callable[[str], ModuleType]) -> Flight:
+    return simulate(shipped("hexarotor"), read_scenario("circle", {"duration": 0.2}))
+
+
+def test_everything_is_written_and_named(flight: Flight, tmp_path: Path) -> None:
+    paths = write_results(flight, tmp_path / "out", animation="gif")
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [p.name for p in paths]
+    names = {path.name for path in paths}
+    assert {"flight.npz", "flight.csv", "flight.gif"} <= names
+    for figure in ("coordinates", "snapshots", "inputs", "constraint_torques", "energy"):
+        assert {f"{figure}.png", f"{figure}.pdf"} <= names
+    assert all(path.stat().st_size > 500 for path in paths)
+    assert read_flight(tmp_path / "out" / "flight.npz").robot == "hexarotor"
+
+
+def test_other_files_are_left_alone_and_old_results_replaced(
+    flight: Flight, tmp_path: Path
+) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "flight.csv").write_text("old")
+    write_results(flight, tmp_path, figures=False)
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "flight.csv").read_text().startswith("time [s],")
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_failure_changes_nothing(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "flight.csv").write_text("old")
+
+    def fail(self: Flight, path: Path) -> None:
+        path.write_text("half")
+        raise OutputError("disk full")
+
+    monkeypatch.setattr(Flight, "write_csv", fail)
+    with pytest.raises(OutputError, match="disk full"):
+        write_results(flight, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["flight.csv"]
+    assert (tmp_path / "flight.csv").read_text() == "old"
+
+
+def test_what_cannot_be_a_folder_is_refused(flight: Flight, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(UsageError, match="is a file; --out must be a folder"):
+            write_results(flight, folder)
+    with pytest.raises(UsageError, match="animation 'avi': unknown"):
+        write_results(flight, tmp_path, animation="avi")

@@ -1,0 +1,242 @@
+"""Whole flights: the paper's, disturbed ones, other rotor counts, and those that are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.allocation import AllocationError
+from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.integrate import Settings
+from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
+from gibbs_codegen.simulator.orientation import Level
+from gibbs_codegen.simulator.paths import Circle, Fixed
+from gibbs_codegen.simulator.plant import TipForce
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Scenario
+from gibbs_codegen.simulator.scenario_file import read_scenario
+from gibbs_codegen.simulator.simulate import simulate
+
+Load = Callable[[str], ModuleType]
+METHODS = ("adaptive", "rk4")
+
+
+@pytest.fixture(scope="module", params=METHODS)
+def paper_flight(request: pytest.FixtureRequest, fast: Load) -> Flight:
+    scenario = read_scenario("paper", {"integration": {"method": request.param}})
+    return simulate(fast("hexarotor_3link"), scenario)
+
+
+def paths_of_the_paper(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eqs. 20 and 21 as they stand in the paper."""
+    centre = [2 * np.exp(-0.05 * t) * np.cos(t), 2 * np.exp(-0.05 * t) * np.sin(t), np.exp(0.1 * t)]
+    tip = [-2 * np.cos(np.pi / 2 + t), -2 + 0 * t, -2 * np.sin(2 * t)]
+    return np.stack(centre, axis=-1), np.stack(tip, axis=-1)
+
+
+def test_the_paper_flight_is_tracked(paper_flight: Flight) -> None:
+    flight = paper_flight
+    assert not flight.stopped
+    assert flight.time[0] == 0
+    assert flight.time[-1] == pytest.approx(4 * np.pi, abs=1e-12)
+    centre, tip = paths_of_the_paper(flight.time)
+    assert np.linalg.norm(flight.point("O2") - centre, axis=1).max() < 1e-6
+    assert np.linalg.norm(flight.point("tip") - tip, axis=1).max() < 1e-6
+    assert np.abs(flight.q - flight.q_desired)[:, :6].max() < 1e-6
+
+
+def test_arm_2_stays_tangent_and_the_base_arms_stay_rigid(paper_flight: Flight) -> None:
+    flight = paper_flight
+    t = flight.time
+    h = 1e-6
+    ahead, behind = paths_of_the_paper(t + h)[0], paths_of_the_paper(t - h)[0]
+    tangent = (ahead - behind) / np.linalg.norm(ahead - behind, axis=1, keepdims=True)
+    arm = flight.point("motor2") - flight.point("O2")
+    arm /= np.linalg.norm(arm, axis=1, keepdims=True)
+    # Differences of a path leave 1e-9; the angle is small, so its sine does.
+    assert np.linalg.norm(np.cross(arm, tangent), axis=1).max() < 1e-6
+    assert np.all(np.sum(arm * tangent, axis=1) > 0)
+    assert flight.heading_error.max() < 1e-6
+    degrees = [-120, -60, 0, 60, 120]
+    assert np.degrees(flight.base_arm_angles) == pytest.approx(np.tile(degrees, (len(t), 1)))
+    assert np.ptp(flight.base_arm_angles, axis=0).max() < 1e-12
+
+
+def test_the_base_normal_is_the_nearest_to_the_vertical(paper_flight: Flight) -> None:
+    """Turned about the tangent either way, the normal would lean more."""
+    for rotation in paper_flight.base_rotation[::200]:
+        normal, angle = rotation[:, 2], np.radians(-120)
+        tangent = rotation @ np.array([np.cos(angle), np.sin(angle), 0])
+        for turn in np.radians([-5, -0.5, 0.5, 5]):
+            leaning = np.cos(turn) * normal + np.sin(turn) * np.cross(tangent, normal)
+            assert leaning[2] < normal[2]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_disturbed_start_converges_without_much_overshoot(seed: int, fast: Load) -> None:
+    rng = np.random.default_rng(seed)
+    offset, turn = rng.normal(size=(2, 3))
+    start = {
+        "offset": (0.2 * offset / np.linalg.norm(offset)).tolist(),
+        "turn_deg": (10 * turn / np.linalg.norm(turn)).tolist(),
+    }
+    scenario = read_scenario("paper", {"start": start, "duration": 4.0})
+    flight = simulate(fast("hexarotor_3link"), scenario)
+    assert flight.centre_error[0] == pytest.approx(0.2, abs=1e-12)
+    wanted = Flight.point(flight, "O2")[0] - flight.centre_desired[0]
+    assert wanted == pytest.approx(start["offset"], abs=1e-12)
+    turned = flight.base_rotation[0] @ undisturbed_rotation(flight).T
+    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) == pytest.approx(10, abs=1e-6)
+    late = flight.time >= 3
+    assert flight.centre_error[late].max() < 1e-3
+    assert flight.tip_error[late].max() < 1e-3
+    for name, desired in (("O2", flight.centre_desired), ("tip", flight.tip_desired)):
+        error = flight.point(name) - desired
+        along = error @ error[0] / (error[0] @ error[0])
+        assert along.min() > -0.2
+        assert np.linalg.norm(error, axis=1).max() < 1.2 * np.linalg.norm(error[0])
+
+
+def undisturbed_rotation(flight: Flight) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_euler("XYZ", flight.q_desired[0, :3]).as_matrix()
+
+
+@pytest.mark.parametrize("rotors", [8, 10])
+def test_more_rotors_fly_it_with_the_least_thrusts(
+    rotors: int, family: Callable[[int, int], ModuleType]
+) -> None:
+    module = family(rotors, 3)
+    flight = simulate(module, read_scenario("paper"))
+    assert not flight.stopped
+    assert flight.centre_error.max() < 1e-6
+    assert flight.tip_error.max() < 1e-6
+    thrusts = flight.applied[:, :rotors]
+    # Thrusts of minimum norm have no part in the null space of B.
+    matrix = module.input_matrix(flight.q[0])[:, :rotors]
+    _, values, rows = np.linalg.svd(matrix)
+    assert np.sum(values > 1e-9) == 6
+    assert thrusts @ rows[6:].T == pytest.approx(0, abs=1e-9 * np.abs(thrusts).max())
+
+
+def test_a_quadrotor_is_refused_with_the_directions_it_lacks(shipped: Load) -> None:
+    for name in ("paper", "hover"):
+        with pytest.raises(AllocationError, match="force along y and torque about x") as refused:
+            simulate(shipped("quadrotor_2link"), read_scenario(name))
+        assert refused.value.missing == ("force along y", "torque about x")
+
+
+def test_a_quadrotor_hovers_in_open_loop(shipped: Load) -> None:
+    scenario = read_scenario("hover", {"control": {"law": "open_loop"}, "duration": 0.5})
+    flight = simulate(shipped("quadrotor_2link"), scenario)
+    assert flight.centre_error.max() < 1e-6
+
+
+def test_a_redundant_arm_follows_a_tip_path(fast: Load) -> None:
+    scenario = Scenario(
+        "reach",
+        3.0,
+        Fixed((0.0, 0.0, 1.0)),
+        Level(0.3, 0.2),
+        ArmTask(tip=Circle((0.35, 0.0, 0.75), 0.1, 2.0, normal=(1.0, 0.2, 0.3))),
+    )
+    flight = simulate(fast("octorotor_7link"), scenario)
+    assert not flight.stopped
+    assert flight.tip_error.max() < 1e-6
+    assert np.abs(flight.q - flight.q_desired).max() < 1e-6
+    assert np.ptp(flight.q[:, 3:10], axis=0).max() > 0.1
+
+
+def test_an_arm_too_short_is_told_when_and_how_far(fast: Load) -> None:
+    with pytest.raises(UnreachableError, match=r"from t = 0 s to 12\.5664 s") as refused:
+        simulate(fast("octorotor_7link"), read_scenario("paper"))
+    assert refused.value.distances.max() > 1.0
+
+
+def test_without_an_arm_there_is_no_tip_to_lead(shipped: Load) -> None:
+    with pytest.raises(UsageError, match="has no arm"):
+        simulate(shipped("hexarotor"), read_scenario("paper"))
+    assert simulate(shipped("hexarotor"), read_scenario("circle")).centre_error.max() < 1e-6
+
+
+@pytest.mark.parametrize("name", ["hover", "line", "circle"])
+@pytest.mark.parametrize("robot", ["hexarotor_3link", "octorotor_7link"])
+def test_shipped_scenarios_fly(name: str, robot: str, fast: Load) -> None:
+    flight = simulate(fast(robot), read_scenario(name, {"integration": {"method": "rk4"}}))
+    assert not flight.stopped
+    assert flight.centre_error.max() < 1e-6
+    assert flight.heading_error.max() < 1e-6
+
+
+def test_names_of_another_robot_are_refused(shipped: Load) -> None:
+    for task in (ArmTask(posture={"theta_6": 0.1}), ArmTask(limits={"theta_6": (0.0, 1.0)})):
+        scenario = replace(read_scenario("hover"), arm=task)
+        with pytest.raises(UsageError, match="no joint theta_6; its joints: theta_7, theta_8"):
+            simulate(shipped("hexarotor_3link"), scenario)
+
+
+def test_parameters_reach_the_machine(fast: Load) -> None:
+    heavy = read_scenario("hover", {"parameters": {"gravity": 20.0}, "duration": 0.1})
+    flight = simulate(fast("hexarotor_3link"), heavy)
+    light = simulate(fast("hexarotor_3link"), replace(heavy, parameters={}))
+    assert flight.applied[0, :6:2] == pytest.approx(light.applied[0, :6:2] * 20 / 9.81, rel=1e-6)
+    with pytest.raises(UsageError, match="unknown parameters"):
+        simulate(fast("hexarotor_3link"), replace(heavy, parameters={"gravitas": 1.0}))
+
+
+def test_a_push_at_the_tip_moves_it_and_is_overcome(fast: Load) -> None:
+    push = TipForce((3.0, 0.0, 0.0), 0.5, 1.5)
+    scenario = replace(read_scenario("line"), tip_force=push, duration=5.0)
+    flight = simulate(fast("octorotor_7link"), scenario)
+    before, during = flight.time < 0.5, (flight.time > 0.5) & (flight.time < 1.5)
+    assert flight.tip_error[before].max() < 1e-6
+    assert flight.tip_error[during].max() > 1e-2
+    assert flight.tip_error[-1] < 1e-3 * flight.tip_error[during].max()
+
+
+def test_the_push_is_a_force_on_the_tip(fast: Load) -> None:
+    """M a = R + B u + Jᵀf, with J of the tip."""
+    push = TipForce((1.0, -2.0, 0.5), 0.0, 1.0)
+    module = fast("hexarotor_3link")
+    scenario = replace(read_scenario("circle"), tip_force=push, duration=0.2)
+    flight = simulate(module, scenario)
+    for k in range(0, len(flight.time), 5):
+        q, v, a, u = flight.q[k], flight.v[k], flight.a[k], flight.applied[k]
+        left = module.inverse_dynamics(q, v, a) - module.input_matrix(q) @ u
+        force = module.tip_jacobian(q)[:3].T @ np.array(push.force)
+        assert left == pytest.approx(force, abs=1e-9)
+
+
+def test_lag_holds_thrusts_back(fast: Load) -> None:
+    """After a step the thrusts approach what is asked for as e^(−t/T)."""
+    changes = {"motors": {"time_constant": 0.05}, "duration": 1.0}
+    flight = simulate(fast("octorotor_7link"), read_scenario("line", changes))
+    rate = np.gradient(flight.applied[:, :8], flight.time, axis=0, edge_order=2)
+    asked = (flight.commanded - flight.applied)[:, :8] / 0.05
+    assert rate[2:-2] == pytest.approx(asked[2:-2], abs=0.02 * np.abs(asked).max() + 1e-3)
+    assert flight.applied[0] == pytest.approx(flight.commanded[0])
+
+
+def test_control_off_asks_for_nothing(fast: Load) -> None:
+    scenario = replace(read_scenario("circle"), control=Control("off"), duration=0.3)
+    flight = simulate(fast("hexarotor_3link"), replace(scenario, integration=Settings("rk4")))
+    assert not np.any(flight.applied)
+    assert not np.any(flight.work)
+
+
+def test_progress_is_told(fast: Load) -> None:
+    told: list[tuple[str, float]] = []
+    simulate(
+        fast("hexarotor_3link"),
+        read_scenario("paper", {"duration": 0.5}),
+        lambda what, share: told.append((what, share)),
+    )
+    for what in ("inverse kinematics", "flying"):
+        shares = [share for name, share in told if name == what]
+        assert shares == sorted(shares)
+        assert shares[-1] == pytest.approx(1.0)
