@@ -1,4 +1,4 @@
-"""Figures of a flight, at the widths of a two-column paper (3.5 and 7.2 in).
+"""Figures of a flight, for the widths of a two-column paper (3.5 and at most 7.2 in).
 
 Each is a Matplotlib `Figure` that belongs to nobody: no window, no pyplot, no backend. The caller
 saves it, shows it in a notebook or changes it. They look the same whatever the user's own style.
@@ -6,6 +6,7 @@ saves it, shows it in a notebook or changes it. They look the same whatever the 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,10 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gibbs_codegen.errors import OutputError
-from gibbs_codegen.simulator.animation import snapshots as snapshots
-from gibbs_codegen.simulator.animation import snapshots_panels as snapshots_panels
+from gibbs_codegen.simulator.figure_style import COLUMN, DARK, FULL, add_heading, spread, style
 from gibbs_codegen.simulator.flight import Array, Flight, coordinate_unit, input_unit
-from gibbs_codegen.simulator.machine_drawing import COLUMN, DARK, FULL, add_heading, spread, style
+from gibbs_codegen.simulator.snapshots import snapshots, snapshots_panels
 
 # Curves on a logarithmic axis end here: it is where what is exactly zero is drawn.
 LOG_FLOOR = 1e-17
@@ -33,17 +33,20 @@ _SOLID: dict[str, Any] = {"linewidth": 1.7, "solid_capstyle": "butt"}
 _DASHED: dict[str, Any] = {"linewidth": 0.8, "color": DARK, "dashes": (4, 3)}
 # What varies less than this, in the unit of its axis, is drawn as constant.
 _ROUND_OFF = 1e-3
+# Of ranges: curves that differ by more are not in one panel.
+_RATIO = 5.0
 # A date would make every file another.
 _METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
 class _Curves(NamedTuple):
-    """What one panel shows over time: `values` (s, k), dashed `reference` (s, k), their names."""
+    """What axes show over time: `values` (s, k), dashed `reference` (s, k), names and colours."""
 
     label: str
     names: list[str]
     values: Array
     reference: Array | None = None
+    colours: Sequence[str] = _COLOURS
 
 
 def coordinates(flight: Flight) -> Figure:
@@ -51,34 +54,41 @@ def coordinates(flight: Flight) -> Figure:
 
     A: attitude angles, deg. B: constrained angles of base arms 2 … N, deg. C: joints of the arm,
     revolute ones in deg, prismatic ones in m in a panel of their own. D: position of O₁ (or of the
-    base centre, where the coordinates are its), m.
+    base centre, where the coordinates are its), m. In A and C, coordinates that vary far less than
+    others, such as roll and pitch beside a yaw of many turns, have axes of their own.
     """
     joints = flight.coordinates[3:-3]
     kinds = [[n for n in joints if coordinate_unit(n) == unit] for unit in ("rad", "m")]
     origin = "$O_1$" if np.allclose(flight.q[:, -3:], flight.point("O1")) else "$O_2$"
     arms = np.broadcast_arrays(flight.base_arm_angles, flight.base_arm_angles_desired)
     arm_names = [_symbol(f"theta_{k}") for k in range(2, flight.rotors + 1)]
+    joint_curves = [_coordinate_curves(flight, "joints", names) for names in kinds if names]
     panels = [
-        ("A", _coordinate_curves(flight, "attitude", flight.coordinates[:3])),
-        ("B", _Curves("base arms (deg)", arm_names, *np.degrees(arms))),
-        *(
-            (letter, _coordinate_curves(flight, "joints", names))
-            for letter, names in zip(("C", "C′"), filter(None, kinds), strict=False)
-        ),
-        ("D", _coordinate_curves(flight, f"position of {origin}", flight.coordinates[-3:])),
+        ("A", _by_range(_coordinate_curves(flight, "attitude", flight.coordinates[:3]))),
+        ("B", [_Curves("base arms (deg)", arm_names, *np.degrees(arms))]),
+        *zip(("C", "C′"), map(_by_range, joint_curves), strict=False),
+        ("D", [_coordinate_curves(flight, f"position of {origin}", flight.coordinates[-3:])]),
     ]
-    rows = -(-len(panels) // 2)
+    pairs = [panels[place : place + 2] for place in range(0, len(panels), 2)]
+    rows = [_heights([parts for _, parts in pair]) for pair in pairs]
+    heights = list(itertools.chain.from_iterable(rows))
     with style():
-        figure = Figure(figsize=(FULL, 0.3 + 1.8 * rows), layout="constrained")
-        grid = figure.add_gridspec(rows, 2)
-        for place, (letter, curves) in enumerate(panels):
-            # The last of an odd number takes the whole row.
-            alone = place % 2 == 0 and place == len(panels) - 1
-            row, column = divmod(place, 2)
-            axes = figure.add_subplot(grid[row, :] if alone else grid[row, column])
-            axes.set_title(letter, loc="left")
-            _plot(axes, flight, curves)
-        _explain(figure.axes[1], "actual", "desired")
+        figure = Figure(figsize=(FULL, 0.3 + sum(heights)), layout="constrained")
+        grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+        begin = 0
+        for pair, row in zip(pairs, rows, strict=True):
+            end = begin + len(row)
+            for column, (letter, parts) in enumerate(pair):
+                # The last of an odd number takes the whole row.
+                columns = column if len(pair) == 2 else slice(None)
+                places: Sequence[Any] = range(begin, end) if parts[1:] else [slice(begin, end)]
+                group = [figure.add_subplot(grid[place, columns]) for place in places]
+                group[0].set_title(letter, loc="left")
+                for axes, part in zip(group, parts, strict=True):
+                    _plot(axes, flight, part)
+            begin = end
+        # Of B.
+        _explain(figure.axes[len(panels[0][1])], "actual", "desired")
         return _finished(figure, flight)
 
 
@@ -197,6 +207,37 @@ def _coordinate_curves(flight: Flight, what: str, names: Sequence[str]) -> _Curv
     return _Curves(f"{what} ({unit})", [_symbol(name) for name in names], actual, desired)
 
 
+def _by_range(curves: _Curves) -> list[_Curves]:
+    """The curves in one panel, or in two where the larger would make the smaller look flat."""
+    actual = np.where(np.isfinite(curves.values), curves.values, curves.values[0])
+    ranges = np.ptp(actual, axis=0)
+    ranked = np.sort(ranges[ranges > _ROUND_OFF])
+    if not len(ranked) or ranked[-1] < _RATIO * ranked[0]:
+        return [curves]
+    # Between the two that differ most.
+    wide = ranges >= ranked[np.argmax(ranked[1:] / ranked[:-1]) + 1]
+    # In the order that the first of each has.
+    return [_chosen(curves, wide == wide[0]), _chosen(curves, wide != wide[0])]
+
+
+def _heights(panels: Sequence[list[_Curves]]) -> list[float]:
+    """Heights of the rows that panels beside each other take, of which some are split, in."""
+    widest = max(panels, key=len)
+    if len(widest) == 1:
+        return [1.8]
+    # Names at the ends of curves need height.
+    shares = np.sqrt([len(curves.names) for curves in widest])
+    return [float(height) for height in 2.2 * shares / shares.sum()]
+
+
+def _chosen(curves: _Curves, which: Any) -> _Curves:
+    """Some of the curves, by a mask (k)."""
+    names = list(itertools.compress(curves.names, which))
+    reference = None if curves.reference is None else curves.reference[:, which]
+    colours = list(itertools.compress(itertools.cycle(curves.colours), which))
+    return _Curves(curves.label, names, curves.values[:, which], reference, colours)
+
+
 def _input_curves(flight: Flight, label: str, names: Sequence[str]) -> _Curves:
     places = [flight.input_names.index(name) for name in names]
     differing = np.where(_followed(flight), np.nan, flight.commanded)
@@ -228,13 +269,15 @@ def _stack(flight: Flight, panels: Sequence[_Curves]) -> Figure:
 def _plot(axes: Axes, flight: Flight, curves: _Curves) -> None:
     """Values as coloured lines with their names at the end, the reference dashed over them."""
     for column, name in enumerate(curves.names):
-        values, colour = curves.values[:, column], _COLOURS[column % len(_COLOURS)]
+        values, colour = curves.values[:, column], curves.colours[column % len(curves.colours)]
         _line(axes, flight, values, color=colour, **_SOLID)
         if curves.reference is not None:
             _line(axes, flight, curves.reference[:, column], zorder=3, **_DASHED)
+        # A flight that stopped because it diverged may end in what is not a number.
+        finite = values[np.isfinite(values)]
         axes.annotate(
             name,
-            xy=(flight.time[-1], values[-1]),
+            xy=(flight.time[-1], finite[-1] if len(finite) else 0.0),
             xytext=(14.0, 0.0),
             textcoords="offset points",
             color=colour,

@@ -1,4 +1,4 @@
-"""The machine in three dimensions, and what all drawings share: their style and heading.
+"""The machine and its paths in three dimensions.
 
 Matplotlib orders 3-D artists by one depth for each, which puts long ones wrong; here `zorder`
 decides, from what lies behind to what lies in front.
@@ -7,119 +7,30 @@ decides, from what lies behind to what lies in front.
 from __future__ import annotations
 
 import itertools
-import textwrap
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
-import matplotlib.style
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
-from matplotlib.text import Annotation, Text
-
-# Matplotlib types its own package, and not the toolkits that come with it.
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
+from gibbs_codegen.simulator.figure_style import DARK, GOLD
 from gibbs_codegen.simulator.flight import Array, Flight
 
-# Widths of a column and of a page of two columns, in.
-COLUMN, FULL = 3.5, 7.2
-
-# Colours that colour-blind eyes can tell apart (Okabe and Ito, 2008), the yellow darker for white.
-DARK = "0.15"
-GOLD = "#f2c200"
+# Of the palette that DARK and GOLD are of.
 _DISC_COLOUR = "#56b4e9"
 _CENTRE_COLOUR = "#0072b2"
 _TIP_COLOUR = "#d55e00"
 
-# Points that a name at the end of a curve takes of the height, and that it stands off.
-_NAME_HEIGHT, _NAME_DISTANCE = 9.5, 14.0
+# Elevation above the horizon and azimuth from which a machine looks like one, degrees.
+VIEW = (22.0, -62.0)
 
 _PATH_LEVELS, _MACHINE_LEVEL = (3, 4), 10
 _DISC_CORNERS = 24
 # Of the distance between motors: discs in one plane would touch at half of it.
 _DISC_SHARE = 0.45
 # Of the largest extent: what a scene has at least along each axis, so that it stays a box.
-_THINNEST = 0.3
-
-_STYLE: dict[str, Any] = {
-    # The second family has what the first lacks, such as subscripts in a message.
-    "font.family": ["STIXGeneral", "DejaVu Sans"],
-    "mathtext.fontset": "stix",
-    "font.size": 8,
-    "axes.titlesize": 8,
-    "axes.titleweight": "bold",
-    "axes.labelsize": 8,
-    "axes.linewidth": 0.6,
-    "axes.xmargin": 0,
-    "axes.grid": True,
-    "grid.color": "0.9",
-    "grid.linewidth": 0.4,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.fontsize": 7.5,
-    "legend.frameon": False,
-    "legend.handlelength": 1.8,
-    "legend.columnspacing": 1.2,
-    "legend.borderpad": 0,
-    "legend.borderaxespad": 0.3,
-    "axes3d.xaxis.panecolor": "white",
-    "axes3d.yaxis.panecolor": "white",
-    "axes3d.zaxis.panecolor": "white",
-    "figure.titlesize": 7.5,
-    "savefig.dpi": 200,
-    # TrueType: publishers refuse the Type 3 fonts that are the default.
-    "pdf.fonttype": 42,
-    "svg.hashsalt": "gibbs_codegen",
-}
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """The style of all drawings, for as long as one is made or saved."""
-    with matplotlib.style.context(["default", _STYLE]):
-        yield
-
-
-def add_heading(figure: Figure, flight: Flight) -> Text:
-    """Name robot and scenario above a figure, and say so where the flight stopped early."""
-    lines = [f"{flight.robot}, {flight.scenario}"]
-    if flight.stopped:
-        lines += textwrap.wrap(f"stopped {flight.stopped}", int(20 * figure.get_size_inches()[0]))
-    colour = "#b00000" if flight.stopped else "0.35"
-    return figure.suptitle("\n".join(lines), color=colour, parse_math=False)
-
-
-def spread(axes: Axes) -> None:
-    """Move the names at the ends of curves apart, as little as can be; leave some of too many out.
-
-    The names are the annotations of `axes`, in offset points; the axes must be laid out.
-    """
-    names = [text for text in axes.texts if isinstance(text, Annotation)]
-    if not names:
-        return
-    size = _NAME_HEIGHT * axes.figure.dpi / 72.0
-    low, high = (edge / size for edge in axes.get_window_extent().intervaly)
-    kept = names[:: -(-len(names) // int(high - low))]
-    for name in set(names) - set(kept):
-        name.remove()
-    ends = axes.transData.transform([name.xy for name in kept])[:, 1] / size
-    order = np.argsort(ends)
-    # Less the rank of each: places that do not decrease are names that do not meet.
-    wanted = ends[order] - np.arange(len(kept))
-    for rank, index in enumerate(order):
-        # Least squares under that condition (isotonic regression).
-        means = [
-            min(wanted[first : last + 1].mean() for last in range(rank, len(kept)))
-            for first in range(rank + 1)
-        ]
-        place = np.clip(max(means), low, high - len(kept) + 1.0) + rank
-        kept[index].set_position((_NAME_DISTANCE, float(place - ends[index]) * _NAME_HEIGHT))
+_THINNEST = 0.4
 
 
 class MachineDrawing:
@@ -212,13 +123,41 @@ def chain(flight: Flight) -> list[str]:
     return ["O2", *(name for name in flight.points if name.startswith("joint")), "tip"]
 
 
-def set_scene(axes: Any, flight: Flight, view: tuple[float, float], ticks: int = 8) -> None:
-    """Give 3-D axes equal units in m, limits that hold all of the flight, and a `view` of it.
+def samples_at(flight: Flight, times: Array) -> list[int]:
+    """Samples of a flight that are nearest to times, s."""
+    between = (flight.time[1:] + flight.time[:-1]) / 2.0
+    return [int(sample) for sample in np.searchsorted(between, times)]
+
+
+def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Array]:
+    """Lowest and highest coordinates of machine and paths, with room for rotors.
+
+    The machine is where it is at `samples`, or at all of them.
+    """
+    machines = flight.positions if samples is None else flight.positions[samples]
+    paths = [flight.point("O2"), flight.point("tip"), flight.centre_desired, flight.tip_desired]
+    points = np.concatenate([machines.reshape(-1, 3), *paths])
+    # A flight that stopped because it diverged may end in what is not a number.
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = high - low + 2.0 * _disc_radius(flight)
+    half = np.maximum(extent, _THINNEST * extent.max()) / 2.0
+    middle = (low + high) / 2.0
+    return middle - half, middle + half
+
+
+def set_scene(
+    axes: Any,
+    bounds: tuple[Array, Array],
+    view: tuple[float, float] = VIEW,
+    ticks: int = 8,
+) -> None:
+    """Give 3-D axes equal units in m, limits at `bounds`, and a `view`.
 
     A view is its elevation above the horizon and its azimuth, in degrees. The longest axis has at
     most about so many `ticks`.
     """
-    low, high = _bounds(flight)
+    low, high = bounds
     extent = high - low
     axes.computed_zorder = False
     # Neighbours would be hidden behind it.
@@ -227,6 +166,8 @@ def set_scene(axes: Any, flight: Flight, view: tuple[float, float], ticks: int =
         axes.set(**{f"{name}lim": (begin, end), f"{name}label": f"${name}$ (m)"})
         bins = max(2, round(ticks * (end - begin) / extent.max()))
         axes.locator_params(name, nbins=bins, steps=[1, 2, 5, 10])
+        getattr(axes, f"{name}axis").labelpad = 0.0 if name == "z" else -3.0
+    axes.tick_params(pad=0.5)
     axes.set_proj_type("ortho")
     axes.set_box_aspect(extent)
     axes.view_init(*view)
@@ -256,20 +197,6 @@ def project(axes: Any, points: Array) -> Array:
     matrix = axes.get_proj()
     flat: Array = (points @ matrix[:2, :3].T + matrix[:2, 3]) / matrix[3, 3]
     return flat
-
-
-def _bounds(flight: Flight) -> tuple[Array, Array]:
-    """Lowest and highest coordinates of all points and desired paths, with room for rotors."""
-    points = np.concatenate(
-        [flight.positions.reshape(-1, 3), flight.centre_desired, flight.tip_desired]
-    )
-    # A flight that stopped because it diverged may end in what is not a number.
-    points = points[np.isfinite(points).all(axis=1)]
-    low, high = points.min(axis=0), points.max(axis=0)
-    extent = high - low + 2.0 * _disc_radius(flight)
-    half = np.maximum(extent, _THINNEST * extent.max()) / 2.0
-    middle = (low + high) / 2.0
-    return middle - half, middle + half
 
 
 def _disc_radius(flight: Flight) -> float:

@@ -1,10 +1,12 @@
-"""Flights that nobody flew: smooth motion of a generated module, to test what shows flights."""
+"""To test what shows flights: smooth motion that nobody flew, and the names that axes show."""
 
 from __future__ import annotations
 
 from types import ModuleType
+from typing import Any
 
 import numpy as np
+from matplotlib.text import Annotation
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.simulator.flight import Array, Flight
@@ -62,6 +64,10 @@ def synthetic_flight(
         "work": kinetic + potential - kinetic[0] - potential[0] + 1e-9 * np.sin(7.0 * time),
     }
     return Flight(**{**fields, **changes})  # type: ignore[arg-type]  # fields by name
+
+
+def names(axes: Any) -> list[str]:
+    return [text.get_text() for text in axes.texts if isinstance(text, Annotation)]
 
 
 def _desired(module: ModuleType, time: Array) -> Array:

@@ -20,7 +20,7 @@ from gibbs_codegen.simulator.flight import Flight
 
 @pytest.fixture(scope="module")
 def flight(shipped: Callable[[str], ModuleType]) -> Flight:
-    return synthetic_flight(shipped("quadrotor_2link"), samples=41, duration=0.4)
+    return synthetic_flight(shipped("hexarotor_3link"), samples=41, duration=0.4)
 
 
 def test_gif_runs_in_real_time(flight: Flight, tmp_path: Path) -> None:

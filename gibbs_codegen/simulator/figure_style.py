@@ -1,0 +1,123 @@
+"""What all figures share: widths, colours, style, heading, and names that keep apart."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import matplotlib.style
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Annotation, Text
+
+from gibbs_codegen.simulator.flight import Flight
+
+# Widths of a column and of a page of two columns, in.
+COLUMN, FULL = 3.5, 7.2
+
+# Colours that colour-blind eyes can tell apart (Okabe and Ito, 2008), the yellow darker for white.
+DARK = "0.15"
+GOLD = "#f2c200"
+
+# Points that a name at the end of a curve takes of the height, and that it stands off.
+_NAME_HEIGHT, _NAME_DISTANCE = 9.5, 14.0
+
+_STYLE: dict[str, Any] = {
+    # The second family has what the first lacks, such as subscripts in a message.
+    "font.family": ["STIXGeneral", "DejaVu Sans"],
+    "mathtext.fontset": "stix",
+    "font.size": 8,
+    "axes.titlesize": 8,
+    "axes.titleweight": "bold",
+    "axes.labelsize": 8,
+    "axes.linewidth": 0.6,
+    "axes.xmargin": 0,
+    "axes.grid": True,
+    "grid.color": "0.9",
+    "grid.linewidth": 0.4,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "legend.handlelength": 1.8,
+    "legend.columnspacing": 1.2,
+    "legend.borderpad": 0,
+    "legend.borderaxespad": 0.3,
+    "axes3d.xaxis.panecolor": "white",
+    "axes3d.yaxis.panecolor": "white",
+    "axes3d.zaxis.panecolor": "white",
+    "figure.titlesize": 7.5,
+    "savefig.dpi": 200,
+    # TrueType: publishers refuse the Type 3 fonts that are the default.
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "gibbs_codegen",
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """The style of all drawings, for as long as one is made or saved."""
+    with matplotlib.style.context(["default", _STYLE]):
+        yield
+
+
+def add_heading(figure: Figure, flight: Flight) -> Text:
+    """Name robot and scenario above a figure, and say so where the flight stopped early."""
+    lines = [f"{flight.robot}, {flight.scenario}"]
+    if flight.stopped:
+        lines += textwrap.wrap(f"stopped {flight.stopped}", int(20 * figure.get_size_inches()[0]))
+    colour = "#b00000" if flight.stopped else "0.35"
+    return figure.suptitle("\n".join(lines), color=colour, parse_math=False)
+
+
+def add_legend(axes: Axes, flight: Flight) -> tuple[float, float, float, float]:
+    """Head the figure of `axes`, and explain below in one row what they show.
+
+    Returns left, bottom, width and height (0 to 1) of what is left of the figure, with a margin.
+    """
+    figure: Any = axes.figure
+    heading = add_heading(figure, flight)
+    handles, _ = axes.get_legend_handles_labels()
+    anchor = (0.5, _bottom(figure, heading) - 0.005)
+    row = figure.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=anchor, ncols=len(handles)
+    )
+    return 0.01, 0.01, 0.98, _bottom(figure, row) - 0.015
+
+
+def _bottom(figure: Figure, artist: Artist) -> float:
+    """The height (0 to 1) in a figure down to which an artist of it reaches."""
+    return float(artist.get_window_extent().transformed(figure.transFigure.inverted()).y0)
+
+
+def spread(axes: Axes) -> None:
+    """Move the names at the ends of curves apart, as little as can be; leave some of too many out.
+
+    The names are the annotations of `axes`, in offset points; the axes must be laid out.
+    """
+    names = [text for text in axes.texts if isinstance(text, Annotation)]
+    if not names:
+        return
+    size = _NAME_HEIGHT * axes.figure.dpi / 72.0
+    low, high = (edge / size for edge in axes.get_window_extent().intervaly)
+    kept = names[:: -(-len(names) // int(high - low))]
+    for name in set(names) - set(kept):
+        name.remove()
+    ends = axes.transData.transform([name.xy for name in kept])[:, 1] / size
+    order = np.argsort(ends)
+    # Less the rank of each: places that do not decrease are names that do not meet.
+    wanted = ends[order] - np.arange(len(kept))
+    for rank, index in enumerate(order):
+        # Least squares under that condition (isotonic regression).
+        means = [
+            min(wanted[first : last + 1].mean() for last in range(rank, len(kept)))
+            for first in range(rank + 1)
+        ]
+        place = np.clip(max(means), low, high - len(kept) + 1.0) + rank
+        kept[index].set_position((_NAME_DISTANCE, float(place - ends[index]) * _NAME_HEIGHT))
