@@ -88,7 +88,8 @@ def desired_base(vehicle: Vehicle, time: Array, centre: Path, orientation: Orien
     places = _bounded(every, centre, "path of the base")
     with np.errstate(all="ignore"):
         turning = orientation(centre, every, vehicle.arm_angles())
-        beyond = ~np.all(np.abs(turning.acceleration) < _BOUND, axis=-1)
+        spins = np.abs([turning.velocity, turning.acceleration])
+        beyond = ~np.all(spins < _BOUND, axis=(0, -1))
     _refuse(every, beyond, "the base turns too fast")
     try:
         whole = base_motion(vehicle, every, places, turning)

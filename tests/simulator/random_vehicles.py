@@ -11,8 +11,8 @@ from gibbs_codegen.robot_text import robot_text
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 # Seeds whose robots have each attitude sequence but x-y-z, both origins, and arms of three or four
-# joints of both kinds: rpr, prr, rrpr, rrp, pprr.
-SEEDS = {"yxz": 10, "zxy": 15, "zyx": 16, "xzy": 30, "yzx": 31}
+# joints of both kinds: rpr, prr, rrpr, rrpr, pprr.
+SEEDS = {"yxz": 10, "zxy": 15, "zyx": 16, "xzy": 21, "yzx": 31}
 
 _made: dict[int, Vehicle] = {}
 

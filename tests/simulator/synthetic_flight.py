@@ -63,7 +63,7 @@ def synthetic_flight(
         "potential_energy": potential,
         "work": kinetic + potential - kinetic[0] - potential[0] + 1e-9 * np.sin(7.0 * time),
     }
-    return Flight(**{**fields, **changes})  # type: ignore[arg-type]  # fields by name
+    return Flight(**{**fields, **changes})
 
 
 def names(axes: Any) -> list[str]:

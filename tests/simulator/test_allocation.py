@@ -98,7 +98,7 @@ def test_missing_directions_are_named(shipped: Callable[[str], ModuleType]) -> N
         allocation.require_all_directions("to fly")
     held = allocation.thrusts(np.array([1.0, 0, 9.81, 0, 0.3, -0.2]))
     assert allocation.wrenches @ held == pytest.approx([1.0, 0, 9.81, 0, 0.3, -0.2], abs=1e-12)
-    with pytest.raises(AllocationError, match="up to 0.5 N or N m") as refused:
+    with pytest.raises(AllocationError, match=r"up to 0\.5 N or N m") as refused:
         allocation.thrusts(np.array([[0, 0, 1.0, 0, 0, 0], [0, 0.5, 1.0, 0, 0, 0]]))
     assert refused.value.missing == ("force along y", "torque about x")
 

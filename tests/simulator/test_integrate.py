@@ -1,4 +1,4 @@
-"""Integration: order, conservation, energy balance, early stops, and both ways against each other."""
+"""Integration: order, conservation, energy balance, early ends, both ways against each other."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def test_a_flight_ends_at_the_singular_attitude(
         hill,
         Tangent(1),
         control=Control("off"),
-        integration=Settings(method=method),  # type: ignore[arg-type]
+        integration=Settings(method=method),
     )
     flight = simulate((fast if backend == "c" else shipped)("hexarotor"), scenario)
     assert "singularity of the sequence xyz" in flight.stopped

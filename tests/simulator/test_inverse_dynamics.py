@@ -1,4 +1,4 @@
-"""Inverse dynamics: inputs and constraint torques of a motion, against the machine and Pinocchio."""
+"""Inverse dynamics: inputs and constraint torques, against the machine and Pinocchio."""
 
 from __future__ import annotations
 

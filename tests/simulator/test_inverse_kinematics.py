@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
@@ -16,7 +17,15 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.family import paper_family
 from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot import Link, RigidBody
 from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.simulator.attitude import (
+    SingularAttitudeError,
+    Turning,
+    angular_velocity,
+    bias_acceleration,
+    rotation_matrix,
+)
 from gibbs_codegen.simulator.inverse_kinematics import (
     REACHED,
     Array,
@@ -26,6 +35,7 @@ from gibbs_codegen.simulator.inverse_kinematics import (
     UnreachableError,
     arm_motion,
     base_motion,
+    first_posture,
     reach,
 )
 from gibbs_codegen.simulator.orientation import Level, Orientation, Tangent
@@ -35,6 +45,7 @@ from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 CENTRE = Fixed((0.0, 0.0, 5.0))
+LEVEL = Level(0.3)
 # Length of the paper's arm, both links stretched, m.
 ARM = 6.0
 
@@ -50,7 +61,7 @@ def fly(
     *,
     spacing: float = 0.01,
     base: Path = CENTRE,
-    attitude: Orientation = Level(0.3),  # noqa: B008 - frozen
+    attitude: Orientation = LEVEL,
     limits: Limits | None = None,
     guess: Array | None = None,
 ) -> Motion:
@@ -95,42 +106,116 @@ def any_vehicle(
     return vehicle
 
 
+@pytest.fixture(scope="module")
+def short_arm(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Vehicle]:
+    """Members of the paper's family with three rotors and an arm of 0, 1 or 2 joints."""
+    folder = tmp_path_factory.mktemp("short")
+    made: dict[int, Vehicle] = {}
+
+    def vehicle(links: int) -> Vehicle:
+        if links not in made:
+            robot = paper_family(3, links)
+            generate_robot(robot, robot_text(robot), folder, targets=("numpy",))
+            made[links] = Vehicle(load(folder / robot.name))
+        return made[links]
+
+    return vehicle
+
+
 # --- the base
 
 
 BASE_PATH = Harmonic(
-    x=(Term(2.0, -0.05, 1.5),), y=(Term(2.0, -0.05, 1.5, -np.pi / 2),), z=(Term(0.4, 0.0, 2.0),)
+    x=(Term(2.0, -0.05, 1.5),), y=(Term(2.0, -0.05, 1.5, -np.pi / 2),), z=(Term(0.3, 0.0, 1.0),)
 )
 
 
+class Tumbling:
+    """An attitude that goes round about the first and the third axis of its sequence."""
+
+    def __init__(self, sequence: str) -> None:
+        self.sequence = sequence
+
+    def angles(self, time: Array) -> tuple[Array, Array, Array]:
+        """Angles, rates and accelerations (s, 3)."""
+        zero = 0.0 * time
+        angles = [3.0 + 1.5 * time, 0.8 * np.sin(time), 1.0 - time + 0.3 * np.cos(2 * time)]
+        rates = [zero + 1.5, 0.8 * np.cos(time), -1.0 - 0.6 * np.sin(2 * time)]
+        growth = [zero, -0.8 * np.sin(time), -1.2 * np.cos(2 * time)]
+        first, second, third = (np.stack(c, axis=-1) for c in (angles, rates, growth))
+        return first, second, third
+
+    def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
+        """As an orientation is called, whatever the path."""
+        angles, rates, growth = self.angles(time)
+        # `growth` takes the place of rates in E θ̈.
+        spin_rate = angular_velocity(self.sequence, angles, growth)
+        return Turning(
+            rotation_matrix(self.sequence, angles),
+            angular_velocity(self.sequence, angles, rates),
+            spin_rate + bias_acceleration(self.sequence, angles, rates),
+        )
+
+
 @pytest.mark.parametrize("sequence", ["xyz", *SEEDS])
-@pytest.mark.parametrize("attitude", [Tangent(2), Level(3.0, 1.5)], ids=["tangent", "level"])
 def test_base_is_exact_and_goes_on_through_half_turns(
+    any_vehicle: Callable[[str], Vehicle], sequence: str
+) -> None:
+    vehicle, attitude = any_vehicle(sequence), Tumbling(sequence)
+    time = np.linspace(0.0, 9.0, 901)
+    motion = desired_base(vehicle, time, BASE_PATH, attitude)
+    # The same angles, more than a turn of them, but for whole turns at the start.
+    exact = attitude.angles(time)
+    turns = (motion.q[0, :3] - exact[0][0]) / (2 * np.pi)
+    assert_allclose(turns, np.round(turns), atol=1e-12)
+    assert np.all(np.abs(motion.q[0, :3]) <= np.pi)
+    start = 2 * np.pi * np.round(turns)
+    assert_allclose(motion.q[:, :3], exact[0] + start, rtol=0, atol=1e-12)
+    assert_allclose(motion.v[:, :3], exact[1], rtol=0, atol=1e-12)
+    assert_allclose(motion.a[:, :3], exact[2], rtol=0, atol=1e-11)
+    assert np.ptp(motion.q[:, [0, 2]], axis=0).min() > 2.0 * np.pi
+    centre = vehicle.positions(motion.q)[:, vehicle.points.index("O2")]
+    assert_allclose(centre, BASE_PATH(time)[:, 0], rtol=0, atol=1e-12)
+    assert_consistent(motion)
+    assert not motion.q[:, vehicle.arm].any()
+
+
+# A whole turn about the vertical brings these to no singularity.
+@pytest.mark.parametrize("sequence", ["xyz", "yxz", "zxy", "zyx"])
+@pytest.mark.parametrize("attitude", [Tangent(2), Level(3.0, 1.5)], ids=["tangent", "level"])
+def test_arms_point_where_they_should_on_and_on(
     any_vehicle: Callable[[str], Vehicle], sequence: str, attitude: Orientation
 ) -> None:
     vehicle = any_vehicle(sequence)
-    # Two turns of the base; a gentle path, since some sequences are singular at level ± 90°.
     time = np.linspace(0.0, 9.0, 901)
     motion = desired_base(vehicle, time, BASE_PATH, attitude)
     places = vehicle.positions(motion.q)
     column = {name: places[:, k] for k, name in enumerate(vehicle.points)}
-    centre = column["O2"]
-    assert_allclose(centre, BASE_PATH(time)[:, 0], rtol=0, atol=1e-12)
     if isinstance(attitude, Tangent):
-        arm = column["motor2"] - centre
-        along = BASE_PATH(time)[:, 1]
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
-        assert_allclose(arm / np.linalg.norm(arm, axis=1, keepdims=True), along, atol=1e-12)
+        arm = column["motor2"] - column["O2"]
+        ahead = BASE_PATH(time)[:, 1]
+        ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
     else:
-        arm = centre - column["motor1"]
+        arm = column["O2"] - column["motor1"]
         heading = 3.0 + 1.5 * time
         ahead = np.stack([np.cos(heading), np.sin(heading), 0 * time], axis=1)
-        assert_allclose(arm / np.linalg.norm(arm, axis=1, keepdims=True), ahead, atol=1e-12)
-    # No jumps: the angles that turn with the base go on beyond ±π.
-    assert np.abs(np.diff(motion.q, axis=0)).max() < 0.2
+    assert_allclose(arm / np.linalg.norm(arm, axis=1, keepdims=True), ahead, atol=1e-12)
+    # No jumps: the angle that turns with the base goes on beyond ±π.
+    assert np.abs(np.diff(motion.q[:, :3], axis=0)).max() < 0.2
     assert np.ptp(motion.q[:, :3], axis=0).max() > 2.0 * np.pi
     assert_consistent(motion)
-    assert not motion.q[:, vehicle.arm].any()
+
+
+def test_a_full_turn_through_the_singularity_is_refused(
+    any_vehicle: Callable[[str], Vehicle],
+) -> None:
+    """Where the second angle is the one about the vertical, heading 90° is the singularity."""
+    for sequence in ("xzy", "yzx"):
+        with pytest.raises(SingularAttitudeError, match=r"at t = (\S+) s the attitude") as refusal:
+            desired_base(any_vehicle(sequence), knots(9.0), BASE_PATH, Level(0.0, 1.0))
+        instant = re.search(r"t = (\S+) s", str(refusal.value))
+        assert instant is not None
+        assert float(instant[1]) == pytest.approx(np.pi / 2, abs=0.01)
 
 
 @pytest.mark.parametrize("sequence", ["xyz", *SEEDS])
@@ -175,7 +260,7 @@ def closed_form_number(vehicle: Vehicle, q: Array, target: Array) -> int:
 
 
 def test_closed_form_puts_the_tip_there(hexa: Vehicle) -> None:
-    q = np.zeros(12)
+    q = np.zeros(9)
     place = np.array([2.0, -1.0, -3.0])
     for joints in closed_forms(place):
         q[hexa.arm] = joints
@@ -201,7 +286,7 @@ def test_the_paper_s_arm_is_in_closed_form(hexa: Vehicle) -> None:
 
 def test_tip_moves_as_its_path_wants(hexa: Vehicle, octo: Vehicle) -> None:
     """ẋ = J v and ẍ = J a + J̇ v at every knot, with a base that moves and turns."""
-    beside = Circle((0.4, 0.1, -0.5), 0.1, 2.0, normal=(1, 0, 1))
+    beside = Circle((0.3, 0.1, -0.35), 0.1, 2.0, normal=(1, 0, 1))
     for vehicle, tip in ((hexa, Circle((3, 0, -2), 0.5, 2.0)), (octo, beside)):
         path = Sum((BASE_PATH, tip))
         motion = fly(vehicle, path, 1.0, base=BASE_PATH, attitude=Tangent(3))
@@ -322,6 +407,12 @@ def test_limits_are_kept_and_left_again(octo: Vehicle) -> None:
     assert kept[-1] < high[joint] - 1e-3
     assert_allclose(motion.v[at_limit[1:-1], 3 + joint], 0.0, atol=1e-12)
     assert_allclose(motion.a[at_limit[1:-1], 3 + joint], 0.0, atol=1e-12)
+    # Rates are those of the coordinates before, at and after the limit, where they jump.
+    spans = np.split(np.arange(len(kept)), [at_limit[0], at_limit[-1]])
+    for span in spans:
+        assert_consistent(
+            Motion(*(s[span] for s in (motion.time, motion.q, motion.v, motion.a))), 1e-6
+        )
     # Where the limit does not matter, nor does it change anything.
     assert_allclose(motion.q[: at_limit[0]], unlimited.q[: at_limit[0]], atol=1e-9)
 
@@ -359,6 +450,15 @@ def test_an_arm_with_all_joints_at_their_limits_does_not_move(hexa: Vehicle) -> 
         arm_motion(hexa, base, away, held, start)
 
 
+def test_a_single_joint_at_its_limit_does_not_move(short_arm: Callable[[int], Vehicle]) -> None:
+    vehicle = short_arm(1)
+    upwards = Circle((0, 0, 5), 3.0, 5.0, normal=(0, -1, 0))
+    base = desired_base(vehicle, np.array([0.0, 1e-10]), CENTRE, Level())
+    speed = f"{3.0 * 2 * np.pi / 5.0:.3g} of the speed, m/s, is missing"
+    with pytest.raises(SingularArmError, match=f"at its limits at t = 0 s.*{re.escape(speed)}"):
+        arm_motion(vehicle, base, upwards, (np.array([-1.0]), np.zeros(1)), np.zeros(1))
+
+
 # --- what cannot be reached
 
 
@@ -385,7 +485,7 @@ def test_unreachable_points_are_told_with_times_and_distances(hexa: Vehicle, pat
     assert_allclose(error.distances, beyond[far], rtol=0, atol=2e-6)
     said = re.fullmatch(
         r"the tip cannot reach its path at (\d+) of (\d+) instants, from t = (\S+) s to "
-        r"t = (\S+) s; at t = (\S+) s it stays (\S+) m away",
+        r"(\S+) s; at t = (\S+) s it stays (\S+) m away",
         str(error),
     )
     assert said is not None
@@ -419,7 +519,8 @@ def test_a_singular_arm_that_cannot_follow_is_told(hexa: Vehicle) -> None:
     missing = (2 * np.pi * 3 / 4) ** 2 / 6
     assert str(refusal.value) == (
         "the arm is singular or at its limits at t = 0 s: its joints (theta_7, theta_8, theta_9) "
-        f"cannot move the tip as its path wants; {missing:.3g} of the acceleration, m/s², is missing"
+        "cannot move the tip as its path wants; "
+        f"{missing:.3g} of the acceleration, m/s², is missing"
     )
 
 
@@ -440,22 +541,6 @@ def test_a_tip_path_beyond_all_bounds_is_told(hexa: Vehicle) -> None:
 
 
 # --- short arms
-
-
-@pytest.fixture(scope="module")
-def short_arm(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Vehicle]:
-    """Members of the paper's family with three rotors and an arm of 0, 1 or 2 joints."""
-    folder = tmp_path_factory.mktemp("short")
-    made: dict[int, Vehicle] = {}
-
-    def vehicle(links: int) -> Vehicle:
-        if links not in made:
-            robot = paper_family(3, links)
-            generate_robot(robot, robot_text(robot), folder, targets=("numpy",))
-            made[links] = Vehicle(load(folder / robot.name))
-        return made[links]
-
-    return vehicle
 
 
 def test_a_machine_without_an_arm(short_arm: Callable[[int], Vehicle]) -> None:
@@ -492,6 +577,33 @@ def test_arms_of_two_joints(short_arm: Callable[[int], Vehicle]) -> None:
     # Out of the sphere at the first step, though it is on it at first.
     with pytest.raises((UnreachableError, SingularArmError)):
         fly(vehicle, Line((2.4, 0, 3.2), (2, 0, 3.2), 1.0), attitude=Level())
+
+
+def test_a_joint_that_moves_nothing_leaves_the_tip_where_it_is(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    """The tip lies on the axis: there is no posture that is farther from singular than others."""
+    disc = RigidBody(0.0, 1.0, (0.1, 0.0, 0.0), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    robot = replace(paper_family(3, 0), name="turntable", links=(Link(disc),))
+    folder = tmp_path_factory.mktemp("turntable")
+    generate_robot(robot, robot_text(robot), folder, targets=("numpy",))
+    vehicle = Vehicle(load(folder / robot.name))
+    motion = fly(vehicle, CENTRE, 0.05)
+    assert not motion.v[:, vehicle.arm].any()
+    with pytest.raises(UnreachableError) as refusal:
+        fly(vehicle, Fixed((0.25, 0, 5)), 0.05)
+    assert_allclose(refusal.value.distances, 0.25, rtol=1e-12)
+
+
+def test_a_posture_is_given_without_whole_turns(hexa: Vehicle, octo: Vehicle) -> None:
+    for vehicle, size in ((hexa, 4.5), (octo, 0.45)):
+        q = desired_base(vehicle, knots(0.01), CENTRE, Level()).q[0]
+        for direction in np.random.default_rng(6).normal(size=(4, 3)):
+            target = np.array([0, 0, 5]) + size * direction / np.linalg.norm(direction)
+            found, left = first_posture(vehicle, q, target, free(vehicle), None)
+            assert left <= REACHED
+            assert np.linalg.norm(vehicle.tip_pose(found)[:3, 3] - target) <= REACHED
+            assert np.all(np.abs(found[vehicle.arm]) <= np.pi)
 
 
 def test_a_joint_that_does_not_move_the_tip(hexa: Vehicle) -> None:

@@ -124,6 +124,7 @@ class _Onwards:
         self.path, self.speed = path, speed
 
     def __call__(self, time: Array | float) -> Array:
+        """Position and derivatives."""
         out = self.path(time).copy()
         out[..., 0, 0] += self.speed * np.asarray(time)
         out[..., 1, 0] += self.speed
