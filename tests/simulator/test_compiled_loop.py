@@ -1,0 +1,413 @@
+"""The compiled loop: the same steps as in Python, samples, early ends, and C under instruments."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from compiled import build, compile_only
+from numpy.typing import NDArray
+from random_robots import random_robot
+from tools import missing, run
+
+from gibbs_codegen.c_library import NATIVE
+from gibbs_codegen.load import load
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.simulator.allocation import Allocation
+from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
+from gibbs_codegen.simulator.compiled_loop import CompiledLoop
+from gibbs_codegen.simulator.control import Controller, Gains, Law
+from gibbs_codegen.simulator.integrate import _step
+from gibbs_codegen.simulator.inverse_kinematics import Motion
+from gibbs_codegen.simulator.plant import Plant
+from gibbs_codegen.simulator.reference import Reference
+from gibbs_codegen.simulator.vehicle import Vehicle
+
+Array = NDArray[np.float64]
+Load = Callable[[str], ModuleType]
+
+LAWS: tuple[Law, ...] = ("computed_torque", "open_loop", "off")
+# A power of two, so that times are exact and calls can be told apart by nothing but mistakes; and
+# long, so that slopes at the wrong times would show.
+STEP = 2.0**-8
+# Seven rotors that pull in all directions, a slide between two hinges, drag, attitude y-x-z, and
+# position at motor 1.
+RANDOM = "random"
+
+
+@pytest.fixture(scope="module")
+def modules(fast: Load, tmp_path_factory: pytest.TempPathFactory) -> Load:
+    """Load the C back end of a robot that ships, or of RANDOM."""
+    robot = random_robot(2, 7, 3)
+    folder = tmp_path_factory.mktemp("random")
+
+    def module(name: str) -> ModuleType:
+        if name != RANDOM:
+            found = fast(name)
+        else:
+            if not (folder / robot.name).is_dir():
+                generate_robot(robot, robot_text(robot), folder)
+            found = load(folder / robot.name, backend="c")
+        if (found.__file__ or "").endswith(".py"):
+            missing("nothing compiles")
+        return found
+
+    return module
+
+
+def smooth(count: int) -> Reference:
+    """A motion of `count` coordinates that keeps away from the singularity."""
+    time = np.linspace(0.0, 0.5, 8)
+    rates = 1.0 + 0.3 * np.arange(count)
+    phases = rates * time[:, np.newaxis] + np.arange(count)
+    return Reference(
+        Motion(time, np.sin(phases), rates * np.cos(phases), -(rates**2) * np.sin(phases))
+    )
+
+
+def plant_of(module: ModuleType, law: Law = "computed_torque") -> Plant:
+    vehicle = Vehicle(module)
+    count = len(vehicle.coordinates)
+    gains = Gains.of(np.linspace(4.0, 9.0, count), np.linspace(0.5, 1.1, count), count)
+    allocation = Allocation(vehicle.thrust_wrenches())
+    return Plant(vehicle, Controller(vehicle, smooth(count), allocation, gains, law))
+
+
+def start_of(plant: Plant) -> Array:
+    """A state beside the reference at time 0, with every coordinate off by its own amount."""
+    q, v, _ = plant.controller.reference(0.0)
+    off = 0.1 * np.cos(np.arange(len(q)))
+    return plant.start(q + off, v - 2.0 * off)
+
+
+def loop_of(plant: Plant, divergence: float = np.inf) -> CompiledLoop:
+    loop = CompiledLoop.of(plant, STEP, divergence)
+    assert loop is not None
+    return loop
+
+
+# Steps
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("name", "lag"),
+    [
+        ("hexarotor_3link", 0.0),
+        *((name, lag) for name in ("hexarotor", RANDOM) for lag in (0, 0.1)),
+    ],
+)
+def test_every_step_is_that_of_python(name: str, law: Law, lag: float, modules: Load) -> None:
+    """From each state that the loop comes to, Python takes the next step to the same state."""
+    limits = None if law == "off" else (-1e6, 1e6)
+    plant = replace(plant_of(modules(name), law), lag=lag, limits=limits)
+    state = start_of(plant)
+    after_work = 2 * len(plant.vehicle.coordinates) + 1
+    state[after_work:] += np.cos(np.arange(len(state) - after_work))
+    taken, samples, last = loop_of(plant)(0.0, state, 25, 1, 0)
+    assert taken == len(samples) == 25
+    assert np.array_equal(samples[-1], last)
+    q, _, work, thrusts = plant.parts(np.ptp(samples, axis=0))
+    assert min([*q, *thrusts]) > 1e-3
+    assert work > 1e-3 or (law == "off" and not lag)
+    for done, after in enumerate(samples):
+        expected = _step(plant, done * STEP, state, STEP, pushed=False)
+        moved = np.linalg.norm(expected - state)
+        assert np.linalg.norm(after - expected) <= 1e-12 * (np.linalg.norm(state) + moved)
+        state = after
+
+
+# Samples
+
+
+@pytest.mark.parametrize("every", [1, 3, 5, 7, 100])
+def test_samples_do_not_depend_on_how_steps_are_shared_among_calls(
+    every: int, modules: Load
+) -> None:
+    plant = plant_of(modules("hexarotor_3link"))
+    loop, state = loop_of(plant), start_of(plant)
+    _, all_states, end = loop(0.0, state, 40, 1, 0)
+    done, found = 0, []
+    for count in (7, 1, 0, 12, 3, 4, 13):
+        taken, samples, state = loop(done * STEP, state, count, every, done)
+        assert taken == count
+        found.append(samples)
+        done += taken
+    assert np.array_equal(state, end)
+    assert np.array_equal(np.concatenate(found), all_states[every - 1 :: every])
+
+
+def test_a_call_leaves_the_state_that_it_is_given(modules: Load) -> None:
+    plant = plant_of(modules("hexarotor"))
+    state = start_of(plant)
+    before = state.copy()
+    loop_of(plant)(0.0, state, 5, 1, 0)
+    assert np.array_equal(state, before)
+
+
+# Early ends
+
+
+def extremes(plant: Plant, time: float, state: Array) -> tuple[float, float]:
+    """Minus the least thrust and the greatest that the four stages of a step ask for."""
+    rotors, found, slope = plant.vehicle.rotors, [], np.zeros_like(state)
+    for ahead in (0.0, 0.5 * STEP, 0.5 * STEP, STEP):
+        stage = state + ahead * slope
+        q, v, _, _ = plant.parts(stage)
+        found.append(plant.commanded(time + ahead, q, v)[:rotors])
+        slope = plant.derivative(time + ahead, stage, pushed=False)
+    return -np.min(found), np.max(found)
+
+
+@pytest.mark.parametrize("law", ["computed_torque", "open_loop"])
+def test_a_step_that_meets_a_limit_is_handed_back(law: Law, modules: Load) -> None:
+    """The loop stops before the first step in which any stage asks for too much or too little."""
+    plant = plant_of(modules("hexarotor_3link"), law)
+    state = start_of(plant)
+    _, free, _ = loop_of(plant)(0.0, state, 40, 1, 0)
+    before = np.vstack([state, free[:-1]])
+    asked = np.array([extremes(plant, k * STEP, each) for k, each in enumerate(before)])
+    so_far = np.maximum.accumulate(asked)
+    rows, sides = np.nonzero(so_far[1:] > so_far[:-1])
+    beyond, side = rows[-1] + 1, sides[-1]
+    limits = [1e6, 1e6]
+    limits[side] = (so_far[beyond - 1, side] + so_far[beyond, side]) / 2.0
+    loop = loop_of(replace(plant, limits=(-limits[0], limits[1])))
+    taken, samples, last = loop(0.0, state, 40, 1, 0)
+    assert taken == beyond
+    assert np.array_equal(samples, free[:beyond])
+    assert np.array_equal(last, free[beyond - 1])
+    taken, samples, same = loop(beyond * STEP, last, 40, 1, beyond)
+    assert taken == len(samples) == 0
+    assert np.array_equal(same, last)
+
+
+def test_a_flight_ends_after_the_step_that_diverges(modules: Load) -> None:
+    plant = plant_of(modules("hexarotor_3link"), "off")
+    state = start_of(plant)
+    _, states, _ = loop_of(plant)(0.0, state, 40, 1, 0)
+    wanted, _, _ = plant.controller.reference(STEP * np.arange(1, 41))
+    error = np.abs(plant.parts(states)[0] - wanted).max(axis=1)
+    bound = (error[20] + error[21]) / 2.0
+    first = int(np.argmax(error > bound))
+    taken, samples, last = loop_of(plant, divergence=bound)(0.0, state, 40, 4, 0)
+    assert 0 < taken == first + 1 < 40
+    assert np.array_equal(samples, states[3:taken:4])
+    assert np.array_equal(last, states[first])
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
+    side: float, modules: Load
+) -> None:
+    """Also where the step goes across it."""
+    plant = plant_of(modules("hexarotor"), "off")
+    state = np.zeros(plant.size)
+    state[1], state[len(plant.vehicle.coordinates) + 1] = side * 1.2, side * 3.0
+    taken, samples, last = loop_of(plant)(0.0, state, 100, 1, 0)
+    assert 10 < taken == len(samples) < 100
+    assert np.array_equal(samples[-1], last)
+    assert math.cos(last[1]) < SINGULAR_COSINE
+    assert np.all(np.cos(samples[:-1, 1]) >= SINGULAR_COSINE)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e200])
+def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> None:
+    """With limits no thrust is within them, and the step is handed back."""
+    plant = plant_of(modules(RANDOM))
+    state = start_of(plant)
+    state[len(plant.vehicle.coordinates)] = wrong
+    taken, samples, last = loop_of(plant)(0.0, state, 10, 1, 0)
+    assert taken == len(samples) == 1
+    assert not np.all(np.isfinite(last))
+    limited = replace(plant, limits=(-1e6, 1e6))
+    assert loop_of(limited)(0.0, state, 10, 1, 0)[0] == 0
+
+
+# Who has a loop
+
+
+def test_python_takes_the_steps_of_numpy_and_of_rotors_that_lack_directions(
+    modules: Load, shipped: Load
+) -> None:
+    assert CompiledLoop.of(plant_of(shipped("hexarotor")), STEP, np.inf) is None
+    for law in LAWS:
+        plant = plant_of(modules("quadrotor_2link"), law)
+        assert plant.controller.allocation.missing
+        assert (CompiledLoop.of(plant, STEP, np.inf) is None) == (law != "off")
+
+
+def test_without_a_compiler_python_takes_the_steps(
+    modules: Load, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    plant = plant_of(modules("hexarotor"))
+    monkeypatch.setenv("CC", "no_such_compiler")
+    assert CompiledLoop.of(plant, STEP, np.inf) is None
+    assert "steps are taken in Python instead of C" in caplog.text
+
+
+# The source
+
+_DRIVER = """\
+#include "rk4.c"
+
+#include <stdint.h>
+#include <stdlib.h>
+
+/* How much too short the scratch is: to see that the instruments would tell. */
+#ifndef SHORT
+#define SHORT 0
+#endif
+
+#define UNTOUCHED 1234567.5
+
+static ptrdiff_t n, rotors;
+static uint64_t seed = 88172645463325252u;
+
+static ptrdiff_t draw(ptrdiff_t below)
+{
+    seed ^= seed << 13;
+    seed ^= seed >> 7;
+    seed ^= seed << 17;
+    return (ptrdiff_t)((seed >> 33) % (uint64_t)below);
+}
+
+static double value(void)
+{
+    return draw(20000) ? (double)draw(2000) * 1e-3 - 1.0 : draw(2) ? (double)NAN : 1e300;
+}
+
+static double *room(ptrdiff_t size)
+{
+    double *array = malloc((size_t)size * sizeof *array);
+    if (!array) {
+        exit(2);
+    }
+    return array;
+}
+
+static double *filled(ptrdiff_t size)
+{
+    double *array = room(size);
+    for (ptrdiff_t i = 0; i < size; ++i) {
+        array[i] = value();
+    }
+    return array;
+}
+
+static void forward(const void *k, const double *q, const double *v, const double *u, double *out)
+{
+    (void)k;
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        out[i] = q[i] - v[i] + 1e-3 * u[i % (rotors + n - BASE)] + 1e-3 * u[rotors + n - BASE - 1];
+    }
+}
+
+static void inverse(const void *k, const double *q, const double *v, const double *a, double *out)
+{
+    (void)k;
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        out[i] = q[i] + v[i] + a[i];
+    }
+}
+
+static void inputs(const void *k, const double *q, double *out)
+{
+    (void)k;
+    for (ptrdiff_t i = 0; i < n * (rotors + n - BASE); ++i) {
+        out[i] = q[i % n] + value();
+    }
+}
+
+int main(void)
+{
+    ptrdiff_t steps = 0, whole = 0;
+    for (int i = 0; i < 3000; ++i) {
+        const int large = draw(50) == 0;
+        n = large ? 70 : BASE + draw(5);
+        rotors = large ? 256 : BASE + draw(5);
+        Flight f = {forward, inverse, inputs, NULL, n, rotors, 1 + draw(4), (int)draw(3), 0};
+        f.limited = draw(4) == 0;
+        f.least = -1e4;
+        f.most = 1e4;
+        f.lag = draw(2) ? 0.1 : 0.0;
+        f.divergence = 20.0;
+        f.singular_cosine = 0.005;
+        f.begin = value();
+        f.piece = 0.05;
+        double *coefficients = filled(f.pieces * POWERS * n), *distribution = filled(rotors * BASE);
+        double *stiffness = filled(n), *damping = filled(n);
+        f.coefficients = coefficients;
+        f.distribution = distribution;
+        f.stiffness = stiffness;
+        f.damping = damping;
+        f.scratch = room(gibbs_codegen_rk4_room(&f) - SHORT);
+        const ptrdiff_t size = 2 * n + 1 + (f.lag > 0.0 ? rotors : 0);
+        const ptrdiff_t count = draw(30), every = 1 + draw(40), number = draw(1000);
+        double *state = filled(size), *samples = room((count / every + 1) * size);
+        for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
+            samples[j] = UNTOUCHED;
+        }
+        const double time = draw(2) ? 0.0 : 100.0;
+        const ptrdiff_t taken =
+            gibbs_codegen_rk4(&f, time, 1e-2, count, every, number, state, samples);
+        if (taken < 0 || taken > count) {
+            return 3;
+        }
+        const ptrdiff_t kept = (number + taken) / every - number / every;
+        for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
+            if ((samples[j] == UNTOUCHED) != (j >= kept * size)) {
+                return 4;
+            }
+        }
+        steps += taken;
+        whole += taken == count;
+        free(coefficients);
+        free(distribution);
+        free(stiffness);
+        free(damping);
+        free(f.scratch);
+        free(state);
+        free(samples);
+    }
+    return steps > 10000 && whole > 500 ? 0 : 5;
+}
+"""
+_SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("level", ["-O0", "-O3"])
+def test_the_source_compiles_silently(compiler: str, level: str, tmp_path: Path) -> None:
+    compile_only(compiler, [level], [str(NATIVE / "rk4.c")], tmp_path)
+
+
+def test_sanitizers_find_nothing_in_random_flights(tmp_path: Path) -> None:
+    """Nor would they be silent about a scratch that is one number too short."""
+    driver = tmp_path / "driver.c"
+    driver.write_text(_DRIVER, encoding="utf-8")
+    options = ["-O1", "-Wno-missing-field-initializers", *_SANITIZERS, f"-I{NATIVE}"]
+    environment = {"ASAN_OPTIONS": "detect_leaks=0"}
+    for short in (0, 1):
+        program = tmp_path / f"driver_{short}"
+        build("gcc", [*options, f"-DSHORT={short}"], [str(driver)], program)
+        if not short:
+            run([program], **environment)
+            continue
+        with pytest.raises(pytest.fail.Exception, match="heap-buffer-overflow"):
+            run([program], **environment)
+
+
+def test_the_loop_neither_allocates_nor_keeps_anything(tmp_path: Path) -> None:
+    """All it calls is told by its symbols, and it has no data that can be written."""
+    (compiled,) = compile_only("gcc", ["-O2"], [str(NATIVE / "rk4.c")], tmp_path)
+    symbols = [line.split() for line in run(["nm", compiled]).splitlines()]
+    called = {words[-1] for words in symbols if words[-2] == "U"}
+    assert called <= {"cos", "memcpy", "memset", "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
+    assert not [words for words in symbols if words[-2] in "bBdDC"]
