@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.simulator.results import write_results as write_results
     from gibbs_codegen.simulator.scenario import Scenario as Scenario
     from gibbs_codegen.simulator.scenario_file import read_scenario as read_scenario
-    from gibbs_codegen.simulator.simulate import simulate as simulate
+    from gibbs_codegen.simulator.simulation import simulate as simulate
 
 _LAZY = {
     "Flight": "simulator.flight",
@@ -42,7 +42,7 @@ _LAZY = {
     "read_flight": "simulator.flight",
     "read_robot": "robot_file",
     "read_scenario": "simulator.scenario_file",
-    "simulate": "simulator.simulate",
+    "simulate": "simulator.simulation",
     "write_results": "simulator.results",
 }
 

@@ -249,7 +249,7 @@ def _simulate(options: argparse.Namespace) -> int:
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_folder(options.out)
     from gibbs_codegen.load import load
-    from gibbs_codegen.simulator.simulate import simulate
+    from gibbs_codegen.simulator.simulation import simulate
 
     module = load(options.module, options.backend)
     with _ended_by_signals(), _progress_bar() as progress:

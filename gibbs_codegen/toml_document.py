@@ -68,12 +68,16 @@ def checked(
 
 
 def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """A document with `changes` in place of what it says, table by table."""
+    """A document with `changes` in place of what it says, table by table.
+
+    A table whose `kind` is changed is replaced as a whole: its other keys belong to the old kind.
+    """
     whole = dict(document)
     for key, value in changes.items():
         before = whole.get(key)
         both = isinstance(before, Mapping) and isinstance(value, Mapping)
-        whole[key] = merged(before or {}, value) if both else value
+        merge = both and ("kind" not in value or value["kind"] == before.get("kind"))
+        whole[key] = merged(before, value) if merge else value
     return whole
 
 

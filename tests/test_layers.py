@@ -55,7 +55,7 @@ ROOMS = [
     {"simulator.integrate"},
     {"simulator.scenario"},
     {"simulator.scenario_file"},
-    {"simulator.simulate", "simulator.results", "simulator.__init__"},
+    {"simulator.simulation", "simulator.results", "simulator.__init__"},
     {"pipeline"},
     {"cli"},
     {"__main__", "__init__"},

@@ -1,6 +1,6 @@
 """Simulation of generated modules: desired motion, control, integration, results.
 
-Knows generated modules, NumPy and SciPy, and nothing of the derivation. `simulate` is the map.
+Knows generated modules, NumPy and SciPy, and nothing of the derivation. `simulation` is the map.
 Figures and animation (`figures`, `snapshots`, `animation`) are imported by name, since Matplotlib
 takes long to import.
 """
@@ -20,7 +20,7 @@ from gibbs_codegen.simulator.plant import TipForce
 from gibbs_codegen.simulator.results import write_results
 from gibbs_codegen.simulator.scenario import ArmTask, Control, Disturbance, Motors, Scenario
 from gibbs_codegen.simulator.scenario_file import parse_scenario, read_scenario
-from gibbs_codegen.simulator.simulate import desired_motion, simulate
+from gibbs_codegen.simulator.simulation import desired_motion, simulate
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 __all__ = [

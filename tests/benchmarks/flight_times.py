@@ -50,7 +50,7 @@ from gibbs_codegen.simulator.plant import Plant  # noqa: E402
 from gibbs_codegen.simulator.reference import Reference  # noqa: E402
 from gibbs_codegen.simulator.scenario import ArmTask, Scenario  # noqa: E402
 from gibbs_codegen.simulator.scenario_file import read_scenario  # noqa: E402
-from gibbs_codegen.simulator.simulate import desired_motion  # noqa: E402
+from gibbs_codegen.simulator.simulation import desired_motion  # noqa: E402
 from gibbs_codegen.simulator.vehicle import Vehicle  # noqa: E402
 
 SHIPPED = Path(__file__).parents[2] / "generated" / "hexarotor_3link"

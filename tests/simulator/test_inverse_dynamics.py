@@ -16,7 +16,7 @@ from gibbs_codegen.simulator.inverse_dynamics import (
     required_inputs,
 )
 from gibbs_codegen.simulator.scenario_file import read_scenario
-from gibbs_codegen.simulator.simulate import desired_motion, simulate
+from gibbs_codegen.simulator.simulation import desired_motion, simulate
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 

@@ -12,7 +12,7 @@ from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.simulator.flight import Flight, read_flight
 from gibbs_codegen.simulator.results import write_results
 from gibbs_codegen.simulator.scenario_file import read_scenario
-from gibbs_codegen.simulator.simulate import simulate
+from gibbs_codegen.simulator.simulation import simulate
 
 
 @pytest.fixture(scope="module")

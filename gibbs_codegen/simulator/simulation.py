@@ -97,9 +97,11 @@ def desired_motion(
     time = knots(scenario.duration)
     base = desired_base(vehicle, time, scenario.base, scenario.attitude)
     if task.tip is None:
-        posture = hanging_posture(vehicle, limits)
-        if task.posture is not None:
-            posture = _joint_values(vehicle, task.posture)
+        posture = (
+            hanging_posture(vehicle, limits)
+            if task.posture is None
+            else _joint_values(vehicle, task.posture)
+        )
         return Reference(desired_with_posture(vehicle, base, posture))
     guess = None if task.guess is None else _joint_values(vehicle, task.guess)
     motion = desired_with_tip(

@@ -19,7 +19,7 @@ from gibbs_codegen.simulator.paths import Circle, Fixed
 from gibbs_codegen.simulator.plant import TipForce
 from gibbs_codegen.simulator.scenario import ArmTask, Control, Scenario
 from gibbs_codegen.simulator.scenario_file import read_scenario
-from gibbs_codegen.simulator.simulate import simulate
+from gibbs_codegen.simulator.simulation import simulate
 
 Load = Callable[[str], ModuleType]
 METHODS = ("adaptive", "rk4")
