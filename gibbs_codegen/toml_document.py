@@ -75,9 +75,10 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     whole = dict(document)
     for key, value in changes.items():
         before = whole.get(key)
-        both = isinstance(before, Mapping) and isinstance(value, Mapping)
-        merge = both and ("kind" not in value or value["kind"] == before.get("kind"))
-        whole[key] = merged(before, value) if merge else value
+        if isinstance(before, Mapping) and isinstance(value, Mapping):
+            same = value.get("kind", before.get("kind")) == before.get("kind")
+            value = merged(before if same else {}, value)
+        whole[key] = value
     return whole
 
 
