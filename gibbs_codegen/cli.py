@@ -243,16 +243,21 @@ def _info(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from gibbs_codegen.simulator.results import check_folder, write_results
+    with _ended_by_signals():
+        return _fly(options)
+
+
+def _fly(options: argparse.Namespace) -> int:
+    from gibbs_codegen.simulator.results import check_results, write_results
     from gibbs_codegen.simulator.scenario_file import changes_of, read_scenario
 
     scenario = read_scenario(options.scenario, changes_of(options.set))
-    check_folder(options.out)
+    check_results(options.out, options.animate or "")
     from gibbs_codegen.load import load
     from gibbs_codegen.simulator.simulation import simulate
 
     module = load(options.module, options.backend)
-    with _ended_by_signals(), _progress_bar() as progress:
+    with _progress_bar() as progress:
         start = time.perf_counter()
         flight = simulate(module, scenario, progress)
         seconds = time.perf_counter() - start

@@ -78,9 +78,14 @@ def _import(folder: Path) -> ModuleType:
     sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
+    except ImportError as error:
+        del sys.modules[module_name]
+        raise UsageError(f"{folder}: cannot be imported, generate it again: {error}") from None
     except BaseException:
         del sys.modules[module_name]
         raise
+    if "ATTITUDE" not in vars(module) or "tip_bias_acceleration" not in vars(module):
+        raise UsageError(f"{folder}: was made by an older version; generate it again")
     return module
 
 

@@ -71,9 +71,13 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
     """A document with `changes` in place of what it says, table by table.
 
     A table whose `kind` is changed is replaced as a whole: its other keys belong to the old kind.
+    None takes an entry away.
     """
     whole = dict(document)
     for key, value in changes.items():
+        if value is None:
+            whole.pop(key, None)
+            continue
         before = whole.get(key)
         if isinstance(before, Mapping) and isinstance(value, Mapping):
             same = value.get("kind", before.get("kind")) == before.get("kind")

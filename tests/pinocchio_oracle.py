@@ -44,7 +44,7 @@ class Oracle:
     robot: Robot
     rigid_base: bool = False
 
-    def __post_init__(self) -> None:  # noqa: D105
+    def __post_init__(self) -> None:
         robot, base = self.robot, self.robot.base
         self.model = model = pin.Model()
         model.gravity.linear = np.array([0.0, 0.0, -robot.gravity])

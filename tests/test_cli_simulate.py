@@ -120,7 +120,8 @@ def test_a_signal_ends_a_flight_and_leaves_nothing(number: int, workplace: Path)
     time.sleep(2.0)
     process.send_signal(number)
     out, err = process.communicate(timeout=30)
-    assert process.returncode == 128 + number
+    # On a slow machine it comes before the program has begun to listen.
+    assert process.returncode in (128 + number, -number)
     assert "Traceback" not in err
     assert out == ""
     assert not (workplace / "cut").exists() or not any((workplace / "cut").iterdir())

@@ -2,8 +2,9 @@
  * A controlled flight in fixed steps of Runge and Kutta's classical method, many steps a call.
  *
  * The functions of an emitted C module are given by their addresses, so one compiled loop serves
- * every robot. The state is q, v, the work of the inputs, and the thrusts where the motors lag.
- * What takes more than arithmetic, thrusts that meet a limit, is left to the caller, step by step.
+ * every robot. The state is q, v, the work of the inputs and of the push on the tip, and the
+ * thrusts where the motors lag. What takes more than arithmetic, thrusts that meet a limit, is left
+ * to the caller, step by step.
  */
 
 #include <math.h>
@@ -16,21 +17,25 @@ enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2 };
 
 typedef void Forward(const void *, const double *, const double *, const double *, double *);
 typedef void Inverse(const void *, const double *, const double *, const double *, double *);
-typedef void Inputs(const void *, const double *, double *);
+typedef void Matrix(const void *, const double *, double *);
 
 typedef struct {
     Forward *forward_dynamics;
     Inverse *inverse_dynamics;
-    Inputs *input_matrix;
+    Matrix *input_matrix;
+    Matrix *mass_matrix;
+    Matrix *tip_jacobian;        /* [6][coordinates], of which the upper half is linear */
     const void *constants;
     ptrdiff_t coordinates;
     ptrdiff_t rotors;
     ptrdiff_t pieces;
     int law;
     int limited;
+    int pushed;
     double least;
     double most;
     double lag;
+    double push[3];              /* force on the tip, world axes */
     double divergence;
     double singular_cosine;
     double begin;                /* of the first piece of the reference */
@@ -40,16 +45,16 @@ typedef struct {
     const double *damping;       /* [coordinates] */
     const double *distribution;  /* [rotors][6]: thrusts of a force and a torque on the base */
     double *scratch;             /* [gibbs_codegen_rk4_room] */
-} Flight;
+} Loop;
 
 /* Length of the state. */
-static ptrdiff_t size_of(const Flight *f)
+static ptrdiff_t size_of(const Loop *f)
 {
     return 2 * f->coordinates + 1 + (f->lag > 0.0 ? f->rotors : 0);
 }
 
 /* Desired coordinates, rates and accelerations, one after the other. */
-static void reference(const Flight *f, double time, double *restrict out)
+static void reference(const Loop *f, double time, double *restrict out)
 {
     const ptrdiff_t n = f->coordinates;
     const double last = (double)f->pieces * f->piece;
@@ -69,7 +74,7 @@ static void reference(const Flight *f, double time, double *restrict out)
 }
 
 /* Desired accelerations, corrected by the errors of a state. */
-static void corrected(const Flight *f, const double *restrict wanted, const double *restrict state,
+static void corrected(const Loop *f, const double *restrict wanted, const double *restrict state,
                       double *restrict out)
 {
     const ptrdiff_t n = f->coordinates;
@@ -105,7 +110,7 @@ static void solve(const double *a, const double *b, double *x)
  * what such thrusts do to position and attitude. Position is moved by the force alone, so that is
  * found first, and the torque then makes what the force leaves of the attitude's entries.
  */
-static void allocate(const Flight *f, const double *matrix, const double *wanted, double *inputs)
+static void allocate(const Loop *f, const double *matrix, const double *wanted, double *inputs)
 {
     const ptrdiff_t n = f->coordinates, joints = n - BASE, width = f->rotors + joints;
     const double *attitude = matrix, *position = matrix + (n - 3) * width;
@@ -137,7 +142,7 @@ static void allocate(const Flight *f, const double *matrix, const double *wanted
 }
 
 /* Power of inputs: thrusts act on attitude and position, joint torques on their own joints. */
-static double power(const Flight *f, const double *matrix, const double *inputs, const double *v)
+static double power(const Loop *f, const double *matrix, const double *inputs, const double *v)
 {
     const ptrdiff_t n = f->coordinates, joints = n - BASE, width = f->rotors + joints;
     const double *attitude = matrix, *position = matrix + (n - 3) * width;
@@ -155,7 +160,7 @@ static double power(const Flight *f, const double *matrix, const double *inputs,
     return sum;
 }
 
-static int within_limits(const Flight *f, const double *thrusts)
+static int within_limits(const Loop *f, const double *thrusts)
 {
     for (ptrdiff_t k = 0; k < f->rotors; ++k) {
         if (!(thrusts[k] >= f->least && thrusts[k] <= f->most)) {
@@ -165,12 +170,55 @@ static int within_limits(const Flight *f, const double *thrusts)
     return 1;
 }
 
+/* Solve A x = b in place of b, by A = L D Lᵀ; A is symmetric, positive definite, and used up. */
+static void solve_symmetric(ptrdiff_t n, double *restrict a, double *restrict b)
+{
+    for (ptrdiff_t j = 0; j < n; ++j) {
+        const double scale = 1.0 / a[j * n + j];
+        for (ptrdiff_t i = j + 1; i < n; ++i) {
+            const double share = a[i * n + j] * scale;
+            /* Column j holds L D, since the rows below need it so. */
+            for (ptrdiff_t k = j + 1; k <= i; ++k) {
+                a[i * n + k] -= share * a[k * n + j];
+            }
+            b[i] -= share * b[j];
+        }
+    }
+    for (ptrdiff_t j = n - 1; j >= 0; --j) {
+        for (ptrdiff_t i = j + 1; i < n; ++i) {
+            b[j] -= a[i * n + j] * b[i];
+        }
+        b[j] /= a[j * n + j];
+    }
+}
+
+/*
+ * Add what the push on the tip does to the rate of a state: to accelerations and to power. `room`
+ * is for the Jacobian, the mass matrix and a generalised force.
+ */
+static void push(const Loop *f, const double *q, const double *v, double *rate, double *room)
+{
+    const ptrdiff_t n = f->coordinates;
+    double *jacobian = room, *mass = jacobian + BASE * n, *force = mass + n * n;
+    f->tip_jacobian(f->constants, q, jacobian);
+    f->mass_matrix(f->constants, q, mass);
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        force[i] = f->push[0] * jacobian[i] + f->push[1] * jacobian[n + i] +
+                   f->push[2] * jacobian[2 * n + i];
+        rate[2 * n] += force[i] * v[i];
+    }
+    solve_symmetric(n, mass, force);
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        rate[n + i] += force[i];
+    }
+}
+
 /*
  * Time derivative of a state. `wanted` is the reference at its time; `matrix` is room for the input
- * matrix, `work` for two vectors of coordinates and one of inputs. Returns LIMIT, without a rate,
- * where a thrust meets one.
+ * matrix, `work` for two vectors of coordinates, one of inputs, and what `push` takes where the tip
+ * is pushed. Returns LIMIT, without a rate, where a thrust meets one.
  */
-static int derivative(const Flight *f, const double *wanted, const double *state, double *rate,
+static int derivative(const Loop *f, const double *wanted, const double *state, double *rate,
                       double *matrix, double *work)
 {
     const ptrdiff_t n = f->coordinates, inputs = f->rotors + n - BASE;
@@ -201,6 +249,9 @@ static int derivative(const Flight *f, const double *wanted, const double *state
     memcpy(rate, v, (size_t)n * sizeof *rate);
     f->forward_dynamics(f->constants, q, v, commanded, rate + n);
     rate[2 * n] = power(f, matrix, commanded, v);
+    if (f->pushed) {
+        push(f, q, v, rate, commanded + inputs);
+    }
     return DONE;
 }
 
@@ -215,7 +266,7 @@ static void advance(ptrdiff_t size, const double *restrict rate, double share, d
 }
 
 /* Whether a flight can go on: finite, near what is wanted, and away from the singularity. */
-static int goes_on(const Flight *f, const double *wanted, const double *state, ptrdiff_t size)
+static int goes_on(const Loop *f, const double *wanted, const double *state, ptrdiff_t size)
 {
     for (ptrdiff_t i = 0; i < size; ++i) {
         if (!isfinite(state[i])) {
@@ -231,12 +282,13 @@ static int goes_on(const Flight *f, const double *wanted, const double *state, p
 }
 
 /* How many numbers `scratch` must hold; it is not looked at itself. */
-ptrdiff_t gibbs_codegen_rk4_room(const Flight *flight);
+ptrdiff_t gibbs_codegen_rk4_room(const Loop *loop);
 
-ptrdiff_t gibbs_codegen_rk4_room(const Flight *flight)
+ptrdiff_t gibbs_codegen_rk4_room(const Loop *loop)
 {
-    const ptrdiff_t n = flight->coordinates, inputs = flight->rotors + n - BASE;
-    return 3 * size_of(flight) + 3 * (3 * n) + n * inputs + (2 * n + inputs);
+    const ptrdiff_t n = loop->coordinates, inputs = loop->rotors + n - BASE;
+    const ptrdiff_t pushing = loop->pushed ? BASE * n + n * n + n : 0;
+    return 3 * size_of(loop) + 3 * (3 * n) + n * inputs + (2 * n + inputs) + pushing;
 }
 
 /*
@@ -245,15 +297,15 @@ ptrdiff_t gibbs_codegen_rk4_room(const Flight *flight)
  * for count / every + 1 states. Ends before a step in which a thrust meets a limit, and after one
  * from which the flight cannot go on.
  */
-ptrdiff_t gibbs_codegen_rk4(const Flight *flight, double time, double step, ptrdiff_t count,
+ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t count,
                             ptrdiff_t every, ptrdiff_t number, double *state, double *samples);
 
-ptrdiff_t gibbs_codegen_rk4(const Flight *flight, double time, double step, ptrdiff_t count,
+ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t count,
                             ptrdiff_t every, ptrdiff_t number, double *state, double *samples)
 {
     static const double weight[4] = {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0};
     static const double ahead[4] = {0.5, 0.5, 1.0, 0.0}; /* to where the next slopes are taken */
-    const Flight f = *flight;
+    const Loop f = *loop;
     const ptrdiff_t n = f.coordinates, inputs = f.rotors + n - BASE, size = size_of(&f);
     double *rate = f.scratch, *stage = rate + size, *sum = stage + size;
     double *now = sum + size, *middle = now + 3 * n, *then = middle + 3 * n;

@@ -7,6 +7,7 @@ takes long to import.
 
 from gibbs_codegen.simulator.allocation import Allocation, AllocationError
 from gibbs_codegen.simulator.attitude import SingularAttitudeError
+from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.flight import Flight, read_flight
 from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.inverse_dynamics import (
@@ -16,9 +17,8 @@ from gibbs_codegen.simulator.inverse_dynamics import (
 from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
 from gibbs_codegen.simulator.orientation import Level, Tangent
 from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Sum, Term, Waypoints
-from gibbs_codegen.simulator.plant import TipForce
 from gibbs_codegen.simulator.results import write_results
-from gibbs_codegen.simulator.scenario import ArmTask, Control, Disturbance, Motors, Scenario
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario, StartOffset
 from gibbs_codegen.simulator.scenario_file import parse_scenario, read_scenario
 from gibbs_codegen.simulator.simulation import desired_motion, simulate
 from gibbs_codegen.simulator.vehicle import Vehicle
@@ -29,7 +29,6 @@ __all__ = [
     "ArmTask",
     "Circle",
     "Control",
-    "Disturbance",
     "Fixed",
     "Flight",
     "Harmonic",
@@ -39,6 +38,7 @@ __all__ = [
     "Scenario",
     "Settings",
     "SingularAttitudeError",
+    "StartOffset",
     "Sum",
     "Tangent",
     "Term",

@@ -45,6 +45,8 @@ class AllocationError(UsageError):
 class Allocation:
     """Thrusts for wrenches: exact for six rotors, of minimum norm for more, within limits if given.
 
+    Within limits that a wrench is beyond, the thrusts whose wrench is nearest to it: of least
+    |Δforce|² + |Δtorque / lever|², with the lever that thrusts have on the whole, m.
     `wrenches` (6, N) is what a unit thrust of each rotor makes; `limits` are the least and the
     greatest thrust of every rotor, N.
     """
@@ -56,16 +58,21 @@ class Allocation:
         rank = int(np.sum(values > _RANK * values[0]))
         self.missing = _named(left[:, rank:])
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=_RANK), dtype=np.float64)
-        preference = _PREFERENCE * values[rank - 1]
-        self._weighted = np.vstack([wrenches, preference * np.eye(wrenches.shape[1])])
+        # Torque by the lever that thrusts have on the whole, so that it compares with force.
+        force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
+        self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
+        weighted = self._weights[:, np.newaxis] * wrenches
+        least = np.linalg.svd(weighted, compute_uv=False)[rank - 1]
+        preference = _PREFERENCE * least * np.eye(wrenches.shape[1])
+        self._weighted = np.vstack([weighted, preference])
 
     def require_all_directions(self, purpose: str) -> None:
         """Raise `AllocationError` where there are wrenches that no thrusts make."""
         if self.missing:
             raise AllocationError(
                 f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
-                "(arm 1's frame, about the base centre); tilt some thrusts in the robot file, or "
-                "add rotors",
+                "(arm 1's frame, about the base centre); tilt some thrusts in the robot file, add "
+                "rotors, or fly it in open loop",
                 self.missing,
             )
 
@@ -76,23 +83,30 @@ class Allocation:
         """
         found = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
         if self.missing:
-            self._check_made(wrenches, found)
+            self._check_made(wrenches)
         if self.limits is None:
             return found
         least, most = self.limits
         beyond = np.any((found < least) | (found > most), axis=-1)
         for index in np.argwhere(beyond):
             place = tuple(index)
-            wanted = np.concatenate([wrenches[place], np.zeros(found.shape[-1])])
-            found[place] = lsq_linear(self._weighted, wanted, bounds=self.limits).x
+            wanted = np.concatenate([self._weights * wrenches[place], np.zeros(found.shape[-1])])
+            nearest = lsq_linear(self._weighted, wanted, bounds=self.limits, method="bvls")
+            found[place] = np.clip(nearest.x, least, most)
         return found
 
-    def _check_made(self, wrenches: Array, thrusts: Array) -> None:
-        left = np.linalg.norm(wrenches - thrusts @ self.wrenches.T, axis=-1)
-        if np.any(left > _EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))):
+    def shortfall(self, wrenches: Array) -> Array:
+        """What thrusts without limits leave of wrenches (…, 6), N and N m; (…), 0 where exact."""
+        left = np.linalg.norm(wrenches @ (np.eye(6) - self.wrenches @ self.inverse).T, axis=-1)
+        exact = _EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
+        short: Array = np.where(left > exact, left, 0.0)
+        return short
+
+    def _check_made(self, wrenches: Array) -> None:
+        if np.any(short := self.shortfall(wrenches)):
             raise AllocationError(
                 f"the motion needs {_listed(self.missing)} (arm 1's frame, about the base centre), "
-                f"up to {np.max(left):.3g} N or N m, which the rotors cannot command; tilt some "
+                f"up to {np.max(short):.3g} N or N m, which the rotors cannot command; tilt some "
                 "thrusts in the robot file, or add rotors",
                 self.missing,
             )

@@ -21,7 +21,7 @@ from gibbs_codegen.c_library import NATIVE
 from gibbs_codegen.cache import CacheError, cached_library
 from gibbs_codegen.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
-from gibbs_codegen.simulator.plant import Plant
+from gibbs_codegen.simulator.closed_loop import ClosedLoop
 
 Array = NDArray[np.float64]
 
@@ -31,22 +31,26 @@ _POINTER = ctypes.c_void_p
 _LAWS = ("computed_torque", "open_loop", "off")
 
 
-class _Flight(ctypes.Structure):
-    """`Flight` of `native/rk4.c`, field by field."""
+class _Loop(ctypes.Structure):
+    """`Loop` of `native/rk4.c`, field by field."""
 
     _fields_ = (
         ("forward_dynamics", _POINTER),
         ("inverse_dynamics", _POINTER),
         ("input_matrix", _POINTER),
+        ("mass_matrix", _POINTER),
+        ("tip_jacobian", _POINTER),
         ("constants", ctypes.c_char_p),
         ("coordinates", ctypes.c_ssize_t),
         ("rotors", ctypes.c_ssize_t),
         ("pieces", ctypes.c_ssize_t),
         ("law", ctypes.c_int),
         ("limited", ctypes.c_int),
+        ("pushed", ctypes.c_int),
         ("least", ctypes.c_double),
         ("most", ctypes.c_double),
         ("lag", ctypes.c_double),
+        ("push", ctypes.c_double * 3),
         ("divergence", ctypes.c_double),
         ("singular_cosine", ctypes.c_double),
         ("begin", ctypes.c_double),
@@ -61,23 +65,30 @@ class _Flight(ctypes.Structure):
 
 @dataclass(frozen=True)
 class CompiledLoop:
-    """Steps of one plant, of one size, in compiled code."""
+    """Steps of one closed loop, of one size, in compiled code.
+
+    Steps whose thrusts meet a limit are not among them: the nearest wrench within limits is a
+    search, which Python does.
+    """
 
     function: Any
-    flight: _Flight
+    structure: _Loop
     step: float
     size: int
     # What the structure points to, so that it lives as long.
     arrays: tuple[Any, ...]
 
     @classmethod
-    def of(cls, plant: Plant, step: float, divergence: float) -> CompiledLoop | None:
-        """The loop of a plant, or None where its module is not compiled or the loop cannot be.
+    def of(
+        cls, closed: ClosedLoop, step: float, divergence: float, pushed: bool = False
+    ) -> CompiledLoop | None:
+        """Steps of `step` s, or None where the module is not compiled or the loop cannot be.
 
-        Nor is there one that controls by rotors that do not command all directions: Python checks
-        every wrench of those.
+        They end where a coordinate is `divergence` (rad or m) off; `pushed` tells whether the force
+        on the tip acts. Nor is there one that controls by rotors that do not command all
+        directions: Python checks every wrench of those.
         """
-        vehicle, controller = plant.vehicle, plant.controller
+        vehicle, controller = closed.vehicle, closed.controller
         library_file = Path(vehicle.module.__file__ or "")
         if library_file.suffix != ".so":
             return None
@@ -101,19 +112,24 @@ class CompiledLoop:
         def address(name: str) -> int | None:
             return ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
 
-        flight = _Flight(
+        push = closed.tip_force.force if pushed and closed.tip_force else (0.0, 0.0, 0.0)
+        structure = _Loop(
             forward_dynamics=address("forward_dynamics"),
             inverse_dynamics=address("inverse_dynamics"),
             input_matrix=address("input_matrix"),
+            mass_matrix=address("mass_matrix"),
+            tip_jacobian=address("tip_jacobian"),
             constants=constants,
             coordinates=count,
             rotors=vehicle.rotors,
             pieces=len(coefficients),
             law=_LAWS.index(controller.law),
-            limited=plant.limits is not None,
-            least=plant.limits[0] if plant.limits else 0.0,
-            most=plant.limits[1] if plant.limits else 0.0,
-            lag=plant.lag,
+            limited=closed.limits is not None,
+            pushed=any(push),
+            least=closed.limits[0] if closed.limits else 0.0,
+            most=closed.limits[1] if closed.limits else 0.0,
+            lag=closed.lag,
+            push=push,
             divergence=divergence,
             singular_cosine=SINGULAR_COSINE,
             begin=reference.begin,
@@ -123,10 +139,10 @@ class CompiledLoop:
             damping=damping.ctypes.data,
             distribution=distribution.ctypes.data,
         )
-        scratch = np.zeros(rk4.gibbs_codegen_rk4_room(ctypes.byref(flight)))
-        flight.scratch = scratch.ctypes.data
+        scratch = np.zeros(rk4.gibbs_codegen_rk4_room(ctypes.byref(structure)))
+        structure.scratch = scratch.ctypes.data
         arrays = (library, constants, coefficients, stiffness, damping, distribution, scratch)
-        return cls(rk4.gibbs_codegen_rk4, flight, step, plant.size, arrays)
+        return cls(rk4.gibbs_codegen_rk4, structure, step, closed.size, arrays)
 
     def __call__(
         self, time: float, state: Array, count: int, every: int, number: int
@@ -139,7 +155,7 @@ class CompiledLoop:
         last = np.array(state, dtype=np.float64)
         samples = np.empty((count // every + 1, self.size))
         taken = self.function(
-            ctypes.byref(self.flight),
+            ctypes.byref(self.structure),
             time,
             self.step,
             count,

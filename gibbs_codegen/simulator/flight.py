@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -15,6 +16,10 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import OutputError, UsageError
 
 Array = NDArray[np.float64]
+StrPath = str | os.PathLike[str]
+
+# Of the CSV written at a time.
+_ROWS = 4096
 
 
 @dataclass(frozen=True)
@@ -47,27 +52,27 @@ class Flight:
     points: tuple[str, ...]
     tangent_arm: int
     stopped: str
-    time: Array
-    q: Array
-    v: Array
-    a: Array
-    q_desired: Array
-    v_desired: Array
-    a_desired: Array
-    commanded: Array
-    applied: Array
-    constraint_torques: Array
-    base_arm_angles: Array
-    base_arm_angles_desired: Array
-    positions: Array
-    base_rotation: Array
-    thrust_directions: Array
-    centre_desired: Array
-    tip_desired: Array
-    heading_error: Array
-    kinetic_energy: Array
-    potential_energy: Array
-    work: Array
+    time: Array = field(repr=False)
+    q: Array = field(repr=False)
+    v: Array = field(repr=False)
+    a: Array = field(repr=False)
+    q_desired: Array = field(repr=False)
+    v_desired: Array = field(repr=False)
+    a_desired: Array = field(repr=False)
+    commanded: Array = field(repr=False)
+    applied: Array = field(repr=False)
+    constraint_torques: Array = field(repr=False)
+    base_arm_angles: Array = field(repr=False)
+    base_arm_angles_desired: Array = field(repr=False)
+    positions: Array = field(repr=False)
+    base_rotation: Array = field(repr=False)
+    thrust_directions: Array = field(repr=False)
+    centre_desired: Array = field(repr=False)
+    tip_desired: Array = field(repr=False)
+    heading_error: Array = field(repr=False)
+    kinetic_energy: Array = field(repr=False)
+    potential_energy: Array = field(repr=False)
+    work: Array = field(repr=False)
 
     @property
     def rotors(self) -> int:
@@ -75,7 +80,9 @@ class Flight:
         return len(self.base_arm_angles_desired) + 1
 
     def point(self, name: str) -> Array:
-        """Positions (s, 3) of a point, by its name in `points`."""
+        """Positions (s, 3) of a point, by its name in `points`. Raises `UsageError`."""
+        if name not in self.points:
+            raise UsageError(f"{name}: no such point; there are {', '.join(self.points)}")
         return self.positions[:, self.points.index(name)]
 
     @property
@@ -133,37 +140,39 @@ class Flight:
         yield "work", "J", self.work
         yield "energy_error", "J", self.energy_error
 
-    def write_csv(self, path: Path) -> None:
+    def write_csv(self, path: StrPath) -> None:
         """Write every series as comma-separated values, `name [unit]` in the header.
 
         Numbers are the shortest that read back exactly. Raises `OutputError`.
         """
         columns = list(self.columns())
-        rows = zip(*(values.tolist() for _, _, values in columns), strict=True)
         try:
-            with path.open("w", encoding="utf-8", newline="") as file:
+            with Path(path).open("w", encoding="utf-8", newline="") as file:
                 writer = csv.writer(file, lineterminator="\n")
                 writer.writerow(f"{name} [{unit}]" for name, unit, _ in columns)
-                writer.writerows(rows)
+                # Python's numbers take several times the room of NumPy's: some rows at a time.
+                for begin in range(0, len(self.time), _ROWS):
+                    rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
+                    writer.writerows(rows.tolist())
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
 
-    def write_npz(self, path: Path) -> None:
+    def write_npz(self, path: StrPath) -> None:
         """Write all fields to one `.npz` file, which `read_flight` reads. Raises `OutputError`."""
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        fields = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         try:
             np.savez_compressed(path, **fields)
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
 
 
-def read_flight(path: Path) -> Flight:
+def read_flight(path: StrPath) -> Flight:
     """The flight of an `.npz` file that `write_npz` wrote. Raises `UsageError` for any other."""
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            values = {field.name: stored[field.name] for field in dataclasses.fields(Flight)}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, BadZipFile) as error:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            values = {each.name: stored[each.name] for each in dataclasses.fields(Flight)}
+    except (OSError, ValueError, KeyError, BadZipFile) as error:
         raise UsageError(f"{path}: is not a flight that was saved: {error}") from None
     for name, value in values.items():
         if value.dtype.kind == "U":

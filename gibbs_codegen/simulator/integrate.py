@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
+from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
-from gibbs_codegen.simulator.plant import Plant
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
@@ -23,14 +24,27 @@ Method = Literal["adaptive", "rk4"]
 _STEPS_A_CALL = 20_000
 # Work, in J, next to angles and lengths: a machine of some kg at some m/s.
 _WORK_SCALE = 100.0
+# Evaluations that "adaptive" may spend: so many for each second flown, and so many ahead of that.
+# Smooth flights take 500 a second, 2000 at the tightest tolerances.
+_EVALUATIONS_A_SECOND = 20_000
+_EVALUATIONS_AHEAD = 10_000
+# Least tolerances where thrusts meet limits: slopes have kinks there, which no order serves.
+_KINKED = (1e-6, 1e-7)
+# Times are the same, and steps whole, to this share of a step.
+_SAME = 1e-6
+# Where rates next to steps say that stiffness is what makes these small.
+_STIFF = 0.5
+# Steps, in s, that a flight can be waited for.
+_SHORTEST = 1e-6
 
 
 @dataclass(frozen=True)
 class Settings:
     """How to integrate: method, tolerances of "adaptive", greatest step of "rk4" (s).
 
-    `rate` samples a second are kept. A coordinate that is `divergence` (rad or m) off its desired
-    value ends the flight, unless nothing is controlled.
+    `rate` samples a second are kept, at whole multiples of 1 / rate, and the last instant.
+    Tolerances are 1e-6 and 1e-7 at least while thrusts are at their limits. A coordinate that is
+    `divergence` (rad or m) off its desired value ends the flight, unless nothing is controlled.
     """
 
     method: Method = "adaptive"
@@ -51,7 +65,7 @@ class Course:
 
 
 def integrate(
-    plant: Plant,
+    loop: ClosedLoop,
     start: Array,
     duration: float,
     settings: Settings,
@@ -59,31 +73,35 @@ def integrate(
 ) -> Course:
     """Integrate from a state at time 0; stops early at a singularity or where control is lost.
 
-    `progress` is told the time reached and the duration, s.
+    So does "adaptive" where it needs more evaluations than can be waited for. `progress` is told
+    the time reached and the duration, s. Raises `UsageError` for steps of "rk4" that are so long
+    that errors under control, or of lagging motors, would grow.
     """
-    run = _adaptive if settings.method == "adaptive" else _fixed
+    fly: Callable[[_Stretch, Array, Callable[[float], None]], _Flown]
+    fly = _Adaptive(loop, settings) if settings.method == "adaptive" else _Fixed(loop, settings)
     times, states = [np.zeros(1)], [start[np.newaxis]]
-    stopped = _reason(plant, settings, 0.0, start)
-    for begin, end in itertools.pairwise(plant.breaks(duration)):
+    now, state = 0.0, start
+    stopped = _reason(loop, settings, now, state)
+    for begin, end in itertools.pairwise(loop.breaks(duration)):
         if stopped:
             break
-        pushed = bool(plant.pushed(begin))
-        stretch = _Stretch(begin, end, pushed)
-        course = run(
-            plant, states[-1][-1], stretch, settings, lambda time: progress(time, duration)
-        )
-        times.append(course.time)
-        states.append(course.states)
-        stopped = course.stopped
+        stretch = _Stretch(begin, end, bool(loop.pushed(begin)))
+        flown = fly(stretch, state, lambda time: progress(time, duration))
+        times.append(flown.samples.time)
+        states.append(flown.samples.states)
+        now, state, stopped = flown.end, flown.state, flown.samples.stopped
+    if now > next(time[-1] for time in reversed(times) if len(time)):
+        times.append(np.array([now]))
+        states.append(state[np.newaxis])
     return _without_the_lost(
-        plant, settings, Course(np.concatenate(times), np.concatenate(states), stopped)
+        loop, settings, Course(np.concatenate(times), np.concatenate(states), stopped)
     )
 
 
-def _without_the_lost(plant: Plant, settings: Settings, course: Course) -> Course:
+def _without_the_lost(loop: ClosedLoop, settings: Settings, course: Course) -> Course:
     """A course without samples in which control was lost: they would dwarf all others."""
-    error = _errors(plant, course.time, course.states)
-    kept = np.all(error <= _divergence(plant, settings), axis=1)
+    error = _errors(loop, course.time, course.states)
+    kept = np.all(error <= _divergence(loop, settings), axis=1)
     kept &= np.all(np.isfinite(course.states), axis=1)
     kept[0] = True
     return Course(course.time[kept], course.states[kept], course.stopped)
@@ -98,148 +116,250 @@ class _Stretch:
     pushed: bool
 
 
-def _adaptive(
-    plant: Plant,
-    start: Array,
-    stretch: _Stretch,
-    settings: Settings,
-    progress: Callable[[float], None],
-) -> Course:
+@dataclass(frozen=True)
+class _Flown:
+    """A stretch that is flown: samples after its begin, and time and state that it came to."""
+
+    samples: Course
+    end: float
+    state: Array
+
+
+class _Adaptive:
     """Dormand and Prince's method of eighth order, sampled by its dense output."""
-    absolute = np.full(len(start), settings.absolute_tolerance)
-    absolute[2 * len(plant.vehicle.coordinates)] *= _WORK_SCALE
-    solver = DOP853(
-        lambda time, state: plant.derivative(time, state, stretch.pushed),
-        stretch.begin,
-        start,
-        stretch.end,
-        rtol=settings.relative_tolerance,
-        atol=absolute,
-    )
-    first = int(np.floor(stretch.begin * settings.rate + 1e-9)) + 1
-    wanted = np.arange(first, stretch.end * settings.rate - 1e-9) / settings.rate
-    times, states, stopped = [], [], ""
-    while solver.status == "running" and not stopped:
-        with np.errstate(all="ignore"):
-            said = solver.step()
-        if solver.status == "failed":
-            stopped = f"at t = {solver.t:.6g} s: no step is small enough ({said})"
-            break
-        path = solver.dense_output()
-        time = solver.t
-        if stopped := _reason(plant, settings, time, solver.y):
-            time = _first_end(plant, settings, path, solver.t_old, time)
-            stopped = _reason(plant, settings, time, path(time))
-        inside = wanted[(wanted > solver.t_old) & (wanted <= time)]
-        if (stopped or solver.status == "finished") and time not in inside:
-            inside = np.append(inside, time)
-        if len(inside):
-            times.append(inside)
-            states.append(path(inside).T)
-        progress(solver.t)
-    return _course(times, states, stopped, len(start))
+
+    def __init__(self, loop: ClosedLoop, settings: Settings) -> None:
+        self.loop, self.settings = loop, settings
+        # What may still be spent; a second without work saves up no more than this.
+        self.left: float = _EVALUATIONS_AHEAD
+
+    def __call__(
+        self, stretch: _Stretch, start: Array, progress: Callable[[float], None]
+    ) -> _Flown:
+        loop, settings = self.loop, self.settings
+        solver = DOP853(
+            lambda time, state: loop.derivative(time, state, stretch.pushed),
+            stretch.begin,
+            start,
+            stretch.end,
+        )
+        samples, stopped = [np.zeros((0, len(start)))], ""
+        wanted = _sample_times(stretch, settings.rate)
+        time, state, spent = stretch.begin, start, 0
+        while solver.status == "running" and not stopped:
+            self._tolerate(solver)
+            with np.errstate(all="ignore"):
+                said = solver.step()
+            if solver.status == "failed":
+                stopped = f"at t = {time:.6g} s: no step is small enough ({said})"
+                stopped += _acting(loop, time, state)
+                break
+            path = solver.dense_output()
+            before, time, state = time, solver.t, solver.y
+            if stopped := _reason(loop, settings, time, state):
+                time = _first_end(loop, settings, path, before, time)
+                state = path(time)
+                stopped = _reason(loop, settings, time, state)
+            inside = wanted[(wanted > before) & (wanted <= time)]
+            if len(inside):
+                samples.append(path(inside).T)
+            self._spend(time - before, solver.nfev - spent)
+            spent = solver.nfev
+            if not stopped and self.left < 0.0:
+                stopped = self._too_slow(time, time - before, state)
+            progress(solver.t)
+        states = np.concatenate(samples)
+        return _Flown(Course(wanted[: len(states)], states, stopped), time, state)
+
+    def _tolerate(self, solver: DOP853) -> None:
+        """Set tolerances for the next step."""
+        settings, loop = self.settings, self.loop
+        relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
+        if loop.limits and len(loop.saturated(solver.t, solver.y)):
+            relative, absolute = max(relative, _KINKED[0]), max(absolute, _KINKED[1])
+        solver.rtol = relative
+        solver.atol = np.full(len(solver.y), absolute)
+        solver.atol[2 * len(loop.vehicle.coordinates)] *= _WORK_SCALE
+
+    def _spend(self, flown: float, evaluations: int) -> None:
+        earned = self.left + flown * _EVALUATIONS_A_SECOND
+        self.left = min(earned, _EVALUATIONS_AHEAD) - evaluations
+
+    def _too_slow(self, time: float, step: float, state: Array) -> str:
+        """Why a flight takes too many evaluations, and what to do about it."""
+        said = f"at t = {time:.6g} s: steps of {step:.2g} s are needed"
+        stiffest = max(_decays(self.loop), default=None)
+        if stiffest is not None and stiffest.rate * step > _STIFF:
+            longest = 2.0 / stiffest.rate
+            instead = f"rk4 with steps of {longest:.2g} s, or " if longest > _SHORTEST else ""
+            said += f" (stiff: {stiffest.cause}); use {instead}{stiffest.remedy}"
+            return said + _acting(self.loop, time, state, lag=False)
+        lag = " or a shorter time constant of the motors" if self.loop.lag else ""
+        return f"{said}{_acting(self.loop, time, state)}; use rk4, looser tolerances{lag}"
+
+
+def _sample_times(stretch: _Stretch, rate: float) -> Array:
+    """Multiples of 1 / rate after the begin of a stretch, up to its end."""
+    first = int(np.floor(stretch.begin * rate + _SAME)) + 1
+    last = int(np.floor(stretch.end * rate + _SAME))
+    times = np.arange(first, last + 1) / rate
+    if len(times) and abs(times[-1] - stretch.end) * rate <= _SAME:
+        times[-1] = stretch.end
+    return times
 
 
 def _first_end(
-    plant: Plant, settings: Settings, path: Callable[[float], Array], good: float, bad: float
+    loop: ClosedLoop, settings: Settings, path: Callable[[float], Array], good: float, bad: float
 ) -> float:
     """The first time in a step, to a millionth of it, at which the flight cannot go on."""
     for _ in range(20):
         middle = 0.5 * (good + bad)
-        if _reason(plant, settings, middle, path(middle)):
+        if _reason(loop, settings, middle, path(middle)):
             bad = middle
         else:
             good = middle
     return bad
 
 
-def _fixed(
-    plant: Plant,
-    start: Array,
-    stretch: _Stretch,
-    settings: Settings,
-    progress: Callable[[float], None],
-) -> Course:
-    """Runge and Kutta's classical method in equal steps, in C where the back end is C.
+class _Fixed:
+    """Runge and Kutta's classical method in steps of one grid, in C where the back end is C.
 
-    Steps that the compiled loop leaves (those whose thrusts meet a limit) are taken here.
+    A sample interval is a whole number of steps; breaks of the push that fall between the grid's
+    instants end a step early. Those short steps, and steps that the compiled loop leaves (whose
+    thrusts meet a limit), are taken in Python.
     """
-    steps = max(int(np.ceil((stretch.end - stretch.begin) / settings.step - 1e-9)), 1)
-    size = (stretch.end - stretch.begin) / steps
-    every = max(round(1.0 / (settings.rate * size)), 1)
-    loop = None if stretch.pushed else CompiledLoop.of(plant, size, _divergence(plant, settings))
-    times, states, stopped = [], [], ""
-    state, done = start, 0
-    while done < steps and not stopped:
-        time = stretch.begin + done * size
-        taken = 0
-        if loop is not None:
-            count = min(_STEPS_A_CALL, steps - done)
-            taken, kept, state = loop(time, state, count, every, done)
-            times.append(stretch.begin + size * _kept_steps(done, taken, every))
-            states.append(kept)
-            done += taken
-            time = stretch.begin + done * size
-        if taken == 0 or loop is None:
-            with np.errstate(all="ignore"):
-                state = _step(plant, time, state, size, stretch.pushed)
-            done += 1
-            if done % every == 0:
-                times.append(np.array([stretch.begin + done * size]))
-                states.append(state[np.newaxis])
-        stopped = _reason(plant, settings, stretch.begin + done * size, state)
-        progress(stretch.begin + done * size)
-    if done % every:
-        times.append(np.array([stretch.begin + done * size]))
-        states.append(state[np.newaxis])
-    return _course(times, states, stopped, len(start))
+
+    def __init__(self, loop: ClosedLoop, settings: Settings) -> None:
+        self.loop, self.settings = loop, settings
+        self.every = max(int(np.ceil(1.0 / (settings.rate * settings.step) - _SAME)), 1)
+        self.size = 1.0 / (settings.rate * self.every)
+        _refuse_growing(loop, self.size)
+
+    def __call__(
+        self, stretch: _Stretch, start: Array, progress: Callable[[float], None]
+    ) -> _Flown:
+        loop, size, every = self.loop, self.size, self.every
+        compiled = CompiledLoop.of(loop, size, _divergence(loop, self.settings), stretch.pushed)
+        # Steps are numbered by their ends on the grid; those from `whole` to `cut` are not short.
+        number = int(np.floor(stretch.begin / size + _SAME))
+        last = int(np.ceil(stretch.end / size - _SAME))
+        whole = number + (stretch.begin / size - number > _SAME)
+        cut = last - (last - stretch.end / size > _SAME)
+        samples: list[Array] = [np.zeros((0, len(start)))]
+        times = np.arange(number // every + 1, cut // every + 1) / self.settings.rate
+        if cut == last and cut % every == 0 and len(times):
+            times[-1] = stretch.end
+        time, state, stopped = stretch.begin, start, ""
+        while number < last and not stopped:
+            taken = 0
+            if compiled is not None and whole <= number < cut:
+                count = min(_STEPS_A_CALL, cut - number)
+                taken, kept, state = compiled(time, state, count, every, number)
+                samples.append(kept)
+            if taken == 0:
+                taken = 1
+                ahead = (stretch.end if number + 1 == last else (number + 1) * size) - time
+                with np.errstate(all="ignore"):
+                    state = _step(loop, time, state, ahead, stretch.pushed)
+                if number < cut and (number + 1) % every == 0:
+                    samples.append(state[np.newaxis])
+            number += taken
+            time = stretch.end if number == last else number * size
+            stopped = _reason(loop, self.settings, time, state)
+            progress(time)
+        states = np.concatenate(samples)
+        return _Flown(Course(times[: len(states)], states, stopped), time, state)
 
 
-def _kept_steps(done: int, taken: int, every: int) -> Array:
-    """Numbers of the steps in (done, done + taken] that are samples."""
-    first = (done // every + 1) * every
-    return np.arange(first, done + taken + 1, every, dtype=np.float64)
+@dataclass(frozen=True, order=True)
+class _Decay:
+    """A rate (1/s) at which something decays, what that is, and how to slow it."""
+
+    rate: float
+    cause: str
+    remedy: str
+    root: complex = field(compare=False)
 
 
-def _step(plant: Plant, time: float, state: Array, size: float, pushed: bool) -> Array:
-    first = plant.derivative(time, state, pushed)
-    second = plant.derivative(time + size / 2.0, state + size / 2.0 * first, pushed)
-    third = plant.derivative(time + size / 2.0, state + size / 2.0 * second, pushed)
-    fourth = plant.derivative(time + size, state + size * third, pushed)
+def _decays(loop: ClosedLoop) -> list[_Decay]:
+    """What decays of itself: lagging thrusts, and errors under computed torque."""
+    found = []
+    # A lag that is nothing, next to any step, is not nothing to divide by.
+    lag = max(loop.lag, 1e-30)
+    slower = f"a longer time constant of the motors than {loop.lag:g} s, or none"
+    if loop.lag:
+        found.append(_Decay(1.0 / lag, "the motors' lag", slower, complex(-1.0 / lag)))
+    if loop.controller.law == "computed_torque":
+        gains = loop.controller.gains
+        pairs = {*zip(gains.damping.tolist(), gains.stiffness.tolist(), strict=True)}
+        for damping, stiffness in sorted(pairs):
+            # Joints do not lag, so their errors obey the second, those of the base the third order.
+            orders = [np.array([1.0, damping, stiffness])]
+            if loop.lag:
+                orders.append(np.array([lag, 1.0, damping, stiffness]) / lag)
+            found += [
+                _Decay(abs(root), "the gains of control", "lower gains", complex(root))
+                for root in itertools.chain.from_iterable(np.roots(order) for order in orders)
+                if root.real < 0.0
+            ]
+    return found
+
+
+def _refuse_growing(loop: ClosedLoop, size: float) -> None:
+    """Raise `UsageError` for steps in which what should decay grows."""
+    for decay in sorted(_decays(loop), reverse=True):
+        z = size * decay.root
+        if not abs(1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0) <= 1.0 + 1e-9:
+            raise UsageError(
+                f"integration.step: in steps of {size:.3g} s rk4 makes errors grow, because of "
+                f"{decay.cause}; use steps of at most {2.0 / decay.rate:.2g} s, or {decay.remedy}"
+            )
+
+
+def _acting(loop: ClosedLoop, time: float, state: Array, lag: bool = True) -> str:
+    """What makes integration hard besides the machine itself: thrusts at limits, lag."""
+    found = ""
+    rotors = [str(rotor + 1) for rotor in loop.saturated(time, state)]
+    if rotors:
+        found += f"; thrusts at their limits: {', '.join(rotors)} (rk4 takes them as they are)"
+    if lag and loop.lag:
+        found += f"; the motors lag by {loop.lag:g} s"
+    return found
+
+
+def _step(loop: ClosedLoop, time: float, state: Array, size: float, pushed: bool) -> Array:
+    first = loop.derivative(time, state, pushed)
+    second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, pushed)
+    third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, pushed)
+    fourth = loop.derivative(time + size, state + size * third, pushed)
     return state + size / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 
-def _reason(plant: Plant, settings: Settings, time: float, state: Array) -> str:
+def _reason(loop: ClosedLoop, settings: Settings, time: float, state: Array) -> str:
     """Why a flight cannot go on from a state, or nothing."""
     if not np.all(np.isfinite(state)):
         return f"at t = {time:.6g} s the state is no longer finite: control is lost"
-    q = plant.parts(state)[0]
-    error = _errors(plant, time, state)
+    q = loop.parts(state)[0]
+    error = _errors(loop, time, state)
     worst = int(np.argmax(error))
-    name = plant.vehicle.coordinates[worst]
-    if error[worst] > _divergence(plant, settings):
+    name = loop.vehicle.coordinates[worst]
+    if error[worst] > _divergence(loop, settings):
         unit = "rad" if name.startswith("theta_") else "m"
         return f"at t = {time:.6g} s {name} is {error[worst]:.3g} {unit} off: control is lost"
     # Angles begin on the side where the cosine is positive, so this also tells a step across.
     if np.cos(q[1]) < SINGULAR_COSINE:
         return (
             f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
-            f"{plant.vehicle.attitude} (theta_0 = {np.degrees(q[1]):.4g}°)"
+            f"{loop.vehicle.attitude} (theta_0 = {np.degrees(q[1]):.4g}°)"
         )
     return ""
 
 
-def _errors(plant: Plant, time: float | Array, states: Array) -> Array:
+def _errors(loop: ClosedLoop, time: float | Array, states: Array) -> Array:
     """How far coordinates (…, nq) are from what is desired."""
-    error: Array = np.abs(plant.parts(states)[0] - plant.controller.reference(time)[0])
+    error: Array = np.abs(loop.parts(states)[0] - loop.controller.reference(time)[0])
     return error
 
 
-def _divergence(plant: Plant, settings: Settings) -> float:
-    return np.inf if plant.controller.law == "off" else settings.divergence
-
-
-def _course(times: list[Array], states: list[Array], stopped: str, size: int) -> Course:
-    if not times:
-        return Course(np.zeros(0), np.zeros((0, size)), stopped)
-    return Course(np.concatenate(times), np.concatenate(states), stopped)
+def _divergence(loop: ClosedLoop, settings: Settings) -> float:
+    return np.inf if loop.controller.law == "off" else settings.divergence

@@ -36,6 +36,11 @@ _MISSED = 1e-6
 # Step of the difference that gives the rate of the Jacobian, in s at rates of 1.
 _DIFFERENCE = 1e-5
 _GUESSES = 32
+# Share of the largest singular value below which the least counts as nearly singular.
+_NEARLY = 1e-4
+# Shares of the arm's lever: what a singular arm may stay away, and a way worth the name.
+_STUCK = 1e-6
+_GONE = 1e-3
 
 
 class SingularArmError(UsageError):
@@ -151,6 +156,40 @@ def _remoteness(joints: Array) -> tuple[float, ...]:
     return (round(float(np.linalg.norm(joints)), 6), *np.round(-joints, 6).tolist())
 
 
+def _posture_for_what_follows(
+    vehicle: Vehicle, base: Motion, places: Array, limits: Limits, q: Array
+) -> Array:
+    """Coordinates at the first knot that suit the way the path goes on, where `q` is singular.
+
+    A tip on the axis of a joint leaves that joint's angle open, but the path does not. So the
+    search begins where the tip has gone some way, and the arm is led back from there. Gives back
+    `q` where that comes to nothing.
+    """
+    offset = places - base.q[:, -3:]
+    away = np.linalg.norm(offset - offset[0], axis=-1) > _GONE * _lever(vehicle, q)
+    if not np.any(away):
+        return q
+    there = int(np.argmax(away))
+    found, left = first_posture(vehicle, base.q[there], places[there], limits, None)
+    for k in reversed(range(there)):
+        joints = found[vehicle.arm]
+        found = base.q[k].copy()
+        found[vehicle.arm] = joints
+        found, left = reach(vehicle, found, places[k], limits)
+    return found if left <= REACHED else q
+
+
+def _lever(vehicle: Vehicle, q: Array) -> float:
+    """Largest singular value of the Jacobian of the tip: m per rad, about the arm's length."""
+    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm]
+    return float(np.linalg.norm(jacobian, 2))
+
+
+def _is_singular(vehicle: Vehicle, q: Array) -> bool:
+    """Whether the joints all but cannot move the tip some way that its path may want."""
+    return _distance_to_singularity(vehicle, q) < _NEARLY * _lever(vehicle, q)
+
+
 def _distance_to_singularity(vehicle: Vehicle, q: Array) -> float:
     """The least singular value of the Jacobian of the tip with respect to the joints."""
     jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm]
@@ -160,7 +199,7 @@ def _distance_to_singularity(vehicle: Vehicle, q: Array) -> float:
 def _unwound(vehicle: Vehicle, joints: Array, limits: Limits) -> Array:
     """Joints without whole turns, which say nothing of where an unlimited joint is."""
     turning = np.isinf(limits[0]) & np.isinf(limits[1])
-    turning &= np.array([name.startswith("theta_") for name in vehicle.joint_names], dtype=bool)
+    turning &= vehicle.is_angle[vehicle.arm]
     return np.where(turning, (joints + np.pi) % (2.0 * np.pi) - np.pi, joints)
 
 
@@ -186,6 +225,8 @@ def arm_motion(
     for k in range(len(q)):
         if k == 0:
             q[k], left[k] = first_posture(vehicle, q[k], targets[k, 0], limits, guess)
+            if guess is None and left[k] <= REACHED and _is_singular(vehicle, q[k]):
+                q[k] = _posture_for_what_follows(vehicle, base, targets[:, 0], limits, q[k])
         else:
             step = base.time[k] - base.time[k - 1]
             q[k, arm] = q[k - 1, arm] + step * (v[k - 1, arm] + 0.5 * step * a[k - 1, arm])
@@ -197,14 +238,14 @@ def arm_motion(
                     vehicle, q[k], v[k], a[k], targets[k], limits, base.time[k]
                 )
                 if spare and k and left[k - 1] <= REACHED:
-                    stays = _settle_spare_joints(
+                    stays, left[k] = _settle_spare_joints(
                         vehicle, (q, v, a), k, targets[k], limits, stopped, base.time
                     )
                 stopped = stays
             except SingularArmError as error:
                 singular = singular or error
         progress(k + 1, len(q))
-    _refuse_unreached(base.time, left)
+    _refuse_unreached(vehicle, base.time, q, left)
     if singular is not None:
         raise singular
     return Motion(base.time, q, v, a)
@@ -240,16 +281,16 @@ def _settle_spare_joints(
     limits: Limits,
     stopped: Flags,
     time: Array,
-) -> Flags:
+) -> tuple[Flags, float]:
     """Make the coordinates of an arm with joints to spare the integral of their rates.
 
     The tip says nothing of motions that leave it in its place. They follow from the rates at both
     ends of the step, by the corrector of fourth order with two derivatives (Obreshkov's). Returns
-    which joints stay at their limits.
+    which joints stay at their limits, and the distance that the tip is left from its place, m.
     """
     q, v, a = series
     arm, step = vehicle.arm, time[k] - time[k - 1]
-    stays = stopped
+    stays, left = stopped, 0.0
     for _ in range(3):
         integral = (
             q[k - 1, arm]
@@ -258,9 +299,9 @@ def _settle_spare_joints(
         )
         q[k, arm] = np.where(stopped, q[k, arm], integral)
         stopped = stopped | _beyond(integral, limits)
-        q[k], _ = _reach_holding(vehicle, q[k], target[0], limits, stopped)
+        q[k], left = _reach_holding(vehicle, q[k], target[0], limits, stopped)
         _, stays = _set_rates(vehicle, q[k], v[k], a[k], target, limits, time[k])
-    return stays
+    return stays, left
 
 
 def _set_rates(
@@ -330,16 +371,21 @@ def _refuse_singular(vehicle: Vehicle, missed: Array, what: str, time: float) ->
         )
 
 
-def _refuse_unreached(time: Array, left: Array) -> None:
+def _refuse_unreached(vehicle: Vehicle, time: Array, q: Array, left: Array) -> None:
     far = left > REACHED
     if not np.any(far):
         return
     worst = int(np.argmax(left))
     times, distances = time[far], left[far]
-    raise UnreachableError(
-        f"the tip cannot reach its path at {len(times)} of {len(time)} instants, from "
-        f"t = {times[0]:.6g} s to {times[-1]:.6g} s; at t = {time[worst]:.6g} s it stays "
-        f"{left[worst]:.3g} m away",
-        times,
-        distances,
+    where = (
+        f"at {len(times)} of {len(time)} instants, from t = {times[0]:.6g} s to "
+        f"{times[-1]:.6g} s; at t = {time[worst]:.6g} s it stays {left[worst]:.3g} m away"
     )
+    # So near is not out of reach: the joints do not find the way there.
+    if left[worst] < _STUCK * _lever(vehicle, q[worst]) and _is_singular(vehicle, q[worst]):
+        raise SingularArmError(
+            f"the arm is singular: its joints ({', '.join(vehicle.joint_names)}) do not bring the "
+            f"tip onto its path {where}; lead the path past the axes of joints and the edge of "
+            "the arm's reach, or give a guess of the joints"
+        )
+    raise UnreachableError(f"the tip cannot reach its path {where}", times, distances)

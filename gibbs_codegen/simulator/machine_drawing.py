@@ -7,7 +7,7 @@ decides, from what lies behind to what lies in front.
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.patheffects import withStroke
@@ -33,6 +33,37 @@ _DISC_SHARE = 0.45
 _THINNEST = 0.4
 
 
+class Drawable(Protocol):
+    """What a drawing of a machine needs of its flight; all of it as `Flight` has it."""
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of points."""
+
+    @property
+    def positions(self) -> Array:
+        """Positions of the points."""
+
+    @property
+    def base_rotation(self) -> Array:
+        """From arm 1 to the world."""
+
+    @property
+    def thrust_directions(self) -> Array:
+        """Thrusts in the frame of arm 1."""
+
+    @property
+    def rotors(self) -> int:
+        """Number of rotors."""
+
+    @property
+    def tangent_arm(self) -> int:
+        """Arm that follows the path, or 0."""
+
+    def point(self, name: str) -> Array:
+        """Positions of a point."""
+
+
 class MachineDrawing:
     """Artists of the machine in 3-D axes: rotors, base arms and manipulator, one arm in gold.
 
@@ -42,7 +73,7 @@ class MachineDrawing:
     """
 
     def __init__(
-        self, axes: Any, flight: Flight, rank: int = 0, colour: Any = "0.4", scale: float = 1.0
+        self, axes: Any, flight: Drawable, rank: int = 0, colour: Any = "0.4", scale: float = 1.0
     ) -> None:
         self._flight = flight
         self._gold = flight.tangent_arm or 2
@@ -118,7 +149,7 @@ class PathDrawing:
             _move(line, path[: sample + 1])
 
 
-def chain(flight: Flight) -> list[str]:
+def chain(flight: Drawable) -> list[str]:
     """Names of the points along the arm: base centre, joints and tip."""
     return ["O2", *(name for name in flight.points if name.startswith("joint")), "tip"]
 
@@ -199,7 +230,7 @@ def project(axes: Any, points: Array) -> Array:
     return flat
 
 
-def _disc_radius(flight: Flight) -> float:
+def _disc_radius(flight: Drawable) -> float:
     """Radius of the rotors, by the distance between motors that are neighbours, m."""
     motors = np.array([flight.point(f"motor{k}")[0] for k in range(1, flight.rotors + 1)])
     nearest = np.linalg.norm(motors - np.roll(motors, 1, axis=0), axis=1).min()
@@ -207,7 +238,7 @@ def _disc_radius(flight: Flight) -> float:
     return _DISC_SHARE * float(min(nearest, shortest))
 
 
-def _discs(flight: Flight) -> Array:
+def _discs(flight: Drawable) -> Array:
     """Corners (N, c, 3) of the rotors about their own seats, in the frame of arm 1."""
     normals = flight.thrust_directions
     # Any direction that is not along the normal gives the first of two that span the disc.

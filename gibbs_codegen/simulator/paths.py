@@ -191,6 +191,35 @@ class Sum:
         return out
 
 
+def check_path(path: Path, duration: float, what: str) -> None:
+    """See that a path gives what a path is to give, at some times of 0 … `duration` s.
+
+    `what` names it. Raises `UsageError` for another shape, and where rates are not the derivatives
+    of positions; differences tell rough mistakes only.
+    """
+    time = np.linspace(0.0, duration, 9)[1:-1] * 0.993
+    step = 1e-5 * duration
+    try:
+        here, ahead, behind = (np.asarray(path(time + by), float) for by in (0.0, step, -step))
+    except (TypeError, ValueError, IndexError, AttributeError) as error:
+        raise UsageError(f"{what}: cannot be evaluated at an array of times: {error}") from None
+    if here.shape != (len(time), ORDERS, 3):
+        raise UsageError(
+            f"{what}: must give (…, {ORDERS}, 3) at times (…): position, velocity, acceleration "
+            f"and jerk; it gives {here.shape} at {len(time)} times"
+        )
+    slope = (ahead - behind)[:, :-1] / (2.0 * step)
+    off = np.abs(slope - here[:, 1:]).max(axis=(0, 2))
+    scale = np.abs(here).max(axis=(0, 2))
+    names = ("velocity", "acceleration", "jerk")
+    for order, name in enumerate(names):
+        # At a jump of the jerk a difference straddles it: then most other times still agree.
+        typical = np.median(np.abs(slope - here[:, 1:])[:, order].max(axis=-1))
+        allowed = 1e-3 * (scale[order + 1] + scale[order] / duration) + 1e-6
+        if off[order] > allowed and typical > allowed:
+            raise UsageError(f"{what}: its {name} is not the rate of what stands before it")
+
+
 def _plane(normal: Vector) -> tuple[Array, Array]:
     """Two unit vectors that with the direction of `normal` make a right-handed frame."""
     n = np.asarray(normal, dtype=np.float64) / np.max(np.abs(normal))

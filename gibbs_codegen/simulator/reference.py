@@ -8,6 +8,7 @@ everywhere, a motion costs the same to evaluate whatever made it, and C can eval
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +25,39 @@ from gibbs_codegen.simulator.vehicle import Vehicle
 Array = NDArray[np.float64]
 
 KNOT_SPACING = 0.005
+# How far pieces may be from the motion between knots, rad or m, and what rounding adds per 1.
+_OFF = 1e-7
+_ROUNDING = 1e-14
+# Parts that each piece is checked at the ends of.
+_CHECKS = 4
+# How many times as many knots there may be, and how many pieces they may make, where it takes more.
+_FINEST = 32
+_MOST_PIECES = 1_000_000
+# Pieces that are worked on at once: bounds the memory.
+_AT_A_TIME = 1024
 # Lengths, speeds and so on, in m and s, that no machine comes to.
 _BOUND = 1e12
-# How far pieces may be from the motion halfway between knots: base (rad, m) and tip (m).
-_BASE_OFF = 1e-4
-_TIP_OFF = 1e-2
 # Postures that the search for the one that hangs starts from, and energies that count as equal, J.
 _HANGING_STARTS = 7
 _SAME_ENERGY = 1e-10
+_BASE_TOO_FAST = (
+    "the base moves too fast or its attitude jumps",
+    "choose a gentler motion, or a shorter one",
+)
+_TIP_TOO_FAST = (
+    "the arm, or the path of its tip, moves too fast",
+    "slow it down, or lead the tip farther past the axes of joints and the edge of its reach",
+)
+
+
+@dataclass(frozen=True)
+class _Miss:
+    """Where a motion is not followed: in which piece, when (s), and how far off, in a unit."""
+
+    piece: int
+    time: float
+    distance: float
+    unit: str
 
 
 class Reference:
@@ -76,15 +102,47 @@ def knots(duration: float, spacing: float = KNOT_SPACING) -> Array:
     return np.linspace(0.0, duration, max(int(np.ceil(duration / spacing)), 1) + 1)
 
 
-def desired_base(vehicle: Vehicle, time: Array, centre: Path, orientation: Orientation) -> Motion:
-    """Motion of the base at knots, its centre on a path, the arm's coordinates at rest at 0.
+def refined(time: Array, times: int) -> Array:
+    """Even times (s) with `times` as many steps over the same span."""
+    return np.linspace(time[0], time[-1], times * (len(time) - 1) + 1) if times > 1 else time
 
-    Raises `UsageError` with the time where the attitude is singular or not defined, and where the
-    motion is so fast, or turns so sharply, that pieces between the knots do not follow it.
+
+def desired_base(
+    vehicle: Vehicle,
+    time: Array,
+    centre: Path,
+    orientation: Orientation,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Motion:
+    """Motion of the base, its centre on a path, the arm's coordinates at rest at 0.
+
+    The knots are those of `time` (s, evenly spaced), or where pieces between them do not follow the
+    motion, 2, 4 … times as many. `progress` is told the share that is done. Raises `UsageError`
+    with the time where the attitude is singular or not defined, and where the motion is so fast, or
+    turns so sharply, that not even the most knots follow it.
     """
-    # Knots, and between them the instants that the pieces are checked at.
-    every = np.linspace(time[0], time[-1], 2 * len(time) - 1)
-    every[::2] = time
+    pieces, fineness = len(time) - 1, 1
+    while True:
+        needed = fineness
+        parts: list[Motion] = []
+        for begin in range(0, pieces, _AT_A_TIME):
+            span = time[begin : begin + _AT_A_TIME + 1]
+            part, miss = _base_part(vehicle, refined(span, needed), centre, orientation)
+            while miss is not None:
+                needed = _finer(needed, time, miss, *_BASE_TOO_FAST)
+                part, miss = _base_part(vehicle, refined(span, needed), centre, orientation)
+            parts.append(part)
+            progress(min(1.0, (begin + _AT_A_TIME) / pieces))
+        if needed == fineness:
+            return _joined(refined(time, fineness), parts)
+        fineness = needed
+
+
+def _base_part(
+    vehicle: Vehicle, time: Array, centre: Path, orientation: Orientation
+) -> tuple[Motion, _Miss | None]:
+    """Motion of the base at knots, and where pieces between them miss it most, if they do."""
+    every = _checked(time)
     places = _bounded(every, centre, "path of the base")
     with np.errstate(all="ignore"):
         turning = orientation(centre, every, vehicle.arm_angles())
@@ -96,36 +154,104 @@ def desired_base(vehicle: Vehicle, time: Array, centre: Path, orientation: Orien
     except SingularAttitudeError as error:
         message = f"at t = {every[error.place]:.6g} s {error}"
         raise SingularAttitudeError(message, error.place) from None
-    motion = Motion(time, whole.q[::2], whole.v[::2], whole.a[::2])
+    motion = Motion(time, *(series[::_CHECKS] for series in (whole.q, whole.v, whole.a)))
     q, v, _ = Reference(motion)(every)
     step = every[1] - every[0]
-    off = np.maximum(np.abs(q - whole.q), step * np.abs(v - whole.v)).max(axis=-1)
-    _refuse(every, off > _BASE_OFF, "the base moves too fast or its attitude jumps")
-    return motion
+    # Rates too: a base that turns once between checks seems to stand still.
+    off = np.maximum(np.abs(q - whole.q), step * np.abs(v - whole.v))
+    excess = off / (_OFF + _ROUNDING * np.abs(whole.q).max(axis=0))
+    instant, coordinate = np.unravel_index(np.argmax(excess), excess.shape)
+    if excess[instant, coordinate] <= 1.0:
+        return motion, None
+    unit = "rad" if vehicle.is_angle[coordinate] else "m"
+    return motion, _Miss(int(instant) // _CHECKS, every[instant], off[instant, coordinate], unit)
+
+
+def _joined(time: Array, parts: list[Motion]) -> Motion:
+    """One motion of parts, each of which begins where the one before ends."""
+    q, v, a = (np.empty((len(time), parts[0].q.shape[1])) for _ in range(3))
+    begin = 0
+    for part in parts:
+        if begin:
+            # The angles of each part begin within (−π, π], whatever they had grown to before.
+            jump = q[begin, :3] - part.q[0, :3]
+            part.q[:, :3] += 2.0 * np.pi * np.round(jump / (2.0 * np.pi))
+        share = slice(begin, begin + len(part.time))
+        q[share], v[share], a[share] = part.q, part.v, part.a
+        begin += len(part.time) - 1
+    return Motion(time, q, v, a)
 
 
 def desired_with_tip(
     vehicle: Vehicle,
-    base: Motion,
+    time: Array,
+    base_at: Callable[[Array], Motion],
     tip: Path,
     limits: Limits,
     guess: Array | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Motion:
-    """Motion of base and arm at knots, with the tip on a path.
+    """Motion of base and arm, with the tip on a path.
 
+    `base_at` gives the motion of the base for knots as `desired_base` does. The knots are those of
+    `time` (s, evenly spaced), or where the tip leaves its path between them, 2, 4 … times as many.
     Raises `UnreachableError` for points out of reach, `SingularArmError` where the arm cannot move
-    as the path wants, and `UsageError` where it would have to move too fast.
+    as the path wants, and `UsageError` where not even the most knots keep the tip on its path.
     """
     if vehicle.joints == 0:
         raise UsageError(f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own")
-    _bounded(base.time, tip, "path of the tip")
-    motion = arm_motion(vehicle, base, tip, limits, guess, progress)
-    between = (base.time[:-1] + base.time[1:]) / 2.0
-    q, _, _ = Reference(motion)(between)
-    off = np.linalg.norm(vehicle.tip_pose(q)[:, :3, 3] - tip(between)[:, 0], axis=-1)
-    _refuse(between, off > _TIP_OFF, "the arm, or the path of its tip, moves too fast")
-    return motion
+    base = base_at(time)
+    while True:
+        _bounded(base.time, tip, "path of the tip")
+        motion = arm_motion(vehicle, base, tip, limits, guess, progress)
+        miss = _tip_miss(vehicle, motion, tip)
+        if miss is None:
+            return motion
+        # How many knots it takes is found on the worst piece alone, and then holds for all.
+        span, start = base.time[miss.piece : miss.piece + 2], motion.q[miss.piece, vehicle.arm]
+        already = fineness = (len(base.time) - 1) // (len(time) - 1)
+        while miss is not None:
+            fineness = _finer(fineness, time, miss, *_TIP_TOO_FAST)
+            near = base_at(refined(span, fineness // already))
+            miss = _tip_miss(vehicle, arm_motion(vehicle, near, tip, limits, start), tip)
+        base = base_at(refined(time, fineness))
+
+
+def _tip_miss(vehicle: Vehicle, motion: Motion, tip: Path) -> _Miss | None:
+    """Where the tip is farthest from its path between knots, if it leaves it."""
+    reference = Reference(motion)
+    worst, found = 1.0, None
+    for begin in range(0, len(motion.time) - 1, _AT_A_TIME):
+        every = _checked(motion.time[begin : begin + _AT_A_TIME + 1])
+        places = _bounded(every, tip, "path of the tip")[:, 0]
+        reached = vehicle.tip_pose(reference(every)[0])[:, :3, 3]
+        off = np.linalg.norm(reached - places, axis=-1)
+        excess = off / (_OFF + _ROUNDING * np.abs(places).max())
+        instant = int(np.argmax(excess))
+        if not excess[instant] <= worst:
+            worst = excess[instant]
+            found = _Miss(begin + instant // _CHECKS, every[instant], off[instant], "m")
+    return found
+
+
+def _checked(time: Array) -> Array:
+    """Knots, and between them the instants that pieces are checked at."""
+    every = refined(time, _CHECKS)
+    every[::_CHECKS] = time
+    return every
+
+
+def _finer(fineness: int, time: Array, miss: _Miss, what: str, remedy: str) -> int:
+    """Twice the fineness of knots; `UsageError` with the miss where there are enough already."""
+    pieces = len(time) - 1
+    if 2 * fineness <= _FINEST and 2 * fineness * pieces <= _MOST_PIECES:
+        return 2 * fineness
+    spacing = (time[-1] - time[0]) / pieces / fineness
+    raise UsageError(
+        f"at t = {miss.time:.6g} s {what}: between knots {spacing:.3g} s apart, the nearest that "
+        f"a flight of this length may have, it is missed by {miss.distance:.3g} {miss.unit}; "
+        f"{remedy}"
+    )
 
 
 def _bounded(time: Array, path: Path, what: str) -> Array:
@@ -155,7 +281,7 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
     Prismatic joints are at 0, and so are revolute ones that make no difference, such as one about
     the vertical; or where limits leave out 0, as near to it as they allow.
     """
-    turning = np.array([name.startswith("theta_") for name in vehicle.joint_names], dtype=bool)
+    turning = vehicle.is_angle[vehicle.arm]
     low, high = limits[0][turning], limits[1][turning]
     places = 3 + np.flatnonzero(turning)
     rest = np.zeros(len(vehicle.coordinates))

@@ -6,13 +6,23 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.simulator.flight import Flight
 
 ANIMATIONS = ("gif", "mp4")
+# Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.
+FIGURE_NAMES = (
+    "coordinates",
+    "snapshots",
+    "snapshots_panels",
+    "inputs",
+    "constraint_torques",
+    "tracking_error",
+    "energy",
+)
 _STAGING_PREFIX = ".gibbs_codegen_flight_"
 
 
@@ -25,13 +35,11 @@ def write_results(
 ) -> list[Path]:
     """Write `flight.npz`, `flight.csv`, figures as PNG and PDF, and `flight.gif` or `flight.mp4`.
 
-    `animation` is "gif", "mp4" or empty for none. Files of these names that are in `folder` are
-    replaced once all new ones are complete; others are left alone. Returns the paths written.
+    `animation` is "gif", "mp4" or empty for none. Results of an earlier flight in `folder` give way
+    once all new ones are complete; other files are left alone. Returns the paths written.
     Raises `UsageError` or `OutputError`, and then has changed nothing.
     """
-    check_folder(folder)
-    if animation and animation not in ANIMATIONS:
-        raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
+    check_results(folder, animation)
     folder = Path(folder)
     with _staged(folder) as staging:
         progress("time series", 0.0)
@@ -52,19 +60,39 @@ def write_results(
                 progress=lambda done, total: progress("animation", done / total),
             )
         names = sorted(path.name for path in staging.iterdir())
+    stale = {f"flight.{suffix}" for suffix in ANIMATIONS}
+    stale |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
+    for name in stale - set(names):
+        (folder / name).unlink(missing_ok=True)
     return [folder / name for name in names]
 
 
-def check_folder(folder: str | os.PathLike[str]) -> None:
-    """Refuse a path that cannot become a folder of results. Raises `UsageError`."""
+def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
+    """Refuse what cannot be written, before the work of a flight.
+
+    Raises `UsageError` for a path that cannot become a folder and for an unknown animation, and
+    `OutputError` where nothing can be written there or the animation lacks its program.
+    """
+    if not os.fspath(folder):
+        raise UsageError("a folder for the results is needed, not an empty name")
     for path in (Path(folder), *Path(folder).parents):
         if path.exists() and not path.is_dir():
-            raise UsageError(f"{path}: is a file; --out must be a folder")
+            raise UsageError(f"{path}: is a file; a folder is needed for the results")
+    if animation and animation not in ANIMATIONS:
+        raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
+    if animation == "mp4" and shutil.which("ffmpeg") is None:
+        raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
+    with _staged(Path(folder)):
+        pass
 
 
 @contextmanager
 def _staged(folder: Path) -> Iterator[Path]:
-    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not."""
+    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not.
+
+    Folders that had to be made, and hold nothing in the end, go again.
+    """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=_STAGING_PREFIX, dir=folder))
@@ -76,5 +104,10 @@ def _staged(folder: Path) -> Iterator[Path]:
             os.replace(path, folder / path.name)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
+    except OutputError as error:
+        raise OutputError(str(error).replace(str(staging), str(folder))) from None
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        for path in made:
+            with suppress(OSError):  # Not empty: then it is wanted.
+                path.rmdir()

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import get_args
 
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.control import Law
 from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.orientation import Level, Tangent
 from gibbs_codegen.simulator.paths import Path, Vector
-from gibbs_codegen.simulator.plant import TipForce
+
+
+def _require(right: bool, otherwise: str) -> None:
+    if not right:
+        raise UsageError(otherwise)
 
 
 @dataclass(frozen=True)
@@ -27,9 +35,17 @@ class ArmTask:
     guess: Mapping[str, float] | None = None
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        if self.tip is not None and self.posture is not None:
+            raise UsageError("arm: a tip path and a posture: give one of them")
+        if self.tip is None and self.guess is not None:
+            raise UsageError("arm: a guess is where the search for a tip path begins; give a tip")
+        for joint, (low, high) in self.limits.items():
+            _require(low < high, f"arm: limits of {joint}: the lower must be below the upper")
+
 
 @dataclass(frozen=True)
-class Disturbance:
+class StartOffset:
     """What is off at the start: base centre, m; attitude, a rotation vector, rad; world axes."""
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -47,6 +63,12 @@ class Control:
     frequency: float = 5.0
     damping_ratio: float = 1.0
 
+    def __post_init__(self) -> None:
+        laws = get_args(Law)
+        _require(self.law in laws, f"control: law {self.law!r}: one of {', '.join(laws)}")
+        _require(0.0 < self.frequency < math.inf, "control: the frequency must be above 0 rad/s")
+        _require(0.0 <= self.damping_ratio < math.inf, "control: damping ratio: 0 or more")
+
 
 @dataclass(frozen=True)
 class Motors:
@@ -55,10 +77,18 @@ class Motors:
     limits: tuple[float, float] | None = None
     time_constant: float = 0.0
 
+    def __post_init__(self) -> None:
+        if self.limits is not None:
+            least, most = self.limits
+            _require(least < most, "motors: the least thrust must be below the greatest")
+        _require(0.0 <= self.time_constant < math.inf, "motors: time constant: 0 s or more")
+
 
 @dataclass(frozen=True)
 class Scenario:
     """A flight of `duration` s with the base centre on a path; SI units, rad, world axes.
+
+    Like its parts it raises `UsageError` for values that mean nothing.
 
     `parameters` are given to the module's `prepare`.
     """
@@ -68,10 +98,13 @@ class Scenario:
     base: Path
     attitude: Level | Tangent = field(default_factory=Level)
     arm: ArmTask = ArmTask()
-    start: Disturbance = Disturbance()
+    start: StartOffset = StartOffset()
     control: Control = Control()
     motors: Motors = Motors()
     tip_force: TipForce | None = None
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
+
+    def __post_init__(self) -> None:
+        _require(0.0 < self.duration < math.inf, f"duration: above 0 s, not {self.duration}")

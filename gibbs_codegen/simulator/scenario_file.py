@@ -9,24 +9,28 @@ import json
 import math
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path as FilePath
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
+
+import numpy as np
 
 from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError
+from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.control import Law
 from gibbs_codegen.simulator.integrate import Method, Settings
 from gibbs_codegen.simulator.orientation import Level, Tangent
 from gibbs_codegen.simulator.path_file import read_path
 from gibbs_codegen.simulator.paths import Path, Sum
-from gibbs_codegen.simulator.plant import TipForce
-from gibbs_codegen.simulator.scenario import ArmTask, Control, Disturbance, Motors, Scenario
-from gibbs_codegen.toml_document import checked, file_text, merged
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario, StartOffset
+from gibbs_codegen.toml_document import checked, file_text
 from gibbs_codegen.toml_reader import Table, shown
 
 MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
 MAX_SAMPLES, MAX_STEPS = 1_000_000, 100_000_000
+Made = TypeVar("Made")
+
 TABLES = ("base", "arm", "start", "control", "motors", "tip_force", "integration", "parameters")
 _LEAST = 1e-9  # of what has to be greater than zero
 _MOST = 1e12  # of any number: no unit makes one so large of what flies
@@ -63,7 +67,7 @@ def parse_scenario(
     Raises `ScenarioFileError` with every fault found; `source` is the name used in its message.
     """
     try:
-        return checked(text, source, _scenario, ScenarioFileError, changes)
+        return checked(text, source, _scenario, ScenarioFileError, _plain(changes or {}))
     except RecursionError:
         raise ScenarioFileError(source, [_TOO_DEEP]) from None
 
@@ -71,23 +75,44 @@ def parse_scenario(
 def changes_of(entries: Sequence[str]) -> dict[str, Any]:
     """Changes for `read_scenario` out of entries such as `start.offset=[0.2,0,0]`, in TOML.
 
-    A value that is not TOML is taken as a string, so that quotes may be left out. Raises
-    `UsageError`.
+    A value that is not TOML is taken as a string, so that quotes may be left out; none at all
+    takes the entry away. Raises `UsageError`.
     """
     changes: dict[str, Any] = {}
     for entry in entries:
         key, equals, value = entry.partition("=")
         if not equals:
-            raise UsageError(f"--set {_printable(entry)}: must be KEY=VALUE, such as duration=5")
-        one = _one_entry(key, value)
+            raise UsageError(f"{_printable(entry)}: must be KEY=VALUE, such as duration=5")
+        one = _one_entry(key, value) or _one_entry(key, _quoted(value))
+        if one is not None and not value.strip():
+            one = _taken_away(one)
         if one is None:
-            one = _one_entry(key, _quoted(value))
-        if one is None:
-            raise UsageError(
-                f"--set {_printable(entry)}: not a key, such as start.offset, before the ="
-            )
-        changes = merged(changes, one)
+            raise UsageError(f"{_printable(entry)}: not a key, such as start.offset, before the =")
+        _add(changes, one)
     return changes
+
+
+def _add(changes: dict[str, Any], more: Mapping[str, Any]) -> None:
+    for key, value in more.items():
+        if isinstance(value, dict) and isinstance(changes.get(key), dict):
+            _add(changes[key], value)
+        else:
+            changes[key] = value
+
+
+def _taken_away(entry: dict[str, Any]) -> dict[str, Any]:
+    return {
+        key: _taken_away(value) if isinstance(value, dict) else None for key, value in entry.items()
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Values as TOML has them: lists of tuples and of NumPy's arrays."""
+    if isinstance(value, Mapping):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [_plain(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def _one_entry(key: str, value: str) -> dict[str, Any] | None:
@@ -133,20 +158,8 @@ def _scenario(root: Table) -> Scenario | None:
     parameters = _parameters(_optional(root, "parameters"))
     if root.faults or name is None or path is None or description is None:
         return None
-    return Scenario(
-        name,
-        duration,
-        path,
-        attitude,
-        arm,
-        start,
-        control,
-        motors,
-        tip_force,
-        integration,
-        parameters,
-        description,
-    )
+    rest = (start, control, motors, tip_force, integration, parameters, description)
+    return _made(root, lambda: Scenario(name, duration, path, attitude, arm, *rest), None)
 
 
 _TOO_DEEP = Fault("", f"nested too deeply: at most {_DEEPEST} tables and lists in one another")
@@ -239,14 +252,14 @@ def _arm(table: Table, base: Path | None) -> ArmTask:
         for key in ("posture", "guess")
         if key in table.values or f"{key}_deg" in table.values
     }
-    task = ArmTask(tip, postures.get("posture"), postures.get("guess"), limits)
-    if task.guess is not None and not {*given} & {*keys}:
+    posture, guess = postures.get("posture"), postures.get("guess")
+    if guess is not None and not {*given} & {*keys}:
         table.fault(_form(table, "guess"), "is where the search for a tip path begins; give a tip")
-    for joint, value in (task.posture or {}).items():
+    for joint, value in (posture or {}).items():
         low, high = limits.get(joint, (-math.inf, math.inf))
         if not low <= value <= high:
             table.fault(f"{_form(table, 'posture', joint)}.{joint}", "is outside its limits")
-    return task
+    return _made(table, lambda: ArmTask(tip, posture, guess, limits), ArmTask())
 
 
 def _by_joint(table: Table, key: str, length: int) -> dict[str, tuple[float, ...]]:
@@ -286,11 +299,11 @@ def _is_joint(entries: Table, name: str, prefix: str) -> bool:
     return False
 
 
-def _start(table: Table) -> Disturbance:
+def _start(table: Table) -> StartOffset:
     table.refuse_unknown(("offset", "turn_deg"))
     x, y, z = table.numbers("offset", 3, (0.0,) * 3)
     a, b, c = (math.radians(angle) for angle in table.numbers("turn_deg", 3, (0.0,) * 3))
-    return Disturbance((x, y, z), (a, b, c))
+    return StartOffset((x, y, z), (a, b, c))
 
 
 def _control(table: Table) -> Control:
@@ -310,7 +323,18 @@ def _motors(table: Table) -> Motors:
         if least >= most:
             table.fault("limits", "the least thrust must be below the greatest")
         limits = (least, most)
-    return Motors(limits, table.number("time_constant", 0.0, least=0.0))
+    time_constant = table.number("time_constant", 0.0, least=0.0)
+    return _made(table, lambda: Motors(limits, time_constant), Motors())
+
+
+def _made(table: Table, make: Callable[[], Made], default: Made) -> Made:
+    """What `make` makes, or else `default`, with a fault noted if there is none yet."""
+    try:
+        return make()
+    except UsageError as error:
+        if not table.faults:
+            table.faults.append(Fault(table.path, str(error)))
+        return default
 
 
 def _tip_force(table: Table) -> TipForce | None:

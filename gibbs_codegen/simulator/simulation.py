@@ -5,8 +5,8 @@
       base_motion      position, attitude    → base coordinates, exact         (inverse_kinematics)
       arm_motion       tip                   → arm coordinates                 (inverse_kinematics)
     Controller       reference             → inputs of a state                 (control, allocation)
-    Plant            controller, motors    → derivative of a state             (plant)
-    integrate        plant, start          → samples of the state              (integrate)
+    ClosedLoop       controller, motors    → derivative of a state             (closed_loop)
+    integrate        loop, start           → samples of the state              (integrate)
     flight_of        samples               → Flight: all that is of interest   (this module)
 
 The simulator knows a generated module and nothing of how it was derived.
@@ -14,7 +14,9 @@ The simulator knows a generated module and nothing of how it was derived.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import os
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from types import ModuleType
 
 import numpy as np
@@ -22,14 +24,21 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.allocation import Allocation
-from gibbs_codegen.simulator.attitude import Turning, attitude_angles, rotation_matrix
+from gibbs_codegen.load import load
+from gibbs_codegen.simulator.allocation import Allocation, AllocationError
+from gibbs_codegen.simulator.attitude import (
+    SingularAttitudeError,
+    Turning,
+    attitude_angles,
+    rotation_matrix,
+)
+from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.integrate import Course, integrate
-from gibbs_codegen.simulator.inverse_kinematics import Limits
+from gibbs_codegen.simulator.inverse_kinematics import Limits, Motion
 from gibbs_codegen.simulator.orientation import Tangent, heading_error
-from gibbs_codegen.simulator.plant import Plant
+from gibbs_codegen.simulator.paths import check_path
 from gibbs_codegen.simulator.reference import (
     Reference,
     desired_base,
@@ -38,7 +47,8 @@ from gibbs_codegen.simulator.reference import (
     hanging_posture,
     knots,
 )
-from gibbs_codegen.simulator.scenario import ArmTask, Disturbance, Scenario
+from gibbs_codegen.simulator.scenario import ArmTask, Scenario, StartOffset
+from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -46,15 +56,24 @@ Progress = Callable[[str, float], None]
 
 
 def simulate(
-    module: ModuleType, scenario: Scenario, progress: Progress = lambda what, share: None
+    robot: ModuleType | str | os.PathLike[str],
+    scenario: Scenario | str,
+    progress: Progress = lambda what, share: None,
 ) -> Flight:
     """Fly a scenario with the robot of a generated module, of either back end.
 
+    A name or path of a module is loaded with the C back end; a name or path of a scenario is read.
     `progress` is told what is being done and the share of it that is done, 0 to 1. Raises
     `UsageError`, or one of its kinds, for a flight that cannot be begun: `UnreachableError`,
     `SingularAttitudeError`, `AllocationError`. One that cannot go on ends early, and `stopped` of
     the result says why.
     """
+    if isinstance(scenario, str):
+        scenario = read_scenario(scenario)
+    module = robot if isinstance(robot, ModuleType) else load(robot, "c")
+    check_path(scenario.base, scenario.duration, "the path of the base")
+    if scenario.arm.tip is not None:
+        check_path(scenario.arm.tip, scenario.duration, "the path of the tip")
     vehicle = Vehicle(module, scenario.parameters)
     allocation = Allocation(vehicle.thrust_wrenches(), scenario.motors.limits)
     control = scenario.control
@@ -64,25 +83,29 @@ def simulate(
             "free to move in any direction"
         )
     reference = desired_motion(vehicle, scenario, progress)
+    if control.law == "open_loop":
+        _refuse_impossible(vehicle, allocation, reference)
     count = len(vehicle.coordinates)
     gains = Gains.of(control.frequency, control.damping_ratio, count)
     controller = Controller(vehicle, reference, allocation, gains, control.law)
-    plant = Plant(
+    loop = ClosedLoop(
         vehicle,
         controller,
         scenario.motors.limits,
         scenario.motors.time_constant,
         scenario.tip_force,
     )
-    state = plant.start(*starting_state(vehicle, reference, scenario.start))
+    q, v = starting_state(vehicle, reference, scenario.start)
+    _refuse_indefinite(vehicle, q)
+    state = loop.start(q, v)
     course = integrate(
-        plant,
+        loop,
         state,
         scenario.duration,
         scenario.integration,
         lambda time, duration: progress("flying", time / duration),
     )
-    return flight_of(plant, scenario, course)
+    return flight_of(loop, scenario, course)
 
 
 def desired_motion(
@@ -90,23 +113,34 @@ def desired_motion(
 ) -> Reference:
     """Coordinates, rates and accelerations that a scenario asks of a robot, as functions of time.
 
-    Raises `UsageError`, or one of its kinds, where there are none.
+    Raises `UsageError`, or one of its kinds, where there are none, and for a posture or guess
+    outside the limits of its joints.
     """
     task = scenario.arm
     limits = _joint_limits(vehicle, task)
     time = knots(scenario.duration)
-    base = desired_base(vehicle, time, scenario.base, scenario.attitude)
+
+    def base_at(knots: Array) -> Motion:
+        # Only the first and longest of them is worth a word: what follows is the arm's.
+        told = partial(progress, "desired motion") if knots is time else lambda share: None
+        return desired_base(vehicle, knots, scenario.base, scenario.attitude, told)
+
     if task.tip is None:
-        posture = (
-            hanging_posture(vehicle, limits)
-            if task.posture is None
-            else _joint_values(vehicle, task.posture)
-        )
-        return Reference(desired_with_posture(vehicle, base, posture))
-    guess = None if task.guess is None else _joint_values(vehicle, task.guess)
+        if task.posture is None:
+            posture = hanging_posture(vehicle, limits)
+        else:
+            posture = _joint_values(vehicle, task.posture)
+            _refuse_outside(vehicle, "posture", posture, limits, vehicle.joint_names)
+        return Reference(desired_with_posture(vehicle, base_at(time), posture))
+    guess = None
+    if task.guess is not None:
+        guess = _joint_values(vehicle, task.guess)
+        # Joints left out are not said to be anywhere: the search begins at the limit nearest to 0.
+        _refuse_outside(vehicle, "guess", guess, limits, task.guess)
     motion = desired_with_tip(
         vehicle,
-        base,
+        time,
+        base_at,
         task.tip,
         limits,
         guess,
@@ -115,8 +149,11 @@ def desired_motion(
     return Reference(motion)
 
 
-def starting_state(vehicle: Vehicle, reference: Reference, off: Disturbance) -> tuple[Array, Array]:
-    """Coordinates and rates (nq) at time 0: the desired ones, but for what is off."""
+def starting_state(vehicle: Vehicle, reference: Reference, off: StartOffset) -> tuple[Array, Array]:
+    """Coordinates and rates (nq) at time 0: the desired ones, but for what is off.
+
+    Raises `SingularAttitudeError` for a rotation to where attitude angles are singular.
+    """
     q, v, _ = reference(reference.begin)
     if not any(off.position) and not any(off.rotation):
         return q, v
@@ -125,7 +162,14 @@ def starting_state(vehicle: Vehicle, reference: Reference, off: Disturbance) -> 
         vehicle.attitude, q[:3]
     )
     still = np.zeros(3)
-    angles, _, _ = attitude_angles(vehicle.attitude, Turning(turned, still, still))
+    try:
+        angles, _, _ = attitude_angles(vehicle.attitude, Turning(turned, still, still))
+    except SingularAttitudeError as error:
+        raise SingularAttitudeError(
+            f"at t = {reference.begin:.6g} s, with the base turned by start.turn_deg (the start's "
+            f"rotation), {error}, or turn it less or another way at the start",
+            error.place,
+        ) from None
     start = q.copy()
     # Of angles that differ by whole turns, those nearest to the desired ones.
     start[:3] = angles + 2.0 * np.pi * np.round((q[:3] - angles) / (2.0 * np.pi))
@@ -133,14 +177,39 @@ def starting_state(vehicle: Vehicle, reference: Reference, off: Disturbance) -> 
     return start, v
 
 
-def flight_of(plant: Plant, scenario: Scenario, course: Course) -> Flight:
+def _refuse_indefinite(vehicle: Vehicle, q: Array) -> None:
+    """Raise `UsageError` where parameters make a machine that no bodies make."""
+    try:
+        np.linalg.cholesky(vehicle.mass_matrix(q))
+    except np.linalg.LinAlgError:
+        raise UsageError(
+            f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "
+            "masses and inertias must be those of bodies"
+        ) from None
+
+
+def _refuse_impossible(vehicle: Vehicle, allocation: Allocation, reference: Reference) -> None:
+    """Raise `AllocationError`, with the first time, for a motion that the rotors cannot make."""
+    time = np.linspace(reference.begin, reference.end, len(reference.coefficients) + 1)
+    q, v, a = reference(time)
+    wrenches = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
+    short = np.flatnonzero(allocation.shortfall(wrenches))
+    if len(short):
+        try:
+            allocation.thrusts(wrenches[short])
+        except AllocationError as error:
+            first = f"from t = {time[short[0]]:.6g} s on "
+            raise AllocationError(f"{vehicle.name}: {first}{error}", error.missing) from None
+
+
+def flight_of(loop: ClosedLoop, scenario: Scenario, course: Course) -> Flight:
     """All series of a flight, from the samples of its state."""
-    vehicle, time = plant.vehicle, course.time
-    q, v, work, thrusts = plant.parts(course.states)
-    wanted_q, wanted_v, wanted_a = plant.controller.reference(time)
-    commanded = plant.commanded(time, q, v)
-    applied = plant.applied(commanded, thrusts)
-    acceleration = plant.acceleration(q, v, applied, plant.pushed(time))
+    vehicle, time = loop.vehicle, course.time
+    q, v, work, thrusts = loop.parts(course.states)
+    wanted_q, wanted_v, wanted_a = loop.controller.reference(time)
+    commanded = loop.commanded(time, q, v)
+    applied = loop.applied(commanded, thrusts)
+    acceleration = loop.acceleration(q, v, applied, loop.pushed(time))
     positions = vehicle.positions(q)
     tip = vehicle.points.index("tip")
     tip_wanted = (
@@ -209,6 +278,21 @@ def _joint_values(vehicle: Vehicle, values: Mapping[str, float]) -> Array:
     for name, value in values.items():
         found[_joint(vehicle, name)] = value
     return found
+
+
+def _refuse_outside(
+    vehicle: Vehicle, what: str, values: Array, limits: Limits, joints: Iterable[str]
+) -> None:
+    """Raise `UsageError` for the first of some joints whose value is outside its limits."""
+    for name in joints:
+        joint = _joint(vehicle, name)
+        value, low, high = values[joint], limits[0][joint], limits[1][joint]
+        if not low <= value <= high:
+            unit = "rad" if vehicle.is_angle[vehicle.arm][joint] else "m"
+            raise UsageError(
+                f"arm: {what}: {name} = {value:.6g} {unit} is outside its limits, "
+                f"{low:.6g} to {high:.6g} {unit}; a joint left out of a posture is at 0"
+            )
 
 
 def _joint(vehicle: Vehicle, name: str) -> int:

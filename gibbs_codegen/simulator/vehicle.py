@@ -17,6 +17,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.attitude import rate_matrix, rotation_matrix
 
 Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 _NEEDED = ("ATTITUDE", "tip_bias_acceleration")
 
@@ -42,6 +43,8 @@ class Vehicle:
         self.name: str = module.NAME
         self.attitude: str = module.ATTITUDE
         self.coordinates: tuple[str, ...] = module.COORDINATES
+        # By coordinate (nq): an angle, in rad, rather than a length, in m.
+        self.is_angle: Flags = np.array([name.startswith("theta_") for name in self.coordinates])
         self.inputs: tuple[str, ...] = module.INPUTS
         self.points: tuple[str, ...] = module.POINTS
         self.joints = len(self.coordinates) - 6

@@ -44,9 +44,9 @@ from gibbs_codegen.load import load  # noqa: E402
 from gibbs_codegen.model import derive  # noqa: E402
 from gibbs_codegen.robot import Robot  # noqa: E402
 from gibbs_codegen.simulator.allocation import Allocation  # noqa: E402
+from gibbs_codegen.simulator.closed_loop import ClosedLoop  # noqa: E402
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop  # noqa: E402
 from gibbs_codegen.simulator.control import Controller, Gains, Law  # noqa: E402
-from gibbs_codegen.simulator.plant import Plant  # noqa: E402
 from gibbs_codegen.simulator.reference import Reference  # noqa: E402
 from gibbs_codegen.simulator.scenario import ArmTask, Scenario  # noqa: E402
 from gibbs_codegen.simulator.scenario_file import read_scenario  # noqa: E402
@@ -75,13 +75,13 @@ class Flight:
         vehicle = Vehicle(module)
         gains = Gains.of(5.0, 1.0, len(vehicle.coordinates))
         allocation = Allocation(vehicle.thrust_wrenches())
-        plant = Plant(vehicle, Controller(vehicle, reference, allocation, gains, law))
-        loop = CompiledLoop.of(plant, STEP, np.inf)
+        closed = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains, law))
+        loop = CompiledLoop.of(closed, STEP, np.inf)
         if loop is None:
             raise RuntimeError(f"{vehicle.name}: no compiled loop")
         self.loop, self.steps = loop, steps
         self.q, self.v, _ = reference(0.0)
-        self.state = plant.start(self.q, self.v)
+        self.state = closed.start(self.q, self.v)
 
     def nanoseconds(self) -> float:
         """Time of a step, in one call that takes all."""

@@ -72,6 +72,10 @@ def test_limits_are_kept_and_nothing_within_them_is_nearer(seed: int, rotors: in
     limits = (-0.5, 1.0)
     thrusts = Allocation(wrenches, limits).thrusts(wanted)
     assert np.all((thrusts >= limits[0]) & (thrusts <= limits[1]))
+    # Torque counts by the lever that thrusts have on the whole.
+    lever = np.linalg.norm(wrenches[3:]) / np.linalg.norm(wrenches[:3])
+    weight = np.repeat([1.0, 1.0 / lever], 3)
+    wrenches, wanted = weight[:, np.newaxis] * wrenches, weight * wanted
     found = np.linalg.norm(wrenches @ thrusts - wanted)
     start = rng.uniform(*limits, rotors)
     other = minimize(

@@ -21,11 +21,11 @@ from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot_text import robot_text
 from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
+from gibbs_codegen.simulator.closed_loop import ClosedLoop, TipForce
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains, Law
 from gibbs_codegen.simulator.integrate import _step
 from gibbs_codegen.simulator.inverse_kinematics import Motion
-from gibbs_codegen.simulator.plant import Plant
 from gibbs_codegen.simulator.reference import Reference
 from gibbs_codegen.simulator.vehicle import Vehicle
 
@@ -39,6 +39,8 @@ STEP = 2.0**-8
 # Seven rotors that pull in all directions, a slide between two hinges, drag, attitude y-x-z, and
 # position at motor 1.
 RANDOM = "random"
+# Along no axis, so that every row of the Jacobian counts.
+PUSH = TipForce((0.7, -0.4, 0.5), 0.0, 1.0)
 
 
 @pytest.fixture(scope="module")
@@ -71,23 +73,23 @@ def smooth(count: int) -> Reference:
     )
 
 
-def plant_of(module: ModuleType, law: Law = "computed_torque") -> Plant:
+def closed_loop_of(module: ModuleType, law: Law = "computed_torque") -> ClosedLoop:
     vehicle = Vehicle(module)
     count = len(vehicle.coordinates)
     gains = Gains.of(np.linspace(4.0, 9.0, count), np.linspace(0.5, 1.1, count), count)
     allocation = Allocation(vehicle.thrust_wrenches())
-    return Plant(vehicle, Controller(vehicle, smooth(count), allocation, gains, law))
+    return ClosedLoop(vehicle, Controller(vehicle, smooth(count), allocation, gains, law))
 
 
-def start_of(plant: Plant) -> Array:
+def start_of(closed: ClosedLoop) -> Array:
     """A state beside the reference at time 0, with every coordinate off by its own amount."""
-    q, v, _ = plant.controller.reference(0.0)
+    q, v, _ = closed.controller.reference(0.0)
     off = 0.1 * np.cos(np.arange(len(q)))
-    return plant.start(q + off, v - 2.0 * off)
+    return closed.start(q + off, v - 2.0 * off)
 
 
-def loop_of(plant: Plant, divergence: float = np.inf) -> CompiledLoop:
-    loop = CompiledLoop.of(plant, STEP, divergence)
+def loop_of(closed: ClosedLoop, divergence: float = np.inf) -> CompiledLoop:
+    loop = CompiledLoop.of(closed, STEP, divergence)
     assert loop is not None
     return loop
 
@@ -97,30 +99,49 @@ def loop_of(plant: Plant, divergence: float = np.inf) -> CompiledLoop:
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
-    ("name", "lag"),
+    ("name", "lag", "push"),
     [
-        ("hexarotor_3link", 0.0),
-        *((name, lag) for name in ("hexarotor", RANDOM) for lag in (0, 0.1)),
+        ("hexarotor_3link", 0.0, None),
+        *((name, lag, None) for name in ("hexarotor", RANDOM) for lag in (0, 0.1)),
+        ("hexarotor_3link", 0.0, PUSH),
+        (RANDOM, 0.1, PUSH),
     ],
 )
-def test_every_step_is_that_of_python(name: str, law: Law, lag: float, modules: Load) -> None:
+def test_every_step_is_that_of_python(
+    name: str, law: Law, lag: float, push: TipForce | None, modules: Load
+) -> None:
     """From each state that the loop comes to, Python takes the next step to the same state."""
     limits = None if law == "off" else (-1e6, 1e6)
-    plant = replace(plant_of(modules(name), law), lag=lag, limits=limits)
-    state = start_of(plant)
-    after_work = 2 * len(plant.vehicle.coordinates) + 1
+    closed = replace(closed_loop_of(modules(name), law), lag=lag, limits=limits, tip_force=push)
+    state = start_of(closed)
+    after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
-    taken, samples, last = loop_of(plant)(0.0, state, 25, 1, 0)
+    pushed = push is not None
+    loop = CompiledLoop.of(closed, STEP, np.inf, pushed)
+    assert loop is not None
+    taken, samples, last = loop(0.0, state, 25, 1, 0)
     assert taken == len(samples) == 25
     assert np.array_equal(samples[-1], last)
-    q, _, work, thrusts = plant.parts(np.ptp(samples, axis=0))
+    q, _, work, thrusts = closed.parts(np.ptp(samples, axis=0))
     assert min([*q, *thrusts]) > 1e-3
-    assert work > 1e-3 or (law == "off" and not lag)
+    assert work > 1e-3 or (law == "off" and not lag and not pushed)
     for done, after in enumerate(samples):
-        expected = _step(plant, done * STEP, state, STEP, pushed=False)
+        expected = _step(closed, done * STEP, state, STEP, pushed)
         moved = np.linalg.norm(expected - state)
         assert np.linalg.norm(after - expected) <= 1e-12 * (np.linalg.norm(state) + moved)
         state = after
+
+
+def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
+    closed = closed_loop_of(modules("hexarotor_3link"))
+    state = start_of(closed)
+    _, free, _ = loop_of(closed)(0.0, state, 10, 1, 0)
+    pushed = replace(closed, tip_force=PUSH)
+    _, waiting, _ = loop_of(pushed)(0.0, state, 10, 1, 0)
+    assert np.array_equal(waiting, free)
+    loop = CompiledLoop.of(pushed, STEP, np.inf, pushed=True)
+    assert loop is not None
+    assert np.abs(loop(0.0, state, 10, 1, 0)[1] - free).max() > 1e-4
 
 
 # Samples
@@ -130,8 +151,8 @@ def test_every_step_is_that_of_python(name: str, law: Law, lag: float, modules: 
 def test_samples_do_not_depend_on_how_steps_are_shared_among_calls(
     every: int, modules: Load
 ) -> None:
-    plant = plant_of(modules("hexarotor_3link"))
-    loop, state = loop_of(plant), start_of(plant)
+    closed = closed_loop_of(modules("hexarotor_3link"))
+    loop, state = loop_of(closed), start_of(closed)
     _, all_states, end = loop(0.0, state, 40, 1, 0)
     done, found = 0, []
     for count in (7, 1, 0, 12, 3, 4, 13):
@@ -144,24 +165,24 @@ def test_samples_do_not_depend_on_how_steps_are_shared_among_calls(
 
 
 def test_a_call_leaves_the_state_that_it_is_given(modules: Load) -> None:
-    plant = plant_of(modules("hexarotor"))
-    state = start_of(plant)
+    closed = closed_loop_of(modules("hexarotor"))
+    state = start_of(closed)
     before = state.copy()
-    loop_of(plant)(0.0, state, 5, 1, 0)
+    loop_of(closed)(0.0, state, 5, 1, 0)
     assert np.array_equal(state, before)
 
 
 # Early ends
 
 
-def extremes(plant: Plant, time: float, state: Array) -> tuple[float, float]:
+def extremes(closed: ClosedLoop, time: float, state: Array) -> tuple[float, float]:
     """Minus the least thrust and the greatest that the four stages of a step ask for."""
-    rotors, found, slope = plant.vehicle.rotors, [], np.zeros_like(state)
+    rotors, found, slope = closed.vehicle.rotors, [], np.zeros_like(state)
     for ahead in (0.0, 0.5 * STEP, 0.5 * STEP, STEP):
         stage = state + ahead * slope
-        q, v, _, _ = plant.parts(stage)
-        found.append(plant.commanded(time + ahead, q, v)[:rotors])
-        slope = plant.derivative(time + ahead, stage, pushed=False)
+        q, v, _, _ = closed.parts(stage)
+        found.append(closed.commanded(time + ahead, q, v)[:rotors])
+        slope = closed.derivative(time + ahead, stage, pushed=False)
     return -np.min(found), np.max(found)
 
 
@@ -169,16 +190,16 @@ def extremes(plant: Plant, time: float, state: Array) -> tuple[float, float]:
 @pytest.mark.parametrize("law", ["computed_torque", "open_loop"])
 def test_a_step_that_meets_a_limit_is_handed_back(law: Law, side: int, modules: Load) -> None:
     """The loop stops before the first step in which any stage asks for too much or too little."""
-    plant = plant_of(modules("hexarotor_3link"), law)
-    state = start_of(plant)
-    _, free, _ = loop_of(plant)(0.0, state, 40, 1, 0)
+    closed = closed_loop_of(modules("hexarotor_3link"), law)
+    state = start_of(closed)
+    _, free, _ = loop_of(closed)(0.0, state, 40, 1, 0)
     before = np.vstack([state, free[:-1]])
-    asked = np.array([extremes(plant, k * STEP, each) for k, each in enumerate(before)])
+    asked = np.array([extremes(closed, k * STEP, each) for k, each in enumerate(before)])
     so_far = np.maximum.accumulate(asked[:, side])
     beyond = np.flatnonzero(so_far[1:] > so_far[:-1])[-1] + 1
     limits = [1e6, 1e6]
     limits[side] = so_far[beyond - 1] + 1e-9
-    loop = loop_of(replace(plant, limits=(-limits[0], limits[1])))
+    loop = loop_of(replace(closed, limits=(-limits[0], limits[1])))
     taken, samples, last = loop(0.0, state, 40, 1, 0)
     assert taken == beyond
     assert np.array_equal(samples, free[:beyond])
@@ -189,14 +210,14 @@ def test_a_step_that_meets_a_limit_is_handed_back(law: Law, side: int, modules: 
 
 
 def test_a_flight_ends_after_the_step_that_diverges(modules: Load) -> None:
-    plant = plant_of(modules("hexarotor_3link"), "off")
-    state = start_of(plant)
-    _, states, _ = loop_of(plant)(0.0, state, 40, 1, 0)
-    wanted, _, _ = plant.controller.reference(STEP * np.arange(1, 41))
-    error = np.abs(plant.parts(states)[0] - wanted).max(axis=1)
+    closed = closed_loop_of(modules("hexarotor_3link"), "off")
+    state = start_of(closed)
+    _, states, _ = loop_of(closed)(0.0, state, 40, 1, 0)
+    wanted, _, _ = closed.controller.reference(STEP * np.arange(1, 41))
+    error = np.abs(closed.parts(states)[0] - wanted).max(axis=1)
     bound = (error[20] + error[21]) / 2.0
     first = int(np.argmax(error > bound))
-    taken, samples, last = loop_of(plant, divergence=bound)(0.0, state, 40, 4, 0)
+    taken, samples, last = loop_of(closed, divergence=bound)(0.0, state, 40, 4, 0)
     assert 0 < taken == first + 1 < 40
     assert np.array_equal(samples, states[3:taken:4])
     assert np.array_equal(last, states[first])
@@ -207,10 +228,10 @@ def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
     rate: float, modules: Load
 ) -> None:
     """Also where the step goes across it, as it does at the highest rate."""
-    plant = plant_of(modules("hexarotor"), "off")
-    state = np.zeros(plant.size)
-    state[1], state[len(plant.vehicle.coordinates) + 1] = math.copysign(1.2, rate), rate
-    taken, samples, last = loop_of(plant)(0.0, state, 100, 1, 0)
+    closed = closed_loop_of(modules("hexarotor"), "off")
+    state = np.zeros(closed.size)
+    state[1], state[len(closed.vehicle.coordinates) + 1] = math.copysign(1.2, rate), rate
+    taken, samples, last = loop_of(closed)(0.0, state, 100, 1, 0)
     assert 1 < taken == len(samples) < 100
     assert np.array_equal(samples[-1], last)
     assert math.cos(last[1]) < (-SINGULAR_COSINE if rate > 30.0 else SINGULAR_COSINE)
@@ -220,13 +241,13 @@ def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e200])
 def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> None:
     """With limits no thrust is within them, and the step is handed back."""
-    plant = plant_of(modules(RANDOM))
-    state = start_of(plant)
-    state[len(plant.vehicle.coordinates)] = wrong
-    taken, samples, last = loop_of(plant)(0.0, state, 10, 1, 0)
+    closed = closed_loop_of(modules(RANDOM))
+    state = start_of(closed)
+    state[len(closed.vehicle.coordinates)] = wrong
+    taken, samples, last = loop_of(closed)(0.0, state, 10, 1, 0)
     assert taken == len(samples) == 1
     assert not np.all(np.isfinite(last))
-    limited = replace(plant, limits=(-1e6, 1e6))
+    limited = replace(closed, limits=(-1e6, 1e6))
     assert loop_of(limited)(0.0, state, 10, 1, 0)[0] == 0
 
 
@@ -236,19 +257,19 @@ def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> No
 def test_python_takes_the_steps_of_numpy_and_of_rotors_that_lack_directions(
     modules: Load, shipped: Load
 ) -> None:
-    assert CompiledLoop.of(plant_of(shipped("hexarotor")), STEP, np.inf) is None
+    assert CompiledLoop.of(closed_loop_of(shipped("hexarotor")), STEP, np.inf) is None
     for law in LAWS:
-        plant = plant_of(modules("quadrotor_2link"), law)
-        assert plant.controller.allocation.missing
-        assert (CompiledLoop.of(plant, STEP, np.inf) is None) == (law != "off")
+        closed = closed_loop_of(modules("quadrotor_2link"), law)
+        assert closed.controller.allocation.missing
+        assert (CompiledLoop.of(closed, STEP, np.inf) is None) == (law != "off")
 
 
 def test_without_a_compiler_python_takes_the_steps(
     modules: Load, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    plant = plant_of(modules("hexarotor"))
+    closed = closed_loop_of(modules("hexarotor"))
     monkeypatch.setenv("CC", "no_such_compiler")
-    assert CompiledLoop.of(plant, STEP, np.inf) is None
+    assert CompiledLoop.of(closed, STEP, np.inf) is None
     assert "steps are taken in Python instead of C" in caplog.text
 
 
@@ -325,6 +346,22 @@ static void inputs(const void *k, const double *q, double *out)
     }
 }
 
+static void mass(const void *k, const double *q, double *out)
+{
+    (void)k;
+    for (ptrdiff_t i = 0; i < n * n; ++i) {
+        out[i] = i % (n + 1) ? 1e-3 * q[i % n] : 2.0;
+    }
+}
+
+static void jacobian(const void *k, const double *q, double *out)
+{
+    (void)k;
+    for (ptrdiff_t i = 0; i < 6 * n; ++i) {
+        out[i] = q[i % n];
+    }
+}
+
 int main(void)
 {
     ptrdiff_t steps = 0, whole = 0;
@@ -332,7 +369,12 @@ int main(void)
         const int large = draw(50) == 0;
         n = large ? 70 : BASE + draw(5);
         rotors = large ? 256 : BASE + draw(5);
-        Flight f = {forward, inverse, inputs, NULL, n, rotors, 1 + draw(4), (int)draw(3), 0};
+        Loop f = {forward, inverse, inputs, mass, jacobian, NULL, n, rotors};
+        f.pieces = 1 + draw(4);
+        f.law = (int)draw(3);
+        f.pushed = draw(3) == 0;
+        f.push[0] = value();
+        f.push[2] = value();
         f.limited = draw(4) == 0;
         f.least = -1e4;
         f.most = 1e4;

@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +21,7 @@ from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot import Link, RigidBody
 from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.simulator import inverse_kinematics
 from gibbs_codegen.simulator.attitude import (
     SingularAttitudeError,
     Turning,
@@ -40,7 +43,7 @@ from gibbs_codegen.simulator.inverse_kinematics import (
 )
 from gibbs_codegen.simulator.orientation import Level, Orientation, Tangent
 from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term, Waypoints
-from gibbs_codegen.simulator.reference import desired_base, desired_with_tip, knots
+from gibbs_codegen.simulator.reference import Reference, desired_base, desired_with_tip, knots
 from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.vehicle import Vehicle
 
@@ -65,9 +68,9 @@ def fly(
     limits: Limits | None = None,
     guess: Array | None = None,
 ) -> Motion:
+    base_at = partial(desired_base, vehicle, centre=base, orientation=attitude)
     time = knots(duration, spacing)
-    motion = desired_base(vehicle, time, base, attitude)
-    return desired_with_tip(vehicle, motion, tip, limits or free(vehicle), guess)
+    return desired_with_tip(vehicle, time, base_at, tip, limits or free(vehicle), guess)
 
 
 def tip_of(vehicle: Vehicle, motion: Motion) -> Array:
@@ -273,7 +276,7 @@ def test_the_paper_s_arm_is_in_closed_form(hexa: Vehicle) -> None:
     assert paper.arm.tip is not None
     time = knots(paper.duration, 0.02)
     base = desired_base(hexa, time, paper.base, paper.attitude)
-    motion = desired_with_tip(hexa, base, paper.arm.tip, free(hexa))
+    motion = desired_with_tip(hexa, time, lambda _: base, paper.arm.tip, free(hexa))
     targets = paper.arm.tip(time)[:, 0]
     assert_allclose(tip_of(hexa, motion), targets, rtol=0, atol=REACHED)
     forms = {closed_form_number(hexa, *pair) for pair in zip(motion.q, targets, strict=True)}
@@ -413,7 +416,9 @@ def test_limits_are_kept_and_left_again(octo: Vehicle) -> None:
         assert_consistent(
             Motion(*(s[span] for s in (motion.time, motion.q, motion.v, motion.a))), 1e-6
         )
-    # Where the limit does not matter, nor does it change anything.
+    # Where the limit does not matter, nor does it change anything. Rates that jump there take
+    # nearer knots.
+    unlimited = fly(octo, tip, 1.5, spacing=(1 + 1e-9) * motion.time[1])
     assert_allclose(motion.q[: at_limit[0]], unlimited.q[: at_limit[0]], atol=1e-9)
 
 
@@ -524,12 +529,66 @@ def test_a_singular_arm_that_cannot_follow_is_told(hexa: Vehicle) -> None:
     )
 
 
+def humming(frequency: float) -> Path:
+    wave = Term(1e-4, 0.0, 2 * np.pi * frequency)
+    return Sum((Fixed((3, 0, 3)), Harmonic(x=(wave,))))
+
+
+def test_a_tip_path_gets_the_knots_it_takes(hexa: Vehicle) -> None:
+    motion = fly(hexa, humming(200.0), 0.1, spacing=0.005)
+    pieces = len(motion.time) - 1
+    assert pieces in {20 * 2**n for n in range(1, 6)}
+    assert_allclose(np.diff(motion.time), 0.1 / pieces, rtol=1e-9)
+    time = np.linspace(0.0, 0.1, 7001)
+    off = hexa.tip_pose(Reference(motion)(time)[0])[:, :3, 3] - humming(200.0)(time)[:, 0]
+    assert np.linalg.norm(off, axis=-1).max() < 1.5e-7
+
+
 def test_a_tip_path_too_fast_for_knots_is_told(hexa: Vehicle) -> None:
-    humming = Sum((Fixed((3, 0, 3)), Harmonic(x=(Term(0.05, 0.0, 2 * np.pi * 200.0),))))
     with pytest.raises(
-        UsageError, match=r"at t = 0\.0025 s the arm, or the path of its tip, moves"
-    ):
-        fly(hexa, humming, 0.1, spacing=0.005)
+        UsageError,
+        match=r"at t = \S+ s the arm, or the path of its tip, moves too fast: between knots "
+        r"0.000156 s apart, .*, it is missed by \S+ m; slow it down",
+    ) as refusal:
+        fly(hexa, humming(6000.0), 0.1, spacing=0.005)
+    missed = re.search(r"missed by (\S+) m", str(refusal.value))
+    assert missed is not None
+    assert 1e-7 < float(missed[1]) < 1e-3
+
+
+def test_a_path_that_begins_on_the_axis_of_a_joint(hexa: Vehicle) -> None:
+    """The first joint is turned the way the path goes on, which its first place leaves open."""
+    for heading in (0.0, 0.4, -2.0):
+        end = (2 * np.cos(heading), 2 * np.sin(heading), 2.0)
+        motion = fly(hexa, Line((0, 0, 2), end, 1.0), spacing=0.005, attitude=Level())
+        assert_allclose(np.sin(motion.q[:, 3] - heading), 0.0, atol=1e-6)
+        assert np.abs(motion.v[:, 3]).max() < 1e-3
+
+
+def test_a_singular_arm_is_not_called_too_short(hexa: Vehicle) -> None:
+    """Told to begin with its first joint across the path, the arm does not find onto it."""
+    start = fly(hexa, Fixed((0, 0, 2)), 0.1, attitude=Level()).q[0, hexa.arm]
+    start[0] = np.pi / 2
+    with pytest.raises(SingularArmError, match=r"is singular: .* it stays \S+ m away; .* guess"):
+        fly(hexa, Line((0, 0, 2), (3, 0, 2), 1.0), 0.003, attitude=Level(), guess=start)
+
+
+def test_spare_joints_do_not_hide_that_the_tip_is_off(
+    octo: Vehicle, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The distance left is that of the coordinates which are returned."""
+    calls = 0
+
+    def failing(*given: Any) -> tuple[Array, float]:
+        nonlocal calls
+        calls += 1
+        found, left = holding(*given)
+        return found, left if calls % 4 else 0.25
+
+    holding = inverse_kinematics._reach_holding
+    monkeypatch.setattr(inverse_kinematics, "_reach_holding", failing)
+    with pytest.raises(UnreachableError, match=r"it stays 0\.25 m away"):
+        fly(octo, Circle((0.25, 0.1, 4.6), 0.12, 1.5, normal=(1, 1, 0.5)), 0.05)
 
 
 def test_a_tip_path_beyond_all_bounds_is_told(hexa: Vehicle) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.simulator.flight import Flight, read_flight
-from gibbs_codegen.simulator.results import write_results
+from gibbs_codegen.simulator.results import FIGURE_NAMES, check_results, write_results
 from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.simulation import simulate
 
@@ -29,6 +29,30 @@ def test_everything_is_written_and_named(flight: Flight, tmp_path: Path) -> None
         assert {f"{figure}.png", f"{figure}.pdf"} <= names
     assert all(path.stat().st_size > 500 for path in paths)
     assert read_flight(tmp_path / "out" / "flight.npz").robot == "hexarotor"
+
+
+def test_figures_are_known_by_their_names() -> None:
+    from gibbs_codegen.simulator.figures import FIGURES
+
+    assert tuple(figure.__name__ for figure in FIGURES) == FIGURE_NAMES
+
+
+def test_what_an_earlier_flight_left_gives_way(flight: Flight, tmp_path: Path) -> None:
+    (tmp_path / "inputs.png").write_text("old")
+    (tmp_path / "flight.gif").write_text("old")
+    write_results(flight, tmp_path, figures=False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flight.csv", "flight.npz"]
+
+
+def test_no_ffmpeg_is_told_before_the_work(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(OutputError, match="needs ffmpeg"):
+        check_results(tmp_path / "out", "mp4")
+    with pytest.raises(UsageError, match="not an empty name"):
+        check_results("")
+    assert not (tmp_path / "out").exists()
 
 
 def test_other_files_are_left_alone_and_old_results_replaced(
@@ -61,7 +85,7 @@ def test_a_failure_changes_nothing(
 def test_what_cannot_be_a_folder_is_refused(flight: Flight, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(UsageError, match="is a file; --out must be a folder"):
+        with pytest.raises(UsageError, match="is a file; a folder is needed for the results"):
             write_results(flight, folder)
     with pytest.raises(UsageError, match="animation 'avi': unknown"):
         write_results(flight, tmp_path, animation="avi")

@@ -15,11 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError
+from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.orientation import Level, Tangent
 from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Sum, Term
-from gibbs_codegen.simulator.plant import TipForce
-from gibbs_codegen.simulator.scenario import ArmTask, Control, Disturbance, Motors, Scenario
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario, StartOffset
 from gibbs_codegen.simulator.scenario_file import (
     MAX_DURATION,
     changes_of,
@@ -125,9 +125,9 @@ def test_all_keys() -> None:
         arm=ArmTask(
             tip=Line((1, 0, 0), (1, 1, 0), 3),
             guess={"d_8": 0.25, "theta_7": pytest.approx(20 * degree), "theta_9": -90 * degree},
-            limits={"d_8": (0, 0.5), "theta_9": (pytest.approx(-120 * degree), 0)},
+            limits={"d_8": (0, 0.5), "theta_9": (np.radians(-120), 0)},
         ),
-        start=Disturbance(
+        start=StartOffset(
             (0.1, -0.2, 0.3), (pytest.approx(5 * degree), 0, pytest.approx(-15 * degree))
         ),
         control=Control("open_loop", 4, 0.7),
@@ -578,7 +578,7 @@ def test_any_changes_are_understood_or_refused(entries: list[str]) -> None:
         (['control.law="open_loop"'], {"control": {"law": "open_loop"}}),
         (["name=a flight"], {"name": "a flight"}),
         (["name=a=b"], {"name": "a=b"}),
-        (["name="], {"name": ""}),
+        (["name="], {"name": None}),
         (['name=é 😀 \x7f\t\\ "'], {"name": 'é 😀 \x7f\t\\ "'}),
         (['base.path={ kind = "fixed" }'], {"base": {"path": {"kind": "fixed"}}}),
         (["start.offset=[1,2,3]", "duration=2"], {"start": {"offset": [1, 2, 3]}, "duration": 2}),
@@ -596,13 +596,13 @@ def test_changes(entries: list[str], changes: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ("duration", "--set duration: must be KEY=VALUE, such as duration=5"),
-        ("", "--set : must be KEY=VALUE"),
+        ("duration", "duration: must be KEY=VALUE, such as duration=5"),
+        ("", ": must be KEY=VALUE"),
         ("=5", "not a key, such as start.offset, before the ="),
         ("a b=5", "not a key"),
         ("[start]=5", "not a key"),
         ("a.=5", "not a key"),
-        ("x\ny=5", r"--set x\ny=5: not a key"),
+        ("x\ny=5", r"x\ny=5: not a key"),
         ("a" + ".a" * 50_000 + "=1", "not a key"),
     ],
 )
@@ -616,7 +616,7 @@ def test_changes_that_are_none(entry: str, message: str) -> None:
 def test_changes_are_checked_as_the_file_is() -> None:
     changes = changes_of(["start.offset=[0.2,0,0]", "control.law=open_loop", "duration=2"])
     changed = read_scenario("hover", changes)
-    assert changed.start == Disturbance((0.2, 0, 0))
+    assert changed.start == StartOffset((0.2, 0, 0))
     assert changed.control == Control("open_loop")
     assert changed.duration == 2
     assert changed.base == read_scenario("hover").base

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.pipeline import generate
 from gibbs_codegen.simulator.allocation import AllocationError
+from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
 from gibbs_codegen.simulator.orientation import Level
 from gibbs_codegen.simulator.paths import Circle, Fixed
-from gibbs_codegen.simulator.plant import TipForce
-from gibbs_codegen.simulator.scenario import ArmTask, Control, Scenario
+from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario
 from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.simulation import simulate
 
@@ -240,3 +243,66 @@ def test_progress_is_told(fast: Load) -> None:
         shares = [share for name, share in told if name == what]
         assert shares == sorted(shares)
         assert shares[-1] == pytest.approx(1.0)
+
+
+def test_names_will_do_for_robot_and_scenario(fast: Load, tmp_path: Path) -> None:
+    folder = tmp_path / "generated" / "hexarotor"
+    generate("hexarotor", folder.parent)
+    by_name = simulate(folder, "hover")
+    assert by_name.scenario == "hover"
+    assert by_name.q == pytest.approx(simulate(fast("hexarotor"), read_scenario("hover")).q)
+
+
+def test_open_loop_that_becomes_impossible_is_refused_with_its_time(shipped: Load) -> None:
+    """The line begins to move at 1 s, sideways of what four rotors command."""
+    scenario = read_scenario("line", {"control": {"law": "open_loop"}})
+    with pytest.raises(AllocationError, match=r"from t = 1\.005 s on the motion needs force"):
+        simulate(shipped("quadrotor_2link"), scenario)
+
+
+def test_masses_of_no_body_are_refused(shipped: Load) -> None:
+    negative = {"parameters": {"link3_mass_per_length": -0.3}}
+    with pytest.raises(UsageError, match="mass matrix is not positive definite"):
+        simulate(shipped("hexarotor_3link"), read_scenario("hover", negative))
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        (lambda t: np.zeros((*np.shape(t), 3)), r"must give \(…, 4, 3\)"),
+        (lambda t: [0.0, 0.0, 0.0], r"must give \(…, 4, 3\)"),
+        (lambda t: t["x"], "cannot be evaluated at an array of times"),
+        (lambda t: Circle((0, 0, 0), 1, 2)(t)[..., [0, 2, 1, 3], :], "its velocity is not the"),
+        (lambda t: Circle((0, 0, 0), 1, 2)(t)[..., [0, 1, 2, 0], :], "its jerk is not the rate"),
+    ],
+)
+def test_a_path_of_ones_own_is_checked(path: Any, message: str, shipped: Load) -> None:
+    with pytest.raises(UsageError, match=f"the path of the base: .*{message}"):
+        simulate(shipped("hexarotor"), Scenario("own", 2.0, path))
+
+
+def test_a_path_of_ones_own_is_flown(shipped: Load) -> None:
+    def eight(time: Any) -> np.ndarray:
+        return Circle((0, 0, 1), 0.5, 3.0)(time) + Circle((0, 0, 1), 0.2, -1.5)(time)
+
+    flight = simulate(shipped("hexarotor"), Scenario("eight", 1.5, eight))
+    assert flight.centre_error.max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Control("computed-torque"),
+        lambda: Control(frequency=0.0),
+        lambda: Control(damping_ratio=-1.0),
+        lambda: Motors((30.0, -30.0)),
+        lambda: Motors(None, -0.05),
+        lambda: Scenario("none", 0.0, Fixed((0, 0, 0))),
+        lambda: ArmTask(tip=Fixed((0, 0, 0)), posture={}),
+        lambda: ArmTask(guess={"theta_7": 0.0}),
+        lambda: ArmTask(limits={"theta_7": (1.0, 0.0)}),
+    ],
+)
+def test_scenarios_that_mean_nothing_cannot_be_made(make: Callable[[], object]) -> None:
+    with pytest.raises(UsageError):
+        make()

@@ -1,4 +1,4 @@
-"""The machine under control: what integrators integrate.
+"""The closed loop of machine, motors and controller: what integrators integrate.
 
 The state is q, v, the work done since the start, and the thrusts where the motors lag. Work is part
 of the state so that the energy balance is as exact as the integration.
@@ -28,7 +28,7 @@ class TipForce:
 
 
 @dataclass(frozen=True)
-class Plant:
+class ClosedLoop:
     """Machine, controller, motors and what pushes from outside.
 
     `limits`: least and greatest thrust, N; `lag`: time constant of the motors, s, or 0 for none;
@@ -74,6 +74,20 @@ class Plant:
         elif self.limits:
             inputs[..., :rotors] = np.clip(inputs[..., :rotors], *self.limits)
         return inputs
+
+    def saturated(self, time: float, state: Array) -> list[int]:
+        """Rotors, from 0, of which a limit is asked for at a time and in a state (size)."""
+        if not self.limits:
+            return []
+        q, v, _, _ = self.parts(state)
+        asked = self.commanded(time, q, v)[: self.vehicle.rotors]
+        least, most = self.limits
+        # Allocation within limits comes to them but for roundoff.
+        margin = 1e-9 * (most - least)
+        found: list[int] = np.flatnonzero(
+            (asked <= least + margin) | (asked >= most - margin)
+        ).tolist()
+        return found
 
     def acceleration(
         self, q: Array, v: Array, inputs: Array, pushed: bool | NDArray[np.bool_]
