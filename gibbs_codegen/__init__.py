@@ -20,10 +20,15 @@ from gibbs_codegen.version import __version__ as __version__
 if TYPE_CHECKING:
     from gibbs_codegen.closed_form import chain_closed_form as chain_closed_form
     from gibbs_codegen.family import paper_family as paper_family
+    from gibbs_codegen.layout import as_latex as as_latex
+    from gibbs_codegen.layout import as_markdown as as_markdown
+    from gibbs_codegen.layout import as_text as as_text
     from gibbs_codegen.model import derive as derive
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot_file import parse_robot as parse_robot
     from gibbs_codegen.robot_file import read_robot as read_robot
+    from gibbs_codegen.show import chain_equation as chain_equation
+    from gibbs_codegen.shown_equation import ChainEquation as ChainEquation
     from gibbs_codegen.simulator.flight import Flight as Flight
     from gibbs_codegen.simulator.flight import read_flight as read_flight
     from gibbs_codegen.simulator.results import write_results as write_results
@@ -32,9 +37,14 @@ if TYPE_CHECKING:
     from gibbs_codegen.simulator.simulation import simulate as simulate
 
 _LAZY = {
+    "ChainEquation": "shown_equation",
     "Flight": "simulator.flight",
     "Scenario": "simulator.scenario",
+    "as_latex": "layout",
+    "as_markdown": "layout",
+    "as_text": "layout",
     "chain_closed_form": "closed_form",
+    "chain_equation": "show",
     "derive": "model",
     "generate": "pipeline",
     "paper_family": "family",
@@ -48,6 +58,7 @@ _LAZY = {
 
 
 __all__ = [
+    "ChainEquation",
     "Flight",
     "GibbsCodegenError",
     "OutputError",
@@ -58,7 +69,11 @@ __all__ = [
     "SingularRobotError",
     "UsageError",
     "__version__",
+    "as_latex",
+    "as_markdown",
+    "as_text",
     "chain_closed_form",
+    "chain_equation",
     "derive",
     "generate",
     "load",

@@ -112,6 +112,26 @@ def argument_parser() -> argparse.ArgumentParser:
     info.add_argument("--json", action="store_true", help="the same for machines")
     info.set_defaults(command=_info)
 
+    show = commands.add_parser(
+        "show",
+        help="print the paper's equations of one chain, as text or LaTeX",
+        allow_abbrev=False,
+    )
+    _add_robot(show)
+    show.add_argument(
+        "--chain", type=int, required=True, metavar="J", help="number of the chain, 1 to N"
+    )
+    show.add_argument(
+        "--equation",
+        action="append",
+        type=int,
+        metavar="E",
+        help="2 (Gibbs function), 5 (its partials), 6 (a link's two vectors), 15 (equations of "
+        "motion) or 18 (places in the hybrid system); may be repeated (default: 15 and 18)",
+    )
+    show.add_argument("--format", choices=("text", "latex"), default="text", help="default: text")
+    show.set_defaults(command=_show)
+
     _add_simulate(commands)
 
     new = commands.add_parser(
@@ -239,6 +259,22 @@ def _info(options: argparse.Namespace) -> int:
         print(json.dumps(report(model), indent=2))
     else:
         print_report(model, Console(width=None if sys.stdout.isatty() else 120, highlight=False))
+    return 0
+
+
+def _show(options: argparse.Namespace) -> int:
+    robot, _ = _robot(options)
+    from gibbs_codegen.layout import as_latex, as_text
+    from gibbs_codegen.show import SHORT, chain_equation
+
+    with _progress() as progress:
+        equations = []
+        for number in options.equation or SHORT:
+            progress(f"equation {number}")
+            equations.append(chain_equation(robot, options.chain, number))
+        progress("setting the equations")
+        laid_out = (as_latex if options.format == "latex" else as_text)(*equations)
+    print(laid_out, end="")
     return 0
 
 

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import sympy as sp
 
-from gibbs_codegen.equations import State, generalised_inertia_forces, gibbs_function
+from gibbs_codegen.equations import (
+    Matrix,
+    State,
+    generalised_inertia_forces,
+    gibbs_function,
+    mass_matrix,
+)
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.machine import Machine
+from gibbs_codegen.normal_form import TooLongError, collected, count_terms
+from gibbs_codegen.readable import readable_chain
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.tape import InlineTape, Stage
 
@@ -48,3 +57,29 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
         gibbs_function(tape, machine.root, serial, state),
         tuple(generalised_inertia_forces(tape, machine.root, serial, state)),
     )
+
+
+@lru_cache(maxsize=8)
+def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.Expr]]:
+    """I_j and R_j (eq. 15) in symbols that read well, collected by products of rates.
+
+    Raises `TooLongError` where together they have more than `most` terms.
+    """
+    readable = readable_chain(robot, chain)
+    tape, root, serial = readable.machine.tape, readable.machine.root, readable.serial
+    rates = [rate for rate in readable.state.rates if rate != 0]
+    left: list[sp.Expr] = []
+    limit = most
+    for row in generalised_inertia_forces(tape, root, serial, readable.unaccelerated):
+        left.append(collected(-row, rates, limit))
+        most -= count_terms(left[-1])
+        if most < 0:
+            raise TooLongError
+    matrix = mass_matrix(tape, root, serial)
+    for i, row in enumerate(matrix):
+        for j in range(i + 1):
+            row[j] = matrix[j][i] = collected(row[j], (), limit)
+            most -= count_terms(row[j])
+    if most < 0:
+        raise TooLongError
+    return matrix, left

@@ -102,6 +102,12 @@ def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
         (["generate", "nowhere.toml"], "no such robot file"),
         (["generate", "hexarotor", "--target", "cobol"], "known targets: numpy"),
         (["info", "nowhere"], "no such robot file"),
+        (["show", "hexarotor"], "required: --chain"),
+        (["show", "--chain", "1"], "give a robot file, or both --rotors and --links"),
+        (["show", "hexarotor", "--chain", "7"], "chain 7: hexarotor has chains 1 to 6"),
+        (["show", "hexarotor", "--chain", "0"], "chain 0: hexarotor has chains 1 to 6"),
+        (["show", "hexarotor", "--chain", "1", "--equation", "3"], "known: 2, 5, 6, 15, 18"),
+        (["show", "hexarotor", "--chain", "1", "--format", "word"], "invalid choice"),
         (["info", "."], "is not a file"),
         (["info", "a" * 5000], "cannot be read"),
     ],
@@ -186,6 +192,23 @@ def test_info_for_machines(tmp_path: Path) -> None:
     pattern = data["hybrid_pattern"]
     assert pattern[0][0] == [1, 2, 3, 4, 5, 6]
     assert pattern[3][4] == []
+
+
+def test_show_prints_the_equations_of_a_chain(tmp_path: Path) -> None:
+    done = run("show", "hexarotor_3link", "--chain", "5", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "I_5·θ̈_5 - ζ_{5,4}·τ'_{5,4} = R_5 + F_5" in done.stdout
+    assert "8     τ'_{5,4}        τ'_6                   17" in done.stdout
+    done = run(
+        *("show", "--rotors", "4", "--links", "2", "--chain", "4", "--format", "latex"),
+        *("--equation", "6", "--equation", "5"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0
+    assert done.stdout.index(r"\mathcal{S}_{x} &=") < done.stdout.index(r"\frac{\partial S_{4}}")
+    assert done.stdout.isascii()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_help_does_not_import_what_it_does_not_need(tmp_path: Path) -> None:

@@ -1,0 +1,174 @@
+"""The paper's symbols for every symbol of the derivation, in LaTeX and in plain text.
+
+Within chain j quantities carry two indices, the chain and the item: θ_{j,1}, θ_{j,2}, θ_{j,3} are
+θ₋₁, θ₀, θ₁, and θ_{j,4} is the constrained joint or the arm's first. Parameters carry the number of
+their arm, hybrid unknowns the number of their row. Nothing here is parsed: names are looked up by
+symbol, and what has no name is an error.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+
+import sympy as sp
+
+
+class Kind(IntEnum):
+    """What a symbol stands for, in the order in which factors of a product are written."""
+
+    INERTIA = 0
+    LENGTH = 1
+    GRAVITY = 2
+    SINE_OR_COSINE = 3
+    COORDINATE = 4
+    SUM = 5
+    STEP = 6
+    MOTION = 7
+    RATE = 8
+    INPUT = 9
+    ACCELERATION = 10
+    RESULT = 11
+
+
+@dataclass(frozen=True)
+class Name:
+    """A symbol as it is written, and what it means, with its unit.
+
+    `index` is the subscript, by which sines and cosines of the symbol are written.
+    """
+
+    latex: str
+    text: str
+    kind: Kind
+    meaning: str
+    index: str = ""
+
+
+_GREEK = {
+    "theta": "θ",
+    "tau": "τ",
+    "omega": "ω",
+    "mu": "μ",
+    "rho": "ρ",
+    "kappa": "κ",
+    "epsilon": "ε",
+    "zeta": "ζ",
+}
+_MARKS = {"dot": "\u0307", "ddot": "\u0308", "bar": "\u0304"}
+
+
+def name(
+    letter: str, index: str, kind: Kind, meaning: str, mark: str = "", prime: bool = False
+) -> Name:
+    """A letter, such as theta or l, with an index, and perhaps a dot, two dots, a bar or a prime.
+
+    A letter with a digit, such as B_0, keeps it apart from the index.
+    """
+    greek = _GREEK.get(letter, letter)
+    text, latex = (
+        greek.replace("_", "") + _MARKS.get(mark, ""),
+        f"\\{letter}" if letter in _GREEK else letter,
+    )
+    if mark:
+        latex = f"\\{mark}{{{latex}}}"
+    if "_" in letter:
+        latex = f"{{{latex}}}"
+    if prime:
+        text, latex = f"{text}'", f"{latex}'"
+    text = unicodedata.normalize("NFC", f"{text}{text_index(index)}")
+    return Name(f"{latex}{latex_index(index)}", text, kind, meaning, index)
+
+
+def latex_index(index: str) -> str:
+    """A subscript in LaTeX."""
+    degrees = r"^{\circ}"
+    return f"_{{{index.replace('°', degrees)}}}" if index else ""
+
+
+def text_index(index: str) -> str:
+    """A subscript in plain text."""
+    return "" if not index else f"_{index}" if len(index) == 1 else f"_{{{index}}}"
+
+
+_LINEAR = ("x", "y", "z")
+_DOTS = (("", "", Kind.COORDINATE), ("v_", "dot", Kind.RATE), ("a_", "ddot", Kind.ACCELERATION))
+
+
+def coordinate_names(
+    chain: int, coordinates: Iterable[tuple[str, str]]
+) -> Iterator[tuple[sp.Symbol, Name]]:
+    """Names of the coordinates of a chain, with their rates and accelerations.
+
+    `coordinates` gives the derivation's name and the meaning of each, in order.
+    """
+    for item, (internal, meaning) in enumerate(coordinates, start=1):
+        if internal in _LINEAR:
+            letter, index = internal, f"o_{{{chain},3}}"
+        else:
+            letter, index = internal.split("_")[0], f"{chain},{item}"
+        for prefix, mark, kind in _DOTS:
+            yield sp.Symbol(f"{prefix}{internal}"), name(letter, index, kind, meaning, mark)
+
+
+_PARAMETERS = (
+    # Parameter's own name, letter, mark, further index, meaning.
+    (r"length", "l", "", "", "length of {}"),
+    (r"mass_per_length", "mu", "", "", "mass per length of {}"),
+    (r"section_inertia_(xx|yy|zz)", "B_3", "", r"\1", "inertia of the cross-section of {}"),
+    (r"mass", "m", "", "", "mass of {}"),
+    (r"com_([xyz])", "rho", "", r"\1", "centre of mass of {}"),
+    (r"inertia_([xyz]{2})", "J", "bar", r"\1", "inertia of {} about its centre of mass"),
+    (r"a", "a", "", "", "distance along x from the joint before to that of {}"),
+    (r"d", "d", "bar", "", "offset along the joint's axis of {}"),
+)
+
+
+def parameter_name(internal: str, rotors: int, default: float, unit: str) -> Name:
+    """Name of a parameter of a robot with N = `rotors`: g, l_k, μ_k, I_k … by its arm's number."""
+    value = f" ({default:.6g} {unit.replace('^2', '²')})"
+    if internal == "gravity":
+        return Name("g", "g", Kind.GRAVITY, f"gravity{value}")
+    match = re.fullmatch(r"(base_arm|link)(\d*)_(.+)", internal)
+    if drag := re.fullmatch(r"base_drag_(\d+)", internal):
+        meaning = f"reaction torque of motor {drag[1]} per unit of thrust{value}"
+        return name("kappa", drag[1], Kind.LENGTH, meaning)
+    if match is None:
+        raise ValueError(f"no name for the parameter {internal}")
+    body, number, key = match.groups()
+    arm = int(number or 1) + (rotors if body == "link" else 0)
+    whose = f"arm {arm}" if number else "every base arm"
+    for pattern, letter, mark, further, meaning in _PARAMETERS:
+        if found := re.fullmatch(pattern, key):
+            index = ",".join(filter(None, [str(arm), found.expand(further)]))
+            kind = Kind.LENGTH if unit == "m" else Kind.INERTIA
+            return name(letter, index, kind, meaning.format(whose) + value, mark)
+    raise ValueError(f"no name for the parameter {internal}")
+
+
+def hybrid_name(internal: str, meaning: str) -> Name:
+    """Name of a hybrid unknown or an input, by its single index: θ_{-1}, d_7, x, τ'_k, F_k, τ_k."""
+    if internal in _LINEAR:
+        return name(internal, "", Kind.COORDINATE, meaning)
+    if internal.startswith("tau_prime_"):
+        return name("tau", internal.removeprefix("tau_prime_"), Kind.INPUT, meaning, prime=True)
+    letter, number = internal.split("_")
+    kind = Kind.INPUT if letter in ("F", "tau") else Kind.COORDINATE
+    return name(letter, number.replace("m", "-"), kind, meaning)
+
+
+def accelerated(unknown: Name) -> Name:
+    """A hybrid coordinate with two dots; a constraint torque as it is."""
+    if unknown.kind is Kind.INPUT:
+        return unknown
+    letter, separator, index = unknown.latex.partition("_")
+    text = f"{unknown.text[0]}{_MARKS['ddot']}{unknown.text[1:]}"
+    return Name(
+        f"\\ddot{{{letter}}}{separator}{index}",
+        unicodedata.normalize("NFC", text),
+        Kind.ACCELERATION,
+        unknown.meaning,
+    )
