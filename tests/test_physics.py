@@ -21,7 +21,7 @@ def gradient(function, x: np.ndarray) -> np.ndarray:
     return np.array([(function(x + h) - function(x - h)) / (2 * STEP) for h in steps])
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(robot=robots(most_rotors=5, most_links=4))
 def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
     """∂S/∂a = M a − R, ∂T/∂v = M v; J v is the tip's velocity, J̇ v its acceleration at a = 0."""
@@ -54,7 +54,7 @@ def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
     np.testing.assert_allclose(module.tip_pose(q)[:3, :3], expected, atol=1e-15)
 
 
-@settings(max_examples=12)
+@settings(max_examples=8)
 @given(robot=robots(most_rotors=5, most_links=4))
 def test_power_balance(robot: Robot) -> None:
     """The energy changes at the rate vᵀBu, whatever the inputs."""

@@ -47,7 +47,9 @@ def momenta(module: ModuleType, constants: object, flight: Flight) -> tuple[np.n
     return linear, about_origin_point + np.cross(flight.q[:, -3:], linear)
 
 
-@pytest.mark.parametrize("name", ["hexarotor_3link", "octorotor_7link"])
+@pytest.mark.parametrize(
+    "name", ["hexarotor_3link", pytest.param("octorotor_7link", marks=pytest.mark.slow)]
+)
 def test_without_gravity_and_inputs_energy_and_momentum_stay(name: str, fast: Load) -> None:
     module = fast(name)
     scale = 1.0 if name == "hexarotor_3link" else 0.2
@@ -332,7 +334,10 @@ STIFF: list[tuple[str, dict[str, object], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("robot", "changes", "remedy"), STIFF)
+@pytest.mark.parametrize(
+    ("robot", "changes", "remedy"),
+    [STIFF[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in STIFF[1:])],
+)
 def test_a_stiff_flight_ends_with_the_reason(
     robot: str,
     changes: dict[str, object],

@@ -515,7 +515,7 @@ def mutants(draw: st.DrawFn) -> dict[str, Any]:
     return values
 
 
-@settings(max_examples=400)
+@settings(max_examples=200)
 @given(values=mutants())
 def test_a_document_makes_a_scenario_or_a_refusal(values: dict[str, Any]) -> None:
     """And what makes a scenario can be flown: its paths give what is asked of them."""
@@ -537,13 +537,13 @@ def test_a_document_makes_a_scenario_or_a_refusal(values: dict[str, Any]) -> Non
     assert np.all(np.isfinite(numbers))
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(text=st.text(st.characters(), max_size=60))
 def test_any_text_is_refused(text: str) -> None:
     assert faults(text)
 
 
-@settings(max_examples=200)
+@settings(max_examples=100)
 @given(
     entries=st.lists(
         st.builds(
