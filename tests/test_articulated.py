@@ -122,6 +122,7 @@ def general_robot(links: int) -> Robot:
     return Robot("general", base, tuple(arm))
 
 
+@pytest.mark.slow
 def test_thirty_general_links() -> None:
     compare(general_robot(30), states=1)
 

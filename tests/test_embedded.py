@@ -104,8 +104,20 @@ def compiled(module: ModuleType, target: Target, folder: Path) -> Build:
 
 
 def objects(names: Sequence[str], *targets: Target) -> pytest.MarkDecorator:
-    """Parametrise a test by robots and targets, all that it builds being its own."""
-    cases = [pytest.param(n, target, id=f"{n}-{target.name}") for n in names for target in targets]
+    """Parametrise a test by robots and targets, all that it builds being its own.
+
+    The largest robot takes its time.
+    """
+    cases = [
+        pytest.param(
+            name,
+            target,
+            id=f"{name}-{target.name}",
+            marks=[pytest.mark.slow] if name == "octorotor_7link" else [],
+        )
+        for name in names
+        for target in targets
+    ]
     return pytest.mark.parametrize(("name", "target"), cases)
 
 
