@@ -147,7 +147,7 @@ class _Page:
             )
         if any(name.kind is Kind.STEP for name in self.names.values()):
             steps = [self.dialect.index(k) for k in "12"]
-            meaning = "and so on: made on the way, anew in each equation"
+            meaning = "intermediate results, numbered anew in each equation"
             entries.append(([f"h{k}" for k in steps], meaning))
         known = {symbol for symbols, _ in entries for symbol in symbols}
         for latex, text, meaning in dict.fromkeys(more):
