@@ -14,6 +14,7 @@ import os
 import shlex
 import signal
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -103,6 +104,11 @@ def argument_parser() -> argparse.ArgumentParser:
         action="store_true",
         help="keep parameters that are zero in the robot file",
     )
+    generate.add_argument(
+        "--no-verify",
+        action="store_true",
+        help="write the module without checking its functions first",
+    )
     generate.set_defaults(command=_generate)
 
     info = commands.add_parser(
@@ -132,6 +138,7 @@ def argument_parser() -> argparse.ArgumentParser:
     show.add_argument("--format", choices=("text", "latex"), default="text", help="default: text")
     show.set_defaults(command=_show)
 
+    _add_verify(commands)
     _add_simulate(commands)
 
     new = commands.add_parser(
@@ -140,6 +147,32 @@ def argument_parser() -> argparse.ArgumentParser:
     new.add_argument("file", metavar="ROBOT.toml", help="file to write; it must not exist yet")
     new.set_defaults(command=_new)
     return parser
+
+
+def _add_verify(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    verify = commands.add_parser(
+        "verify",
+        help="check a module against formulations that share no code with the derivation",
+        allow_abbrev=False,
+    )
+    verify.add_argument(
+        "module",
+        metavar="NAME|DIR|ROBOT.toml",
+        help="a module in generated/ by its name, or its folder; or a robot, whose module is then "
+        "made and not kept",
+    )
+    verify.add_argument(
+        "--states", type=int, default=20, metavar="K", help="random states (default: 20)"
+    )
+    verify.add_argument("--seed", type=int, default=0, help="of the states (default: 0)")
+    verify.add_argument(
+        "--backend",
+        choices=("numpy", "c"),
+        action="append",
+        help="what to check; may be repeated (default: both)",
+    )
+    verify.add_argument("--json", action="store_true", help="the same for machines")
+    verify.set_defaults(command=_verify)
 
 
 def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -224,7 +257,13 @@ def _generate(options: argparse.Namespace) -> int:
     start = time.perf_counter()
     with _progress() as progress:
         model, folder = pipeline.generate_robot(
-            robot, text, options.out, targets, options.all_parameters, progress
+            robot,
+            text,
+            options.out,
+            targets,
+            options.all_parameters,
+            progress,
+            not options.no_verify,
         )
     counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
     print(
@@ -276,6 +315,54 @@ def _show(options: argparse.Namespace) -> int:
         laid_out = (as_latex if options.format == "latex" else as_text)(*equations)
     print(laid_out, end="")
     return 0
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from gibbs_codegen.load import find_module
+
+    try:
+        folder = find_module(Path(options.module))
+    except UsageError:
+        return _verify_robot(options)
+    return _verify_folder(options, folder)
+
+
+def _verify_robot(options: argparse.Namespace) -> int:
+    """Verify the module of a robot that has none here: one that is made for it and not kept."""
+    from gibbs_codegen.robot_file import read_robot
+
+    robot, text = read_robot(options.module)
+    from gibbs_codegen.pipeline import generate_robot
+
+    with tempfile.TemporaryDirectory() as out:
+        with _progress() as progress:
+            _, folder = generate_robot(robot, text, out, progress=progress, verify=False)
+        return _verify_folder(options, folder, kept=False)
+
+
+def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool = True) -> int:
+    from rich.console import Console
+
+    from gibbs_codegen.verification.modules import verify
+    from gibbs_codegen.verification.table import as_data, failure_lines, print_verification
+
+    backends = options.backend or ["numpy", "c"]
+    with _progress() as progress:
+        found = verify(folder, options.states, options.seed, backends, progress)
+    if options.json:
+        print(json.dumps(as_data(found), indent=2))
+    else:
+        width = None if sys.stdout.isatty() else 120
+        print_verification(found, Console(width=width, highlight=False))
+        name = folder if kept else f"{found.robot}, made for this and not kept"
+        if found.passed:
+            print(f"\n{name}: all {found.count} comparisons within their limits")
+    if found.passed:
+        return 0
+    lines = "\n".join(failure_lines(found))
+    verdict = f"{len(found.failures)} of {found.count} comparisons failed"
+    print(f"gibbs-codegen: {found.robot}: {verdict}:\n{lines}", file=sys.stderr)
+    return 1
 
 
 def _simulate(options: argparse.Namespace) -> int:

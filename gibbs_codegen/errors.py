@@ -81,6 +81,22 @@ class UsageError(GibbsCodegenError):
     """A request that cannot be met as it was put: an unknown name, target or folder."""
 
 
+class WrongModuleError(GibbsCodegenError):
+    """Emitted functions that are not those of the robot; `failures` names the failed checks."""
+
+    exit_code = 1
+
+    def __init__(self, robot: str, failures: Sequence[str], count: int) -> None:
+        self.failures = tuple(failures)
+        shown = "; ".join(self.failures[:3])
+        more = f"; and {len(self.failures) - 3} more" if len(self.failures) > 3 else ""
+        super().__init__(
+            f"{robot}: the emitted functions fail {len(self.failures)} of {count} checks, so "
+            f"nothing was written: {shown}{more}. Please report this with the robot file; "
+            "--no-verify writes the module all the same"
+        )
+
+
 class OutputError(GibbsCodegenError):
     """Output that could not be written: a full disk, a folder without permission."""
 

@@ -40,7 +40,7 @@ def load(
         raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
     if not isinstance(threads, int) or threads < 1:
         raise UsageError(f"threads: a whole number, at least 1, not {threads!r}")
-    folder = _find(Path(name_or_path))
+    folder = find_module(Path(name_or_path))
     with _importing:
         module = _import(folder)
     return module if backend == "numpy" else _compiled(module, folder, threads)
@@ -89,7 +89,8 @@ def _import(folder: Path) -> ModuleType:
     return module
 
 
-def _find(path: Path) -> Path:
+def find_module(path: Path) -> Path:
+    """Folder of a generated module, by its path or its name. Raises `UsageError` for none."""
     for folder in (path, Path("generated") / path):
         if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
             return folder.resolve()

@@ -7,6 +7,7 @@
       hybrid_system    chains, M, R, B      → I_H, R_H, B_H by the coupling map  (combine)
       lower            tape, outputs        → Program: statements by stage       (lower, program)
     render_module    Model                → text of each file                  (emit, templates/)
+    refuse_wrong     text, Robot          → checks passed, or an error         (verification/)
     write_module     text                 → generated/<name>/, whole or none   (write)
 
 Left of the program everything is a SymPy value; right of it everything is a string; right of
@@ -23,6 +24,7 @@ from gibbs_codegen.emit import TARGETS, find_targets, render_module
 from gibbs_codegen.model import Model, Progress, derive
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.verification.modules import refuse_wrong
 from gibbs_codegen.write import check_replaceable, differing_files, write_module
 
 StrPath = str | os.PathLike[str]
@@ -33,14 +35,17 @@ def generate(
     out: StrPath = "generated",
     targets: Sequence[str] = tuple(TARGETS),
     keep_zeros: bool = False,
+    verify: bool = True,
 ) -> Path:
     """Generate the module of a robot file, or of a robot that ships, and return its folder.
 
-    The module is `out`/<name>. Raises `RobotFileError`, `SingularRobotError`, `UsageError` or
-    `OutputError`, and then has written nothing.
+    The module is `out`/<name>. With `verify` its NumPy functions are checked first, in a moment,
+    against formulations that share no code with the derivation. Raises `RobotFileError`,
+    `SingularRobotError`, `UsageError`, `WrongModuleError` or `OutputError`, and then has written
+    nothing.
     """
     robot, text = read_robot(os.fspath(robot_file))
-    return generate_robot(robot, text, out, targets, keep_zeros)[1]
+    return generate_robot(robot, text, out, targets, keep_zeros, verify=verify)[1]
 
 
 def generate_robot(
@@ -50,11 +55,16 @@ def generate_robot(
     targets: Sequence[str] = tuple(TARGETS),
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
+    verify: bool = True,
 ) -> tuple[Model, Path]:
     """Generate the module of a robot that was read from `text`; return its model and folder."""
     folder = Path(out) / robot.name
     check_replaceable(folder, text)
     model, files = module_files(robot, text, targets, keep_zeros, progress)
+    if verify:
+        # What is emitted for NumPy, emitted or not: every target prints the same program.
+        module = files if "numpy" in targets else render_module(model, text, find_targets(["numpy"]))
+        refuse_wrong(robot, module["numpy_module.py"], progress)
     progress("writing")
     write_module(folder, files)
     return model, folder

@@ -1,0 +1,66 @@
+"""Is a module what its robot file says: names in order, defaults of parameters, and its header."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
+from gibbs_codegen.robot import Robot
+from gibbs_codegen.verification.comparison import Comparison
+from gibbs_codegen.verification.parameters import parameter_values
+
+_FILE = "the robot file"
+
+
+def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
+    """Names and parameters of a module against the robot that it was made from."""
+    expected: dict[str, Any] = {
+        "NAME": robot.name,
+        "ATTITUDE": robot.base.attitude,
+        "COORDINATES": tuple(c.name for c in reduced_coordinates(robot)),
+        "HYBRID_COORDINATES": tuple(c.name for c in hybrid_coordinates(robot)),
+        "INPUTS": tuple(c.name for c in inputs(robot)),
+        "POINTS": points(robot),
+    }
+    rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
+    rows.append(_parameters(getattr(module, "PARAMETERS", None), parameter_values(robot)))
+    return rows
+
+
+def compare_robot_file(text: bytes, source: str) -> Comparison:
+    """The robot file beside a module against the digest in the header of its Python `source`."""
+    digest = hashlib.sha256(text).hexdigest()
+    fault = "" if digest in source[:1000] else "is not the one that the module was made from"
+    return _verdict("robot.toml", "the module's header", fault)
+
+
+def _alike(name: str, found: object, expected: object) -> Comparison:
+    fault = "" if found == expected else f"is {found!r}, not {expected!r}"
+    return _verdict(name, _FILE, fault)
+
+
+def _parameters(found: object, expected: Mapping[str, float]) -> Comparison:
+    faults = list(_parameter_faults(found, expected)) if isinstance(found, dict) else ["no dict"]
+    return _verdict("PARAMETERS", _FILE, "; ".join(faults))
+
+
+def _parameter_faults(
+    found: Mapping[object, object], expected: Mapping[str, float]
+) -> Iterator[str]:
+    for name, value in found.items():
+        if name not in expected:
+            yield f"{name!r} is no parameter of this robot"
+        elif value != expected[str(name)]:
+            yield f"{name} is {value!r}, not {expected[str(name)]!r}"
+    for name, value in expected.items():
+        if name not in found and value != 0.0:
+            yield f"{name} is missing, and not zero"
+
+
+def _verdict(what: str, against: str, fault: str) -> Comparison:
+    return Comparison(what, against, 0, np.inf if fault else 0.0, 0.0, fault)

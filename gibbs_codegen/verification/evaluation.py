@@ -1,0 +1,74 @@
+"""A generated module put to work: all its functions at given states, whatever it does there."""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Array
+
+BOTH = "mass_matrix_and_residual"
+
+
+class Evaluation:
+    """A module with the constants it is to use; what its functions give, by name.
+
+    A function that fails, or gives what is no array of its shape, gives NaN: no comparison passes
+    then, and `faults` has the reason.
+    """
+
+    def __init__(self, module: ModuleType, constants: Any = None) -> None:
+        self.module = module
+        self.faults: dict[str, str] = {}
+        self._given = {} if constants is None else {"constants": constants}
+        lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
+        self.signatures = {s.name: s for s in signatures(*map(len, lists))}
+
+    def all(self, states: States) -> dict[str, Array]:
+        """Results of all functions for a batch of states.
+
+        The two of `mass_matrix_and_residual` are under its name with ".M" and ".R"; `gibbs` is
+        counted from the value at rest, since it is determined up to that.
+        """
+        values: dict[str, Array] = {}
+        for name, signature in self.signatures.items():
+            results = self(name, *states.arguments("".join(signature.arguments)))
+            if name == BOTH:
+                values[f"{name}.M"], values[f"{name}.R"] = results
+            else:
+                values[name] = results
+        values["gibbs"] = values["gibbs"] - self("gibbs", states.q, states.v, 0.0 * states.a)
+        return values
+
+    def __call__(self, name: str, *arguments: Array) -> Any:
+        """Results of one function."""
+        signature = self.signatures[name]
+        try:
+            with np.errstate(all="ignore"):
+                results = getattr(self.module, name)(*arguments, **self._given)
+        except Exception as error:  # Whatever was done to the module.
+            self.faults[name] = f"{type(error).__name__}: {error}"
+            results = ()
+        batch = np.broadcast_shapes(*(argument.shape[:-1] for argument in arguments))
+        return self._shaped(signature, results, batch)
+
+    def _shaped(self, signature: Signature, results: Any, batch: tuple[int, ...]) -> Any:
+        if len(signature.shapes) == 1:
+            results = (results,)
+        arrays = []
+        for place, shape in enumerate(signature.shapes):
+            expected = (*batch, *shape)
+            try:
+                array = np.asarray(results[place], dtype=float)
+            except (IndexError, TypeError, ValueError):
+                array = np.empty(0)
+            if array.shape != expected:
+                if signature.name not in self.faults:
+                    self.faults[signature.name] = f"gives shape {array.shape}, not {expected}"
+                array = np.full(expected, np.nan)
+            arrays.append(array)
+        return arrays[0] if len(arrays) == 1 else tuple(arrays)

@@ -1,0 +1,219 @@
+"""What holds for any machine, asked of a module's functions alone.
+
+The functions are held against each other: by algebra, by differences that are exact because a
+function is quadratic, and else by differences of fourth order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+
+from gibbs_codegen.verification.comparison import Comparison, compared
+from gibbs_codegen.verification.evaluation import BOTH, Evaluation
+from gibbs_codegen.verification.states import Sizes, States
+from gibbs_codegen.verification.tree import Array, Tree
+
+EXACT, BY_DIFFERENCES = 1e-10, 1e-7
+_STEP = 1e-3
+_DIFFERENCES = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
+
+Values = Mapping[str, Array]
+
+
+def compare_invariants(
+    evaluation: Evaluation, values: Values, states: States, sizes: Sizes, tree: Tree
+) -> list[Comparison]:
+    """All invariants for a module whose `values` at the states are known.
+
+    Of the tree only the places of the free and the held joints are used.
+    """
+    return [
+        *_mass_matrix(evaluation, values, states, sizes),
+        *_algebra(values, states, sizes),
+        _hybrid(evaluation, values, states, sizes, tree),
+        *_gradients(evaluation, values, states, sizes),
+        *_rates(evaluation, values, states, sizes),
+        *_calls(evaluation, values, states, sizes),
+    ]
+
+
+def _mass_matrix(
+    evaluation: Evaluation, values: Values, states: States, sizes: Sizes
+) -> Iterator[Comparison]:
+    what, matrix = "mass_matrix", values["mass_matrix"]
+    transposed = np.swapaxes(matrix, -1, -2)
+    yield compared(what, "its transpose, bit for bit", matrix, transposed, 1.0, 0.0)
+    elsewhere = states.q.copy()
+    elsewhere[:, -3:] += 1.0
+    moved = evaluation(what, elsewhere)
+    yield compared(what, "itself elsewhere, bit for bit", moved, matrix, 1.0, 0.0)
+    scaled = matrix / sizes.free_matrix
+    lowest = np.linalg.eigvalsh(scaled).min() if np.isfinite(scaled).all() else -np.inf
+    fault = "" if lowest > 0.0 else f"an eigenvalue is {lowest:.2g}"
+    # How far below zero: no error where it is not.
+    error = max(0.0, -float(lowest))
+    yield Comparison(what, "positive definite", len(states), error, 0.0, fault)
+
+
+def _algebra(values: Values, states: States, sizes: Sizes) -> Iterator[Comparison]:
+    matrix, residual = values["mass_matrix"], values["residual"]
+    pairs: list[tuple[str, str, Array, Array, Array | float]] = []
+    in_one = values[f"{BOTH}.M"], values[f"{BOTH}.R"]
+    pairs.append((f"{BOTH}.M", "mass_matrix", in_one[0], matrix, sizes.free_matrix))
+    pairs.append((f"{BOTH}.R", "residual", in_one[1], residual, sizes.free_effort))
+    needed = _times(matrix, states.a) - residual
+    inverse = values["inverse_dynamics"]
+    pairs.append(("inverse_dynamics", "M a − R", inverse, needed, sizes.free_inertial_effort))
+    driven = _times(values["input_matrix"], states.u)
+    solution = values["forward_dynamics"]
+    size = sizes.balance(solution, driven)
+    moved = _times(matrix, solution)
+    pairs.append(("forward_dynamics", "M a = R + B u", moved, residual + driven, size))
+    kinetic = 0.5 * np.sum(states.v * _times(matrix, states.v), axis=-1)
+    pairs.append(("kinetic_energy", "½ vᵀM v", values["kinetic_energy"], kinetic, sizes.kinetic))
+    pose, tip = values["tip_pose"], values["positions"][:, -1]
+    pairs.append(("tip_pose", "positions", pose[:, :3, 3], tip, sizes.reach[:, None]))
+    axes = pose[:, :3, :3]
+    cosines = axes @ np.swapaxes(axes, -1, -2)
+    identity = np.broadcast_to(np.eye(3), cosines.shape)
+    pairs.append(("tip_pose", "a rotation", cosines, identity, 1.0))
+    for pair in pairs:
+        yield compared(*pair, EXACT)
+
+
+def _hybrid(
+    evaluation: Evaluation, values: Values, states: States, sizes: Sizes, tree: Tree
+) -> Comparison:
+    """The reduced system's accelerations and their constraint torques solve the hybrid system."""
+    accelerations = values["forward_dynamics"]
+    torques = evaluation("constraint_torques", states.q, states.v, accelerations, states.u)
+    solution = np.concatenate([tree.spread(accelerations), torques], axis=-1)
+    driven = _times(values["hybrid_input_matrix"], states.u)
+    right = values["hybrid_residual"] + driven
+    left = _times(values["hybrid_mass_matrix"], solution)
+    size = np.ones_like(right)
+    inertial = sizes.units * sizes.largest(accelerations)
+    size[:, : tree.size] = sizes.effort + inertial + np.abs(driven).max(axis=-1, keepdims=True)
+    against = "I_H a_H = R_H + B_H u of the reduced"
+    return compared("hybrid_mass_matrix", against, left, right, size, EXACT)
+
+
+def _gradients(
+    evaluation: Evaluation, values: Values, states: States, sizes: Sizes
+) -> Iterator[Comparison]:
+    q, v, a = (x[:, None] for x in (states.q, states.v, states.a))
+    units = np.eye(states.q.shape[-1])
+
+    def quadratic(name: str, *before: Array, at: Array) -> Array:
+        """Gradient by central differences, exact for what is quadratic."""
+        ahead, behind = (evaluation(name, *before, at + step) for step in (units, -units))
+        gradient: Array = (ahead - behind) / 2
+        return gradient
+
+    by_a = quadratic("gibbs", q, v, at=a)
+    inverse = values["inverse_dynamics"]
+    # A unit is far from the state's own accelerations in some coordinates' units.
+    size = sizes.free_inertial_effort + sizes.free_units * sizes.free_units.max(-1, keepdims=True)
+    yield compared("gibbs", "∂S/∂a = M a − R", by_a, inverse, size, EXACT)
+    by_v = quadratic("kinetic_energy", q, at=v)
+    momentum = _times(values["mass_matrix"], states.v)
+    size = sizes.free_units * (sizes.largest(states.v) + sizes.free_units.max(-1, keepdims=True))
+    yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
+    steps = np.full(len(states), _STEP)
+    by_q = _derivative(
+        lambda time: evaluation("potential_energy", q + time[:, None] * units), steps
+    )
+    resting = evaluation("residual", states.q, 0.0 * states.v)
+    yield compared(
+        "potential_energy", "−∂V/∂q = R at rest", -by_q, resting, sizes.free_effort, BY_DIFFERENCES
+    )
+
+
+def _rates(
+    evaluation: Evaluation, values: Values, states: States, sizes: Sizes
+) -> Iterator[Comparison]:
+    q, v = states.q, states.v
+    speed = np.maximum(sizes.rate, 1.0)
+    steps = _STEP / speed
+
+    def tip_velocity(time: Array) -> Array:
+        return _times(evaluation("tip_jacobian", q + time * v), v)
+
+    pose_rate = _derivative(lambda time: evaluation("tip_pose", q + time * v), steps)
+    axes = values["tip_pose"][:, :3, :3]
+    # ω = ½Σ e × ė over the frame's axes, which are columns.
+    turning = 0.5 * np.sum(np.cross(axes, pose_rate[:, :3, :3], axis=1), axis=-1)
+    moving = np.concatenate([pose_rate[:, :3, 3], turning], axis=-1)
+    size = (speed * (1.0 + sizes.span))[:, None]
+    velocity = tip_velocity(np.zeros((len(states), 1)))
+    against = "J v, the rate of the pose"
+    yield compared("tip_jacobian", against, velocity, moving, size, BY_DIFFERENCES)
+    bias = values["tip_bias_acceleration"]
+    size = size * speed[:, None]
+    changing = _derivative(tip_velocity, steps)
+    yield compared("tip_bias_acceleration", "rate of J v", bias, changing, size, BY_DIFFERENCES)
+    yield _power(evaluation, values, states, sizes)
+
+
+def _power(evaluation: Evaluation, values: Values, states: States, sizes: Sizes) -> Comparison:
+    """The energy changes at the rate vᵀB u."""
+    a = values["forward_dynamics"]
+    # Small against the time in which rates or coordinates change by their own size.
+    gain = np.abs(a).sum(axis=-1)
+    rapid = np.maximum(sizes.rate + np.sqrt(gain) + gain / 10, 1.0)
+    steps = _STEP / rapid
+
+    def energy(time: Array) -> Array:
+        q, v = states.q + time * (states.v + 0.5 * time * a), states.v + time * a
+        total: Array = evaluation("kinetic_energy", q, v) + evaluation("potential_energy", q)
+        return total
+
+    rate = _derivative(energy, steps)
+    power = np.sum(states.v * _times(values["input_matrix"], states.u), axis=-1)
+    size = (sizes.kinetic + sizes.potential) * rapid
+    return compared(
+        "forward_dynamics", "power balance, Ė = vᵀB u", rate, power, size, BY_DIFFERENCES
+    )
+
+
+def _calls(
+    evaluation: Evaluation, values: Values, states: States, sizes: Sizes
+) -> Iterator[Comparison]:
+    """One state at a time gives what the batch gave."""
+    for name, signature in evaluation.signatures.items():
+        arguments = states.arguments("".join(signature.arguments))
+        if name == "gibbs":
+            arguments[2] = 0.0 * arguments[2]
+        one = evaluation(name, *(argument[0] for argument in arguments))
+        batch = evaluation(name, *arguments)
+        for suffix, alone, together in _outputs(name, one, batch):
+            first = together[0]
+            if name == "forward_dynamics":  # Unlike the accelerations, M a is well-conditioned.
+                alone, first = (values["mass_matrix"][0] @ x for x in (alone, first))
+            size = np.abs(first).max(initial=0.0)
+            yield compared(
+                f"{name}{suffix}", "one state by itself", alone[None], first[None], size, EXACT
+            )
+
+
+def _outputs(name: str, one: object, batch: object) -> Iterator[tuple[str, Array, Array]]:
+    if isinstance(one, tuple) and isinstance(batch, tuple):
+        for suffix, alone, together in zip((".M", ".R"), one, batch, strict=True):
+            yield suffix, alone, together
+    else:
+        yield "", np.asarray(one), np.asarray(batch)
+
+
+def _derivative(function: Callable[[Array], Array], steps: Array) -> Array:
+    """Derivative at time 0 of a function of times (s, 1), one for each state, by `steps` (s,)."""
+    values = [weight * function(number * steps[:, None]) for number, weight in _DIFFERENCES]
+    total = sum(values[1:], values[0])
+    derivative: Array = total / steps.reshape(-1, *[1] * (total.ndim - 1))
+    return derivative
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    product: Array = (matrices @ vectors[..., None])[..., 0]
+    return product

@@ -1,0 +1,188 @@
+"""Lagrange's equations of the tree, by numerical differentiation of its energies.
+
+Every body is replaced by seven point masses with its mass, centre of mass and inertia. Then
+T = ½Σ m ṗ² and V = Σ m g p_z are written down from positions alone, and everything else is their
+derivatives: by coordinates and rates in complex steps, which are exact to rounding (Squire and
+Trapp, 1998), and once more by differences of fourth order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gibbs_codegen.verification.formulation import EVERYTHING
+from gibbs_codegen.verification.tree import Array, Point, Tree
+
+_COMPLEX_STEP = 1e-40
+# Rounding of 1e-16/h meets a truncation of some h⁴.
+_STEP = 1e-3
+_DIFFERENCES = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
+
+
+class Lagrange:
+    """A formulation (see `formulation`): d/dt ∂T/∂v − ∂T/∂q + ∂V/∂q."""
+
+    name = "Lagrange"
+    gives = EVERYTHING
+
+    def __init__(self, tree: Tree) -> None:
+        self.tree = tree
+        self._points, self._masses = _point_masses(tree)
+
+    @property
+    def points(self) -> int:
+        """Number of point masses."""
+        return len(self._points)
+
+    def mass_matrix(self, q: Array) -> Array:
+        """∂²T/∂v²."""
+        return self._mass_matrix(self.tree.spread(q))
+
+    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
+        """Lagrange's equations for a motion."""
+        q, v, a = map(self.tree.spread, (q, v, a))
+        change = self._change(self._momentum, q, v)
+        inertial = np.einsum("sij,sj->si", self._mass_matrix(q), a)
+        every = np.eye(self.tree.size)
+        by_q = sum(
+            weight / _STEP * self._kinetic(q[:, None] + number * _STEP * every, v[:, None])
+            for number, weight in _DIFFERENCES
+        )
+        forces: Array = inertial + change - by_q
+        return forces + self._along(self._potential, q[:, None], every)
+
+    def input_matrix(self, q: Array) -> Array:
+        """Virtual work of thrusts and drag torques."""
+        tree = self.tree
+        every = tree.spread(q)
+        rotations, _ = tree.frames(every)
+        columns = []
+        for motor in tree.motors:
+            linear, angular = self._velocities(every[:, None], np.eye(tree.size), motor.seat)
+            thrust = (rotations[motor.seat.joint] @ motor.direction)[:, None]
+            columns.append(np.sum((linear + motor.drag * angular) * thrust, axis=-1))
+        for place in tree.arm:
+            columns.append(np.broadcast_to(np.eye(tree.size)[place], (len(q), tree.size)))
+        return np.stack(columns, axis=-1)
+
+    def positions(self, q: Array) -> Array:
+        """World positions of the named points."""
+        return self._places(self.tree.spread(q), self.tree.points)
+
+    def tip_pose(self, q: Array) -> Array:
+        """Homogeneous transform of the tip, from where points of its axes are."""
+        tip = self.tree.tip
+        ends = [Point(tip.joint, tip.local + step) for step in np.eye(3)]
+        places = self._places(self.tree.spread(q), [tip, *ends])
+        pose = np.zeros((len(q), 4, 4))
+        pose[:, :3, 3] = places[:, 0]
+        pose[:, :3, :3] = np.swapaxes(places[:, 1:] - places[:, :1], -1, -2)
+        pose[:, 3, 3] = 1.0
+        return pose
+
+    def tip_jacobian(self, q: Array) -> Array:
+        """Derivatives of the tip's position and axes by the coordinates."""
+        every = self.tree.spread(q)
+        linear, angular = self._velocities(every[:, None], np.eye(self.tree.size), self.tree.tip)
+        return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
+
+    def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
+        """How fast the tip's velocity changes along unchanging rates."""
+        q, v = self.tree.spread(q), self.tree.spread(v)
+
+        def velocity(q: Array, v: Array) -> Array:
+            return np.concatenate(self._velocities(q, v, self.tree.tip), axis=-1)
+
+        return self._change(velocity, q, v)
+
+    def kinetic_energy(self, q: Array, v: Array) -> Array:
+        """½Σ m ṗ²."""
+        return self._kinetic(self.tree.spread(q), self.tree.spread(v))
+
+    def potential_energy(self, q: Array) -> Array:
+        """Σ m g p_z."""
+        return self._potential(self.tree.spread(q))
+
+    def _mass_matrix(self, q: Array) -> Array:
+        by_q = self._along(self._mass_places, q[:, None], np.eye(self.tree.size))
+        matrix: Array = np.einsum("sipk,p,sjpk->sij", by_q, self._masses, by_q)
+        return matrix
+
+    def _momentum(self, q: Array, v: Array) -> Array:
+        """∂T/∂v at all states, (s, size)."""
+        by_q = self._along(self._mass_places, q[:, None], np.eye(self.tree.size))
+        velocity = self._along(self._mass_places, q, v)
+        momentum: Array = np.einsum("sipk,p,spk->si", by_q, self._masses, velocity)
+        return momentum
+
+    def _kinetic(self, q: Array, v: Array) -> Array:
+        velocity = self._along(self._mass_places, q, v)
+        energy: Array = 0.5 * np.einsum("...pk,p,...pk->...", velocity, self._masses, velocity)
+        return energy
+
+    def _potential(self, q: Array) -> Array:
+        energy: Array = self.tree.gravity * (self._mass_places(q)[..., 2] @ self._masses)
+        return energy
+
+    def _mass_places(self, q: Array) -> Array:
+        return self._places(q, self._points)
+
+    def _places(self, q: Array, points: list[Point]) -> Array:
+        """World positions of points, (…, points, 3)."""
+        rotations, positions = self.tree.frames(q)
+        return np.stack(
+            [positions[p.joint] + rotations[p.joint] @ p.local for p in points], axis=-2
+        )
+
+    def _velocities(self, q: Array, v: Array, point: Point) -> tuple[Array, Array]:
+        """Velocity of a point and angular velocity of its frame, each (…, 3).
+
+        ω = ½Σ e × ė over the frame's axes e.
+        """
+        ends = [Point(point.joint, point.local + step) for step in np.eye(3)]
+        places = self._places(q, [point, *ends])
+        axes = places[..., 1:, :] - places[..., :1, :]
+        moving = self._along(lambda x: self._places(x, [point, *ends]), q, v)
+        turning = moving[..., 1:, :] - moving[..., :1, :]
+        return moving[..., 0, :], 0.5 * np.sum(np.cross(axes, turning), axis=-2)
+
+    @staticmethod
+    def _change(function: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
+        """How fast a vector function of the state changes along unchanging rates, (s, …)."""
+        # In that time no frame turns by more than the step.
+        step = _STEP / np.maximum(np.abs(v).sum(axis=-1, keepdims=True), 1.0)
+        terms = [
+            weight / step * function(q + number * step * v, v) for number, weight in _DIFFERENCES
+        ]
+        change: Array = sum(terms[1:], terms[0])
+        return change
+
+    @staticmethod
+    def _along(function: Callable[[Array], Array], q: Array, direction: Array) -> Array:
+        """Derivative of a function of the coordinates along a direction."""
+        return np.imag(function(q + 1j * _COMPLEX_STEP * direction)) / _COMPLEX_STEP
+
+
+def _point_masses(tree: Tree) -> tuple[list[Point], Array]:
+    """Points and their masses: on each principal axis of a body two, and one where its com is.
+
+    The two stand one radius of gyration away, so that they have the second moment along their axis.
+    """
+    points: list[Point] = []
+    masses: list[float] = []
+    for number, joint in enumerate(tree.joints):
+        if joint.mass == 0.0:
+            continue
+        second_moments = 0.5 * np.trace(joint.inertia) * np.eye(3) - joint.inertia
+        moments, axes = np.linalg.eigh(second_moments)
+        reach = np.sqrt(max(abs(moments).max(), 1e-30) / joint.mass)
+        shares = moments / (2 * reach**2)
+        for share, axis in zip(shares, axes.T, strict=True):
+            points += [Point(number, joint.com + reach * axis)]
+            points += [Point(number, joint.com - reach * axis)]
+            masses += [share, share]
+        points.append(Point(number, joint.com))
+        masses.append(joint.mass - 2 * sum(shares))
+    return points, np.array(masses)

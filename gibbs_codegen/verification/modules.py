@@ -1,0 +1,143 @@
+"""Verification of a module in a folder, back end by back end, and of one that is still text."""
+
+from __future__ import annotations
+
+import importlib.abc
+import importlib.util
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from gibbs_codegen.c_backend import c_module
+from gibbs_codegen.c_library import c_files
+from gibbs_codegen.cache import CacheError
+from gibbs_codegen.compiler import CompilerError, find_compiler
+from gibbs_codegen.errors import UsageError, WrongModuleError
+from gibbs_codegen.load import BACKENDS, find_module, load
+from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.verification.comparison import Comparison
+from gibbs_codegen.verification.contents import compare_robot_file
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.table import failure_text
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.verify import (
+    Progress,
+    Verification,
+    compare_module,
+    formulations,
+)
+
+# Of a module that was just emitted; all functions at a few states tell a wrong one.
+_FEW_STATES = 3
+
+
+def verify(
+    name_or_path: str | os.PathLike[str],
+    states: int = 20,
+    seed: int = 0,
+    backends: Sequence[str] = BACKENDS,
+    progress: Progress = lambda _: None,
+) -> Verification:
+    """Check a generated module against formulations that share no code with its derivation.
+
+    `name_or_path` is that of `load`. Every function is compared at `states` random states of a
+    `seed`, for each of the `backends`. Raises `UsageError` where there is no such module, no robot
+    file with it, or wrong use; what is wrong with the module itself is in what is returned.
+    """
+    if states < 1:
+        raise UsageError(f"states: at least 1, not {states}")
+    folder = find_module(Path(name_or_path))
+    robot_file = folder / "robot.toml"
+    if not robot_file.is_file():
+        raise UsageError(f"{folder}: has no robot.toml, the file that it was made from")
+    robot, _ = read_robot(str(robot_file))
+    found, not_done = formulations(robot)
+    verification = Verification(robot.name, seed, not_done=not_done)
+    source = (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")
+    same_file = compare_robot_file(robot_file.read_bytes(), source)
+    for backend in backends:
+        progress(f"{backend}: loading")
+        module = _loaded(folder, robot, backend)
+        if isinstance(module, str):
+            verification.not_done[f"back end {backend}"] = module
+            continue
+        comparisons = [same_file]
+        if isinstance(module, Comparison):
+            comparisons.append(module)
+        else:
+            comparisons += compare_module(
+                module, robot, found, states, seed, lambda step, b=backend: progress(f"{b}: {step}")
+            )
+        verification.comparisons[backend] = comparisons
+    return verification
+
+
+def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType | Comparison | str:
+    """A back end; or a comparison that failed, if it is broken; or why it cannot be had here."""
+    try:
+        module = load(folder)
+    except UsageError:
+        raise
+    except Exception as error:  # Whatever was done to the module.
+        return _broken(error)
+    if backend == "numpy":
+        return module
+    if any(not (folder / name).is_file() for name in c_files(robot.name)):
+        return "the module was generated without the C target"
+    try:
+        compiler = find_compiler(os.environ.get("CC") or None)
+    except CompilerError as error:
+        return str(error)
+    try:
+        return c_module(module, folder, compiler, 1)
+    except CacheError as error:
+        return str(error)
+    except UsageError:
+        raise
+    except Exception as error:  # A compiler that refuses what was altered, too.
+        return _broken(error)
+
+
+def _broken(error: Exception) -> Comparison:
+    fault = f"{type(error).__name__}: {error}"
+    return Comparison("the module", "loading it", 0, np.inf, 0.0, fault)
+
+
+def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:
+    """Verify emitted NumPy functions quickly, before they are written.
+
+    Raises `WrongModuleError` where a comparison fails.
+    """
+    progress("verifying")
+    try:
+        module = _from_text(numpy_source)
+        comparisons = compare_module(module, robot, [NewtonEuler(Tree(robot))], _FEW_STATES, 0)
+    except SyntaxError as error:
+        comparisons = [_broken(error)]
+    failures = [failure_text(c) for c in comparisons if not c.passed]
+    if failures:
+        raise WrongModuleError(robot.name, failures, len(comparisons))
+
+
+class _Text(importlib.abc.InspectLoader):
+    """A loader of a module whose source is at hand."""
+
+    def __init__(self, source: str) -> None:
+        self._source = source
+
+    def get_source(self, fullname: str) -> str:
+        """The source, whatever the name."""
+        return self._source
+
+
+def _from_text(source: str) -> ModuleType:
+    loader = _Text(source)
+    spec = importlib.util.spec_from_loader("emitted", loader)
+    assert spec is not None  # noqa: S101
+    module = importlib.util.module_from_spec(spec)
+    loader.exec_module(module)
+    return module

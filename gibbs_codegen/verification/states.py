@@ -1,0 +1,93 @@
+"""Random states to compare at, and the natural sizes of what is compared there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gibbs_codegen.verification.formulation import Formulation
+from gibbs_codegen.verification.tree import Array, Tree
+
+# Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
+_STEEPEST = 1.2
+
+
+@dataclass(frozen=True)
+class States:
+    """Coordinates, rates, accelerations (s, nq) and inputs (s, nu), which need not fit each other.
+
+    Angles are all around, but for the middle one of the attitude; all else is of the order of one
+    SI unit.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+
+    @classmethod
+    def random(cls, tree: Tree, count: int, seed: int) -> States:
+        """The `count` states of a seed."""
+        rng = np.random.default_rng(seed)
+        coordinates = len(tree.free)
+        q = rng.uniform(-np.pi, np.pi, (count, coordinates))
+        q[:, 1] = rng.uniform(-_STEEPEST, _STEEPEST, count)
+        q[:, -3:] /= np.pi
+        v, a = rng.normal(size=(2, count, coordinates))
+        return cls(q, v, a, rng.normal(size=(count, len(tree.motors) + len(tree.arm))))
+
+    def first(self, count: int) -> States:
+        """The first `count` of them."""
+        return States(self.q[:count], self.v[:count], self.a[:count], self.u[:count])
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def arguments(self, letters: str) -> list[Array]:
+        """Arguments of a function by their letters, such as "qv"."""
+        return [getattr(self, letter) for letter in letters]
+
+
+class Sizes:
+    """How large entries are by nature: an error is told as a share of that.
+
+    With a unit √M_ii for coordinate i every entry of the mass matrix is at most 1, whatever the
+    units and however light a link is; forces have units of the same kind.
+    """
+
+    def __init__(self, formulation: Formulation, states: States) -> None:
+        tree = formulation.tree
+        matrix = formulation.mass_matrix(states.q)
+        units = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
+        # A base arm without inertia has no size of its own.
+        self.units = np.maximum(units, 1e-6 * units.max(axis=-1, keepdims=True))
+        self.free_units = self.units[:, tree.free]
+        self.matrix = self.units[:, :, None] * self.units[:, None, :]
+        self.free_matrix = self.free_units[:, :, None] * self.free_units[:, None, :]
+        # No frame turns faster than all rates together.
+        rates = np.abs(states.v).sum(axis=-1, keepdims=True)
+        momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
+        weight = tree.gravity * np.sqrt(tree.mass)
+        self.effort = self.units * (momentum * rates + weight)
+        self.inertial_effort = self.effort + self.units * self.largest(states.a)
+        positions = formulation.positions(states.q)
+        span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
+        self.reach = span + np.abs(positions).max(axis=(1, 2))
+        self.span = span
+        self.rate = rates[:, 0]
+        self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
+        self.potential = tree.gravity * tree.mass * self.reach
+        self.free_effort = self.effort[:, tree.free]
+        self.free_inertial_effort = self.inertial_effort[:, tree.free]
+        self.gibbs = np.sum(np.abs(states.a) * self.free_inertial_effort, axis=-1)
+
+    def balance(self, accelerations: Array, driven: Array) -> Array:
+        """Size of M a = R + B u: of its largest terms, (s, nq)."""
+        inertial = self.free_units * self.largest(accelerations)
+        size: Array = self.free_effort + inertial + np.abs(driven).max(axis=-1, keepdims=True)
+        return size
+
+    def largest(self, accelerations: Array) -> Array:
+        """Largest of some accelerations in the coordinates' units, (s, 1)."""
+        return (self.free_units * np.abs(accelerations)).max(axis=-1, keepdims=True)

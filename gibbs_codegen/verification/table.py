@@ -1,0 +1,149 @@
+"""What `verify` says: as plain data, and laid out for a terminal."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from gibbs_codegen.verification.comparison import Comparison
+from gibbs_codegen.verification.verify import Verification
+
+# Longer, a list of failures is not read.
+_MOST_FAILURES = 12
+
+
+def as_data(verification: Verification) -> dict[str, Any]:
+    """Everything that `verify` found, as values that JSON can hold; what is no number is null."""
+    return {
+        "robot": verification.robot,
+        "seed": verification.seed,
+        "passed": verification.passed,
+        "comparisons": verification.count,
+        "failures": len(verification.failures),
+        "not_done": verification.not_done,
+        "backends": {
+            backend: [
+                {
+                    "what": c.what,
+                    "against": c.against,
+                    "states": c.states,
+                    "error": c.error if math.isfinite(c.error) else None,
+                    "limit": c.limit,
+                    "passed": c.passed,
+                    "fault": c.fault,
+                }
+                for c in comparisons
+            ]
+            for backend, comparisons in verification.comparisons.items()
+        },
+    }
+
+
+def print_verification(verification: Verification, console: Console) -> None:
+    """The largest errors in tables: functions by formulations, then invariants, per back end."""
+    for backend, comparisons in verification.comparisons.items():
+        by_formulation, others = _sorted(comparisons)
+        if by_formulation:
+            console.print(_formulation_table(backend, by_formulation))
+        if others:
+            console.print(_invariant_table(backend, others))
+    for what, reason in verification.not_done.items():
+        console.print(Text(f"{what}: not compared: {reason}"))
+
+
+def failure_lines(verification: Verification) -> list[str]:
+    """The comparisons that failed, one a line, the worst first."""
+    failures = sorted(verification.failures, key=lambda f: -f[1].error)
+    lines = [f"{backend}: {failure_text(c)}" for backend, c in failures[:_MOST_FAILURES]]
+    if len(failures) > _MOST_FAILURES:
+        lines.append(f"and {len(failures) - _MOST_FAILURES} more")
+    return lines
+
+
+def failure_text(comparison: Comparison) -> str:
+    """One failure in words."""
+    text = f"{comparison.what} against {comparison.against}: "
+    if comparison.fault:
+        return text + comparison.fault
+    return text + f"error {comparison.error:.2g}, limit {comparison.limit:.0e}"
+
+
+def _sorted(
+    comparisons: list[Comparison],
+) -> tuple[dict[str, dict[str, Comparison]], list[Comparison]]:
+    """Comparisons by formulation and function where one column serves many functions; the rest."""
+    columns: dict[str, dict[str, Comparison]] = {}
+    for comparison in comparisons:
+        columns.setdefault(comparison.against, {})[comparison.what] = comparison
+    wide = {against: rows for against, rows in columns.items() if len(rows) > 6 and _counted(rows)}
+    return wide, [c for c in comparisons if c.against not in wide]
+
+
+def _counted(rows: dict[str, Comparison]) -> bool:
+    return any(c.states for c in rows.values())
+
+
+def _formulation_table(backend: str, columns: dict[str, dict[str, Comparison]]) -> Table:
+    table = Table(
+        title=f"\n{backend}: largest relative error of each function against …",
+        title_justify="left",
+        box=None,
+        header_style="dim",
+        pad_edge=False,
+    )
+    table.add_column("function")
+    for against in columns:
+        table.add_column(against, justify="right")
+    functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
+    for function in functions:
+        table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
+    table.add_row(
+        Text("limit", style="dim"),
+        *(
+            Text(f"{max(c.limit for c in rows.values()):.0e}", style="dim")
+            for rows in columns.values()
+        ),
+    )
+    table.add_row(
+        Text("states", style="dim"),
+        *(
+            Text(str(max(c.states for c in rows.values())), style="dim")
+            for rows in columns.values()
+        ),
+    )
+    return table
+
+
+def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
+    table = Table(
+        title=f"\n{backend}: what holds by itself",
+        title_justify="left",
+        box=None,
+        header_style="dim",
+        pad_edge=False,
+    )
+    for column in ("what", "against"):
+        table.add_column(column)
+    for column in ("states", "error", "limit"):
+        table.add_column(column, justify="right")
+    for c in comparisons:
+        limit = "exact" if c.limit == 0.0 else f"{c.limit:.0e}"
+        states = str(c.states) if c.states else "-"
+        table.add_row(Text(c.what), Text(c.against), states, _cell(c), limit)
+        if c.fault:
+            table.add_row("", Text(c.fault, style="red"))
+    return table
+
+
+def _cell(comparison: Comparison | None) -> Text:
+    if comparison is None:
+        return Text("-", style="dim")
+    number = f"{comparison.error:.1e}" if comparison.error else "0"
+    if comparison.passed:
+        return Text(number)
+    # The word too, for a pipe has no colours.
+    return Text(f"FAILS {number}", style="bold red")

@@ -1,0 +1,222 @@
+"""The robot as a tree of rigid bodies on joints of one degree of freedom each, in plain numbers.
+
+The position and the attitude of the base are joints without mass, and the constrained joints of the
+base arms are joints like any other. Coordinates here are those of all joints in the order of the
+hybrid system: θ₋₁, θ₀, θ₁, θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x, y, z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.coordinates import hybrid_coordinates, points, reduced_coordinates
+from gibbs_codegen.robot import Body, Robot, Rod
+
+# Real or complex: the Lagrangian formulation differentiates by complex steps.
+Array = NDArray[Any]
+
+WORLD = -1
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint with the body that it carries.
+
+    `parent` is the number of the joint that it hangs on, `place` that of its coordinate. At
+    coordinate zero its frame is turned by `rotation` (3, 3) and moved by `offset` (3,) against the
+    parent's; `axis` is the number of the axis of its own frame about or along which it moves.
+    `mass` in kg, `com` (3,) in m and `inertia` (3, 3) about the centre of mass in kg m² are the
+    body's, in the joint's frame.
+    """
+
+    parent: int
+    place: int
+    revolute: bool
+    axis: int
+    rotation: Array
+    offset: Array
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point fixed in the frame of a joint: `local` (3,) in m."""
+
+    joint: int
+    local: Array
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Where a motor sits, the direction of its thrust in that joint's frame, and its drag in m."""
+
+    seat: Point
+    direction: Array
+    drag: float
+
+
+class Tree:
+    """Joints from the world outwards, named points, motors, the tip, and which joints are held.
+
+    `free` and `held` are the places of the reduced coordinates and of the constrained joints among
+    all; `arm` the places of the arm's joints.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.gravity = robot.gravity
+        self.mass = robot.total_mass
+        self.joints: list[Joint] = []
+        reduced = [c.name for c in reduced_coordinates(robot)]
+        names = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + robot.rotors - 1]
+        self.size = len(names)
+        self.free = [names.index(name) for name in reduced]
+        self.held = [place for place in range(self.size) if place not in self.free]
+        self.arm = self.free[3:-3]
+        named = self._base(robot)
+        self.tip = self._arm(robot, named)
+        self.points = [named[name] for name in points(robot)]
+        self.motors = [
+            Motor(named[f"motor{k}"], np.array(direction), drag)
+            for k, (direction, drag) in enumerate(
+                zip(robot.base.thrust, robot.base.drag, strict=True), start=1
+            )
+        ]
+
+    def _base(self, robot: Robot) -> dict[str, Point]:
+        base = robot.base
+        joint = WORLD
+        for axis in range(3):
+            joint = self._add(joint, self.size - 3 + axis, "xyz"[axis], revolute=False)
+        for place, letter in enumerate(base.attitude):
+            joint = self._add(joint, place, letter)
+        length = base.arm(1).length
+        start = np.array([0.0 if base.origin == "motor1" else -length, 0.0, 0.0])
+        centre = start + [length, 0.0, 0.0]
+        self._load(joint, base.arm(1), start)
+        self.base = joint
+        named = {"O1": Point(joint, start), "O2": Point(joint, centre)}
+        named["motor1"] = named["O1"]
+        for k in range(2, base.rotors + 1):
+            turned = _turn("z", float(base.arm_angle_deg(k)))
+            arm = self._add(self.base, 1 + k, "z", rotation=turned, offset=centre)
+            self._load(arm, base.arm(k), np.zeros(3))
+            named[f"motor{k}"] = Point(arm, np.array([base.arm(k).length, 0.0, 0.0]))
+        return named
+
+    def _arm(self, robot: Robot, named: dict[str, Point]) -> Point:
+        end = named["O2"]
+        before = 0.0
+        for i, link in enumerate(robot.links, start=1):
+            a = before if link.a is None else link.a
+            twist = _turn("x", float(link.alpha_deg))
+            # The tip of a link is where the next frame would be by default; a replaces that.
+            start = end.local if i == 1 else np.zeros(3)
+            joint = self._add(
+                end.joint,
+                self.arm[i - 1],
+                "z",
+                revolute=link.joint == "revolute",
+                rotation=twist @ _turn("z", float(link.theta_deg)),
+                offset=start + [a, 0.0, 0.0] + twist @ [0.0, 0.0, link.d],
+            )
+            self._load(joint, link.body, np.zeros(3))
+            named[f"joint{robot.rotors + i}"] = Point(joint, np.zeros(3))
+            before = link.body.length
+            end = Point(joint, np.array([before, 0.0, 0.0]))
+        named["tip"] = end
+        return end
+
+    def _add(
+        self,
+        parent: int,
+        place: int,
+        axis: str,
+        revolute: bool = True,
+        rotation: Array | None = None,
+        offset: Array | None = None,
+    ) -> int:
+        turned = np.eye(3) if rotation is None else rotation
+        moved = np.zeros(3) if offset is None else offset
+        nothing = (0.0, np.zeros(3), np.zeros((3, 3)))
+        self.joints.append(
+            Joint(parent, place, revolute, "xyz".index(axis), turned, moved, *nothing)
+        )
+        return len(self.joints) - 1
+
+    def _load(self, joint: int, body: Body, start: Array) -> None:
+        """Give a joint its body, whose own frame begins at `start` of the joint's."""
+        mass, com, inertia = _mass_properties(body)
+        bare = self.joints[joint]
+        self.joints[joint] = Joint(
+            bare.parent,
+            bare.place,
+            bare.revolute,
+            bare.axis,
+            bare.rotation,
+            bare.offset,
+            mass,
+            start + com,
+            inertia,
+        )
+
+    def spread(self, values: Array) -> Array:
+        """Reduced values (…, nq) as those of all joints (…, size), zero at the held ones."""
+        every = np.zeros((*values.shape[:-1], self.size), values.dtype)
+        every[..., self.free] = values
+        return every
+
+    def frames(self, q: Array) -> tuple[list[Array], list[Array]]:
+        """World rotations (…, 3, 3) and positions (…, 3) of all joints' frames.
+
+        `q` (…, size) may be complex.
+        """
+        rotations: list[Array] = []
+        positions: list[Array] = []
+        for joint in self.joints:
+            if joint.parent == WORLD:
+                rotation, position = joint.rotation, joint.offset
+            else:
+                parent = rotations[joint.parent]
+                rotation = parent @ joint.rotation
+                position = positions[joint.parent] + parent @ joint.offset
+            travel = q[..., joint.place]
+            if joint.revolute:
+                rotation = rotation @ _about(joint.axis, travel)
+            else:
+                position = position + rotation[..., joint.axis] * travel[..., None]
+            rotations.append(np.broadcast_to(rotation, (*travel.shape, 3, 3)))
+            positions.append(np.broadcast_to(position, (*travel.shape, 3)))
+        return rotations, positions
+
+
+def _mass_properties(body: Body) -> tuple[float, Array, Array]:
+    """Mass, centre of mass and inertia about it, in the body's own frame."""
+    if isinstance(body, Rod):
+        mass, length = body.mass_per_length * body.length, body.length
+        thin = mass * length**2 / 12
+        inertia = np.diag(np.array(body.section_inertia) + [0.0, thin, thin])
+        return mass, np.array([length / 2, 0.0, 0.0]), inertia
+    xx, yy, zz, xy, xz, yz = body.inertia
+    return body.mass, np.array(body.com), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _turn(axis: str, degrees: float) -> Array:
+    return _about("xyz".index(axis), np.array(np.deg2rad(degrees)))
+
+
+def _about(axis: int, angle: Array) -> Array:
+    """Rotations (…, 3, 3) about a coordinate axis."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    following, last = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.zeros((*angle.shape, 3, 3), angle.dtype)
+    rotation[..., axis, axis] = 1.0
+    rotation[..., following, following] = rotation[..., last, last] = cosine
+    rotation[..., last, following] = sine
+    rotation[..., following, last] = -sine
+    return rotation
