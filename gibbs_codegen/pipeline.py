@@ -62,9 +62,11 @@ def generate_robot(
     check_replaceable(folder, text)
     model, files = module_files(robot, text, targets, keep_zeros, progress)
     if verify:
-        # What is emitted for NumPy, emitted or not: every target prints the same program.
-        module = files if "numpy" in targets else render_module(model, text, find_targets(["numpy"]))
-        refuse_wrong(robot, module["numpy_module.py"], progress)
+        if "numpy" in targets:
+            readable = files
+        else:  # Every target prints the same program.
+            readable = render_module(model, text, find_targets(["numpy"]))
+        refuse_wrong(robot, readable["numpy_module.py"], progress)
     progress("writing")
     write_module(folder, files)
     return model, folder

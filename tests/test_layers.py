@@ -48,6 +48,16 @@ ROOMS = [
     {"c_library"},
     {"c_backend"},
     {"load"},
+    {"verification.__init__", "verification.tree"},
+    {"verification.formulation", "verification.differences", "verification.parameters"},
+    {"verification.newton_euler", "verification.lagrange"},
+    {"verification.pinocchio_tree", "verification.mujoco_tree"},
+    {"verification.states", "verification.comparison"},
+    {"verification.equations", "verification.evaluation", "verification.contents"},
+    {"verification.invariants"},
+    {"verification.verify"},
+    {"verification.table"},
+    {"verification.modules"},
     {"simulator.paths", "simulator.attitude", "simulator.flight"},
     {"simulator.orientation", "simulator.vehicle", "simulator.path_file"},
     {"simulator.figure_style"},
@@ -69,13 +79,16 @@ ROOMS = [
     {"__main__", "__init__"},
 ]
 PLACE = {name: place for place, room in enumerate(ROOMS) for name in room}
-FOLDERS = (PACKAGE, PACKAGE / "simulator")
+FOLDERS = (PACKAGE, PACKAGE / "simulator", PACKAGE / "verification")
 MODULES = sorted(
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
     for folder in FOLDERS
     for path in folder.glob("*.py")
 )
 SIMULATOR = [name for name in MODULES if name.startswith("simulator.")]
+
+
+VERIFICATION = [name for name in MODULES if name.startswith("verification.")]
 
 
 def text_of(name: str) -> str:
@@ -137,6 +150,18 @@ def test_the_simulator_knows_nothing_left_of_generated_modules(name: str) -> Non
         i.removeprefix("gibbs_codegen.") for i in imports(name) if i.startswith("gibbs_codegen.")
     }
     assert {i for i in ours if not i.startswith("simulator.")} <= shared
+
+
+@pytest.mark.parametrize("name", VERIFICATION)
+def test_verification_shares_no_code_with_the_derivation(name: str) -> None:
+    """The robot's data, the names of its coordinates, and what loads a module; nothing else."""
+    shared = {"errors", "robot", "robot_file", "coordinates", "interface"}
+    loading = {"load", "c_backend", "c_library", "cache", "compiler"}
+    ours = {
+        i.removeprefix("gibbs_codegen.") for i in imports(name) if i.startswith("gibbs_codegen.")
+    }
+    allowed = shared | (loading if name == "verification.modules" else set())
+    assert {i for i in ours if not i.startswith("verification.")} <= allowed
 
 
 def test_flying_imports_no_sympy(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from gibbs_codegen.verification.comparison import Comparison, compared
 from gibbs_codegen.verification.formulation import Formulation
 from gibbs_codegen.verification.states import Sizes, States
-from gibbs_codegen.verification.tree import Array
+from gibbs_codegen.verification.tree import Array, times
 
 Values = Mapping[str, Array]
 
@@ -56,14 +56,14 @@ def _system(
     lever = np.abs(inputs).max(axis=(1, 2), keepdims=True)
     yield "input_matrix", None, inputs[:, free], lever
     yield "inverse_dynamics", None, inverse[:, free], sizes.free_inertial_effort
-    driven = _times(inputs, u)
+    driven = times(inputs, u)
     solution = values["forward_dynamics"]
     size = sizes.balance(solution, driven)
-    yield "forward_dynamics", _times(matrix, solution), (residual + driven)[:, free], size
+    yield "forward_dynamics", times(matrix, solution), (residual + driven)[:, free], size
     yield from _hybrid(every, residual, inputs, held, sizes)
     effort = sizes.inertial_effort[:, held] + np.abs(driven).max(axis=-1, keepdims=True)
     yield "constraint_torques", None, (inverse - driven)[:, held], effort
-    by_parts = np.sum(a * (0.5 * _times(matrix, a) - residual[:, free]), axis=-1)
+    by_parts = np.sum(a * (0.5 * times(matrix, a) - residual[:, free]), axis=-1)
     yield "gibbs", None, by_parts, sizes.gibbs
 
 
@@ -119,8 +119,3 @@ def _energies(
     kinetic = formulation.kinetic_energy(states.q, states.v)
     yield "kinetic_energy", None, kinetic, sizes.kinetic
     yield "potential_energy", None, formulation.potential_energy(states.q), sizes.potential
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    product: Array = (matrices @ vectors[..., None])[..., 0]
-    return product

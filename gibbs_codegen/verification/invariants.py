@@ -6,18 +6,17 @@ function is quadratic, and else by differences of fourth order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from gibbs_codegen.verification.comparison import Comparison, compared
+from gibbs_codegen.verification.differences import STEP, derivative
 from gibbs_codegen.verification.evaluation import BOTH, Evaluation
 from gibbs_codegen.verification.states import Sizes, States
-from gibbs_codegen.verification.tree import Array, Tree
+from gibbs_codegen.verification.tree import Array, Tree, times
 
 EXACT, BY_DIFFERENCES = 1e-10, 1e-7
-_STEP = 1e-3
-_DIFFERENCES = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 
 Values = Mapping[str, Array]
 
@@ -63,15 +62,15 @@ def _algebra(values: Values, states: States, sizes: Sizes) -> Iterator[Compariso
     in_one = values[f"{BOTH}.M"], values[f"{BOTH}.R"]
     pairs.append((f"{BOTH}.M", "mass_matrix", in_one[0], matrix, sizes.free_matrix))
     pairs.append((f"{BOTH}.R", "residual", in_one[1], residual, sizes.free_effort))
-    needed = _times(matrix, states.a) - residual
+    needed = times(matrix, states.a) - residual
     inverse = values["inverse_dynamics"]
     pairs.append(("inverse_dynamics", "M a − R", inverse, needed, sizes.free_inertial_effort))
-    driven = _times(values["input_matrix"], states.u)
+    driven = times(values["input_matrix"], states.u)
     solution = values["forward_dynamics"]
     size = sizes.balance(solution, driven)
-    moved = _times(matrix, solution)
+    moved = times(matrix, solution)
     pairs.append(("forward_dynamics", "M a = R + B u", moved, residual + driven, size))
-    kinetic = 0.5 * np.sum(states.v * _times(matrix, states.v), axis=-1)
+    kinetic = 0.5 * np.sum(states.v * times(matrix, states.v), axis=-1)
     pairs.append(("kinetic_energy", "½ vᵀM v", values["kinetic_energy"], kinetic, sizes.kinetic))
     pose, tip = values["tip_pose"], values["positions"][:, -1]
     pairs.append(("tip_pose", "positions", pose[:, :3, 3], tip, sizes.reach[:, None]))
@@ -90,9 +89,9 @@ def _hybrid(
     accelerations = values["forward_dynamics"]
     torques = evaluation("constraint_torques", states.q, states.v, accelerations, states.u)
     solution = np.concatenate([tree.spread(accelerations), torques], axis=-1)
-    driven = _times(values["hybrid_input_matrix"], states.u)
+    driven = times(values["hybrid_input_matrix"], states.u)
     right = values["hybrid_residual"] + driven
-    left = _times(values["hybrid_mass_matrix"], solution)
+    left = times(values["hybrid_mass_matrix"], solution)
     size = np.ones_like(right)
     inertial = sizes.units * sizes.largest(accelerations)
     size[:, : tree.size] = sizes.effort + inertial + np.abs(driven).max(axis=-1, keepdims=True)
@@ -118,13 +117,11 @@ def _gradients(
     size = sizes.free_inertial_effort + sizes.free_units * sizes.free_units.max(-1, keepdims=True)
     yield compared("gibbs", "∂S/∂a = M a − R", by_a, inverse, size, EXACT)
     by_v = quadratic("kinetic_energy", q, at=v)
-    momentum = _times(values["mass_matrix"], states.v)
+    momentum = times(values["mass_matrix"], states.v)
     size = sizes.free_units * (sizes.largest(states.v) + sizes.free_units.max(-1, keepdims=True))
     yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
-    steps = np.full(len(states), _STEP)
-    by_q = _derivative(
-        lambda time: evaluation("potential_energy", q + time[:, None] * units), steps
-    )
+    steps = np.full(len(states), STEP)
+    by_q = derivative(lambda time: evaluation("potential_energy", q + time[:, None] * units), steps)
     resting = evaluation("residual", states.q, 0.0 * states.v)
     yield compared(
         "potential_energy", "−∂V/∂q = R at rest", -by_q, resting, sizes.free_effort, BY_DIFFERENCES
@@ -136,12 +133,12 @@ def _rates(
 ) -> Iterator[Comparison]:
     q, v = states.q, states.v
     speed = np.maximum(sizes.rate, 1.0)
-    steps = _STEP / speed
+    steps = STEP / speed
 
     def tip_velocity(time: Array) -> Array:
-        return _times(evaluation("tip_jacobian", q + time * v), v)
+        return times(evaluation("tip_jacobian", q + time * v), v)
 
-    pose_rate = _derivative(lambda time: evaluation("tip_pose", q + time * v), steps)
+    pose_rate = derivative(lambda time: evaluation("tip_pose", q + time * v), steps)
     axes = values["tip_pose"][:, :3, :3]
     # ω = ½Σ e × ė over the frame's axes, which are columns.
     turning = 0.5 * np.sum(np.cross(axes, pose_rate[:, :3, :3], axis=1), axis=-1)
@@ -152,7 +149,7 @@ def _rates(
     yield compared("tip_jacobian", against, velocity, moving, size, BY_DIFFERENCES)
     bias = values["tip_bias_acceleration"]
     size = size * speed[:, None]
-    changing = _derivative(tip_velocity, steps)
+    changing = derivative(tip_velocity, steps)
     yield compared("tip_bias_acceleration", "rate of J v", bias, changing, size, BY_DIFFERENCES)
     yield _power(evaluation, values, states, sizes)
 
@@ -163,15 +160,15 @@ def _power(evaluation: Evaluation, values: Values, states: States, sizes: Sizes)
     # Small against the time in which rates or coordinates change by their own size.
     gain = np.abs(a).sum(axis=-1)
     rapid = np.maximum(sizes.rate + np.sqrt(gain) + gain / 10, 1.0)
-    steps = _STEP / rapid
+    steps = STEP / rapid
 
     def energy(time: Array) -> Array:
         q, v = states.q + time * (states.v + 0.5 * time * a), states.v + time * a
         total: Array = evaluation("kinetic_energy", q, v) + evaluation("potential_energy", q)
         return total
 
-    rate = _derivative(energy, steps)
-    power = np.sum(states.v * _times(values["input_matrix"], states.u), axis=-1)
+    rate = derivative(energy, steps)
+    power = np.sum(states.v * times(values["input_matrix"], states.u), axis=-1)
     size = (sizes.kinetic + sizes.potential) * rapid
     return compared(
         "forward_dynamics", "power balance, Ė = vᵀB u", rate, power, size, BY_DIFFERENCES
@@ -200,20 +197,6 @@ def _calls(
 
 def _outputs(name: str, one: object, batch: object) -> Iterator[tuple[str, Array, Array]]:
     if isinstance(one, tuple) and isinstance(batch, tuple):
-        for suffix, alone, together in zip((".M", ".R"), one, batch, strict=True):
-            yield suffix, alone, together
+        yield from zip((".M", ".R"), one, batch, strict=True)
     else:
         yield "", np.asarray(one), np.asarray(batch)
-
-
-def _derivative(function: Callable[[Array], Array], steps: Array) -> Array:
-    """Derivative at time 0 of a function of times (s, 1), one for each state, by `steps` (s,)."""
-    values = [weight * function(number * steps[:, None]) for number, weight in _DIFFERENCES]
-    total = sum(values[1:], values[0])
-    derivative: Array = total / steps.reshape(-1, *[1] * (total.ndim - 1))
-    return derivative
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    product: Array = (matrices @ vectors[..., None])[..., 0]
-    return product

@@ -12,13 +12,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gibbs_codegen.verification.differences import STEP, WEIGHTS, derivative
 from gibbs_codegen.verification.formulation import EVERYTHING
 from gibbs_codegen.verification.tree import Array, Point, Tree
 
 _COMPLEX_STEP = 1e-40
-# Rounding of 1e-16/h meets a truncation of some h⁴.
-_STEP = 1e-3
-_DIFFERENCES = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 
 
 class Lagrange:
@@ -47,8 +45,8 @@ class Lagrange:
         inertial = np.einsum("sij,sj->si", self._mass_matrix(q), a)
         every = np.eye(self.tree.size)
         by_q = sum(
-            weight / _STEP * self._kinetic(q[:, None] + number * _STEP * every, v[:, None])
-            for number, weight in _DIFFERENCES
+            weight / STEP * self._kinetic(q[:, None] + number * STEP * every, v[:, None])
+            for number, weight in WEIGHTS
         )
         forces: Array = inertial + change - by_q
         return forces + self._along(self._potential, q[:, None], every)
@@ -152,12 +150,8 @@ class Lagrange:
     def _change(function: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
         """How fast a vector function of the state changes along unchanging rates, (s, …)."""
         # In that time no frame turns by more than the step.
-        step = _STEP / np.maximum(np.abs(v).sum(axis=-1, keepdims=True), 1.0)
-        terms = [
-            weight / step * function(q + number * step * v, v) for number, weight in _DIFFERENCES
-        ]
-        change: Array = sum(terms[1:], terms[0])
-        return change
+        steps = STEP / np.maximum(np.abs(v).sum(axis=-1), 1.0)
+        return derivative(lambda time: function(q + time * v, v), steps)
 
     @staticmethod
     def _along(function: Callable[[Array], Array], q: Array, direction: Array) -> Array:

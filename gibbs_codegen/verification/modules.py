@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.abc
 import importlib.util
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -50,6 +50,8 @@ def verify(
     """
     if states < 1:
         raise UsageError(f"states: at least 1, not {states}")
+    if seed < 0:
+        raise UsageError(f"seed: a whole number, at least 0, not {seed}")
     folder = find_module(Path(name_or_path))
     robot_file = folder / "robot.toml"
     if not robot_file.is_file():
@@ -59,8 +61,12 @@ def verify(
     verification = Verification(robot.name, seed, not_done=not_done)
     source = (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")
     same_file = compare_robot_file(robot_file.read_bytes(), source)
+
+    def step(backend: str) -> Progress:
+        return lambda what: progress(f"{backend}: {what}")
+
     for backend in backends:
-        progress(f"{backend}: loading")
+        step(backend)("loading")
         module = _loaded(folder, robot, backend)
         if isinstance(module, str):
             verification.not_done[f"back end {backend}"] = module
@@ -69,9 +75,7 @@ def verify(
         if isinstance(module, Comparison):
             comparisons.append(module)
         else:
-            comparisons += compare_module(
-                module, robot, found, states, seed, lambda step, b=backend: progress(f"{b}: {step}")
-            )
+            comparisons += compare_module(module, robot, found, states, seed, step(backend))
         verification.comparisons[backend] = comparisons
     return verification
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibbs_codegen.verification.formulation import EVERYTHING
-from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree
+from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree, times
 
 
 @dataclass(frozen=True)
@@ -133,16 +133,17 @@ class NewtonEuler:
         q, v, a = np.broadcast_arrays(q, v, a)
         rotations, positions = tree.frames(q)
         motions = self._motions(v, a, rotations, positions)
+        upwards = np.array([0.0, 0.0, gravity])
         forces = []
         moments = []
         for joint, motion, rotation in zip(tree.joints, motions, rotations, strict=True):
             lever = rotation @ joint.com
             _, acceleration = motion.at(lever)
-            force = joint.mass * (acceleration + [0.0, 0.0, gravity])
+            force = joint.mass * (acceleration + upwards)
             inertia = rotation @ joint.inertia @ np.swapaxes(rotation, -1, -2)
             spin = motion.angular_velocity
-            moment = _times(inertia, motion.angular_acceleration)
-            moment = moment + np.cross(spin, _times(inertia, spin))
+            moment = times(inertia, motion.angular_acceleration)
+            moment = moment + np.cross(spin, times(inertia, spin))
             forces.append(force)
             moments.append(moment + np.cross(lever, force))
         efforts = np.zeros(q.shape)
@@ -207,8 +208,3 @@ class NewtonEuler:
                 jacobian[:, :3, joint.place] = axis
             number = joint.parent
         return jacobian
-
-
-def _times(matrices: Array, vectors: Array) -> Array:
-    product: Array = (matrices @ vectors[..., None])[..., 0]
-    return product

@@ -90,4 +90,5 @@ class Sizes:
 
     def largest(self, accelerations: Array) -> Array:
         """Largest of some accelerations in the coordinates' units, (s, 1)."""
-        return (self.free_units * np.abs(accelerations)).max(axis=-1, keepdims=True)
+        largest: Array = (self.free_units * np.abs(accelerations)).max(axis=-1, keepdims=True)
+        return largest

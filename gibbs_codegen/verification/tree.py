@@ -97,7 +97,7 @@ class Tree:
             joint = self._add(joint, place, letter)
         length = base.arm(1).length
         start = np.array([0.0 if base.origin == "motor1" else -length, 0.0, 0.0])
-        centre = start + [length, 0.0, 0.0]
+        centre = start + np.array([length, 0.0, 0.0])
         self._load(joint, base.arm(1), start)
         self.base = joint
         named = {"O1": Point(joint, start), "O2": Point(joint, centre)}
@@ -123,7 +123,7 @@ class Tree:
                 "z",
                 revolute=link.joint == "revolute",
                 rotation=twist @ _turn("z", float(link.theta_deg)),
-                offset=start + [a, 0.0, 0.0] + twist @ [0.0, 0.0, link.d],
+                offset=start + np.array([a, 0.0, 0.0]) + twist @ np.array([0.0, 0.0, link.d]),
             )
             self._load(joint, link.body, np.zeros(3))
             named[f"joint{robot.rotors + i}"] = Point(joint, np.zeros(3))
@@ -200,7 +200,8 @@ def _mass_properties(body: Body) -> tuple[float, Array, Array]:
     if isinstance(body, Rod):
         mass, length = body.mass_per_length * body.length, body.length
         thin = mass * length**2 / 12
-        inertia = np.diag(np.array(body.section_inertia) + [0.0, thin, thin])
+        x, y, z = body.section_inertia
+        inertia = np.diag([x, y + thin, z + thin])
         return mass, np.array([length / 2, 0.0, 0.0]), inertia
     xx, yy, zz, xy, xz, yz = body.inertia
     return body.mass, np.array(body.com), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -220,3 +221,9 @@ def _about(axis: int, angle: Array) -> Array:
     rotation[..., last, following] = sine
     rotation[..., following, last] = -sine
     return rotation
+
+
+def times(matrices: Array, vectors: Array) -> Array:
+    """Products of matrices (…, i, j) and vectors (…, j)."""
+    product: Array = (matrices @ vectors[..., None])[..., 0]
+    return product

@@ -1,0 +1,122 @@
+"""`gibbs-codegen verify`, and the check that `generate` makes, as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from gibbs_codegen.cli import main
+from gibbs_codegen.printers import InfixPrinter
+
+COMMAND = [sys.executable, "-m", "gibbs_codegen"]
+
+
+def test_verify_prints_tables_and_a_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    folder = ROOT / "generated" / "quadrotor_2link"
+    assert main(["verify", str(folder), "--states", "2", "--backend", "numpy"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    for words in ("forward_dynamics", "Newton–Euler", "Lagrange", "Pinocchio", "power balance"):
+        assert words in out
+    assert "all 131 comparisons within their limits" in out
+    assert max(map(len, out.splitlines())) <= 120
+
+
+def test_verify_for_machines(capsys: pytest.CaptureFixture[str]) -> None:
+    folder = ROOT / "generated" / "quadrotor_2link"
+    arguments = ["verify", str(folder), "--states", "2", "--backend", "numpy", "--json"]
+    assert main(arguments) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["passed"] is True
+    assert data["failures"] == 0
+    rows = data["backends"]["numpy"]
+    assert len(rows) == data["comparisons"]
+    row = next(r for r in rows if (r["what"], r["against"]) == ("residual", "Newton–Euler"))
+    assert row["states"] == 2
+    assert 0 <= row["error"] <= row["limit"] == 1e-10
+
+
+def test_an_altered_module_fails_with_what_is_wrong(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "quadrotor_2link"
+    shutil.copytree(ROOT / "generated" / "quadrotor_2link", folder)
+    path = folder / "numpy_module.py"
+    text = path.read_text(encoding="utf-8")
+    assert "k28 = gravity * k23" in text
+    path.write_text(text.replace("k28 = gravity * k23", "k28 = gravity * k22"), encoding="utf-8")
+    assert main(["verify", str(folder), "--states", "2", "--backend", "numpy"]) == 1
+    out, err = capsys.readouterr()
+    assert "FAILS" in out
+    assert "comparisons failed:" in err
+    assert "numpy: residual against Newton–Euler: error " in err
+    assert main(["verify", str(folder), "--states", "2", "--backend", "numpy", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["passed"] is False
+
+
+def test_a_robot_file_is_verified_without_leaving_anything(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["new", "mine.toml"]) == 0
+    assert main(["verify", "mine.toml", "--states", "2", "--backend", "numpy"]) == 0
+    assert "mine, made for this and not kept: all " in capsys.readouterr().out
+    assert os.listdir(tmp_path) == ["mine.toml"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing_here"], "no such robot file"),
+        (["quadrotor_2link", "--states", "0"], "states: at least 1, not 0"),
+        (["quadrotor_2link", "--seed", "-1"], "seed: "),
+        (["."], "is not a file"),
+    ],
+)
+def test_wrong_use(
+    arguments: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["verify", *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_verifying_a_module_imports_no_sympy() -> None:
+    run = (
+        "import sys; from gibbs_codegen.cli import main; "
+        "code = main(['verify', 'hexarotor_3link', '--states', '1', '--backend', 'numpy']); "
+        "assert 'sympy' not in sys.modules; sys.exit(code)"
+    )
+    subprocess.run([sys.executable, "-c", run], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+
+
+@pytest.fixture
+def wrong_printer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A printer that takes every half for a quarter."""
+    right = InfixPrinter.number
+
+    def wrong(self: InfixPrinter, value: float) -> str:
+        return right(self, 0.25 if value == 0.5 else value)
+
+    monkeypatch.setattr(InfixPrinter, "number", wrong)
+
+
+@pytest.mark.parametrize("target", [[], ["--target", "numpy"], ["--target", "c"]])
+def test_generate_refuses_to_write_what_is_wrong(
+    target: list[str], wrong_printer: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["generate", "quadrotor_2link", "--out", str(tmp_path / "out"), *target]
+    assert main(arguments) == 1
+    err = capsys.readouterr().err
+    assert "nothing was written" in err
+    assert "against Newton–Euler: error" in err
+    assert os.listdir(tmp_path) == []
+    assert main([*arguments, "--no-verify"]) == 0
+    assert os.listdir(tmp_path / "out") == ["quadrotor_2link"]

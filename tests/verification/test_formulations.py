@@ -1,0 +1,124 @@
+"""Every formulation against Pinocchio, whose tree is built from the robot by other code.
+
+`pinocchio_oracle` shares nothing with `verification.tree`, so both readings of the robot file are
+compared here too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from pinocchio_oracle import Oracle
+from random_robots import random_robot, robots
+
+from gibbs_codegen.family import paper_family
+from gibbs_codegen.robot import Base, Robot, Rod, alternating_thrust
+from gibbs_codegen.verification.formulation import EVERYTHING, Formulation, NotApplicableError
+from gibbs_codegen.verification.lagrange import Lagrange
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.pinocchio_tree import Pinocchio
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
+
+# Exact formulations to rounding; Lagrange's differences of fourth order to their truncation.
+EXACT, BY_DIFFERENCES = 1e-12, 1e-8
+
+
+def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> None:
+    """All that a formulation gives, relative to the norm of what the oracle gives."""
+    oracle = Oracle(robot)
+    states = States.random(formulation.tree, 2, 5)
+    q, v, a = states.q, states.v, states.a
+    expected = {
+        "mass_matrix": [oracle.mass_matrix(x) for x in q],
+        "inverse_dynamics": [
+            oracle.inverse_dynamics(*state) for state in zip(q, v, a, strict=True)
+        ],
+        "input_matrix": [oracle.input_matrix(x) for x in q],
+        "positions": [oracle.positions(x) for x in q],
+        "tip_pose": [oracle.point_jacobian(x, "tip")[1].homogeneous for x in q],
+        "tip_jacobian": [oracle.point_jacobian(x, "tip")[0] for x in q],
+        "tip_bias_acceleration": [
+            oracle.tip_bias_acceleration(*state) for state in zip(q, v, strict=True)
+        ],
+        "kinetic_energy": [oracle.energies(*state)[0] for state in zip(q, v, strict=True)],
+        "potential_energy": [oracle.energies(*state)[1] for state in zip(q, v, strict=True)],
+    }
+    arguments = {"inverse_dynamics": "qva", "tip_bias_acceleration": "qv", "kinetic_energy": "qv"}
+    assert set(expected) == EVERYTHING
+    for name in formulation.gives:
+        ours = getattr(formulation, name)(*states.arguments(arguments.get(name, "q")))
+        theirs = np.array(expected[name])
+        assert ours.shape == theirs.shape, name
+        error = np.linalg.norm(ours - theirs) / max(np.linalg.norm(theirs), 1e-3)
+        assert error < tolerance, f"{name}: {error:.1e}"
+
+
+@settings(max_examples=6)
+@given(robot=robots(most_rotors=7, most_links=6))
+def test_newton_euler(robot: Robot) -> None:
+    assert_agree(NewtonEuler(Tree(robot)), robot, EXACT)
+
+
+@settings(max_examples=6)
+@given(robot=robots(most_rotors=7, most_links=6))
+def test_lagrange(robot: Robot) -> None:
+    assert_agree(Lagrange(Tree(robot)), robot, BY_DIFFERENCES)
+
+
+@settings(max_examples=4)
+@given(robot=robots(most_rotors=5, most_links=4))
+def test_pinocchio(robot: Robot) -> None:
+    assert_agree(Pinocchio(Tree(robot)), robot, EXACT)
+
+
+@pytest.mark.parametrize("robot", [paper_family(5, 3), random_robot(3, 4, 5)])
+def test_mujoco(robot: Robot) -> None:
+    """One with a link without mass, and one with joints of both kinds."""
+    mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
+    assert_agree(mujoco_tree.MuJoCo(Tree(robot)), robot, EXACT)
+
+
+def test_mujoco_says_what_it_refuses() -> None:
+    """A body that moves needs mass there; an arm of the base without any is refused."""
+    mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
+    tree = Tree(paper_family(4, 2))
+    tree.joints[7] = _without_mass(tree.joints[7])
+    with pytest.raises(NotApplicableError, match=r"MuJoCo refuses it: .*mass"):
+        mujoco_tree.MuJoCo(tree)
+
+
+def _without_mass(joint: Any) -> Any:
+    return type(joint)(**{**vars(joint), "mass": 0.0, "inertia": np.zeros((3, 3))})
+
+
+@pytest.mark.parametrize(
+    ("formulation", "state", "effort"),
+    [
+        # Hand-worked: a base of two arms, 1 kg each, 1 m long, both ways along x, held level at
+        # rest. It weighs 2 kg · 10 m/s², and the half on either side balances about the centre.
+        (NewtonEuler, "rest", {"z": 20.0}),
+        (Lagrange, "rest", {"z": 20.0}),
+        # Turning about z at 3 rad/s, each arm pulls with m ω² l/2; both pulls cancel, and θ₁ has
+        # no moment at a steady rate.
+        (NewtonEuler, "turning", {"z": 20.0}),
+        (Lagrange, "turning", {"z": 20.0}),
+    ],
+)
+def test_a_rod_worked_by_hand(
+    formulation: Callable[[Tree], Formulation], state: str, effort: dict[str, float]
+) -> None:
+    base = Base(2, (Rod(1.0, 1.0),), alternating_thrust(2), (0.0, 0.0), origin="centre")
+    tree = Tree(Robot("rod", base, (), gravity=10.0))
+    q = np.zeros((1, 6))
+    v = np.zeros((1, 6))
+    if state == "turning":
+        v[0, 2] = 3.0
+    found = formulation(tree).inverse_dynamics(q, v, np.zeros((1, 6)))[0][tree.free]
+    expected = np.zeros(6)
+    expected[5] = effort["z"]
+    np.testing.assert_allclose(found, expected, atol=1e-9)

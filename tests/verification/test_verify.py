@@ -1,0 +1,204 @@
+"""Verification: what is right passes, and what is wrong anywhere does not."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from emitted import emitted_module
+from hypothesis import given, settings
+from planted_faults import planted
+from random_robots import robots
+from tools import tool
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.verification.modules import verify
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.tree import Array, Tree
+from gibbs_codegen.verification.verify import compare_module, formulations
+
+COMMITTED = ROOT / "generated" / "quadrotor_2link"
+FAULTS, LEAST = 30, 29
+
+
+def failing(comparisons: list) -> list[str]:
+    """Names of what failed."""
+    return [c.what for c in comparisons if not c.passed]
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """A copy of a committed module."""
+    folder = tmp_path / "quadrotor_2link"
+    shutil.copytree(COMMITTED, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) -> None:
+    folder = Path(shipped(name).__file__ or "").parent
+    found = verify(folder, states=3, backends=["numpy"])
+    assert found.passed, found.failures
+    assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
+    against = {c.against for c in found.comparisons["numpy"]}
+    assert {"Newton–Euler", "Lagrange", "other parameters", "power balance, Ė = vᵀB u"} <= against
+
+
+@settings(max_examples=5)
+@given(robot=robots(most_rotors=7, most_links=6))
+def test_random_robots_pass(robot: Robot) -> None:
+    module = emitted_module(robot)
+    found, _ = formulations(robot)
+    assert failing(compare_module(module, robot, found, 2, 0)) == []
+
+
+def test_both_back_ends_are_verified(copied: Path) -> None:
+    tool("cc")
+    found = verify(copied, states=3)
+    assert found.passed, found.failures
+    assert list(found.comparisons) == ["numpy", "c"]
+    assert len(found.comparisons["numpy"]) == len(found.comparisons["c"]) > 100
+
+
+def test_planted_faults_are_found(copied: Path) -> None:
+    """Thirty times one sign or one index of the NumPy module altered: at least 29 are caught."""
+    path = copied / "numpy_module.py"
+    missed = []
+    for text, what in planted(path.read_text(encoding="utf-8"), FAULTS, seed=11):
+        path.write_text(text, encoding="utf-8")
+        if verify(copied, states=3, backends=["numpy"]).passed:
+            missed.append(what)
+    assert len(missed) <= FAULTS - LEAST, missed
+
+
+@pytest.mark.parametrize(
+    ("faults", "least"), [(1, 1), pytest.param(FAULTS, LEAST, marks=pytest.mark.slow)]
+)
+def test_planted_faults_in_c_are_found(
+    faults: int, least: int, copied: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tool("cc")
+    monkeypatch.setenv("CFLAGS", "-O0")  # What is looked for does not depend on it.
+    path = copied / "quadrotor_2link.c"
+    missed = []
+    for text, what in planted(path.read_text(encoding="utf-8"), faults, seed=5):
+        path.write_text(text, encoding="utf-8")
+        found = verify(copied, states=9, backends=["c"])
+        assert list(found.comparisons) == ["c"], found.not_done
+        if found.passed:
+            missed.append(what)
+    assert len(missed) <= faults - least, missed
+
+
+class OffByLittle(NewtonEuler):
+    """Newton and Euler, wrong by a billionth in one place."""
+
+    def mass_matrix(self, q: Array) -> Array:
+        """The mass matrix with one entry off."""
+        matrix = super().mass_matrix(q)
+        place = self.tree.free[1]
+        matrix[:, place, place] *= 1 + 1e-9
+        return matrix
+
+
+def test_an_oracle_that_is_off_by_a_billionth_fails(shipped) -> None:
+    """The check itself is checked: it sees 1e-9, and names what was altered."""
+    robot, module = read_robot("quadrotor_2link")[0], shipped("quadrotor_2link")
+    tree = Tree(robot)
+    comparisons = compare_module(module, robot, [NewtonEuler(tree), OffByLittle(tree)], 3, 0)
+    assert "mass_matrix" in failing(comparisons)
+    assert "tip_jacobian" not in failing(comparisons)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "failed"),
+    [
+        ('"theta_0",', '"theta_zero",', {"COORDINATES", "HYBRID_COORDINATES"}),
+        ('"gravity": 9.81', '"gravity": 9.8', {"PARAMETERS"}),
+        ('ATTITUDE = "xyz"', 'ATTITUDE = "zyx"', {"ATTITUDE"}),
+        ('"motor2", "motor3"', '"motor3", "motor2"', {"POINTS"}),
+        ("\ndef _kinetic_energy(", "\ndef _kinetic_enemy(", {"kinetic_energy"}),
+        ("_array(entries[0:64], (8, 8), batch), ", "", {"mass_matrix_and_residual.M"}),
+        ("import math\n", "import maths\n", {"the module"}),
+        ("import math\n", "import (math\n", {"the module"}),
+        ("import math\n", "import math\nraise SystemError('no')\n", {"the module"}),
+    ],
+)
+def test_whatever_was_done_to_a_module_is_a_failure_with_a_reason(
+    old: str, new: str, failed: set[str], copied: Path
+) -> None:
+    path = copied / "numpy_module.py"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    if "maths" in new:  # The loader has words of its own for what cannot be imported.
+        with pytest.raises(UsageError, match="cannot be imported, generate it again"):
+            verify(copied, states=2, backends=["numpy"])
+        return
+    found = verify(copied, states=2, backends=["numpy"])
+    assert failed <= {c.what for _, c in found.failures}
+    assert all(c.fault or not math.isfinite(c.error) or c.error > 0 for _, c in found.failures)
+
+
+def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
+    path = copied / "numpy_module.py"
+    text = path.read_text(encoding="utf-8")
+    assert "t8 = cos(t7)" in text
+    path.write_text(text.replace("t8 = cos(t7)", "t8 = math.nan"), encoding="utf-8")
+    found = verify(copied, states=2, backends=["numpy"])
+    assert {"residual", "forward_dynamics"} <= {c.what for _, c in found.failures}
+
+
+def test_a_robot_file_that_was_edited_afterwards_fails(copied: Path) -> None:
+    with (copied / "robot.toml").open("a", encoding="utf-8") as file:
+        file.write("# one more comment\n")
+    found = verify(copied, states=2, backends=["numpy"])
+    assert [c.what for _, c in found.failures] == ["robot.toml"]
+
+
+def test_another_robot_s_numbers_fail(shipped) -> None:
+    robot = read_robot("quadrotor_2link")[0]
+    module = shipped("quadrotor_2link")
+    other = replace(robot, gravity=3.71)
+    assert failing(compare_module(module, other, [NewtonEuler(Tree(other))], 2, 0)) == [
+        "PARAMETERS"
+    ]
+
+
+def test_what_cannot_be_verified_is_told(copied: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no generated module there"):
+        verify(tmp_path / "none")
+    with pytest.raises(UsageError, match="states: at least 1, not 0"):
+        verify(copied, states=0)
+    (copied / "quadrotor_2link.c").unlink()
+    found = verify(copied, states=2)
+    assert found.not_done["back end c"] == "the module was generated without the C target"
+    (copied / "robot.toml").unlink()
+    with pytest.raises(UsageError, match=r"has no robot\.toml"):
+        verify(copied)
+
+
+def test_the_seed_chooses_the_states(copied: Path) -> None:
+    def errors(seed: int) -> list[float]:
+        found = verify(copied, states=2, seed=seed, backends=["numpy"])
+        return [c.error for c in found.comparisons["numpy"]]
+
+    assert errors(1) == errors(1)
+    assert errors(1) != errors(2)
+
+
+def test_states_are_away_from_the_singular_attitude() -> None:
+    from gibbs_codegen.verification.states import States
+
+    states = States.random(Tree(read_robot("quadrotor_2link")[0]), 200, 0)
+    assert np.abs(states.q[:, 1]).max() < 1.3
+    assert np.abs(states.q[:, 0]).max() > 3.0
