@@ -14,6 +14,7 @@ from gibbs_codegen.errors import RobotFileError as RobotFileError
 from gibbs_codegen.errors import ScenarioFileError as ScenarioFileError
 from gibbs_codegen.errors import SingularRobotError as SingularRobotError
 from gibbs_codegen.errors import UsageError as UsageError
+from gibbs_codegen.errors import WrongModuleError as WrongModuleError
 from gibbs_codegen.load import load as load
 from gibbs_codegen.version import __version__ as __version__
 
@@ -35,11 +36,14 @@ if TYPE_CHECKING:
     from gibbs_codegen.simulator.scenario import Scenario as Scenario
     from gibbs_codegen.simulator.scenario_file import read_scenario as read_scenario
     from gibbs_codegen.simulator.simulation import simulate as simulate
+    from gibbs_codegen.verification.modules import verify as verify
+    from gibbs_codegen.verification.verify import Verification as Verification
 
 _LAZY = {
     "ChainEquation": "shown_equation",
     "Flight": "simulator.flight",
     "Scenario": "simulator.scenario",
+    "Verification": "verification.verify",
     "as_latex": "layout",
     "as_markdown": "layout",
     "as_text": "layout",
@@ -53,6 +57,7 @@ _LAZY = {
     "read_robot": "robot_file",
     "read_scenario": "simulator.scenario_file",
     "simulate": "simulator.simulation",
+    "verify": "verification.modules",
     "write_results": "simulator.results",
 }
 
@@ -68,6 +73,8 @@ __all__ = [
     "ScenarioFileError",
     "SingularRobotError",
     "UsageError",
+    "Verification",
+    "WrongModuleError",
     "__version__",
     "as_latex",
     "as_markdown",
@@ -83,6 +90,7 @@ __all__ = [
     "read_robot",
     "read_scenario",
     "simulate",
+    "verify",
     "write_results",
 ]
 

@@ -19,22 +19,20 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from random_robots import robots
 
 from gibbs_codegen.chains import decompose
+from gibbs_codegen.chains_figure import CONSTRAINT, TORQUE, chains_figure
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.family import paper_family
 from gibbs_codegen.frames import machine_frames
-from gibbs_codegen.robot import Link, Robot, Rod
-from gibbs_codegen.robot_file import read_robot
-from gibbs_codegen.simulator.figure_style import DARK, GOLD
-from gibbs_codegen.structure_figures import (
-    CONSTRAINT,
+from gibbs_codegen.machine_figure import (
     THRUST,
-    TORQUE,
     X_AXIS,
     Z_AXIS,
-    chains_figure,
     default_posture,
     machine_figure,
 )
+from gibbs_codegen.robot import Link, Robot, Rod
+from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.simulator.figure_style import DARK, GOLD
 
 SHIPPED = ("hexarotor_3link", "quadrotor_2link", "octorotor_7link", "decarotor_3link", "hexarotor")
 PAPER = read_robot("hexarotor_3link")[0]
