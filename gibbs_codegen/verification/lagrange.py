@@ -56,11 +56,13 @@ class Lagrange:
         tree = self.tree
         every = tree.spread(q)
         rotations, _ = tree.frames(every)
+        seats = [motor.seat for motor in tree.motors]
+        linear, angular = self._velocities(every[:, None], np.eye(tree.size), seats)
         columns = []
-        for motor in tree.motors:
-            linear, angular = self._velocities(every[:, None], np.eye(tree.size), motor.seat)
+        for k, motor in enumerate(tree.motors):
             thrust = (rotations[motor.seat.joint] @ motor.direction)[:, None]
-            columns.append(np.sum((linear + motor.drag * angular) * thrust, axis=-1))
+            work = (linear[..., k, :] + motor.drag * angular[..., k, :]) * thrust
+            columns.append(work.sum(axis=-1))
         for place in tree.arm:
             columns.append(np.broadcast_to(np.eye(tree.size)[place], (len(q), tree.size)))
         return np.stack(columns, axis=-1)
@@ -83,15 +85,16 @@ class Lagrange:
     def tip_jacobian(self, q: Array) -> Array:
         """Derivatives of the tip's position and axes by the coordinates."""
         every = self.tree.spread(q)
-        linear, angular = self._velocities(every[:, None], np.eye(self.tree.size), self.tree.tip)
-        return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)
+        units = np.eye(self.tree.size)
+        linear, angular = self._velocities(every[:, None], units, [self.tree.tip])
+        return np.swapaxes(np.concatenate([linear, angular], axis=-1)[..., 0, :], -1, -2)
 
     def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
         """How fast the tip's velocity changes along unchanging rates."""
         q, v = self.tree.spread(q), self.tree.spread(v)
 
         def velocity(q: Array, v: Array) -> Array:
-            return np.concatenate(self._velocities(q, v, self.tree.tip), axis=-1)
+            return np.concatenate(self._velocities(q, v, [self.tree.tip]), axis=-1)[..., 0, :]
 
         return self._change(velocity, q, v)
 
@@ -105,7 +108,9 @@ class Lagrange:
 
     def _mass_matrix(self, q: Array) -> Array:
         by_q = self._along(self._mass_places, q[:, None], np.eye(self.tree.size))
-        matrix: Array = np.einsum("sipk,p,sjpk->sij", by_q, self._masses, by_q)
+        weighted = by_q * self._masses[:, None]
+        rows, columns = (x.reshape(*x.shape[:2], -1) for x in (weighted, by_q))
+        matrix: Array = rows @ np.swapaxes(columns, -1, -2)
         return matrix
 
     def _momentum(self, q: Array, v: Array) -> Array:
@@ -134,15 +139,20 @@ class Lagrange:
             [positions[p.joint] + rotations[p.joint] @ p.local for p in points], axis=-2
         )
 
-    def _velocities(self, q: Array, v: Array, point: Point) -> tuple[Array, Array]:
-        """Velocity of a point and angular velocity of its frame, each (…, 3).
+    def _velocities(self, q: Array, v: Array, points: list[Point]) -> tuple[Array, Array]:
+        """Velocities of points and angular velocities of their frames, each (…, points, 3).
 
-        ω = ½Σ e × ė over the frame's axes e.
+        ω = ½Σ e × ė over a frame's axes e, which are where their ends are.
         """
-        ends = [Point(point.joint, point.local + step) for step in np.eye(3)]
-        places = self._places(q, [point, *ends])
+        ends = [
+            Point(point.joint, point.local + step)
+            for point in points
+            for step in np.concatenate([np.zeros((1, 3)), np.eye(3)])
+        ]
+        places = self._places(q, ends)
+        moving = self._along(lambda x: self._places(x, ends), q, v)
+        places, moving = (x.reshape(*x.shape[:-2], len(points), 4, 3) for x in (places, moving))
         axes = places[..., 1:, :] - places[..., :1, :]
-        moving = self._along(lambda x: self._places(x, [point, *ends]), q, v)
         turning = moving[..., 1:, :] - moving[..., :1, :]
         return moving[..., 0, :], 0.5 * np.sum(np.cross(axes, turning), axis=-2)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibbs_codegen.verification.formulation import EVERYTHING
-from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree, times
+from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree, cross, times
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class _Motion:
 
     def at(self, lever: Array) -> tuple[Array, Array]:
         """Velocity and acceleration of a point fixed in the frame, `lever` away from its origin."""
-        turning = np.cross(self.angular_velocity, lever)
+        turning = cross(self.angular_velocity, lever)
         return (
             self.velocity + turning,
             self.acceleration
-            + np.cross(self.angular_acceleration, lever)
-            + np.cross(self.angular_velocity, turning),
+            + cross(self.angular_acceleration, lever)
+            + cross(self.angular_velocity, turning),
         )
 
 
@@ -57,11 +57,11 @@ class NewtonEuler:
     def input_matrix(self, q: Array) -> Array:
         """Thrusts and drag torques by the Jacobians of the motors, and the arm's own efforts."""
         tree = self.tree
-        every = tree.spread(q)
-        rotations, _ = tree.frames(every)
+        frames = tree.frames(tree.spread(q))
+        rotations, _ = frames
         columns = []
         for motor in tree.motors:
-            jacobian = self._jacobian(every, motor.seat)
+            jacobian = self._jacobian(frames, motor.seat)
             thrust = rotations[motor.seat.joint] @ motor.direction
             wrench = np.concatenate([thrust, motor.drag * thrust], axis=-1)
             columns.append(np.einsum("sij,si->sj", jacobian, wrench))
@@ -92,7 +92,7 @@ class NewtonEuler:
 
     def tip_jacobian(self, q: Array) -> Array:
         """Axes and levers of the joints inboard of the tip."""
-        return self._jacobian(self.tree.spread(q), self.tree.tip)
+        return self._jacobian(self.tree.frames(self.tree.spread(q)), self.tree.tip)
 
     def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
         """How the tip accelerates where all joints keep their rates."""
@@ -143,9 +143,9 @@ class NewtonEuler:
             inertia = rotation @ joint.inertia @ np.swapaxes(rotation, -1, -2)
             spin = motion.angular_velocity
             moment = times(inertia, motion.angular_acceleration)
-            moment = moment + np.cross(spin, times(inertia, spin))
+            moment = moment + cross(spin, times(inertia, spin))
             forces.append(force)
-            moments.append(moment + np.cross(lever, force))
+            moments.append(moment + cross(lever, force))
         efforts = np.zeros(q.shape)
         for number in range(len(tree.joints) - 1, -1, -1):
             joint = tree.joints[number]
@@ -156,7 +156,7 @@ class NewtonEuler:
                 lever = positions[number] - positions[joint.parent]
                 forces[joint.parent] = forces[joint.parent] + forces[number]
                 moments[joint.parent] = (
-                    moments[joint.parent] + moments[number] + np.cross(lever, forces[number])
+                    moments[joint.parent] + moments[number] + cross(lever, forces[number])
                 )
         return efforts
 
@@ -172,7 +172,7 @@ class NewtonEuler:
             axis = rotations[number][..., joint.axis]
             rate = axis * v[..., joint.place, None]
             gain = axis * a[..., joint.place, None]
-            dragged = np.cross(parent.angular_velocity, rate)
+            dragged = cross(parent.angular_velocity, rate)
             velocity, acceleration = parent.at(lever)
             if joint.revolute:
                 motion = _Motion(
@@ -191,18 +191,18 @@ class NewtonEuler:
             motions.append(motion)
         return motions
 
-    def _jacobian(self, every: Array, point: Point) -> Array:
+    def _jacobian(self, frames: tuple[list[Array], list[Array]], point: Point) -> Array:
         """World-axes Jacobian of a point (states, 6, size), linear rows first."""
         tree = self.tree
-        rotations, positions = tree.frames(every)
+        rotations, positions = frames
         at = positions[point.joint] + rotations[point.joint] @ point.local
-        jacobian = np.zeros((len(every), 6, tree.size))
+        jacobian = np.zeros((len(at), 6, tree.size))
         number = point.joint
         while number != WORLD:
             joint = tree.joints[number]
             axis = rotations[number][..., joint.axis]
             if joint.revolute:
-                jacobian[:, :3, joint.place] = np.cross(axis, at - positions[number])
+                jacobian[:, :3, joint.place] = cross(axis, at - positions[number])
                 jacobian[:, 3:, joint.place] = axis
             else:
                 jacobian[:, :3, joint.place] = axis

@@ -227,3 +227,9 @@ def times(matrices: Array, vectors: Array) -> Array:
     """Products of matrices (…, i, j) and vectors (…, j)."""
     product: Array = (matrices @ vectors[..., None])[..., 0]
     return product
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors (…, 3): np.cross takes four times as long for so few of them."""
+    product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
+    return product
