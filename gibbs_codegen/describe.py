@@ -53,7 +53,8 @@ DESCRIPTIONS: dict[str, Description] = {
     ),
     "forward_dynamics": Description(
         "Accelerations a of M a = R + B u.",
-        "Singular where the middle attitude angle is +-90 degrees: results there mean nothing.",
+        "Accurate at every attitude; next to +-90 degrees of the middle attitude angle the "
+        "accelerations of the other two grow as the inverse of its cosine.",
         "eq. 19, solved for the free coordinates",
         ("acceleration",),
     ),
