@@ -64,7 +64,7 @@ Values = Mapping[str, Bounded]
 
 def exact(numbers: Mapping[str, float]) -> dict[str, Bounded]:
     """Numbers that are what they are."""
-    return {name: Bounded(mpmath.mpf(float(number))) for name, number in numbers.items()}
+    return {name: Bounded(mpmath.mpf(number)) for name, number in numbers.items()}
 
 
 def prepared(

@@ -160,6 +160,26 @@ def check_single(emitted: Emitted, angles: Sequence[float]) -> None:
     check(emitted, states(emitted, few, np.float32), calls, np.float32)
 
 
+def test_constraint_torques_of_accelerations_lose_as_many_digits_as_the_cosine_has(
+    tmp_path: Path,
+) -> None:
+    """As documented: rounding of θ̈₋₁ and θ̈₁, each of which is large, remains in their sum."""
+    emitted = emit(robot_of("xyz", rotors=4), tmp_path / "robot")
+    module, program = emitted.module, emitted.model.program
+    constants = prepared(program, emitted.model.defaults)
+    function = program.function("constraint_torques")
+    at = states(emitted, (0.5, RIGHT - 1e-3, -RIGHT + 1e-7), np.float64)
+    for i in range(3):
+        state = {name: rows[i] for name, rows in at.items()}
+        a = module.forward_dynamics(state["q"], state["v"], state["u"])
+        ours = module.constraint_torques(state["q"], state["v"], a, state["u"])
+        exactly = state | {"a": accelerations(program, constants, state)}
+        right = [entry.value for entry in evaluated(program, function, constants, exactly)[0]]
+        lost = ROUNDINGS * float(np.finfo(float).eps) / abs(math.cos(state["q"][1]))
+        error = max(abs(x - y) for x, y in zip(ours.tolist(), right, strict=True))
+        assert error <= lost * max(map(abs, right))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("attitude", ATTITUDES)
 def test_all_back_ends_are_accurate_ever_nearer_to_the_singularity(

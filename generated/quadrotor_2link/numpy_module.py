@@ -816,7 +816,8 @@ def forward_dynamics(
     """Accelerations a of M a = R + B u.
 
     Accurate at every attitude; next to +-90 degrees of the middle attitude angle the accelerations
-    of the other two grow as the inverse of its cosine.
+    of the other two grow as the inverse of its cosine, and what is computed from them, such as
+    constraint torques, loses as many digits as that has.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]

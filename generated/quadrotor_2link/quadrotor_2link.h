@@ -17,7 +17,7 @@
  *
  * No function looks at what it computes. Arguments that are not finite, numbers that overflow and,
  * in forward dynamics, an acceleration that nothing resists give infinities or NaN. Attitude angles
- * do not: no number is an odd multiple of 90 degrees, and next to them nothing is lost.
+ * do not: no number is an odd multiple of 90 degrees, and next to those functions are accurate.
  *
  * For single precision throughout define, wherever this header is read and the source is compiled,
  *
@@ -354,7 +354,8 @@ quadrotor_2link_input_matrix_batch(
  * @brief Accelerations a of M a = R + B u.
  *
  * Accurate at every attitude; next to +-90 degrees of the middle attitude angle the accelerations
- * of the other two grow as the inverse of its cosine.
+ * of the other two grow as the inverse of its cosine, and what is computed from them, such as
+ * constraint torques, loses as many digits as that has.
  *
  * @param[in] constants what quadrotor_2link_init_constants() made, or
  *     &quadrotor_2link_default_constants
