@@ -68,7 +68,7 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     caller = _caller_type(compiler)
     lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
     for signature in signatures(*map(len, lists)):
-        function = _Function(library, module.NAME, signature, constants, pool)
+        function = _Function(library, module, signature, constants, pool)
         general = function.general(getattr(module, signature.name))
         setattr(made, signature.name, function.fast(caller, general) if caller else general)
     return made
@@ -123,7 +123,7 @@ class _Function:
     def __init__(
         self,
         library: ctypes.CDLL,
-        prefix: str,
+        module: ModuleType,
         signature: Signature,
         constants: _Constants,
         pool: _Pool,
@@ -131,9 +131,12 @@ class _Function:
         self._signature = signature
         self._constants = constants
         self._pool = pool
-        self._one = library[f"{prefix}_{signature.name}"]
-        self._batch = ctypes.cast(library[f"{prefix}_{signature.name}_batch"], ctypes.c_void_p)
+        self._report: Callable[..., None] = module.numpy_module.report_not_finite
+        own = f"{module.NAME}_{signature.name}"
+        self._one = library[own]
+        self._batch = ctypes.cast(library[f"{own}_batch"], ctypes.c_void_p)
         self._rows = library["gibbs_codegen_rows"]
+        self._lost = library["gibbs_codegen_lost"]
         sizes = [*signature.widths, *(math.prod(shape) for shape in signature.shapes)]
         self._sizes = sizes
         self._c_sizes = (ctypes.c_size_t * len(sizes))(*sizes)
@@ -178,17 +181,30 @@ class _Function:
         ]
         outputs = [np.empty((*batch, *shape)) for shape in signature.shapes]
         if not batch:
+            self._lost()
             self._one(constants, *map(_pointer, [*inputs, *outputs]))
+            lost = bool(self._lost())
         else:
-            self._all_rows(constants, math.prod(batch), inputs, outputs)
+            lost = self._all_rows(constants, math.prod(batch), inputs, outputs)
+        if lost:
+            self._report_lost(arrays, outputs, batch)
         return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
-    def _all_rows(self, constants: bytes, count: int, inputs: Arrays, outputs: Arrays) -> None:
+    def _report_lost(self, arrays: Arrays, outputs: Arrays, batch: tuple[int, ...]) -> None:
+        """Report results that are not finite though arguments are, as the NumPy back end does."""
+        signature = self._signature
+        finite = np.ones(batch, dtype=bool)
+        for output, shape in zip(outputs, signature.shapes, strict=True):
+            finite &= np.isfinite(output).reshape(*batch, math.prod(shape)).all(axis=-1)
+        named = dict(zip(signature.arguments, arrays, strict=True))
+        self._report(signature.name, named, finite, 5)
+
+    def _all_rows(self, constants: bytes, count: int, inputs: Arrays, outputs: Arrays) -> bool:
+        """Compute all rows; whether finite inputs may have given what is not finite."""
         flat = [a.reshape(-1) for a in [*inputs, *outputs]]
         parts = min(self._pool.threads, count // _MIN_ROWS)
         if parts < 2:
-            self._some_rows(constants, flat, 0, count)
-            return
+            return self._some_rows(constants, flat, 0, count)
         # Whole blocks, so that no two threads write to one block.
         step = -(-count // (parts * LANES)) * LANES
         futures = [
@@ -197,16 +213,16 @@ class _Function:
             )
             for start in range(0, count, step)
         ]
-        for future in futures:
-            future.result()
+        lost = [future.result() for future in futures]
+        return any(lost)
 
-    def _some_rows(self, constants: bytes, flat: Arrays, start: int, count: int) -> None:
+    def _some_rows(self, constants: bytes, flat: Arrays, start: int, count: int) -> bool:
         starts = [a[start * size :] for a, size in zip(flat, self._sizes, strict=True)]
         pointers = (ctypes.c_void_p * len(starts))(*(a.ctypes.data for a in starts))
         scratch = np.empty(LANES * (sum(self._sizes) + 1))
         # Blocks that begin where a cache line does are faster.
         aligned = scratch.ctypes.data + -scratch.ctypes.data % 64
-        self._rows(
+        lost = self._rows(
             self._batch,
             constants,
             ctypes.c_size_t(count),
@@ -216,6 +232,7 @@ class _Function:
             pointers,
             ctypes.c_void_p(aligned),
         )
+        return bool(lost)
 
 
 def _argument(name: str, values: Any, width: int) -> NDArray[np.float64]:

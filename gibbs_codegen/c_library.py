@@ -19,7 +19,7 @@ NATIVE = Path(__file__).parent / "native"
 def compiled_library(folder: Path, name: str, compiler: Compiler) -> Path:
     """The shared library of a generated module, from the cache or compiled now.
 
-    It exports the module's C functions, those of its CasADi adapter, and `gibbs_codegen_rows`.
+    It exports the module's C functions, those of its CasADi adapter, and those of `rows.c`.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
     texts = {file: (folder / file).read_bytes() for file in c_files(name)}

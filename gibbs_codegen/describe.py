@@ -53,7 +53,9 @@ DESCRIPTIONS: dict[str, Description] = {
     ),
     "forward_dynamics": Description(
         "Accelerations a of M a = R + B u.",
-        "Singular where the middle attitude angle is +-90 degrees: results there mean nothing.",
+        "Accurate at every attitude; next to +-90 degrees of the middle attitude angle the "
+        "accelerations of the other two grow as the inverse of its cosine, and what is computed "
+        "from them, such as constraint torques, loses as many digits as that has.",
         "eq. 19, solved for the free coordinates",
         ("acceleration",),
     ),

@@ -84,7 +84,7 @@ def _import(folder: Path) -> ModuleType:
     except BaseException:
         del sys.modules[module_name]
         raise
-    if "ATTITUDE" not in vars(module) or "tip_bias_acceleration" not in vars(module):
+    if not hasattr(getattr(module, "numpy_module", None), "report_not_finite"):
         raise UsageError(f"{folder}: was made by an older version; generate it again")
     return module
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import ctypes
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+from numpy.typing import NDArray
 from tools import run, tool
 
 from gibbs_codegen.emit import TARGETS, render_module
-from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.interface import LANES, Signature, signatures
 from gibbs_codegen.load import load
 from gibbs_codegen.model import Model, derive
 from gibbs_codegen.robot import Robot
@@ -21,6 +25,7 @@ WARNINGS = [
 ]
 C = ["-std=c99", *WARNINGS, "-Wstrict-prototypes", "-Wmissing-prototypes"]
 CXX = ["-x", "c++", "-std=c++17", *WARNINGS]
+Array = NDArray[np.floating]
 LANGUAGES = {"gcc": C, "clang": C, "g++": CXX, "clang++": CXX}
 
 
@@ -87,3 +92,82 @@ def compile_only(
         objects.append(folder / f"{Path(source).stem}.o")
         run([tool(compiler), *LANGUAGES[compiler], *options, "-c", source, "-o", objects[-1]])
     return objects
+
+
+class Library:
+    """The emitted C as a shared library, called through ctypes as its header documents."""
+
+    def __init__(
+        self,
+        emitted: Emitted,
+        path: Path,
+        compiler: str,
+        options: Sequence[str],
+        real: type[np.floating] = np.float64,
+    ) -> None:
+        build(compiler, ["-shared", "-fPIC", *options], emitted.sources[:1], path)
+        self.real = real
+        self._library = ctypes.CDLL(str(path))
+        self._name = emitted.name
+        self._mark = "_float" if real is np.float32 else ""
+        self._size = len(emitted.model.program.constants)
+        self.constants = self.data(f"default_constants{self._mark}", self._size)
+
+    def data(self, name: str, size: int) -> Array:
+        """A constant array of the library."""
+        number = ctypes.c_float if self.real is np.float32 else ctypes.c_double
+        return np.array((number * size).in_dll(self._library, f"{self._name}_{name}"))
+
+    def call(self, name: str, *arguments: Array | int) -> int:
+        """Call a function whose arguments are arrays of reals and counts."""
+        c_arguments = [
+            ctypes.c_size_t(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data)
+            for a in arguments
+        ]
+        return int(self._library[f"{self._name}_{name}"](*c_arguments))
+
+    def init(self, parameters: Sequence[float]) -> tuple[int, Array]:
+        """What init_constants returns, and the constants."""
+        constants = np.full(self._size, np.nan, self.real)
+        numbers = np.array(parameters, self.real)
+        return self.call(f"init_constants{self._mark}", numbers, constants), constants
+
+    def one(self, signature: Signature, rows: Sequence[Array]) -> list[Array]:
+        """The function, state by state; outputs hold garbage before."""
+        count = len(rows[0])
+        outputs = [np.full((count, *shape), np.nan, self.real) for shape in signature.shapes]
+        for i in range(count):
+            inputs = [np.ascontiguousarray(array[i], self.real) for array in rows]
+            self.call(signature.name, self.constants, *inputs, *(out[i : i + 1] for out in outputs))
+        return outputs
+
+    def batch(self, signature: Signature, rows: Sequence[Array], unused: Array) -> list[Array]:
+        """The _batch function; unused lanes of inputs and all of the outputs hold `unused`.
+
+        One block more than the outputs need must be left as it is.
+        """
+        count = len(rows[0])
+        inputs = [self.blocks(array, unused) for array in rows]
+        outputs = [
+            np.full((math.ceil(count / LANES) + 1, math.prod(shape), LANES), unused, self.real)
+            for shape in signature.shapes
+        ]
+        self.call(f"{signature.name}_batch", self.constants, count, *inputs, *outputs)
+        for output in outputs:
+            assert output[-1].tobytes() == np.full_like(output[-1], unused).tobytes()
+        return [
+            self.rows(output, count).reshape(count, *shape)
+            for output, shape in zip(outputs, signature.shapes, strict=True)
+        ]
+
+    def blocks(self, rows: Array, unused: Array) -> Array:
+        """States in blocks, entry by entry as the header says."""
+        count, width = rows.shape
+        blocks = np.full(math.ceil(count / LANES) * width * LANES, unused, self.real)
+        for i, e in np.ndindex(count, width):
+            blocks[(i // LANES) * width * LANES + e * LANES + i % LANES] = rows[i, e]
+        return blocks
+
+    def rows(self, blocks: Array, count: int) -> Array:
+        """States from an array of blocks, entries and lanes."""
+        return np.stack([blocks[i // LANES, :, i % LANES] for i in range(count)])

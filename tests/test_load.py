@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -36,6 +37,15 @@ def test_a_module_that_changed_is_loaded_anew(folder: Path) -> None:
     heavier.write_text(read_robot("hexarotor")[1].replace("9.81", "24.79"))
     assert generate(heavier, str(folder / "generated")) == path
     assert load(path).PARAMETERS["gravity"] == 24.79
+
+
+def test_a_module_of_an_older_version_is_refused(folder: Path, tmp_path: Path) -> None:
+    old = tmp_path / "hexarotor"
+    shutil.copytree(folder / "generated" / "hexarotor", old)
+    text = (old / "numpy_module.py").read_text(encoding="utf-8")
+    (old / "numpy_module.py").write_text(text.replace("report_not_finite", "_array"), "utf-8")
+    with pytest.raises(UsageError, match="made by an older version; generate it again"):
+        load(old)
 
 
 def test_half_a_module_is_none(tmp_path: Path) -> None:

@@ -101,16 +101,14 @@ def test_wrong_length_is_refused_by_name(module: ModuleType) -> None:
         module.mass_matrix(0.0)
 
 
-def test_one_state_at_the_singularity_answers_as_a_batch_does(module: ModuleType) -> None:
+def test_one_state_that_is_not_finite_answers_as_a_batch_does(module: ModuleType) -> None:
     """Floats would raise where arrays give inf or nan."""
     q, v, u = arguments(("q", "v", "u"))
     q[0] = np.nan
-    with np.errstate(all="ignore"):
-        one, batch = module.forward_dynamics(q, v, u), module.forward_dynamics(q[None], v, u)
+    one, batch = module.forward_dynamics(q, v, u), module.forward_dynamics(q[None], v, u)
     np.testing.assert_array_equal(one, batch[0])
     q[0] = np.inf
-    with np.errstate(all="ignore"):
-        assert np.isnan(module.mass_matrix(q)).any()
+    assert np.isnan(module.mass_matrix(q)).any()
 
 
 def test_names_are_those_of_the_contract(module: ModuleType) -> None:

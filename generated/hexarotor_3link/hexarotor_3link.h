@@ -15,6 +15,10 @@
  * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs or
  * each other. Numbers are rounded to nearest. Link with the mathematics library (-lm).
  *
+ * No function looks at what it computes. Arguments that are not finite, numbers that overflow and,
+ * in forward dynamics, an acceleration that nothing resists give infinities or NaN. Attitude angles
+ * do not: no number is an odd multiple of 90 degrees, and next to those functions are accurate.
+ *
  * For single precision throughout define, wherever this header is read and the source is compiled,
  *
  *     HEXAROTOR_3LINK_FLOAT
@@ -388,7 +392,9 @@ hexarotor_3link_input_matrix_batch(
 /**
  * @brief Accelerations a of M a = R + B u.
  *
- * Singular where the middle attitude angle is +-90 degrees: results there mean nothing.
+ * Accurate at every attitude; next to +-90 degrees of the middle attitude angle the accelerations
+ * of the other two grow as the inverse of its cosine, and what is computed from them, such as
+ * constraint torques, loses as many digits as that has.
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants

@@ -9,6 +9,10 @@ Straight-line functions. SI units, radians, world axes with Z up. Arrays are C-o
 leading axes are batches and broadcast. One state is computed on plain floats, a batch on whole
 arrays.
 
+Where finite arguments give what is not finite, a RuntimeWarning names function, state and largest
+argument; np.errstate(invalid="ignore") silences it, and with "raise" it is a FloatingPointError.
+Arguments that are not finite themselves are passed on in silence.
+
 Coordinates q, in order (v: their rates, a: their accelerations):
 
     theta_m1  [rad]  first attitude angle, about x
@@ -32,7 +36,9 @@ Inputs u, in order:
 
 from __future__ import annotations
 
+import inspect
 import math
+import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -188,23 +194,70 @@ def _evaluate(kernel, constants, *arguments):
     k = _DEFAULT_CONSTANTS if constants is None else constants
     if not isinstance(k, tuple) or len(k) != len(_DEFAULT_CONSTANTS):
         raise TypeError("constants must be what this module's prepare() returned")
-    batch = ()
     for argument in arguments:
         if argument.ndim > 1:
-            shapes = [argument.shape[:-1] for argument in arguments]
-            try:
-                batch = np.broadcast_shapes(*shapes)
-            except ValueError:
-                raise ValueError(f"leading axes {shapes} do not broadcast") from None
             break
     else:
         try:
-            return kernel(k, math.sin, math.cos, *[a.tolist() for a in arguments]), batch
+            entries = kernel(k, math.sin, math.cos, *[a.tolist() for a in arguments])
+            if math.isfinite(sum(entries)):
+                return entries, ()
         except (ArithmeticError, ValueError):
             # Floats raise where arrays give inf or nan; one state answers as a batch does.
-            return kernel(k, np.sin, np.cos, *arguments), batch
+            pass
+        return _evaluate_and_report(kernel, k, arguments, arguments, ()), ()
+    shapes = [argument.shape[:-1] for argument in arguments]
+    try:
+        batch = np.broadcast_shapes(*shapes)
+    except ValueError:
+        raise ValueError(f"leading axes {shapes} do not broadcast") from None
     columns = [np.ascontiguousarray(np.moveaxis(argument, -1, 0)) for argument in arguments]
-    return kernel(k, np.sin, np.cos, *columns), batch
+    try:
+        with np.errstate(all="raise", under="ignore"):
+            return kernel(k, np.sin, np.cos, *columns), batch
+    except FloatingPointError:
+        return _evaluate_and_report(kernel, k, columns, arguments, batch), batch
+
+
+def _evaluate_and_report(kernel, k, columns, arguments, batch):
+    """Entries of a kernel's output, whatever they are, once what is not finite is reported."""
+    with np.errstate(all="ignore"):
+        entries = kernel(k, np.sin, np.cos, *columns)
+    finite = np.array([np.broadcast_to(np.isfinite(entry), batch) for entry in entries])
+    names = [*inspect.signature(kernel).parameters][3:]
+    named = dict(zip(names, arguments, strict=True))
+    report_not_finite(kernel.__name__[1:], named, finite.all(axis=0), 5)
+    return entries
+
+
+def report_not_finite(function, arguments, finite, level):
+    """Say, as np.errstate(invalid=...) has it, where finite arguments gave what is not `finite`.
+
+    `finite` is a truth value for each state; `level` is how far up the stack the caller is.
+    """
+    lost = ~finite
+    for argument in arguments.values():
+        lost = lost & np.isfinite(argument).all(axis=-1)
+    mode = np.geterr()["invalid"]
+    if mode == "ignore" or not lost.any():
+        return
+    state = np.unravel_index(np.argmax(lost), lost.shape)
+    labels = {"q": COORDINATES, "v": COORDINATES, "a": COORDINATES, "u": INPUTS}
+    largest, place = 0.0, ""
+    for name, argument in arguments.items():
+        values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
+        i = np.argmax(np.abs(values))
+        if abs(values[i]) >= abs(largest):
+            largest, place = values[i], f"{name} of {labels[name][i]}"
+    place_of_state = ", ".join(map(str, state))
+    where = f" in {lost.sum()} of {lost.size} states, first [{place_of_state}]," if state else ""
+    message = (
+        f"{NAME}.{function} is not finite{where} though its arguments are: numbers overflow, "
+        f"or nothing resists an acceleration (largest there: {place}, {largest:g})"
+    )
+    if mode == "raise":
+        raise FloatingPointError(message)
+    warnings.warn(message, RuntimeWarning, stacklevel=level)
 
 
 def _array(entries, shape, batch):
@@ -762,7 +815,9 @@ def forward_dynamics(
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
-    Singular where the middle attitude angle is +-90 degrees: results there mean nothing.
+    Accurate at every attitude; next to +-90 degrees of the middle attitude angle the accelerations
+    of the other two grow as the inverse of its cosine, and what is computed from them, such as
+    constraint torques, loses as many digits as that has.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]

@@ -3,12 +3,17 @@
  *
  * A Caller holds the address of a function of an emitted C module, the widths of its inputs and the
  * shapes of its outputs. Called with plain arrays of one state it calls the function and returns
- * new arrays; anything else goes to `general`, a Python function with the same arguments.
+ * new arrays; anything else goes to `general`, a Python function with the same arguments. So does
+ * what comes out not finite, once more, to be reported.
  */
 
 #define PY_SSIZE_T_CLEAN
 #include <Python.h>
 #include <structmember.h>
+
+#include <fenv.h>
+#include <stdint.h>
+#include <string.h>
 
 #define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
 #include <numpy/arrayobject.h>
@@ -102,6 +107,36 @@ static const void *constants_data(const Caller *self, PyObject *const *args, Py_
     return PyBytes_AS_STRING(constants);
 }
 
+/*
+ * Whether results may not be finite though arguments are: the processor raises a flag then. Asking
+ * for it costs less than looking at results; a flag that others raised costs that look.
+ */
+static int flagged_here(void)
+{
+#if defined(FE_OVERFLOW) && defined(FE_DIVBYZERO) && defined(FE_INVALID)
+    if (!fetestexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID)) {
+        return 0;
+    }
+    feclearexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID);
+#endif
+    return 1;
+}
+
+/* By their bits, since compilers that are told so take every number for finite. */
+static int all_finite(PyObject *result)
+{
+    const double *numbers = (const double *)PyArray_DATA((PyArrayObject *)result);
+    const npy_intp size = PyArray_SIZE((PyArrayObject *)result);
+    for (npy_intp i = 0; i < size; ++i) {
+        uint64_t bits;
+        memcpy(&bits, numbers + i, sizeof bits);
+        if (((bits >> 52) & 0x7ff) == 0x7ff) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
 static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size_t flagged,
                                    PyObject *names)
 {
@@ -133,6 +168,18 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
         pointers[self->inputs + i] = (double *)PyArray_DATA((PyArrayObject *)results[i]);
     }
     call(self->function, constants, self->inputs + self->outputs, pointers);
+    if (flagged_here()) {
+        int finite = 1;
+        for (i = 0; i < self->outputs; ++i) {
+            finite = finite && all_finite(results[i]);
+        }
+        if (!finite) {
+            for (i = 0; i < self->outputs; ++i) {
+                Py_DECREF(results[i]);
+            }
+            return PyObject_Vectorcall(self->general, args, flagged, names);
+        }
+    }
     if (self->outputs == 1) {
         return results[0];
     }

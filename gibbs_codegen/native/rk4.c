@@ -37,7 +37,7 @@ typedef struct {
     double lag;
     double push[3];              /* force on the tip, world axes */
     double divergence;
-    double singular_cosine;
+    double largest_theta_0;      /* beyond it angles are singular */
     double begin;                /* of the first piece of the reference */
     double piece;                /* length of a piece */
     const double *coefficients;  /* [pieces][6][coordinates] */
@@ -278,7 +278,7 @@ static int goes_on(const Loop *f, const double *wanted, const double *state, ptr
             return 0;
         }
     }
-    return cos(state[1]) >= f->singular_cosine;
+    return fabs(state[1]) <= f->largest_theta_0;
 }
 
 /* How many numbers `scratch` must hold; it is not looked at itself. */

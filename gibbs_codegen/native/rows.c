@@ -6,6 +6,7 @@
  * enough to stay in the cache.
  */
 
+#include <fenv.h>
 #include <stddef.h>
 #include <string.h>
 
@@ -17,8 +18,9 @@
 #define MAX_ARRAYS 6
 
 #ifdef __cplusplus
-extern "C"
+extern "C" {
 #endif
+int gibbs_codegen_lost(void);
 int GIBBS_CODEGEN_ROWS(
     void (*batch)(void),
     const void *constants,
@@ -28,12 +30,30 @@ int GIBBS_CODEGEN_ROWS(
     const size_t *widths,
     double *const *arrays,
     double *scratch);
+#ifdef __cplusplus
+}
+#endif
 
 typedef void Two(const void *, size_t, double *, double *);
 typedef void Three(const void *, size_t, double *, double *, double *);
 typedef void Four(const void *, size_t, double *, double *, double *, double *);
 typedef void Five(const void *, size_t, double *, double *, double *, double *, double *);
 typedef void Six(const void *, size_t, double *, double *, double *, double *, double *, double *);
+
+/*
+ * Whether finite numbers may have made one that is not, in this thread since it was last asked: the
+ * processor raises a flag then, which costs nothing. One without flags may have at any time.
+ */
+int gibbs_codegen_lost(void)
+{
+#if defined(FE_OVERFLOW) && defined(FE_DIVBYZERO) && defined(FE_INVALID)
+    if (!fetestexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID)) {
+        return 0;
+    }
+    feclearexcept(FE_OVERFLOW | FE_DIVBYZERO | FE_INVALID);
+#endif
+    return 1;
+}
 
 static void call_block(void (*batch)(void), const void *constants, int number, double *const *b)
 {
@@ -134,7 +154,8 @@ static void unpack(const double *block, size_t filled, size_t width, double *row
 
 /*
  * `arrays` are the inputs and then the outputs of `batch`, each with `count` rows of its width;
- * `scratch` holds LANES states of all of them. Returns 0, or 1 where there are too many arrays.
+ * `scratch` holds LANES states of all of them. Returns 0 where finite inputs gave finite outputs,
+ * 1 where they may not have, and -1 where there are too many arrays.
  */
 int GIBBS_CODEGEN_ROWS(
     void (*batch)(void),
@@ -149,8 +170,9 @@ int GIBBS_CODEGEN_ROWS(
     double *block[MAX_ARRAYS];
     const int number = inputs + outputs;
     if (number < 2 || number > MAX_ARRAYS) {
-        return 1;
+        return -1;
     }
+    (void)gibbs_codegen_lost();
     for (int i = 0; i < number; ++i) {
         block[i] = scratch;
         scratch += LANES * widths[i];
@@ -165,5 +187,5 @@ int GIBBS_CODEGEN_ROWS(
             unpack(block[i], filled, widths[i], arrays[i] + first * widths[i]);
         }
     }
-    return 0;
+    return gibbs_codegen_lost();
 }

@@ -7,6 +7,7 @@ All functions take any leading axes.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 # |cos θ₀| below which angles count as singular: within a quarter of a degree.
 SINGULAR_COSINE = 0.005
+# The same for angles that began between −90° and 90°, rad; a cosine would not tell of whole turns.
+LARGEST_THETA_0 = math.acos(SINGULAR_COSINE)
 
 
 class SingularAttitudeError(UsageError):

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.c_library import NATIVE
 from gibbs_codegen.cache import CacheError, cached_library
 from gibbs_codegen.compiler import Compiler, CompilerError, find_compiler
-from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
+from gibbs_codegen.simulator.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class _Loop(ctypes.Structure):
         ("lag", ctypes.c_double),
         ("push", ctypes.c_double * 3),
         ("divergence", ctypes.c_double),
-        ("singular_cosine", ctypes.c_double),
+        ("largest_theta_0", ctypes.c_double),
         ("begin", ctypes.c_double),
         ("piece", ctypes.c_double),
         ("coefficients", _POINTER),
@@ -131,7 +131,7 @@ class CompiledLoop:
             lag=closed.lag,
             push=push,
             divergence=divergence,
-            singular_cosine=SINGULAR_COSINE,
+            largest_theta_0=LARGEST_THETA_0,
             begin=reference.begin,
             piece=reference.step,
             coefficients=coefficients.ctypes.data,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
+from gibbs_codegen.simulator.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 
@@ -346,8 +346,8 @@ def _reason(loop: ClosedLoop, settings: Settings, time: float, state: Array) -> 
     if error[worst] > _divergence(loop, settings):
         unit = "rad" if name.startswith("theta_") else "m"
         return f"at t = {time:.6g} s {name} is {error[worst]:.3g} {unit} off: control is lost"
-    # Angles begin on the side where the cosine is positive, so this also tells a step across.
-    if np.cos(q[1]) < SINGULAR_COSINE:
+    # This also tells a step across, however far.
+    if abs(q[1]) > LARGEST_THETA_0:
         return (
             f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
             f"{loop.vehicle.attitude} (theta_0 = {np.degrees(q[1]):.4g}°)"

@@ -20,7 +20,7 @@ from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot_text import robot_text
 from gibbs_codegen.simulator.allocation import Allocation
-from gibbs_codegen.simulator.attitude import SINGULAR_COSINE
+from gibbs_codegen.simulator.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop, TipForce
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains, Law
@@ -223,19 +223,22 @@ def test_a_flight_ends_after_the_step_that_diverges(modules: Load) -> None:
     assert np.array_equal(last, states[first])
 
 
-@pytest.mark.parametrize("rate", [-3.0, 3.0, 40.0])
+@pytest.mark.parametrize("rate", [-3.0, 3.0, 40.0, -1000.0, 1400.0])
 def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
     rate: float, modules: Load
 ) -> None:
-    """Also where the step goes across it, as it does at the highest rate."""
+    """Also where the step goes across it, once or twice or all the way round."""
     closed = closed_loop_of(modules("hexarotor"), "off")
     state = np.zeros(closed.size)
     state[1], state[len(closed.vehicle.coordinates) + 1] = math.copysign(1.2, rate), rate
     taken, samples, last = loop_of(closed)(0.0, state, 100, 1, 0)
-    assert 1 < taken == len(samples) < 100
+    assert 0 < taken == len(samples) < 100
     assert np.array_equal(samples[-1], last)
-    assert math.cos(last[1]) < (-SINGULAR_COSINE if rate > 30.0 else SINGULAR_COSINE)
-    assert np.all(np.cos(samples[:-1, 1]) >= SINGULAR_COSINE)
+    assert abs(last[1]) > LARGEST_THETA_0
+    assert np.all(np.abs(samples[:-1, 1]) <= LARGEST_THETA_0)
+    if abs(rate) > 30.0:
+        turned = abs(1.2 + abs(rate) * taken * STEP)
+        assert abs(last[1]) == pytest.approx(turned, rel=0.05)
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e200])
@@ -380,7 +383,7 @@ int main(void)
         f.most = 1e4;
         f.lag = draw(2) ? 0.1 : 0.0;
         f.divergence = 20.0;
-        f.singular_cosine = 0.005;
+        f.largest_theta_0 = 1.56;
         f.begin = value();
         f.piece = 0.05;
         double *coefficients = filled(f.pieces * POWERS * n), *distribution = filled(rotors * BASE);

@@ -9,19 +9,25 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot import ATTITUDES
+from gibbs_codegen.robot_file import read_robot
 from gibbs_codegen.simulator import integrate as integration
+from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.attitude import rate_matrix
 from gibbs_codegen.simulator.closed_loop import ClosedLoop, TipForce
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
+from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.integrate import Settings, _step
+from gibbs_codegen.simulator.integrate import Settings, _step, integrate
 from gibbs_codegen.simulator.orientation import Tangent
 from gibbs_codegen.simulator.paths import Circle, Harmonic, Term
 from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario
 from gibbs_codegen.simulator.scenario_file import read_scenario
-from gibbs_codegen.simulator.simulation import simulate
+from gibbs_codegen.simulator.simulation import desired_motion, flight_of, simulate
+from gibbs_codegen.simulator.vehicle import Vehicle
 
 Load = Callable[[str], ModuleType]
 
@@ -218,6 +224,39 @@ def test_a_flight_ends_at_the_singular_attitude(
     assert f"t = {flight.time[-1]:.6g} s" in flight.stopped
     assert flight.q[-1, 1] == pytest.approx(np.pi / 2, abs=0.01)
     assert np.all(np.isfinite(flight.a))
+
+
+@pytest.mark.parametrize("attitude", ATTITUDES)
+def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None:
+    """From either side, and where a step of rk4 goes all the way round: with numbers throughout."""
+    robot = read_robot("hexarotor")[0]
+    vehicle = Vehicle(emitted_module(replace(robot, base=replace(robot.base, attitude=attitude))))
+    scenario = read_scenario("hover")
+    gains = Gains.of(1.0, 1.0, len(vehicle.coordinates))
+    reference = desired_motion(vehicle, scenario)
+    allocation = Allocation(vehicle.thrust_wrenches())
+    loop = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains, "off"))
+    q, v, _ = reference(0.0)
+    one, round_and_round = Settings("rk4"), Settings("rk4", step=0.1, rate=10.0)
+    for sign, rate, settings in (
+        *((sign, 8.0, settings) for sign in (1.0, -1.0) for settings in (Settings(), one)),
+        (1.0, 55.0, round_and_round),
+    ):
+        q[1], v[1] = sign * 1.2, sign * rate
+        course = integrate(loop, loop.start(q, v), 2.0, settings)
+        theta_0 = np.degrees(course.states[-1, 1])
+        assert course.stopped == (
+            f"at t = {course.time[-1]:.6g} s the attitude reaches the singularity of the sequence "
+            f"{attitude} (theta_0 = {theta_0:.4g}°)"
+        )
+        if settings is round_and_round:
+            assert np.cos(course.states[-1, 1]) > 0.5
+        else:
+            assert course.time[-1] < 0.1
+            assert theta_0 == pytest.approx(90.0 * sign, abs=1.0)
+        flight = flight_of(loop, scenario, course)
+        for name, series in vars(flight).items():
+            assert not isinstance(series, np.ndarray) or np.all(np.isfinite(series)), name
 
 
 @pytest.mark.parametrize("rate", [7.0, 40.0, 300.0, 5000.0])
