@@ -37,33 +37,33 @@ def undetermined_motions(robot: Robot) -> list[Motion]:
     Each is given by the coordinates that must move together, outermost joint first. No coordinate
     can be left out of a motion without its moving mass.
     """
-    found = [_null_motions(_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
+    found = [_null_motions(*_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
     fewest = min(found, key=len)
     return list(dict.fromkeys(_named(robot, motion) for motion in fewest))
 
 
-def _null_motions(momenta: Array) -> list[list[int]]:
+def _null_motions(momenta: Array, levers: Array) -> list[list[int]]:
     """Smallest sets of dependent columns, each by its last column that those before depend on."""
     independent: list[int] = []
-    unit = np.zeros_like(momenta)
+    units: list[Array] = []
     directions = np.zeros((0, len(momenta)))
     motions = []
-    for k, column in enumerate(momenta.T):
+    for k, (column, lever) in enumerate(zip(momenta.T, levers, strict=True)):
         size = float(np.linalg.norm(column))
-        if size == 0.0:
-            motions.append([k])
-            continue
-        unit[:, k] = rest = column / size
+        rest = column
         for _ in range(2):
             rest = rest - directions.T @ (directions @ rest)
         left = float(np.linalg.norm(rest))
-        if left > _NOTHING:
+        if left > _NOTHING * lever:
             independent.append(k)
+            units.append(column / size)
             directions = np.vstack([directions, rest / left])
-            continue
-        shares = np.linalg.lstsq(unit[:, independent], unit[:, k], rcond=None)[0]
-        along = [i for i, share in zip(independent, shares, strict=True) if abs(share) > _NO_SHARE]
-        motions.append([k, *reversed(along)])
+        elif size <= _NOTHING * lever:
+            motions.append([k])
+        else:
+            shares = np.linalg.lstsq(np.transpose(units), column / size, rcond=None)[0]
+            pairs = zip(independent, np.abs(shares), strict=True)
+            motions.append([k, *(i for i, share in reversed(list(pairs)) if share > _NO_SHARE)])
     return motions
 
 
@@ -77,55 +77,78 @@ def _named(robot: Robot, motion: list[int]) -> Motion:
     return tuple(names)
 
 
-def _momenta(robot: Robot, number: int) -> Array:
+def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
     """Momenta of all bodies, each by its own mass, for unit rates: a column a coordinate.
 
     Columns are the base centre's velocity, the base's angular velocity, and the joints' rates, at
-    an arbitrary configuration of the joints.
+    an arbitrary configuration of the joints. With them go the lengths that rounding is relative to.
     """
-    columns = np.zeros((6, _JOINTS + len(robot.links)))
-    columns[:, :_JOINTS] = np.eye(6)
-    rows = []
+    swarm = _Swarm(_JOINTS + len(robot.links))
     length = robot.base.arm(1).length
     for k in range(1, robot.rotors + 1):
         turn = np.eye(3) if k == 1 else _turn(2, robot.base.arm_angle_deg(k))
         # Arm 1 is given from its motor, the others from the centre.
         start = np.array([-length if k == 1 else 0.0, 0.0, 0.0])
-        rows.append(_momentum(robot.base.arm(k), turn, start) @ columns)
+        swarm.add(robot.base.arm(k), turn, start)
     scale = max([length, *(_reach(link) for link in robot.links)]) or 1.0
-    attitude, place = np.eye(3), np.zeros(3)
+    attitude = np.eye(3)
     for i, (link, a) in enumerate(zip(robot.links, _offsets(robot), strict=True)):
         position = 0.3 + 0.7 * np.sin(1.7 * i + 0.9 * number)
-        twisted = attitude @ _turn(0, link.alpha_deg)
-        place = place + attitude @ [a, 0.0, 0.0] + twisted @ [0.0, 0.0, link.d]
-        attitude = twisted @ _turn(2, link.theta_deg)
+        swarm.step(attitude[:, 0] * a)
+        attitude = attitude @ _turn(0, link.alpha_deg) @ _turn(2, link.theta_deg)
         axis = attitude[:, 2]
+        swarm.step(axis * link.d)
+        column = _JOINTS + i
         if link.joint == "prismatic":
-            place = place + axis * (position * scale)
-            columns[_LINEAR, _JOINTS + i] = axis
+            swarm.step(axis * (position * scale))
+            swarm.twists[_LINEAR, column] = axis
         else:
             attitude = attitude @ _turn(2, float(np.rad2deg(position)))
-            columns[_LINEAR, _JOINTS + i] = np.cross(place, axis)
-            columns[_ANGULAR, _JOINTS + i] = axis
-        rows.append(_momentum(link.body, attitude, place) @ columns)
-    return np.vstack(rows)
+            swarm.twists[_ANGULAR, column] = axis
+        swarm.add(link.body, attitude, np.zeros(3))
+    return np.vstack(swarm.momenta), swarm.levers
 
 
-def _momentum(body: Body, attitude: Array, place: Array) -> Array:
-    """Linear and angular momentum of a body per unit of the twist about the base centre.
+class _Swarm:
+    """Bodies by themselves: momenta so far, and what unit rates make of the point reached."""
 
-    Masses are taken out, and of the moments of inertia the roots: what is left are lengths.
-    """
-    mass, com, inertia = _central(body)
-    rows = np.zeros((6, 6))
-    if mass > 0.0:
-        x, y, z = place + attitude @ com
-        rows[:3, _LINEAR] = np.eye(3)
-        rows[:3, _ANGULAR] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]
-    moments, axes = np.linalg.eigh(inertia)
-    moments[moments < _NO_MOMENT * moments[-1]] = 0.0
-    rows[3:, _ANGULAR] = np.sqrt(moments)[:, None] * (attitude @ axes).T
-    return rows
+    def __init__(self, coordinates: int) -> None:
+        self.momenta: list[Array] = []
+        self.twists = np.zeros((6, coordinates))
+        self.twists[:, :_JOINTS] = np.eye(6)
+        self._way = np.zeros(coordinates)
+        self._reach = np.zeros(coordinates)
+
+    @property
+    def levers(self) -> Array:
+        """Lengths that momenta are made of; of translations 1."""
+        return np.where(self._turning, self._reach, 1.0)
+
+    def step(self, step: Array) -> None:
+        """Go on to another point of the same body."""
+        self.twists[_LINEAR] += np.cross(self.twists[_ANGULAR].T, step).T
+        self._way += self._turning * np.linalg.norm(step)
+
+    def add(self, body: Body, attitude: Array, start: Array) -> None:
+        """Add linear and angular momentum of a body whose own frame begins at `start` from here.
+
+        Masses are taken out, and of the moments of inertia the roots: what is left are lengths.
+        """
+        mass, com, inertia = _central(body)
+        arm = start + attitude @ com
+        moments, axes = np.linalg.eigh(inertia)
+        radii = np.sqrt(np.where(moments < _NO_MOMENT * moments[-1], 0.0, moments))
+        self.momenta.append(radii[:, None] * (attitude @ axes).T @ self.twists[_ANGULAR])
+        if mass > 0.0:
+            self.momenta.append(self.twists[_LINEAR] + np.cross(self.twists[_ANGULAR].T, arm).T)
+            reach = self._turning * (self._way + np.linalg.norm(arm) + radii[-1])
+            self._reach = np.maximum(self._reach, reach)
+
+    @property
+    def _turning(self) -> NDArray[np.bool_]:
+        """Which coordinates turn what is reached."""
+        turning: NDArray[np.bool_] = np.linalg.norm(self.twists[_ANGULAR], axis=0) > 0.5
+        return turning
 
 
 def _central(body: Body) -> tuple[float, Array, Array]:
