@@ -53,7 +53,9 @@ DESCRIPTIONS: dict[str, Description] = {
     ),
     "forward_dynamics": Description(
         "Accelerations a of M a = R + B u.",
-        "Singular where the middle attitude angle is +-90 degrees: results there mean nothing.",
+        "Singular where the middle attitude angle is +-90 degrees, and where links without mass or "
+        "thickness let joints move nothing, as a massless wrist with two axes in line: results "
+        "there are huge, infinite or not a number, and mean nothing.",
         "eq. 19, solved for the free coordinates",
         ("acceleration",),
     ),

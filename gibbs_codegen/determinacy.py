@@ -39,28 +39,28 @@ def refuse_drowned(robot: Robot, mass_matrix: Program, defaults: Mapping[str, fl
     """Refuse a robot whose mass matrix cannot be told from a singular one in double precision.
 
     `mass_matrix` is the program of that function. Raises `SingularRobotError`, naming the
-    coordinate that most of the hidden motion is made of, or `UsageError` where numbers overflow.
+    coordinate that most of the hidden motion is made of.
     """
     found = []
+    size = len(mass_matrix.inputs["q"])
     for number in range(_CONFIGURATIONS):
-        matrix = _mass_matrix(robot, mass_matrix, defaults, number)
-        unit = np.sqrt(np.diag(matrix))
-        eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
-        if eigenvalues[0] >= _SMALLEST:
+        values = mass_matrix.evaluate("mass_matrix", defaults, {"q": _configuration(size, number)})
+        least, coordinate = _least_resisted(np.array(values[0]).reshape(size, size))
+        if least >= _SMALLEST:
             return
-        found.append((eigenvalues[0], int(np.argmax(np.abs(vectors[:, 0])))))
-    coordinate = coordinate_text(robot, max(found)[1])
-    raise SingularRobotError(robot.name, [(coordinate,)], drowned=True)
+        found.append((least, coordinate))
+    hidden = coordinate_text(robot, max(found)[1])
+    raise SingularRobotError(robot.name, [(hidden,)], drowned=True)
 
 
-def refuse_overflowing(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
+def refuse_uncomputable(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
     """Refuse a robot whose emitted functions could not compute with their own parameters.
 
     Raises `UsageError`, naming the parameters that are the furthest from 1.
     """
     still = [0.0] * len(program.inputs["q"])
     arguments = {
-        "q": configuration(len(still), 0),
+        "q": _configuration(len(still), 0),
         "v": still,
         "u": [0.0] * len(program.inputs["u"]),
     }
@@ -72,35 +72,26 @@ def refuse_overflowing(robot: Robot, program: Program, defaults: Mapping[str, fl
         good = all(map(math.isfinite, values))
     except (ZeroDivisionError, OverflowError):
         good = False
-    if not good:
-        raise _too_unequal(robot, defaults)
+    if good:
+        return
+    sizes = {name: abs(math.log10(abs(value))) for name, value in defaults.items() if value}
+    furthest = sorted(sizes, key=sizes.__getitem__, reverse=True)[:2]
+    shown = " and ".join(f"{name} = {defaults[name]:g}" for name in furthest)
+    raise UsageError(
+        f"{robot.name}: its accelerations overflow, or are lost in rounding, with {shown}; "
+        "bring masses and lengths nearer to each other"
+    )
 
 
-def configuration(size: int, number: int) -> list[float]:
-    """An arbitrary configuration: one of those that singular machines are looked for at."""
+def _configuration(size: int, number: int) -> list[float]:
     return [0.3 + 0.7 * math.sin(1.7 * i + 0.9 * number) for i in range(size)]
 
 
-def _mass_matrix(
-    robot: Robot, program: Program, defaults: Mapping[str, float], number: int
-) -> NDArray[np.float64]:
-    size = len(program.inputs["q"])
-    arguments = {"q": configuration(size, number)}
-    try:
-        values = program.evaluate("mass_matrix", defaults, arguments)[0]
-    except (ZeroDivisionError, OverflowError):
-        raise _too_unequal(robot, defaults) from None
-    matrix = np.array(values).reshape(size, size)
-    if not np.isfinite(matrix).all() or (np.diag(matrix) <= 0).any():
-        raise _too_unequal(robot, defaults)
-    return matrix
-
-
-def _too_unequal(robot: Robot, defaults: Mapping[str, float]) -> UsageError:
-    """The error for numbers that are in range by themselves and not together."""
-    sizes = {name: math.log10(abs(value)) for name, value in defaults.items() if value}
-    least, most = min(sizes, key=sizes.__getitem__), max(sizes, key=sizes.__getitem__)
-    return UsageError(
-        f"{robot.name}: results overflow or vanish with {least} = {defaults[least]:g} beside "
-        f"{most} = {defaults[most]:g}; bring them nearer to each other"
-    )
+def _least_resisted(matrix: NDArray[np.float64]) -> tuple[float, int]:
+    """Smallest eigenvalue of a mass matrix with a unit diagonal; the coordinate it is most of."""
+    diagonal = np.diag(matrix)
+    if (diagonal <= 0).any():
+        return 0.0, int(np.argmin(diagonal))
+    unit = np.sqrt(diagonal)
+    eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
+    return float(eigenvalues[0]), int(np.argmax(np.abs(vectors[:, 0])))

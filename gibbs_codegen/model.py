@@ -15,7 +15,7 @@ from gibbs_codegen.combine import (
 )
 from gibbs_codegen.determinacy import (
     refuse_drowned,
-    refuse_overflowing,
+    refuse_uncomputable,
     refuse_undetermined,
 )
 from gibbs_codegen.equations import State, generalised_inertia_forces, gibbs_function
@@ -73,7 +73,7 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     mass_matrix = [piece for piece in slices if piece.name == "mass_matrix"]
     refuse_drowned(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
     program = lower(tape, inputs, names, slices)
-    refuse_overflowing(robot, program, parameters.defaults)
+    refuse_uncomputable(robot, program, parameters.defaults)
     return Model(
         robot,
         program,

@@ -2,7 +2,7 @@
 
 Such a motion is one that every body's inertia annihilates. Whether there is one does not depend on
 how heavy the bodies are, so each is scaled by its own mass: ratios that drown what is small in the
-mass matrix do no harm here, and neither do those of lengths that its squares would drown.
+mass matrix do no harm here, and neither do those of lengths below 1e12.
 """
 
 from __future__ import annotations

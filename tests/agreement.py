@@ -133,11 +133,12 @@ def _state_errors(
 
 
 def _error(ours: Array, theirs: Array, size: Array | float) -> float:
-    """Largest error in units of the tolerance; what has no terms must be exact."""
+    """Largest error in units of the tolerance; what has no terms is zero, as the oracle rounds."""
     error = np.abs(np.asarray(ours) - theirs)
-    allowed = TOLERANCE * np.broadcast_to(size, error.shape)
     if not np.isfinite(error).all():
         return np.inf
+    sizes = np.broadcast_to(size, error.shape)
+    allowed = np.where(sizes > 0, TOLERANCE * sizes, 1e-15 * sizes.max(initial=0.0))
     relative = np.divide(error, allowed, out=np.where(error > 0, np.inf, 0.0), where=allowed > 0)
     return float(relative.max(initial=0.0))
 

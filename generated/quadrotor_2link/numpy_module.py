@@ -762,7 +762,9 @@ def forward_dynamics(
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
-    Singular where the middle attitude angle is +-90 degrees: results there mean nothing.
+    Singular where the middle attitude angle is +-90 degrees, and where links without mass or
+    thickness let joints move nothing, as a massless wrist with two axes in line: results there are
+    huge, infinite or not a number, and mean nothing.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]

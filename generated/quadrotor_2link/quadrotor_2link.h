@@ -349,7 +349,9 @@ quadrotor_2link_input_matrix_batch(
 /**
  * @brief Accelerations a of M a = R + B u.
  *
- * Singular where the middle attitude angle is +-90 degrees: results there mean nothing.
+ * Singular where the middle attitude angle is +-90 degrees, and where links without mass or
+ * thickness let joints move nothing, as a massless wrist with two axes in line: results there are
+ * huge, infinite or not a number, and mean nothing.
  *
  * @param[in] constants what quadrotor_2link_init_constants() made, or
  *     &quadrotor_2link_default_constants
