@@ -18,7 +18,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -64,7 +64,9 @@ class Tally:
 def soak_robot(seed: int, number: int) -> Robot:
     """The robot of a number: odd ones are degenerate."""
     rng = np.random.default_rng((seed, number))
-    own, rotors, links = int(rng.integers(2**32)), int(rng.integers(2, 13)), int(rng.integers(9))
+    own, rotors = int(rng.integers(2**32)), int(rng.integers(2, 13))
+    # Of few links more often, since they take less time and have as many ways to be degenerate.
+    links = int(rng.integers(9, size=2).min())
     make = degenerate_robot if number % 2 else random_robot
     return make(own, rotors, links)
 
@@ -128,19 +130,22 @@ def _emitted(files: dict[str, str], number: int) -> Iterator[Path]:
 
 
 def soak(arguments: argparse.Namespace, console: Console) -> bool:
-    """Run the robots; whether all were as they should be."""
+    """Run the robots until time is up or Ctrl-C; whether all were as they should be."""
     end = time.monotonic() + 60 * arguments.minutes
     numbers = range(arguments.robots) if arguments.only is None else [arguments.only]
     tally, failures = Tally(), 0
     columns = (TextColumn("{task.fields[state]}"), BarColumn(), MofNCompleteColumn())
-    with Progress(
-        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
-    ) as progress:
+    with (
+        suppress(KeyboardInterrupt),
+        Progress(
+            *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
+        ) as progress,
+    ):
         task = progress.add_task("", total=len(numbers), state="robots")
         for number in numbers:
             if time.monotonic() > end:
                 break
-            compiled = arguments.only is not None or number % arguments.compile_every == 0
+            compiled = arguments.only is not None or (number + 1) % arguments.compile_every == 0
             robot = soak_robot(arguments.seed, number)
             if arguments.only is not None:
                 console.print(robot)
@@ -148,19 +153,24 @@ def soak(arguments: argparse.Namespace, console: Console) -> bool:
                 tally.note(number, *check(robot, number, compiled))
             except Exception as error:
                 failures += 1
-                console.print(
-                    f"robot {number}: {type(error).__name__}: {error}\n"
-                    f"    python tests/soak.py --seed {arguments.seed} --only {number}",
-                    soft_wrap=True,
-                    markup=False,
-                    highlight=False,
-                )
-                if arguments.only is not None and not isinstance(error, DisagreementError):
-                    traceback.print_exc()
+                _complain(arguments, number, error, console)
             state = f"{failures} failed" if failures else "robots"
             progress.update(task, advance=1, state=state)
     _report(tally, failures, console)
     return failures == 0
+
+
+def _complain(
+    arguments: argparse.Namespace, number: int, error: Exception, console: Console
+) -> None:
+    """Say what failed and how to repeat it; then where, unless it is only numbers."""
+    text = (
+        f"robot {number}: {type(error).__name__}: {error}\n"
+        f"    python tests/soak.py --seed {arguments.seed} --only {number}"
+    )
+    console.print(text, soft_wrap=True, markup=False, highlight=False)
+    if arguments.only is not None and not isinstance(error, DisagreementError):
+        traceback.print_exception(error)
 
 
 def _report(tally: Tally, failures: int, console: Console) -> None:

@@ -60,18 +60,18 @@ def check(robot: Robot) -> None:
     assert refusal.drowned or short_names(refusal.joints) == unresisted(robot), refusal
 
 
-@settings(max_examples=12)
+@settings(max_examples=10)
 @given(robot=degenerate_robots(most_rotors=5, most_links=3))
 def test_degenerate_robots_drawn_anew(robot: Robot) -> None:
     check(robot)
 
 
 def numbered(number: int) -> Robot:
-    return degenerate_robot(number, 2 + number % 11, number // 11 % 9)
+    return degenerate_robot(number, 2 + number % 11, number % 7)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 100, 20))
+@pytest.mark.parametrize("first", range(0, 80, 20))
 def test_degenerate_robots(first: int) -> None:
     for number in range(first, first + 20):
         try:
@@ -83,7 +83,7 @@ def test_degenerate_robots(first: int) -> None:
 @pytest.mark.parametrize("first", [0, *(pytest.param(1, marks=pytest.mark.slow),)])
 def test_what_nothing_resists_is_the_null_space_of_the_oracle(first: int) -> None:
     """Of hundreds of degenerate robots, before anything is derived; some three in ten singular."""
-    count, singular = (1500 if first else 150), 0
+    count, singular = (1500 if first else 100), 0
     for number in range(first * 10_000, first * 10_000 + count):
         robot = numbered(number)
         motions = undetermined_motions(robot)
