@@ -87,12 +87,14 @@ def _state_errors(
     jacobian, placement = oracle.point_jacobian(q, "tip")
     places = oracle.positions(q)
     size = len(oracle.order)
-    roots, reach = root_sizes(oracle, q)
+    roots, carried, reach = root_sizes(oracle, q)
     own = roots[free]
     weight = np.sqrt(robot.total_mass)
     rate = np.abs(v).sum()
     at_rest = float(own @ np.abs(v)) * rate + robot.gravity * weight
     moving = at_rest + float(own @ np.abs(a))
+    # The oracle's moments about a joint contain v × m v, which is zero but for rounding.
+    rounding = 0.01 * carried * ((1.0 + reach) * rate) ** 2
     lever = float(np.abs(inputs).max())
     pushed = lever * float(np.abs(u).sum())
     mass, right = matrix[np.ix_(free, free)], inputs[free] @ u - bias[free]
@@ -108,14 +110,14 @@ def _state_errors(
     terms = {
         "M": (mass, np.outer(own, own)),
         "M of both": (mass, np.outer(own, own)),
-        "R": (-bias[free], own * at_rest),
-        "R of both": (-bias[free], own * at_rest),
+        "R": (-bias[free], own * at_rest + rounding[free]),
+        "R of both": (-bias[free], own * at_rest + rounding[free]),
         "B": (inputs[free], lever),
-        "R_H": (-bias, roots * at_rest),
+        "R_H": (-bias, roots * at_rest + rounding),
         "B_H": (inputs, lever),
         "I_H": (matrix, np.outer(roots, roots)),
-        "inverse": (inverse[free], own * moving),
-        "torques": ((inverse - inputs @ u)[held], roots[held] * moving + pushed),
+        "inverse": (inverse[free], own * moving + rounding[free]),
+        "torques": ((inverse - inputs @ u)[held], roots[held] * moving + rounding[held] + pushed),
         "positions": (places, reach + np.abs(q[-3:]).max()),
         "pose": (placement.homogeneous, 1 + reach + np.abs(q[-3:]).max()),
         "jacobian": (jacobian[:, free], 1 + reach),
@@ -143,11 +145,12 @@ def _error(ours: Array, theirs: Array, size: Array | float) -> float:
     return float(relative.max(initial=0.0))
 
 
-def root_sizes(oracle: Oracle, q: Array) -> tuple[Array, float]:
-    """Roots of the inertias that each coordinate's terms are made of, and the machine's reach.
+def root_sizes(oracle: Oracle, q: Array) -> tuple[Array, Array, float]:
+    """Roots of the inertias that each coordinate's terms are made of, the masses that it carries,
+    and the machine's reach.
 
-    For a rotation it is what all that it carries would have at the end of straightened links, for a
-    translation the mass. In all coordinates, in the hybrid order.
+    For a rotation the inertia is what all that it carries would have at the end of straightened
+    links, for a translation the mass. In all coordinates, in the hybrid order.
     """
     robot = oracle.robot
     base, n = robot.base, len(robot.links)
@@ -155,17 +158,19 @@ def root_sizes(oracle: Oracle, q: Array) -> tuple[Array, float]:
     links = [_moments(link.body) for link in robot.links]
     steps = _steps(robot, q)
     longest = max(base.arm(k).length for k in range(1, robot.rotors + 1))
+    outward = [sum(link.mass for link in links[i:]) for i in range(n)]
     joints = []
-    for i in range(n):
-        carried = [links[j].at(sum(steps[i + 1 : j + 1])) for j in range(i, n)]
-        revolute = robot.links[i].joint == "revolute"
-        joints.append(sum(carried) if revolute else sum(links[j].mass for j in range(i, n)))
+    for i, link in enumerate(robot.links):
+        turned = sum(links[j].at(sum(steps[i + 1 : j + 1])) for j in range(i, n))
+        joints.append(turned if link.joint == "revolute" else outward[i])
     far = [arm.at(longest) for arm in arms]
     far += [links[j].at(base.arm(1).length + sum(steps[: j + 1])) for j in range(n)]
-    whole = [sum(far)] * 3
+    mass = robot.total_mass
     held = [arm.at(0.0) for arm in arms[1:]]
     reach = longest + sum(steps) + (robot.links[-1].body.length if n else 0.0)
-    return np.sqrt(np.array([*whole, *held, *joints, *[robot.total_mass] * 3])), reach
+    inertias = [*[sum(far)] * 3, *held, *joints, *[mass] * 3]
+    carried = [*[mass] * 3, *(arm.mass for arm in arms[1:]), *outward, *[mass] * 3]
+    return np.sqrt(inertias), np.array(carried), reach
 
 
 @dataclass(frozen=True)
