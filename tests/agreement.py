@@ -129,7 +129,7 @@ def _state_errors(
     ours = ours | {name: ours[name][:size] for name in ("R_H", "B_H")}
     ours["I_H"] = ours["I_H"][:size, :size]
     found = {name: _error(ours[name], *term) for name, term in terms.items()}
-    found["M a = R + B u"] = _error(mass @ ours["forward"], right, own * gain)
+    found["M a = R + B u"] = _error(mass @ ours["forward"], right, own * gain + rounding[free])
     found["forward"] = _error(forward, solution, known)
     return found
 
