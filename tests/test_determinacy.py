@@ -150,6 +150,12 @@ def test_the_message_says_what_to_do() -> None:
         assert str(refused.value) == text
 
 
+def test_of_many_motions_the_message_names_some_and_the_error_all() -> None:
+    with pytest.raises(SingularRobotError, match=r"theta_8 \(.*; nor 2 more motions") as refused:
+        derive(Robot("limp", BASE, (Link(NOTHING, TURNED),) * 6))
+    assert len(refused.value.motions) == len(refused.value.joints) == 6
+
+
 @pytest.mark.parametrize("ratio", [1e-9, 1e9])
 def test_very_unequal_masses_are_no_singularity(ratio: float) -> None:
     """A tip lighter or heavier than the rest: every function to rounding of its own terms."""
