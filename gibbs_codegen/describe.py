@@ -53,9 +53,11 @@ DESCRIPTIONS: dict[str, Description] = {
     ),
     "forward_dynamics": Description(
         "Accelerations a of M a = R + B u.",
-        "Accurate at every attitude; next to +-90 degrees of the middle attitude angle the "
+        "Accurate at every attitude: next to +-90 degrees of the middle attitude angle the "
         "accelerations of the other two grow as the inverse of its cosine, and what is computed "
-        "from them, such as constraint torques, loses as many digits as that has.",
+        "from them loses as many digits. Where links without mass or thickness let joints move "
+        "nothing, as a massless wrist with two axes in line, results are huge, infinite or not a "
+        "number.",
         "eq. 19, solved for the free coordinates",
         ("acceleration",),
     ),

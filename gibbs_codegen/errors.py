@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 # More than a person will read at a time.
 _SHOWN = 50
+_MOTIONS = 4
 
 
 class GibbsCodegenError(Exception):
@@ -63,18 +64,51 @@ class ScenarioFileError(RefusedFileError):
 
 
 class SingularRobotError(GibbsCodegenError):
-    """A robot whose mass matrix is singular: always, or at an arbitrary configuration.
+    """A robot whose mass matrix is singular at every configuration, but for rounding.
 
-    `joint` names the coordinate that no mass or inertia resists.
+    `motions` holds the coordinates of each motion that no mass or inertia resists: one coordinate,
+    or several that move together. `drowned` says that something resists it, but so little beside
+    the rest that rounding hides it.
     """
 
-    def __init__(self, robot: str, joint: str) -> None:
+    def __init__(
+        self, robot: str, motions: Sequence[tuple[str, ...]], drowned: bool = False
+    ) -> None:
         self.robot = robot
-        self.joint = joint
+        self.motions = tuple(motions)
+        self.drowned = drowned
+        listed = [_listed(motion) for motion in self.motions[:_MOTIONS]]
+        if len(self.motions) > _MOTIONS:
+            listed.append(f"{len(self.motions) - _MOTIONS} more motions")
+        what = "; nor ".join(listed)
+        together = any(len(motion) > 1 for motion in self.motions)
+        if drowned:
+            super().__init__(
+                f"{robot}: what resists {what} is so little beside the rest that rounding hides "
+                "it: the acceleration is not determined in double precision; give what it moves "
+                "more mass or inertia, or the rest less"
+            )
+            return
+        advice = "give what it moves mass or inertia about its axis"
+        if together:
+            advice += ", for coordinates that move together what lies between them"
         super().__init__(
-            f"{robot}: nothing resists {joint}: its acceleration is not determined; "
-            "give what it moves mass or inertia about its axis"
+            f"{robot}: nothing resists {what}: "
+            f"{'accelerations are' if together or len(listed) > 1 else 'its acceleration is'} "
+            f"not determined; {advice}"
         )
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Every coordinate that is named, once."""
+        return tuple(dict.fromkeys(name for motion in self.motions for name in motion))
+
+
+def _listed(motion: Sequence[str]) -> str:
+    """Coordinates of one motion in words."""
+    if len(motion) == 1:
+        return motion[0]
+    return f"{', '.join(motion[:-1])} and {motion[-1]} moving together"
 
 
 class UsageError(GibbsCodegenError):

@@ -98,7 +98,7 @@ def _refused_as_singular(machine: Machine) -> Iterator[None]:
         yield
     except ZeroPivotError as error:
         unresisted = coordinate_text(machine.robot, places[error.unknown])
-        raise SingularRobotError(machine.robot.name, unresisted) from None
+        raise SingularRobotError(machine.robot.name, [(unresisted,)]) from None
 
 
 def _about_base_centre(machine: Machine) -> Machine:

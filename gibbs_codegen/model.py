@@ -13,7 +13,11 @@ from gibbs_codegen.combine import (
     hybrid_system,
     reduced_system,
 )
-from gibbs_codegen.determinacy import refuse_singular
+from gibbs_codegen.determinacy import (
+    refuse_drowned,
+    refuse_uncomputable,
+    refuse_undetermined,
+)
 from gibbs_codegen.equations import State, generalised_inertia_forces, gibbs_function
 from gibbs_codegen.forward import articulated_dynamics, factorised_dynamics
 from gibbs_codegen.geometry import (
@@ -52,22 +56,24 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     """Derive everything that is emitted for a robot.
 
     `progress` is told the name of each step as it begins. Raises `SingularRobotError` for a robot
-    with a joint that nothing resists.
+    with a motion that nothing resists, and `UsageError` for one whose numbers overflow.
     """
     tape = Tape()
     machine = Machine.of(robot, tape, keep_zeros)
+    parameters = machine.parameters
+    refuse_undetermined(robot, parameters.defaults)
     slices = _slices(tape, machine, progress)
     progress("lowering the program")
     inputs = {
         name: tuple(symbol.name for symbol in symbols)
         for name, symbols in zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
     }
-    parameters = machine.parameters
     names = tuple(parameters.defaults)
-    # The mass matrix by itself: the whole program's `prepare` divides by pivots, zero or not.
+    # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
     mass_matrix = [piece for piece in slices if piece.name == "mass_matrix"]
-    refuse_singular(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
+    refuse_drowned(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
     program = lower(tape, inputs, names, slices)
+    refuse_uncomputable(robot, program, parameters.defaults)
     return Model(
         robot,
         program,

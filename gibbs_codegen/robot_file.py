@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import difflib
 import math
+import sys
 from importlib import resources
 from pathlib import Path
 
 from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.magnitude import size_fault
 from gibbs_codegen.names import name_fault
 from gibbs_codegen.rigid_body import inertia_fault
 from gibbs_codegen.robot import (
@@ -81,6 +83,7 @@ def _robot(root: Table) -> Robot | None:
     if name is not None and (fault := name_fault(name)):
         root.fault("name", fault)
     gravity = root.number("gravity", 9.81, least=0.0)
+    _check_sizes(root, "gravity")
     base_table = root.table("base")
     base = _base(base_table) if base_table is not None else None
     link_tables = root.tables("link")
@@ -106,6 +109,7 @@ def _base(table: Table) -> Base | None:
         return None
     thrust = _thrust(table, rotors)
     drag = table.numbers("drag", rotors, (0.0,) * rotors)
+    _check_sizes(table, "drag")
     return Base(rotors, arms, thrust, drag, attitude, origin)
 
 
@@ -154,6 +158,7 @@ def _direction(table: Table, key: str, entry: object) -> Vector3:
 def _link(table: Table) -> Link:
     joint_keys = ("alpha_deg", "a", "d", "theta_deg", "joint")
     body = _body(table, joint_keys)
+    _check_sizes(table, "a", "d")
     return Link(
         body=body,
         alpha_deg=table.angle("alpha_deg"),
@@ -170,6 +175,7 @@ def _body(table: Table, other_keys: tuple[str, ...] = (), length_required: bool 
     if length_required and "length" not in table.values:
         table.fault("length", "missing: the distance from the base centre to the motor, in m")
     length = table.number("length", 0.0, least=0.0)
+    _check_sizes(table, "length", *_ROD_KEYS, *_RIGID_KEYS)
     rigid = [key for key in _RIGID_KEYS if key in table.values]
     rod = [key for key in _ROD_KEYS if key in table.values]
     if rigid and rod:
@@ -198,6 +204,17 @@ def _rod(table: Table, length: float) -> Rod:
     mass_per_length = table.number("mass_per_length", 0.0, least=0.0)
     x, y, z = table.numbers("section_inertia", 3, (0.0, 0.0, 0.0))
     return Rod(length, mass_per_length, (x, y, z))
+
+
+def _check_sizes(table: Table, *keys: str) -> None:
+    """Note finite numbers of sizes that cannot be computed with."""
+    for key in keys:
+        value = table.values.get(key)
+        entries = value if isinstance(value, list) else [value]
+        for i, entry in enumerate(entries):
+            is_number = isinstance(entry, int | float) and abs(entry) <= sys.float_info.max
+            if is_number and (fault := size_fault(float(entry))):
+                table.fault(f"{key}[{i}]" if isinstance(value, list) else key, fault)
 
 
 def _check_inertia(table: Table, mass: float, key: str, inertia: tuple[float, ...]) -> None:

@@ -148,7 +148,8 @@ def test_a_joint_that_nothing_resists_is_refused_by_name(tmp_path: Path) -> None
     )
     (tmp_path / "limp.toml").write_text(text)
     done = run("generate", "limp.toml", cwd=tmp_path)
-    assert_refused(done, tmp_path, "limp: nothing resists theta_5 (the joint of link 2)")
+    both = "theta_4 (the joint of link 1); nor theta_5 (the joint of link 2)"
+    assert_refused(done, tmp_path, f"limp: nothing resists {both}: accelerations are not")
 
 
 def test_new_writes_a_file_that_generates(tmp_path: Path) -> None:

@@ -16,9 +16,9 @@ PACKAGE = ROOT / "gibbs_codegen"
 ROOMS = [
     {"errors", "version"},
     {"toml_lines", "toml_reader", "toml_document"},
-    {"robot", "names", "rigid_body", "templating"},
+    {"robot", "names", "magnitude", "rigid_body", "templating"},
     {"robot_file", "family", "coordinates", "robot_text"},
-    {"chains", "arrangement", "frames"},
+    {"chains", "arrangement", "frames", "undetermined"},
     {"structural", "tape"},
     {"vectors", "gibbs", "ldlt"},
     {"inertia", "kinematics"},

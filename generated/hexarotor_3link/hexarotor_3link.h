@@ -392,9 +392,10 @@ hexarotor_3link_input_matrix_batch(
 /**
  * @brief Accelerations a of M a = R + B u.
  *
- * Accurate at every attitude; next to +-90 degrees of the middle attitude angle the accelerations
- * of the other two grow as the inverse of its cosine, and what is computed from them, such as
- * constraint torques, loses as many digits as that has.
+ * Accurate at every attitude: next to +-90 degrees of the middle attitude angle the accelerations
+ * of the other two grow as the inverse of its cosine, and what is computed from them loses as many
+ * digits. Where links without mass or thickness let joints move nothing, as a massless wrist with
+ * two axes in line, results are huge, infinite or not a number.
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
  *     &hexarotor_3link_default_constants

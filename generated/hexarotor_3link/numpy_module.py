@@ -1027,9 +1027,10 @@ def forward_dynamics(
 ) -> NDArray[np.float64]:
     """Accelerations a of M a = R + B u.
 
-    Accurate at every attitude; next to +-90 degrees of the middle attitude angle the accelerations
-    of the other two grow as the inverse of its cosine, and what is computed from them, such as
-    constraint torques, loses as many digits as that has.
+    Accurate at every attitude: next to +-90 degrees of the middle attitude angle the accelerations
+    of the other two grow as the inverse of its cosine, and what is computed from them loses as many
+    digits. Where links without mass or thickness let joints move nothing, as a massless wrist with
+    two axes in line, results are huge, infinite or not a number.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]

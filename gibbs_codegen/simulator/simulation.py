@@ -51,6 +51,9 @@ from gibbs_codegen.simulator.scenario import ArmTask, Scenario, StartOffset
 from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.vehicle import Vehicle
 
+# Of the largest eigenvalue: what rounding may leave, on either side of it, of one that is zero.
+_ROUNDING = 1e-13
+
 Array = NDArray[np.float64]
 Progress = Callable[[str, float], None]
 
@@ -178,10 +181,18 @@ def starting_state(vehicle: Vehicle, reference: Reference, off: StartOffset) -> 
 
 
 def _refuse_indefinite(vehicle: Vehicle, q: Array) -> None:
-    """Raise `UsageError` where parameters make a machine that no bodies make."""
+    """Raise `UsageError` for a machine that no bodies make, or that is singular where it starts."""
+    matrix = vehicle.mass_matrix(q)
     try:
-        np.linalg.cholesky(vehicle.mass_matrix(q))
+        np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
+        eigenvalues = np.linalg.eigvalsh(matrix)
+        if eigenvalues[0] > -_ROUNDING * eigenvalues[-1]:
+            raise UsageError(
+                f"{vehicle.name}: its mass matrix is singular where the flight begins: its joints "
+                "can move nothing there; begin with another posture, or give its links mass and "
+                "thickness"
+            ) from None
         raise UsageError(
             f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "
             "masses and inertias must be those of bodies"

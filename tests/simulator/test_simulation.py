@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
+from emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.family import paper_family
 from gibbs_codegen.pipeline import generate
+from gibbs_codegen.robot import Link, RigidBody, Rod
 from gibbs_codegen.simulator.allocation import AllocationError
 from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.flight import Flight
@@ -264,6 +268,20 @@ def test_masses_of_no_body_are_refused(shipped: Load) -> None:
     negative = {"parameters": {"link3_mass_per_length": -0.3}}
     with pytest.raises(UsageError, match="mass matrix is not positive definite"):
         simulate(shipped("hexarotor_3link"), read_scenario("hover", negative))
+
+
+def test_a_start_where_the_machine_is_singular_is_refused_as_that() -> None:
+    """A massless wrist whose first and last axes are in line, and one that is bent."""
+    nothing = Rod(0.0)
+    hand = RigidBody(0.0, 1.0, (0.3, 0.1, 0.2), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    arm = (Link(nothing), Link(nothing, Fraction(90)), Link(hand, Fraction(-90)))
+    wrist = emitted_module(replace(paper_family(4, 0), links=arm))
+    flight = {"duration": 0.1, "control": {"law": "off"}}
+    straight = read_scenario("hover", flight | {"arm": {"posture_deg": {"theta_6": 0.0}}})
+    with pytest.raises(UsageError, match="singular where the flight begins"):
+        simulate(wrist, straight)
+    bent = read_scenario("hover", flight | {"arm": {"posture_deg": {"theta_6": 40.0}}})
+    assert np.isfinite(simulate(wrist, bent).q).all()
 
 
 @pytest.mark.parametrize(

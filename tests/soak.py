@@ -1,0 +1,216 @@
+"""Thousands of robots against the oracle: `python tests/soak.py --robots 2000 --seed 7`.
+
+Robots are drawn by number, every other one degenerate: N = 2 … 12, n = 0 … 8. Each is derived,
+emitted for NumPy (some for C too), and evaluated on a few states, all functions against Pinocchio;
+or it is refused, and then the oracle's null space must be the motions that the message names.
+A failure is printed with the command that repeats it. Exits 1 where there was one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from agreement import errors, random_states
+from degenerate_robots import degenerate_robot
+from emitted import NUMPY
+from null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
+from random_robots import random_robot
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from gibbs_codegen.emit import TARGETS, render_module
+from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.load import load
+from gibbs_codegen.model import derive
+from gibbs_codegen.robot import Robot
+
+STATES = 3
+# Compiling the whole of a module takes longer than all the rest.
+COMPILER = "cc -O0"
+
+
+class DisagreementError(Exception):
+    """A robot whose functions, or whose refusal, the oracle does not agree with."""
+
+
+@dataclass
+class Tally:
+    """What became of the robots so far; the worst error of each function, and whose it was."""
+
+    outcomes: Counter[str] = field(default_factory=Counter)
+    worst: dict[str, tuple[float, int]] = field(default_factory=dict)
+
+    def note(self, number: int, outcome: str, found: dict[str, float]) -> None:
+        """Count a robot."""
+        self.outcomes[outcome] += 1
+        for name, error in found.items():
+            self.worst[name] = max(self.worst.get(name, (0.0, number)), (error, number))
+
+
+def soak_robot(seed: int, number: int) -> Robot:
+    """The robot of a number: odd ones are degenerate."""
+    rng = np.random.default_rng((seed, number))
+    own, rotors = int(rng.integers(2**32)), int(rng.integers(2, 13))
+    # Of few links more often, since they take less time and have as many ways to be degenerate.
+    links = int(rng.integers(9, size=2).min())
+    make = degenerate_robot if number % 2 else random_robot
+    return make(own, rotors, links)
+
+
+def compare(robot: Robot, module: ModuleType, number: int) -> dict[str, float]:
+    """Errors of a module's functions in units of what is allowed: what the soak compares with."""
+    return errors(robot, module, random_states(robot, STATES, number))
+
+
+def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, float]]:
+    """Derive, emit, load and compare one robot: what became of it, and its errors.
+
+    Raises `DisagreementError`, or whatever goes wrong.
+    """
+    try:
+        model = derive(robot)
+    except SingularRobotError as error:
+        return _refused(robot, error), {}
+    if smallest_eigenvalue(robot)[0] < SMALLEST:
+        raise DisagreementError(f"is singular and was not refused: {unresisted(robot)}")
+    targets = TARGETS if compiled else NUMPY
+    with _emitted(render_module(model, "", targets), number) as folder:
+        found = compare(robot, load(folder), number)
+        if compiled:
+            module = load(folder, backend="c")
+            if not str(module.__file__).endswith(".so"):
+                raise DisagreementError("did not compile")
+            found |= {f"{k} (C)": e for k, e in compare(robot, module, number).items()}
+    if wrong := {name: error for name, error in found.items() if not error <= 1.0}:
+        raise DisagreementError(", ".join(f"{name}: {error:.3g}" for name, error in wrong.items()))
+    return "compiled" if compiled else "compared", found
+
+
+def _refused(robot: Robot, error: SingularRobotError) -> str:
+    """Check that a refusal is right, and names what it should."""
+    if error.drowned:
+        if smallest_eigenvalue(robot)[0] < SMALLEST:
+            raise DisagreementError(f"is singular, not but for rounding: {error}")
+        return "refused for rounding"
+    theirs, named = unresisted(robot), short_names(error.joints)
+    if theirs != named:
+        raise DisagreementError(f"refused for {named}, where the oracle has {theirs}")
+    return "refused as singular"
+
+
+@contextmanager
+def _emitted(files: dict[str, str], number: int) -> Iterator[Path]:
+    """The module in a folder of its own, which is forgotten afterwards."""
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent) / f"robot_{number}"
+        folder.mkdir()
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        before = set(sys.modules)
+        try:
+            yield folder
+        finally:
+            for name in set(sys.modules) - before:
+                if name.startswith("_gibbs_codegen_"):
+                    del sys.modules[name]
+
+
+def soak(arguments: argparse.Namespace, console: Console) -> bool:
+    """Run the robots until time is up or Ctrl-C; whether all were as they should be."""
+    end = time.monotonic() + 60 * arguments.minutes
+    numbers = range(arguments.robots) if arguments.only is None else [arguments.only]
+    tally, failures = Tally(), 0
+    columns = (TextColumn("{task.fields[state]}"), BarColumn(), MofNCompleteColumn())
+    with (
+        suppress(KeyboardInterrupt),
+        Progress(
+            *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
+        ) as progress,
+    ):
+        task = progress.add_task("", total=len(numbers), state="robots")
+        for number in numbers:
+            if time.monotonic() > end:
+                break
+            compiled = arguments.only is not None or (number + 1) % arguments.compile_every == 0
+            robot = soak_robot(arguments.seed, number)
+            if arguments.only is not None:
+                console.print(robot)
+            try:
+                tally.note(number, *check(robot, number, compiled))
+            except Exception as error:
+                failures += 1
+                _complain(arguments, number, error, console)
+            state = f"{failures} failed" if failures else "robots"
+            progress.update(task, advance=1, state=state)
+    _report(tally, failures, console)
+    return failures == 0
+
+
+def _complain(
+    arguments: argparse.Namespace, number: int, error: Exception, console: Console
+) -> None:
+    """Say what failed and how to repeat it; then where, unless it is only numbers."""
+    text = (
+        f"robot {number}: {type(error).__name__}: {error}\n"
+        f"    python tests/soak.py --seed {arguments.seed} --only {number}"
+    )
+    console.print(text, soft_wrap=True, markup=False, highlight=False)
+    if arguments.only is not None and not isinstance(error, DisagreementError):
+        traceback.print_exception(error)
+
+
+def _report(tally: Tally, failures: int, console: Console) -> None:
+    counts = [f"{count} {outcome}" for outcome, count in sorted(tally.outcomes.items())]
+    console.print(", ".join([*counts, f"{failures} failed"]), soft_wrap=True, highlight=False)
+    if tally.worst:
+        console.print("worst errors, in units of what is allowed:", highlight=False)
+    for name, (error, number) in sorted(tally.worst.items()):
+        console.print(f"    {name:<20} {error:8.2g}   robot {number}", highlight=False)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="Random and degenerate robots against Pinocchio.")
+    parser.add_argument("--robots", type=int, default=2000, help="how many; default 2000")
+    parser.add_argument("--seed", type=int, help="of all robots; default: a new one")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="stop after so long")
+    parser.add_argument("--only", type=int, metavar="NUMBER", help="one robot, shown, and in C too")
+    parser.add_argument(
+        "--compile-every", type=int, default=25, metavar="K", help="C too for each k-th; default 25"
+    )
+    arguments = parser.parse_args()
+    if arguments.seed is None:
+        arguments.seed = int(np.random.default_rng().integers(10**6))
+    return arguments
+
+
+def main() -> int:
+    """Run the command; 1 where a robot failed."""
+    arguments = _arguments()
+    console = Console()
+    console.print(f"seed {arguments.seed}", highlight=False)
+    warnings.simplefilter("error")
+    if shutil.which("cc") is None:
+        console.print("no C compiler: NumPy only")
+        arguments.compile_every = sys.maxsize
+    with tempfile.TemporaryDirectory() as cache:
+        os.environ["GIBBS_CODEGEN_CACHE"] = str(Path(cache) / "compiled")
+        os.environ["CC"] = COMPILER
+        return 0 if soak(arguments, console) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

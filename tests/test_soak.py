@@ -1,0 +1,50 @@
+"""The soak command: quiet where all agree, and where not the command that repeats it."""
+
+from __future__ import annotations
+
+import argparse
+import io
+
+import pytest
+import soak
+from rich.console import Console
+
+
+def run(robots: int) -> tuple[bool, str]:
+    """Whether all is well, and what is printed to a pipe."""
+    console = Console(file=io.StringIO())
+    arguments = argparse.Namespace(
+        seed=5, robots=robots, only=None, minutes=5.0, compile_every=1000
+    )
+    good = soak.soak(arguments, console)
+    return good, console.file.getvalue()
+
+
+def test_robots_that_agree_are_counted() -> None:
+    good, said = run(robots=1)
+    assert good
+    assert said.startswith("1 compared, 0 failed\n")
+    assert "M a = R + B u" in said
+
+
+def test_a_failure_says_how_to_repeat_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def check(robot, number, compiled):
+        if number == 1:
+            raise soak.DisagreementError("M: 7")
+        return "compared", {"M": 0.1 * number}
+
+    monkeypatch.setattr(soak, "check", check)
+    good, said = run(robots=3)
+    assert not good
+    assert "robot 1: DisagreementError: M: 7\n    python tests/soak.py --seed 5 --only 1\n" in said
+    assert "2 compared, 1 failed" in said
+    assert "robot 2" in said.splitlines()[-1]
+
+
+def test_a_wrong_module_is_a_disagreement(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error beyond what is allowed, and one that is not a number."""
+    robot = soak.soak_robot(5, 0)
+    for error in (1.5, float("nan")):
+        monkeypatch.setattr(soak, "compare", lambda *_, e=error: {"M": 0.5, "R": e})
+        with pytest.raises(soak.DisagreementError, match=r"^R: "):
+            soak.check(robot, 0, compiled=False)
