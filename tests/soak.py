@@ -37,6 +37,10 @@ from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.load import load
 from gibbs_codegen.model import derive
 from gibbs_codegen.robot import Robot
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.table import failure_text
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.verify import compare_module
 
 STATES = 3
 # Compiling the whole of a module takes longer than all the rest.
@@ -72,8 +76,17 @@ def soak_robot(seed: int, number: int) -> Robot:
 
 
 def compare(robot: Robot, module: ModuleType, number: int) -> dict[str, float]:
-    """Errors of a module's functions in units of what is allowed: what the soak compares with."""
-    return errors(robot, module, random_states(robot, STATES, number))
+    """Errors of a module's functions in units of what is allowed: what the soak compares with.
+
+    Against the oracle, and as `gibbs-codegen generate` verifies a module before it is written.
+    """
+    found = errors(robot, module, random_states(robot, STATES, number))
+    verified = compare_module(module, robot, [NewtonEuler(Tree(robot))], STATES, number)
+    if not all(c.passed for c in verified):
+        wrong = [failure_text(c) for c in verified if not c.passed]
+        raise DisagreementError(f"is not verified: {'; '.join(wrong)}")
+    shares = [c.error / c.limit for c in verified if c.limit]
+    return found | {"verification": max(shares)}
 
 
 def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, float]]:

@@ -264,7 +264,7 @@ def test_a_machine_singular_somewhere_is_right_elsewhere(
         with np.errstate(all="ignore"):
             accelerations = module.forward_dynamics(q, v, u)
         assert not (np.abs(accelerations[joints]) < 1e12).all()
-    if name == "wrist":
-        rest = np.zeros_like(q)
-        with pytest.warns(RuntimeWarning, match="divide by zero"), np.errstate(invalid="ignore"):
-            emitted.module.forward_dynamics(rest, rest, u)
+        if name == "wrist":
+            rest = np.zeros_like(q)
+            with pytest.warns(RuntimeWarning, match="forward_dynamics is not finite though"):
+                module.forward_dynamics(rest, rest, u)
