@@ -1,8 +1,10 @@
-"""Random robots of every structure: by number, for a fixed set, and as a Hypothesis strategy."""
+"""Random robots of every structure: by number, for a fixed set, as files, and for Hypothesis."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 from hypothesis import strategies as st
@@ -20,6 +22,7 @@ from gibbs_codegen.robot import (
     Rod,
     Vector3,
 )
+from gibbs_codegen.robot_text import robot_text
 
 ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
 
@@ -89,6 +92,15 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
     )
     gravity = (9.81, 9.81, 0.0, 3.7)[rng.integers(4)]
     return Robot("random_robot", base, tuple(link(rng) for _ in range(links)), gravity)
+
+
+def write_random_robots(folder: Path, count: int) -> list[Path]:
+    """Write the files of `count` robots of 2 … 8 rotors and 0 … 5 links."""
+    paths = [folder / f"random_{seed}.toml" for seed in range(count)]
+    for seed, path in enumerate(paths):
+        robot = replace(random_robot(seed, 2 + 5 * seed % 7, seed % 6), name=path.stem)
+        path.write_text(robot_text(robot), encoding="utf-8")
+    return paths
 
 
 @st.composite

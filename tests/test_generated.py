@@ -16,5 +16,6 @@ COMMITTED = ["hexarotor_3link", "quadrotor_2link"]
 @pytest.mark.parametrize("name", COMMITTED)
 def test_committed_module_is_up_to_date(name: str) -> None:
     robot, text = read_robot(name)
-    assert check_robot(robot, text, ROOT / "generated")[1] == []
+    differing = check_robot(robot, text, ROOT / "generated")[1]
+    assert differing == [], f"if this is meant, read the diff of: gibbs-codegen generate {name}"
     compare(robot, load(ROOT / "generated" / name), count=20)

@@ -1,0 +1,96 @@
+"""Write the sdist and the wheel of the last commit: the same bytes wherever and whenever.
+
+    python3 .ci/distributions.py FOLDER
+
+What is built is the commit's tree as git exports it, so that nothing else that lies in a checkout
+gets in, and everything has the date of the commit. The sdist is packed again, since setuptools puts
+the time and the user into it. Other versions of setuptools, which the wheel names, and of zlib may
+make other bytes.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+
+
+def run(*command: str | Path, cwd: Path = ROOT) -> bytes:
+    """What a command prints; where it fails, end with what it said."""
+    done = subprocess.run(command, cwd=cwd, capture_output=True)
+    if done.returncode != 0:
+        said = (done.stdout + done.stderr).decode(errors="replace")
+        sys.exit(f"{said}\n{' '.join(map(str, command))}: exits {done.returncode}")
+    return done.stdout
+
+
+def build_environment(folder: Path, requirements: Sequence[str]) -> Path:
+    """A virtual environment with what the build needs; its interpreter."""
+    python = folder / "bin" / "python"
+    run(sys.executable, "-m", "venv", "--without-pip", folder)
+    run(sys.executable, "-m", "pip", "--python", python, "install", "--quiet", *requirements)
+    return python
+
+
+def build(python: Path, backend: str, kind: str, tree: Path, folder: Path) -> Path:
+    """The distribution that the hook `build_<kind>` of the build back end leaves in `folder`."""
+    hook = f"import sys; from {backend} import build_{kind}; build_{kind}(sys.argv[1])"
+    run(python, "-c", hook, folder, cwd=tree)
+    (made,) = folder.glob("*.whl" if kind == "wheel" else "*.tar.gz")
+    return made
+
+
+def unpack(archive: io.BytesIO, folder: Path) -> None:
+    """Unpack a tar, compressed or not."""
+    with tarfile.open(fileobj=archive) as tree:
+        tree.extractall(folder, filter="data")
+
+
+def repack(archive: Path, packed: Path, date: int) -> None:
+    """Pack an sdist again, with nothing in it of when, where and by whom it was packed."""
+    with (
+        tarfile.open(archive) as old,
+        packed.open("wb") as file,
+        gzip.GzipFile("", "wb", fileobj=file, mtime=date) as stream,
+        tarfile.open(fileobj=stream, mode="w", format=tarfile.PAX_FORMAT) as new,
+    ):
+        for member in sorted(old.getmembers(), key=lambda member: member.name):
+            plain = tarfile.TarInfo(member.name)
+            plain.type, plain.size, plain.mtime = member.type, member.size, date
+            plain.mode = 0o755 if member.isdir() else 0o644
+            new.addfile(plain, old.extractfile(member))
+
+
+def main(out: Path) -> None:
+    """Build in a folder that is gone afterwards; only whole distributions get to `out`."""
+    os.umask(0o022)
+    date = int(run("git", "log", "-1", "--format=%ct"))
+    os.environ["SOURCE_DATE_EPOCH"] = str(date)
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as name:
+        work = Path(name)
+        unpack(io.BytesIO(run("git", "archive", "HEAD")), work / "tree")
+        settings = tomllib.loads((work / "tree" / "pyproject.toml").read_text(encoding="utf-8"))
+        python = build_environment(work / "venv", settings["build-system"]["requires"])
+        backend = settings["build-system"]["build-backend"]
+        raw = build(python, backend, "sdist", work / "tree", work)
+        sdist = out / raw.name
+        repack(raw, sdist, date)
+        unpack(io.BytesIO(sdist.read_bytes()), work / "unpacked")
+        (unpacked,) = (work / "unpacked").iterdir()
+        wheel = build(python, backend, "wheel", unpacked, work)
+        shutil.copyfile(wheel, out / wheel.name)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]).absolute())

@@ -1,0 +1,200 @@
+"""Install a wheel with every Python there is, and with the oldest dependencies, and compare.
+
+    python3 .ci/matrix.py WHEEL
+
+There is an environment for every Python from `requires-python` on that is on the path or among
+pyenv's, with the newest dependencies, and one for the oldest of them with the oldest dependencies
+that pyproject.toml allows. In each, modules in generated/ must be up to date, a user's commands and
+some tests must pass, and what is emitted must be the same bytes in all.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+OLDEST_MINOR = int(PROJECT["requires-python"].removeprefix(">=3."))
+OLDEST = [re.sub(" *>= *", "==", requirement) for requirement in PROJECT["dependencies"]]
+
+# SymPy computes with these where it finds them.
+NUMBER_PACKAGES = ["gmpy2", "python-flint", "symengine"]
+# Packages whose versions are told.
+TOLD = {*NUMBER_PACKAGES, *(requirement.partition("==")[0] for requirement in OLDEST)}
+# What stands most on versions of others, quick, and without a need for further packages.
+TESTS = [f"tests/test_{name}.py" for name in ("load", "normal_form", "numpy_module", "typeset")]
+
+LIST_COMMANDS = """
+import sys
+from pathlib import Path
+from digests import commands
+from random_robots import write_random_robots
+print("\\n".join(commands(write_random_robots(Path(sys.argv[1]), 3))))
+"""
+WALK = """
+generate quadrotor_2link
+info quadrotor_2link
+show quadrotor_2link --chain 1
+new mine.toml
+generate mine.toml
+simulate mine --set duration=0.5 --set integration.method=rk4
+"""
+BOTH_BACK_ENDS = """
+import gibbs_codegen, numpy
+robots = [gibbs_codegen.load("mine", backend=backend) for backend in ("numpy", "c")]
+assert robots[1].__file__.endswith(".so"), "nothing was compiled"
+state = numpy.linspace(-1, 1, 9), numpy.linspace(0, 2, 9)
+for arguments, keywords in [(state, {}), (state[:1], {"v": state[1]})]:
+    one, other = (robot.residual(*arguments, **keywords) for robot in robots)
+    assert numpy.allclose(one, other, rtol=1e-12, atol=1e-12)
+"""
+NUMPY_ALONE = """
+import importlib.util, mine
+assert not any(map(importlib.util.find_spec, ("gibbs_codegen", "sympy", "scipy", "jinja2")))
+mass_matrix = mine.mass_matrix([0.1] * 9)
+assert mass_matrix.shape == (9, 9) and (mass_matrix == mass_matrix.T).all()
+"""
+
+
+class FailedError(Exception):
+    """A command failed in an environment; what it said."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """A virtual environment, in a folder of its own, where its commands run too."""
+
+    label: str
+    interpreter: Path
+    folder: Path
+    packages: Sequence[str] = ()
+
+    def run(self, *command: str | Path, cwd: Path | None = None, **variables: str) -> str:
+        """What a program of the environment prints. Raises `FailedError`."""
+        done = subprocess.run(
+            [self.folder / "bin" / command[0], *command[1:]],
+            cwd=cwd or self.folder,
+            env=os.environ | {"GIBBS_CODEGEN_CACHE": str(self.folder / "cache")} | variables,
+            capture_output=True,
+            text=True,
+        )
+        if done.returncode != 0:
+            said = f"{done.stdout[-6000:]}\n{done.stderr[-6000:]}"
+            raise FailedError(f"{self.label}: {' '.join(map(str, command))}\n{said}")
+        return done.stdout
+
+    def install(self, *others: str | Path) -> str:
+        """Make the environment with its packages and others; which versions came."""
+        subprocess.run([self.interpreter, "-m", "venv", self.folder], check=True)
+        self.run("pip", "install", "--quiet", "--only-binary=:all:", *self.packages, *others)
+        listed = self.run("pip", "list", "--format=freeze").lower().split()
+        return ", ".join(line for line in listed if line.partition("==")[0] in TOLD)
+
+    def walk(self) -> None:
+        """Run each command and load what they made, with no checkout in sight."""
+        for line in WALK.strip().splitlines():
+            self.run("gibbs-codegen", *line.split())
+        self.run("python", "-c", BOTH_BACK_ENDS)
+        if not (self.folder / "flight" / "snapshots.pdf").stat().st_size:
+            raise FailedError(f"{self.label}: simulate leaves an empty figure")
+
+    def check(self) -> None:
+        """Compare generated/ with what would be written, walk, and test."""
+        for module in sorted(path.name for path in (ROOT / "generated").iterdir()):
+            self.run("gibbs-codegen", "generate", module, "--check", cwd=ROOT)
+        self.walk()
+        # Old packages warn of each other.
+        self.run("pytest", "-q", "-W", "default", "-p", "no:cacheprovider", *TESTS, cwd=ROOT)
+
+    def digests(self, commands: Sequence[str]) -> dict[str, str]:
+        """What the commands emit, as digests by command."""
+        printed = self.run("python", ROOT / "tests" / "digests.py", *commands).splitlines()
+        return {command: digest for digest, command in (line.split(" ", 1) for line in printed)}
+
+
+def interpreters() -> Iterator[tuple[str, Path]]:
+    """Every version of Python that can make environments, oldest first."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv")) / "versions"
+    folders = [*map(Path, os.environ["PATH"].split(os.pathsep)), *sorted(pyenv.glob("*/bin"))]
+    for version in (f"3.{minor}" for minor in range(OLDEST_MINOR, OLDEST_MINOR + 20)):
+        for folder in folders:
+            # pyenv's shims are there for versions that do not run.
+            ask = [folder / f"python{version}", "-c", "import ensurepip, venv"]
+            if ask[0].is_file() and subprocess.run(ask, capture_output=True).returncode == 0:
+                yield version, ask[0]
+                break
+
+
+def environments(work: Path) -> list[Environment]:
+    """Environments to make: the oldest Python with the oldest packages first."""
+    found = list(interpreters())
+    if not found:
+        sys.exit(f"no Python from 3.{OLDEST_MINOR} on with venv and pip (Debian: python3-venv)")
+    version, oldest = found[0]
+    return [
+        Environment(f"Python {version}, oldest packages", oldest, work / "oldest", OLDEST),
+        Environment(f"Python {version}, number packages", oldest, work / version, NUMBER_PACKAGES),
+        *(Environment(f"Python {version}", path, work / version) for version, path in found[1:]),
+    ]
+
+
+def installed(environment: Environment, wheel: Path) -> bool:
+    """Make an environment. A Python that is too new for packages of others is passed over."""
+    try:
+        packages = environment.install(wheel, "pytest", "hypothesis")
+    except FailedError as error:
+        if environment.packages:
+            raise
+        print(f"{environment.label}: passed over\n{error}")
+        return False
+    print(f"{environment.label}: {packages}", flush=True)
+    return True
+
+
+def numpy_alone(interpreter: Path, generated: Path, folder: Path) -> None:
+    """Import a generated module where there is NumPy, of the oldest version, and nothing else."""
+    numpy = [requirement for requirement in OLDEST if requirement.startswith("numpy=")]
+    environment = Environment("NumPy alone", interpreter, folder, numpy)
+    environment.install()
+    environment.run("python", "-c", NUMPY_ALONE, cwd=generated)
+
+
+def main(wheel: Path) -> None:
+    """Make the environments, check each, and compare what they emit."""
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(2) as pool:
+        work = Path(name)
+        wanted = environments(work)
+        done = list(pool.map(lambda environment: installed(environment, wheel), wanted))
+        made = [environment for environment, is_made in zip(wanted, done, strict=True) if is_made]
+        first = made[0]
+        tests = str(ROOT / "tests")
+        commands = first.run("python", "-c", LIST_COMMANDS, work, PYTHONPATH=tests).splitlines()
+        for _ in pool.map(Environment.check, made):
+            pass
+        numpy_alone(first.interpreter, first.folder / "generated", work / "alone")
+        digests = list(pool.map(lambda environment: environment.digests(commands), made))
+    differing = [
+        f"{command}: other bytes with {environment.label} than with {first.label}"
+        for environment, found in zip(made, digests, strict=True)
+        for command in commands
+        if found[command] != digests[0][command]
+    ]
+    if differing or len(made) < 2:
+        sys.exit("\n".join(differing) or "only one environment could be made")
+    print(f"matrix: {len(commands)} commands emit the same bytes in {len(made)} environments")
+
+
+if __name__ == "__main__":
+    try:
+        main(Path(sys.argv[1]).absolute())
+    except FailedError as error:
+        sys.exit(str(error))

@@ -1,0 +1,137 @@
+"""The sdist and the wheel of the last commit: what is in them, and the same bytes every time."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tarfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from test_layers import PLACE
+from tools import missing, run, tool
+
+from gibbs_codegen.version import __version__
+
+pytestmark = pytest.mark.slow
+
+STEM = f"gibbs_codegen-{__version__}"
+WHEEL = f"{STEM}-py3-none-any.whl"
+SDIST = f"{STEM}.tar.gz"
+
+# All of a wheel but the modules, which are those of the layers.
+DATA = """
+    py.typed
+    native/caller.c native/rk4.c native/rows.c
+    robots/__init__.py robots/decarotor_3link.toml robots/hexarotor.toml
+    robots/hexarotor_3link.toml robots/octorotor_7link.toml robots/quadrotor_2link.toml
+    scenarios/circle.toml scenarios/hover.toml scenarios/line.toml scenarios/paper.toml
+    templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja
+    templates/numpy_module.py.jinja templates/package_init.py.jinja templates/robot.toml.jinja
+"""
+ABOUT = "METADATA RECORD WHEEL entry_points.txt top_level.txt licenses/LICENSE"
+MADE_BY_SETUPTOOLS = """
+    PKG-INFO setup.cfg gibbs_codegen.egg-info/PKG-INFO gibbs_codegen.egg-info/SOURCES.txt
+    gibbs_codegen.egg-info/dependency_links.txt gibbs_codegen.egg-info/entry_points.txt
+    gibbs_codegen.egg-info/requires.txt gibbs_codegen.egg-info/top_level.txt
+"""
+
+
+@dataclass(frozen=True)
+class Checkout:
+    """A clone, and the umask and the variables of who works in it."""
+
+    folder: Path
+    umask: int
+    variables: dict[str, str]
+
+    def run(self, *command: str | Path, cwd: Path) -> None:
+        """Run a command as that person."""
+        done = subprocess.run(
+            [str(word) for word in command],
+            cwd=cwd,
+            umask=self.umask,
+            env=os.environ | self.variables,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+
+    def clone(self) -> None:
+        """Make the clone."""
+        self.run("git", "clone", "--quiet", ROOT, self.folder, cwd=ROOT)
+
+    def build(self, out: Path, cwd: Path) -> None:
+        """Build both distributions as a release does."""
+        self.run(python_with_pip(), self.folder / ".ci" / "distributions.py", out, cwd=cwd)
+
+
+def python_with_pip() -> str:
+    """An interpreter that has pip; an environment made as the README says has none."""
+    for python in (sys.executable, shutil.which("python3") or sys.executable):
+        if subprocess.run([python, "-m", "pip", "--version"], capture_output=True).returncode == 0:
+            return python
+    return str(missing("no python3 with pip"))
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Checkout:
+    """A clone as most people have it."""
+    tool("git")
+    if not (ROOT / ".git").exists():
+        missing("not a checkout")
+    checkout = Checkout(tmp_path_factory.mktemp("plain") / "clone", 0o022, {"TZ": "UTC"})
+    checkout.clone()
+    return checkout
+
+
+@pytest.fixture(scope="module")
+def built(plain: Checkout) -> Path:
+    """Folder of the sdist and the wheel."""
+    plain.build(plain.folder.parent / "dist", plain.folder)
+    return plain.folder.parent / "dist"
+
+
+def test_whoever_builds_again_elsewhere_gets_the_same_bytes(built: Path, tmp_path: Path) -> None:
+    variables = {"TZ": "Pacific/Kiritimati", "LC_ALL": "C", "PYTHONDONTWRITEBYTECODE": ""}
+    other = Checkout(tmp_path / "another clone", 0o077, variables)
+    other.clone()
+    for junk in ("gibbs_codegen/mine.py", "templates/mine.jinja", "build/lib/gibbs_codegen/old.py"):
+        (other.folder / junk).parent.mkdir(parents=True, exist_ok=True)
+        (other.folder / junk).write_text("")
+    other.build(tmp_path / "dist", tmp_path)
+    for name in (WHEEL, SDIST):
+        assert (tmp_path / "dist" / name).read_bytes() == (built / name).read_bytes(), name
+
+
+def test_a_wheel_from_the_checkout_is_the_wheel_from_the_sdist(
+    plain: Checkout, built: Path, tmp_path: Path
+) -> None:
+    date = run(["git", "-C", ROOT, "log", "-1", "--format=%ct"]).strip()
+    wheel = [python_with_pip(), "-m", "pip", "wheel", "--no-deps", "--wheel-dir", tmp_path, "."]
+    dated = Checkout(plain.folder, plain.umask, plain.variables | {"SOURCE_DATE_EPOCH": date})
+    dated.run(*wheel, cwd=plain.folder)
+    assert (tmp_path / WHEEL).read_bytes() == (built / WHEEL).read_bytes()
+
+
+def test_a_wheel_holds_the_modules_and_their_data_and_nothing_else(built: Path) -> None:
+    modules = {f"gibbs_codegen/{name.replace('.', '/')}.py" for name in PLACE}
+    data = {f"gibbs_codegen/{name}" for name in DATA.split()}
+    about = {f"{STEM}.dist-info/{name}" for name in ABOUT.split()}
+    with zipfile.ZipFile(built / WHEEL) as wheel:
+        assert set(wheel.namelist()) == modules | data | about
+
+
+def test_an_sdist_holds_what_git_does_but_hidden_files(built: Path) -> None:
+    tracked = run(["git", "-C", ROOT, "ls-tree", "-r", "--name-only", "HEAD"]).splitlines()
+    shown = {name for name in tracked if not name.startswith(".")}
+    with tarfile.open(built / SDIST) as sdist:
+        members = sdist.getmembers()
+    assert {(m.uid, m.gid, m.uname, m.gname) for m in members} == {(0, 0, "", "")}
+    files = {member.name.removeprefix(f"{STEM}/") for member in members if member.isfile()}
+    assert files == shown | set(MADE_BY_SETUPTOOLS.split())
