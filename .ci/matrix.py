@@ -46,6 +46,7 @@ info quadrotor_2link
 show quadrotor_2link --chain 1
 new mine.toml
 generate mine.toml
+verify mine --states 2
 simulate mine --set duration=0.5 --set integration.method=rk4
 """
 BOTH_BACK_ENDS = """

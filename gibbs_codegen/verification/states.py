@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibbs_codegen.verification.formulation import Formulation
-from gibbs_codegen.verification.tree import Array, Tree
+from gibbs_codegen.verification.tree import WORLD, Array, Tree
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
@@ -50,18 +50,18 @@ class States:
 
 
 class Sizes:
-    """How large entries are by nature: an error is told as a share of that.
+    """How large the terms are by nature that entries are summed from: an error is a share of that.
 
-    With a unit √M_ii for coordinate i every entry of the mass matrix is at most 1, whatever the
-    units and however light a link is; forces have units of the same kind.
+    The unit of a coordinate is the root of its largest inertia: that of all it moves, if it turned
+    about the least favourable axis. No entry of the mass matrix exceeds 1 then, whatever the units
+    and however light a link is; forces have units of the same kind.
     """
 
     def __init__(self, formulation: Formulation, states: States) -> None:
         tree = formulation.tree
-        matrix = formulation.mass_matrix(states.q)
-        units = np.sqrt(np.diagonal(matrix, axis1=-2, axis2=-1))
-        # A base arm without inertia has no size of its own.
-        self.units = np.maximum(units, 1e-6 * units.max(axis=-1, keepdims=True))
+        units = np.sqrt(_largest_inertias(tree, states.q))
+        # What has no inertia at all has zeros, which need no size.
+        self.units = np.where(units > 0.0, units, 1.0)
         self.free_units = self.units[:, tree.free]
         self.matrix = self.units[:, :, None] * self.units[:, None, :]
         self.free_matrix = self.free_units[:, :, None] * self.free_units[:, None, :]
@@ -92,3 +92,21 @@ class Sizes:
         """Largest of some accelerations in the coordinates' units, (s, 1)."""
         largest: Array = (self.free_units * np.abs(accelerations)).max(axis=-1, keepdims=True)
         return largest
+
+
+def _largest_inertias(tree: Tree, q: Array) -> Array:
+    """For each coordinate, (s, size), an upper bound of its diagonal entry in the mass matrix."""
+    rotations, positions = tree.frames(tree.spread(q))
+    inertias = np.zeros((len(q), tree.size))
+    for number, body in enumerate(tree.joints):
+        com = positions[number] + rotations[number] @ body.com
+        # No principal moment exceeds half the trace.
+        own = 0.5 * np.trace(body.inertia)
+        carrier = number
+        while carrier != WORLD:
+            joint = tree.joints[carrier]
+            lever = com - positions[carrier]
+            turning = body.mass * np.sum(lever**2, axis=-1) + own
+            inertias[:, joint.place] += turning if joint.revolute else body.mass
+            carrier = joint.parent
+    return inertias
