@@ -1,0 +1,229 @@
+"""Put small faults into the package and see whether its tests find them.
+
+    python tests/mutation/survivors.py --seed 1 --count 200
+
+draws faults evenly over the modules of derivation, combiner and emission, and over the templates,
+puts each by itself into a copy of the package, and runs the tests that concern the module until one
+fails. Printed are the verdicts, and at the end how many were found, and what survived. The same
+seed draws the same faults from the same source. `--only` takes modules or groups of them, and
+single faults by the names that are printed, such as `serial:17`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from mutation.mutants import Mutant, python_mutants
+from mutation.suites import GROUPS, suite_of
+from mutation.templates import template_mutants
+
+ROOT = Path(__file__).parents[2]
+COPIED = ("gibbs_codegen", "templates", "tests", "generated", "pyproject.toml", "README.md")
+# What the quick tests and all the others may take, in seconds: several times what they do.
+QUICK_LIMIT, LIMIT = 90.0, 600.0
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A mutant by the module that it is of and its number among the module's."""
+
+    module: str
+    number: int
+    mutant: Mutant
+
+    @property
+    def name(self) -> str:
+        """What `--only` takes."""
+        return f"{self.module}:{self.number}"
+
+    def text(self) -> str:
+        """Where it is, and what it changes."""
+        before, after = excerpts(self.mutant.before, self.mutant.after)
+        return f"{self.name}, line {self.mutant.line}, {self.mutant.kind}: {before}  ->  {after}"
+
+
+class Copy:
+    """A copy of the package and its tests in a folder of its own, in which faults are put."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        for name in COPIED:
+            source = ROOT / name
+            if source.is_dir():
+                ignored = shutil.ignore_patterns("__pycache__")
+                shutil.copytree(source, folder / name, ignore=ignored)
+            else:
+                shutil.copy(source, folder / name)
+        self._passed: set[tuple[str, ...]] = set()
+
+    @contextlib.contextmanager
+    def with_fault(self, fault: Fault) -> Iterator[None]:
+        """The copy with one fault in it."""
+        path = self._folder / source_path(fault.module).relative_to(ROOT)
+        original = path.read_text(encoding="utf-8")
+        path.write_text(fault.mutant.text, encoding="utf-8")
+        try:
+            yield
+        finally:
+            path.write_text(original, encoding="utf-8")
+
+    def verdict(self, fault: Fault) -> str:
+        """What finds a fault: a failing test, or the clock. Empty if nothing does."""
+        suite = suite_of(fault.module)
+        goes = (
+            (suite.quick, (), QUICK_LIMIT),
+            (suite.rest, tuple(f"--deselect={test}" for test in suite.quick), LIMIT),
+        )
+        for tests, options, limit in goes:
+            self._check((*tests, *options), limit)
+            with self.with_fault(fault):
+                if found := self._failure((*tests, *options), limit):
+                    return found
+        return ""
+
+    def _check(self, arguments: tuple[str, ...], limit: float) -> None:
+        """Refuse tests that fail without a fault, or that are not of this copy."""
+        if arguments not in self._passed:
+            if found := self._failure(arguments, limit):
+                sys.exit(f"without any fault: {found}")
+            self._passed.add(arguments)
+
+    def _failure(self, arguments: Sequence[str], limit: float) -> str:
+        """The first test that fails, and why; empty if all pass."""
+        base = self._folder / "pytest"
+        options = ("-x", "-q", "--tb=no", "-p", "no:cacheprovider", f"--basetemp={base}")
+        process = subprocess.Popen(
+            [sys.executable, "-m", "pytest", *options, *arguments],
+            cwd=self._folder,
+            env=os.environ
+            | {"PYTHONPATH": str(self._folder), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            stdin=subprocess.DEVNULL,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            said, _ = process.communicate(timeout=limit)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.communicate()
+            return f"no end within {limit:.0f} s"
+        if process.returncode == 0:
+            return ""
+        told = re.search(r"^(?:FAILED|ERROR) (.*)$", said, re.MULTILINE)
+        return told[1][:160] if told else said.strip().rpartition("\n")[2][:160]
+
+
+def source_path(module: str) -> Path:
+    """File of a module or of a template."""
+    if module.endswith(".jinja"):
+        return ROOT / "templates" / module
+    return ROOT / "gibbs_codegen" / f"{module}.py"
+
+
+def mutants(module: str) -> list[Callable[[], Mutant]]:
+    """All mutants of a module or a template."""
+    source = source_path(module).read_text(encoding="utf-8")
+    return template_mutants(source) if module.endswith(".jinja") else python_mutants(source)
+
+
+def excerpts(before: str, after: str, context: int = 40) -> tuple[str, str]:
+    """Two lines from a little before they differ to a little after."""
+    start = _alike(before, after)
+    end = _alike(before[start:][::-1], after[start:][::-1])
+    first, last = max(start - context, 0), max(end - context, 0)
+    return before[first : len(before) - last], after[first : len(after) - last]
+
+
+def _alike(first: str, second: str) -> int:
+    """How many letters two texts begin with alike."""
+    pairs = enumerate(zip(first, second, strict=False))
+    return next((i for i, (a, b) in pairs if a != b), min(len(first), len(second)))
+
+
+def drawn(modules: Sequence[str], seed: int, count: int) -> list[Fault]:
+    """So many faults in all, as evenly over the modules as can be."""
+    orders = {}
+    for module in modules:
+
+        def place(numbered: tuple[int, object], module: str = module) -> bytes:
+            return hashlib.sha256(f"{seed} {module} {numbered[0]}".encode()).digest()
+
+        orders[module] = sorted(enumerate(mutants(module)), key=place)
+    faults: list[Fault] = []
+    while len(faults) < count and any(orders.values()):
+        for module in modules:
+            if orders[module] and len(faults) < count:
+                number, make = orders[module].pop(0)
+                faults.append(Fault(module, number, make()))
+    return faults
+
+
+def chosen(only: Sequence[str], seed: int, count: int) -> list[Fault]:
+    """The faults that the command line asks for."""
+    named = [name for name in only if ":" in name]
+    modules = [m for name in only if ":" not in name for m in GROUPS.get(name, (name,))]
+    if not only:
+        modules = [module for group in GROUPS.values() for module in group]
+    faults = drawn(modules, seed, count) if modules else []
+    for name in named:
+        module, _, number = name.partition(":")
+        faults.append(Fault(module, int(number), mutants(module)[int(number)]()))
+    return faults
+
+
+def main() -> None:
+    """Print the verdict on each fault, and those that survived."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--only", nargs="*", default=[], help="groups, modules or single faults")
+    parser.add_argument("--list", action="store_true", help="only list the faults")
+    options = parser.parse_args()
+    faults = chosen(options.only, options.seed, options.count)
+    print(f"seed {options.seed}: {len(faults)} faults", flush=True)
+    if options.list:
+        for fault in faults:
+            print(fault.text())
+        return
+    survivors = []
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="mutation_") as folder:
+        copy = Copy(Path(folder))
+        for fault in faults:
+            started = time.monotonic()
+            found = copy.verdict(fault)
+            survivors += [] if found else [fault]
+            seconds = time.monotonic() - started
+            print(f"{'found' if found else 'SURVIVED'} in {seconds:.0f} s  {fault.text()}")
+            print(f"    {found}" if found else "", flush=True)
+    for group, modules in GROUPS.items():
+        total = sum(fault.module in modules for fault in faults)
+        lived = sum(fault.module in modules for fault in survivors)
+        if total:
+            print(f"{group}: {total - lived} of {total} found")
+    print(f"{len(faults) - len(survivors)} of {len(faults)} found", end=" ")
+    print(f"in {(time.monotonic() - begun) / 60:.0f} minutes")
+    for fault in survivors:
+        print(f"survived: {fault.text()}")
+    sys.exit(1 if survivors else 0)
+
+
+if __name__ == "__main__":
+    main()
