@@ -502,6 +502,17 @@ def test_parameters_that_leave_no_mass_are_refused(strict: tuple[Emitted, Librar
         emitted.module.prepare(massless)
 
 
+def test_a_machine_may_weigh_grams(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    light = {
+        name: value / 1e4 if name.endswith("mass_per_length") else value
+        for name, value in emitted.module.PARAMETERS.items()
+    }
+    status, constants = library.init(list(light.values()))
+    assert status == 0
+    assert constants.tolist() == list(emitted.module.prepare(light))
+
+
 # Sanitizers
 
 _DRIVER_START = """\
