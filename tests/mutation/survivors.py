@@ -2,11 +2,12 @@
 
     python tests/mutation/survivors.py --seed 1 --count 200
 
-draws faults evenly over the modules of derivation, combiner and emission, and over the templates,
-puts each by itself into a copy of the package, and runs the tests that concern the module until one
-fails. Printed are the verdicts, and at the end how many were found, and what survived. The same
-seed draws the same faults from the same source. `--only` takes modules or groups of them, and
-single faults by the names that are printed, such as `serial:17`.
+draws faults evenly over the modules of derivation, combiner and emission, and over the templates.
+Each is put by itself into a copy of the package, where the tests that concern its module are run
+until one fails: the quick ones for all faults, then the others for what is left. Printed are the
+verdicts, and at the end how many were found, and what survived. The same seed draws the same faults
+from the same source. `--only` takes modules or groups of them, and single faults by the names that
+are printed, such as `serial:17`.
 """
 
 from __future__ import annotations
@@ -82,19 +83,19 @@ class Copy:
         finally:
             path.write_text(original, encoding="utf-8")
 
-    def verdict(self, fault: Fault) -> str:
-        """What finds a fault: a failing test, or the clock. Empty if nothing does."""
+    def verdict(self, fault: Fault, is_quick: bool) -> str:
+        """What finds a fault, in the quick tests or in the others: a failing test, or the clock.
+
+        Empty if nothing does.
+        """
         suite = suite_of(fault.module)
-        goes = (
-            (suite.quick, (), QUICK_LIMIT),
-            (suite.rest, tuple(f"--deselect={test}" for test in suite.quick), LIMIT),
-        )
-        for tests, options, limit in goes:
-            self._check((*tests, *options), limit)
-            with self.with_fault(fault):
-                if found := self._failure((*tests, *options), limit):
-                    return found
-        return ""
+        tests, limit = suite.quick, QUICK_LIMIT
+        if not is_quick:
+            tests = (*suite.rest, *(f"--deselect={test}" for test in suite.quick))
+            limit = LIMIT
+        self._check(tests, limit)
+        with self.with_fault(fault):
+            return self._failure(tests, limit)
 
     def _check(self, arguments: tuple[str, ...], limit: float) -> None:
         """Refuse tests that fail without a fault, or that are not of this copy."""
@@ -202,17 +203,12 @@ def main() -> None:
         for fault in faults:
             print(fault.text())
         return
-    survivors = []
     begun = time.monotonic()
+    survivors = faults
     with tempfile.TemporaryDirectory(prefix="mutation_") as folder:
         copy = Copy(Path(folder))
-        for fault in faults:
-            started = time.monotonic()
-            found = copy.verdict(fault)
-            survivors += [] if found else [fault]
-            seconds = time.monotonic() - started
-            print(f"{'found' if found else 'SURVIVED'} in {seconds:.0f} s  {fault.text()}")
-            print(f"    {found}" if found else "", flush=True)
+        for is_quick in (True, False):
+            survivors = [fault for fault in survivors if not _found(copy, fault, is_quick)]
     for group, modules in GROUPS.items():
         total = sum(fault.module in modules for fault in faults)
         lived = sum(fault.module in modules for fault in survivors)
@@ -223,6 +219,16 @@ def main() -> None:
     for fault in survivors:
         print(f"survived: {fault.text()}")
     sys.exit(1 if survivors else 0)
+
+
+def _found(copy: Copy, fault: Fault, is_quick: bool) -> bool:
+    """Whether a fault is found, which is told."""
+    started = time.monotonic()
+    found = copy.verdict(fault, is_quick)
+    told = "found" if found else "not found by the quick tests" if is_quick else "SURVIVED"
+    print(f"{told} in {time.monotonic() - started:.0f} s  {fault.text()}")
+    print(f"    {found}" if found else "", flush=True)
+    return bool(found)
 
 
 if __name__ == "__main__":
