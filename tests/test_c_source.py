@@ -831,13 +831,14 @@ def test_comments_tell_arguments_shapes_units_and_cost(
     for signature in robot.signatures():
         function = robot.model.program.function(signature.name)
         comment = _comment(header, f"{robot.name}_{signature.name}")
-        assert DESCRIPTIONS[signature.name].summary in comment
-        assert "@param[in] constants" in comment
+        described = DESCRIPTIONS[signature.name]
+        said = f"@brief {described.summary} {described.details}".rstrip()
+        assert comment.startswith(f"{said} @param[in] constants ")
+        assert f"@par Source: {described.source}." in comment
         for name, width in zip(signature.arguments, signature.widths, strict=True):
             entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
             assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries
-        names = DESCRIPTIONS[signature.name].outputs
-        for name, shape in zip(names, signature.shapes, strict=True):
+        for name, shape in zip(described.outputs, signature.shapes, strict=True):
             assert f"@param[out] {name} {' x '.join(map(str, shape)) or '1'}" in comment
         assert _cost(function) in comment
         assert f"The same for `count` states in blocks. */\nvoid\n{robot.name}_" in header

@@ -13,6 +13,7 @@ import jinja2
 import pytest
 from conftest import ROOT
 
+from gibbs_codegen.describe import DESCRIPTIONS
 from gibbs_codegen.emit import TARGETS, Target, find_targets, render_module
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.family import paper_family
@@ -80,6 +81,20 @@ def test_header_says_what_the_file_is(files: dict[str, str]) -> None:
         assert "SHA-256" in head[2]
         assert head[3].endswith("gibbs-codegen generate THIS_FOLDER/robot.toml --out .")
         assert "without conditions" in head[4]
+
+
+def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
+    written = {
+        node.name: " ".join((ast.get_docstring(node) or "").split())
+        for node in ast.parse(files["numpy_module.py"]).body
+        if isinstance(node, ast.FunctionDef)
+    }
+    for name, described in DESCRIPTIONS.items():
+        said = (
+            f"{described.summary} {described.details}".rstrip() + " q: coordinates, theta_m1 [rad]"
+        )
+        assert written[name].startswith(said), name
+        assert f"Source: {described.source}. " in written[name]
 
 
 def test_unknown_target_is_refused_with_the_known_ones() -> None:
