@@ -34,7 +34,6 @@ _QUICK_DERIVATION = (
     "tests/test_chains.py",
     "tests/test_arrangement.py",
     "tests/test_structural.py",
-    "tests/test_operation_counts.py::test_operations_are_as_few_as_they_were[3-centre-430-reached0]",
     "tests/test_closed_form.py::test_every_chain_of_the_papers_robot[6]",
     "tests/test_combine.py::test_chain_five_takes_the_rows_that_the_paper_names",
     "tests/test_combine.py::test_hybrid_system_gives_the_reduced_accelerations",
@@ -63,23 +62,30 @@ _QUICK_EMISSION = (
     "tests/test_c_source.py::test_functions_equal_numpy[random_4_3-gcc--O0]",
     "tests/test_c_source.py::test_small_robot_compiles_silently[gcc-double--O0]",
 )
-_REST_OF_EMISSION = (
-    "tests/test_emit.py",
-    "tests/test_operation_counts.py",
-    "tests/test_pinocchio.py::test_shipped_robots",
-    "tests/test_c_source.py",
-    "tests/test_c_backend.py",
-)
-_MORE = {
-    "tape": ("tests/test_program.py",),
+_SHIPPED = "tests/test_pinocchio.py::test_shipped_robots"
+_EMITTED = "tests/test_emit.py"
+_COUNTS = ("tests/test_operation_counts.py", "tests/test_articulated.py")
+_LOOPS = ("tests/test_rolling.py", "tests/test_c_source.py", "tests/test_c_backend.py")
+_IN_C = ("tests/test_c_source.py", "tests/test_c_backend.py", "tests/test_embedded.py")
+_REST = {
+    "tape": ("tests/test_program.py", *_REST_OF_DERIVATION),
     "arrangement": ("tests/test_cli.py",),
-    "rolling": ("tests/test_rolling.py",),
-    "runs": ("tests/test_rolling.py",),
-    "slots": ("tests/test_rolling.py",),
-    "pieces": ("tests/test_rolling.py",),
-    "c_source.c.jinja": ("tests/test_sine_cosine.py",),
-    "c_function": ("tests/test_embedded.py",),
-    "emit": ("tests/test_cli.py",),
+    "program": (*_COUNTS, _SHIPPED),
+    "lower": (*_COUNTS, _SHIPPED, _EMITTED),
+    "trigonometry": ("tests/test_c_source.py",),
+    "pieces": _LOOPS,
+    "rolling": _LOOPS,
+    "runs": _LOOPS,
+    "slots": _LOOPS,
+    "printers": (_EMITTED, _SHIPPED, *_IN_C),
+    "numpy_target": (_EMITTED, _SHIPPED, "tests/test_c_backend.py"),
+    "c_target": (_EMITTED, *_IN_C),
+    "c_function": (_EMITTED, *_IN_C),
+    "describe": (_EMITTED, "tests/test_c_source.py"),
+    "emit": (_EMITTED, "tests/test_cli.py", "tests/test_c_source.py"),
+    "c_casadi.c.jinja": ("tests/test_c_backend.py", "tests/test_c_source.py"),
+    "c_source.c.jinja": (*_IN_C, "tests/test_sine_cosine.py"),
+    "numpy_module.py.jinja": (_EMITTED, "tests/test_c_backend.py"),
 }
 
 
@@ -93,6 +99,5 @@ class Suite:
 
 def suite_of(module: str) -> Suite:
     """The tests that concern a module or a template."""
-    if module in DERIVATION + COMBINE:
-        return Suite(_QUICK_DERIVATION, (*_MORE.get(module, ()), *_REST_OF_DERIVATION))
-    return Suite(_QUICK_EMISSION, (*_MORE.get(module, ()), *_REST_OF_EMISSION))
+    quick = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
+    return Suite(quick, _REST.get(module, _REST_OF_DERIVATION))

@@ -19,13 +19,16 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib import import_module
+from multiprocessing import get_context
 from pathlib import Path
+
+import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
@@ -35,6 +38,10 @@ from mutation.templates import template_mutants
 
 ROOT = Path(__file__).parents[2]
 COPIED = ("gibbs_codegen", "templates", "tests", "generated", "pyproject.toml", "README.md")
+# Imported once, for all the processes that are forked to run tests.
+LIBRARIES = ("numpy", "scipy.integrate", "sympy", "jinja2", "pinocchio", "rich.table")
+_FORK = get_context("fork")
+_OURS = {str(Path(__file__).parent), str(Path(__file__).parent.parent)}
 # What the quick tests and all the others may take, in seconds: several times what they do.
 QUICK_LIMIT, LIMIT = 90.0, 600.0
 
@@ -70,7 +77,7 @@ class Copy:
                 shutil.copytree(source, folder / name, ignore=ignored)
             else:
                 shutil.copy(source, folder / name)
-        self._passed: set[tuple[str, ...]] = set()
+        self._passed: set[tuple[str, tuple[str, ...]]] = set()
 
     @contextlib.contextmanager
     def with_fault(self, fault: Fault) -> Iterator[None]:
@@ -89,46 +96,51 @@ class Copy:
         Empty if nothing does.
         """
         suite = suite_of(fault.module)
-        tests, limit = suite.quick, QUICK_LIMIT
+        tests, limit, options = suite.quick, QUICK_LIMIT, ()
         if not is_quick:
-            tests = (*suite.rest, *(f"--deselect={test}" for test in suite.quick))
-            limit = LIMIT
-        self._check(tests, limit)
+            tests, limit = suite.rest, LIMIT
+            options = tuple(f"--deselect={test}" for test in suite.quick)
+        self._check(tests, options, limit)
         with self.with_fault(fault):
-            return self._failure(tests, limit)
+            return self._failure((*tests, *options), limit)
 
-    def _check(self, arguments: tuple[str, ...], limit: float) -> None:
-        """Refuse tests that fail without a fault, or that are not of this copy."""
-        if arguments not in self._passed:
-            if found := self._failure(arguments, limit):
+    def _check(self, tests: tuple[str, ...], options: tuple[str, ...], limit: float) -> None:
+        """Refuse tests that fail without a fault."""
+        new = [test for test in tests if (test, options) not in self._passed]
+        if new:
+            if found := self._failure((*new, *options), limit):
                 sys.exit(f"without any fault: {found}")
-            self._passed.add(arguments)
+            self._passed.update((test, options) for test in new)
 
     def _failure(self, arguments: Sequence[str], limit: float) -> str:
         """The first test that fails, and why; empty if all pass."""
-        base = self._folder / "pytest"
-        options = ("-x", "-q", "--tb=no", "-p", "no:cacheprovider", f"--basetemp={base}")
-        process = subprocess.Popen(
-            [sys.executable, "-m", "pytest", *options, *arguments],
-            cwd=self._folder,
-            env=os.environ
-            | {"PYTHONPATH": str(self._folder), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
-            text=True,
-            start_new_session=True,
-        )
-        try:
-            said, _ = process.communicate(timeout=limit)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.communicate()
+        said = self._folder / "said.txt"
+        process = _FORK.Process(target=_run_tests, args=(self._folder, arguments, said))
+        process.start()
+        process.join(limit)
+        if process.is_alive():
+            os.killpg(process.pid or 0, signal.SIGKILL)
+            process.join()
             return f"no end within {limit:.0f} s"
-        if process.returncode == 0:
+        if process.exitcode == 0:
             return ""
-        told = re.search(r"^(?:FAILED|ERROR) (.*)$", said, re.MULTILINE)
-        return told[1][:160] if told else said.strip().rpartition("\n")[2][:160]
+        text = said.read_text(encoding="utf-8")
+        told = re.search(r"^(?:FAILED|ERROR) (.*)$", text, re.MULTILINE)
+        return told[1][:160] if told else text.strip().rpartition("\n")[2][:160]
+
+
+def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
+    """Run tests of a copy in a process that has the libraries, but nothing of ours, imported."""
+    os.setsid()
+    with said.open("w") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    os.chdir(folder)
+    os.environ |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
+    sys.dont_write_bytecode = True
+    sys.path[:] = [str(folder), *(path for path in sys.path if path not in _OURS)]
+    options = ("-x", "-q", "--tb=no", "-p", "no:cacheprovider", f"--basetemp={folder / 'pytest'}")
+    sys.exit(int(pytest.main([*options, *arguments])))
 
 
 def source_path(module: str) -> Path:
@@ -203,6 +215,8 @@ def main() -> None:
         for fault in faults:
             print(fault.text())
         return
+    for name in LIBRARIES:
+        import_module(name)
     begun = time.monotonic()
     survivors = faults
     with tempfile.TemporaryDirectory(prefix="mutation_") as folder:
