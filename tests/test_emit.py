@@ -46,7 +46,9 @@ def test_templates_take_no_decisions() -> None:
 def test_no_line_is_longer_than_100_characters(files: dict[str, str]) -> None:
     model = derive(replace(paper_family(40, 12), name="a" * 64), keep_zeros=True)
     long_names = render_module(model, robot_text(model.robot), TARGETS)
-    for text in [*files.values(), *long_names.values()]:
+    many_folded = render_module(derive(paper_family(40, 1)), "-\n", TARGETS)
+    assert "base_drag_40" in many_folded["numpy_module.py"].partition("PARAMETERS = {")[0]
+    for text in [*files.values(), *long_names.values(), *many_folded.values()]:
         assert max(map(len, text.splitlines())) <= 100
 
 
