@@ -36,6 +36,7 @@ _QUICK_DERIVATION = (
     "tests/test_structural.py",
     "tests/test_closed_form.py::test_every_chain_of_the_papers_robot[6]",
     "tests/test_combine.py::test_chain_five_takes_the_rows_that_the_paper_names",
+    "tests/test_combine.py::test_constrained_chain_has_the_form_of_eq_15",
     "tests/test_combine.py::test_hybrid_system_gives_the_reduced_accelerations",
     "tests/test_pinocchio.py::test_shipped_robots",
 )
@@ -62,10 +63,31 @@ _QUICK_EMISSION = (
     "tests/test_c_source.py::test_functions_equal_numpy[random_4_3-gcc--O0]",
     "tests/test_c_source.py::test_small_robot_compiles_silently[gcc-double--O0]",
 )
+_QUICK_ARTICULATED = (
+    "tests/test_articulated.py::test_rotation",
+    "tests/test_articulated.py::test_shift",
+    "tests/test_articulated.py::test_schur_complement",
+    "tests/test_articulated.py::test_ldlt_solves_and_its_operations_are_known_before",
+    "tests/test_articulated.py::test_both_ways_give_what_pinocchio_gives[0]",
+    *_QUICK_DERIVATION,
+)
+_QUICK_LOOPS = ("tests/test_pieces.py", "tests/test_rolling.py")
+_QUICK = {
+    "articulated": _QUICK_ARTICULATED,
+    "articulated_inertia": _QUICK_ARTICULATED,
+    "forward": _QUICK_ARTICULATED,
+    "ldlt": _QUICK_ARTICULATED,
+    "arrangement": ("tests/test_arrangement.py",),
+    "pieces": _QUICK_LOOPS,
+    "rolling": _QUICK_LOOPS,
+    "runs": _QUICK_LOOPS,
+    "slots": _QUICK_LOOPS,
+    "c_casadi.c.jinja": ("tests/test_c_backend.py::test_casadi_takes_the_same_library",),
+}
 _SHIPPED = "tests/test_pinocchio.py::test_shipped_robots"
 _EMITTED = "tests/test_emit.py"
 _COUNTS = ("tests/test_operation_counts.py", "tests/test_articulated.py")
-_LOOPS = ("tests/test_rolling.py", "tests/test_c_source.py", "tests/test_c_backend.py")
+_LOOPS = ("tests/test_c_source.py", "tests/test_c_backend.py")
 _IN_C = ("tests/test_c_source.py", "tests/test_c_backend.py", "tests/test_embedded.py")
 _REST = {
     "tape": ("tests/test_program.py", *_REST_OF_DERIVATION),
@@ -99,5 +121,5 @@ class Suite:
 
 def suite_of(module: str) -> Suite:
     """The tests that concern a module or a template."""
-    quick = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
-    return Suite(quick, _REST.get(module, _REST_OF_DERIVATION))
+    usual = _QUICK_DERIVATION if module in DERIVATION + COMBINE else _QUICK_EMISSION
+    return Suite(_QUICK.get(module, usual), _REST.get(module, _REST_OF_DERIVATION))
