@@ -793,6 +793,16 @@ def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitte
         assert text.isascii()
 
 
+@pytest.mark.parametrize("label", [SMALL, "random_7_4", "random_2_5"])
+def test_zeros_for_absent_arguments_are_as_many_as_the_widest_has(
+    label: str, emitted: Callable[[str], Emitted]
+) -> None:
+    """CasADi passes no array for an argument that is zero. There may be more inputs than q has."""
+    robot = emitted(label)
+    widest = max(width for signature in robot.signatures() for width in signature.widths)
+    assert f" zeros[{widest}] = " in robot.text("_casadi.c")
+
+
 @pytest.mark.parametrize("ending", [".h", ".c", "_casadi.c"])
 def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emitted]) -> None:
     small = emitted(SMALL)
