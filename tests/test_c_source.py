@@ -15,6 +15,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from benchmarks.family import benchmark_robot
 from compiled import LANGUAGES, Emitted, build, compile_only, emit
 from numpy.typing import NDArray
 from random_robots import random_robot
@@ -38,6 +39,8 @@ RANDOM = {
 # The one with three links again, cut into pieces of so many memory references.
 CUT = {f"random_cut_at_{limit}": limit for limit in (40, 60)}
 WHOLE = "random_4_3"
+# Columns that go in loops if loops of few steps will do.
+ROLLED = "rolled"
 
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
@@ -202,6 +205,11 @@ def emitted(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Emitted
 
     @functools.cache
     def made(label: str) -> Emitted:
+        if label == ROLLED:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr("gibbs_codegen.c_function._FEWEST_ROLLED", 1)
+                patch.setattr("gibbs_codegen.runs._FEWEST_STEPS", 12)
+                return emit(replace(benchmark_robot(9), name=label), base / label)
         if label not in RANDOM and label not in CUT:
             robot, text = read_robot(label)
             return emit(robot, base / label, text)
@@ -284,6 +292,7 @@ def test_shipped_robots_compile_silently(
         (SMALL, "clang", NATIVE),
         (SMALL, "gcc", ["-O1", "-fopenmp"]),
         *((label, "gcc", ["-O0"]) for label in RANDOM),
+        (ROLLED, "gcc", ["-O0"]),
         ("random_cut_at_40", "clang", ["-O0"]),
         ("random_cut_at_60", "gcc", NATIVE),
     ],
@@ -326,6 +335,14 @@ def test_single_precision_is_near_double(
         robot, library, at, lambda condition: np.where(condition < 1000, 1.0, np.inf)
     )
     assert max(worst.values()) <= 5e-5, worst
+
+
+def test_loops_are_among_what_is_compiled(emitted: Callable[[str], Emitted]) -> None:
+    """Over rows that are held, and written to outputs at a pitch."""
+    text = emitted(ROLLED).text(".c")
+    assert re.search(r" = held\[\(\d+ \+ i\) \* stride\];", text)
+    assert re.search(r"\n +held\[\(\d+ \+ i\) \* stride\] = ", text)
+    assert re.search(r"mass_matrix\[\(\d+ \+ -?\d+ \* i\) \* stride\] = ", text)
 
 
 def test_cutting_changes_no_number(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
