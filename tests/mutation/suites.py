@@ -60,7 +60,7 @@ _QUICK_EMISSION = (
     "tests/test_numpy_module.py",
     "tests/test_pinocchio.py::test_shipped_robots[quadrotor_2link]",
     "tests/test_c_source.py::test_functions_equal_numpy[quadrotor_2link-gcc--O3-march=native]",
-    "tests/test_c_source.py::test_functions_equal_numpy[random_4_3-gcc--O0]",
+    "tests/test_c_source.py::test_functions_equal_numpy[rolled-gcc--O0]",
     "tests/test_c_source.py::test_small_robot_compiles_silently[gcc-double--O0]",
 )
 _QUICK_ARTICULATED = (

@@ -40,7 +40,7 @@ ROOT = Path(__file__).parents[2]
 COPIED = ("gibbs_codegen", "templates", "tests", "generated", "pyproject.toml", "README.md")
 # Imported once, for all the processes that are forked to run tests.
 LIBRARIES = ("numpy", "scipy.integrate", "sympy", "jinja2", "pinocchio", "rich.table")
-_FORK = get_context("fork")
+_PROCESSES = get_context("fork")
 _OURS = {str(Path(__file__).parent), str(Path(__file__).parent.parent)}
 # What the quick tests and all the others may take, in seconds: several times what they do.
 QUICK_LIMIT, LIMIT = 150.0, 900.0
@@ -115,7 +115,7 @@ class Copy:
     def _failure(self, arguments: Sequence[str], limit: float) -> str:
         """The first test that fails, and why; empty if all pass."""
         said = self._folder / "said.txt"
-        process = _FORK.Process(target=_run_tests, args=(self._folder, arguments, said))
+        process = _PROCESSES.Process(target=_run_tests, args=(self._folder, arguments, said))
         process.start()
         process.join(limit)
         if process.is_alive():
@@ -132,6 +132,7 @@ class Copy:
 def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
     """Run tests of a copy in a process that has the libraries, but nothing of ours, imported."""
     os.setsid()
+    assert "gibbs_codegen" not in sys.modules
     with said.open("w") as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
