@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from random_robots import random_robot
 
 from gibbs_codegen.arrangement import arrangement, wrench_matrix
 from gibbs_codegen.family import paper_family
@@ -35,3 +36,24 @@ def test_motor_1_pushes_up_behind_the_centre(rotors: int) -> None:
     """Motor 1 sits at −x and pushes up: force z and a moment about y of +l."""
     matrix = wrench_matrix(paper_family(rotors, 0))
     np.testing.assert_allclose(matrix[:, 0], [0, 0, 1, 0, 0.5, 0], atol=1e-15)
+
+
+def test_condition_is_that_of_the_wrenches() -> None:
+    robot = random_robot(3, 8, 0)
+    found = arrangement(robot)
+    assert found.rank == 6
+    assert found.missing == ()
+    assert found.condition == pytest.approx(np.linalg.cond(wrench_matrix(robot)), rel=1e-9)
+
+
+def test_a_missing_direction_is_shown_by_its_positive_end_and_without_rounding() -> None:
+    """Thrusts along their own arms push in the plane only, and through the centre."""
+    base = Base(4, (Rod(0.5, 1.0),), (AXES["x"],) * 4, (0.0,) * 4)
+    found = arrangement(Robot("radial", base))
+    assert found.rank == 2
+    wrenches = np.array(found.missing)
+    assert np.all(wrenches.max(axis=1) == np.abs(wrenches).max(axis=1))
+    np.testing.assert_allclose(wrenches @ wrenches.T, np.eye(4), atol=1e-12)
+    assert np.all(wrenches[:, :2] == 0.0)
+    for name in ("force along z", "moment about x", "moment about y", "moment about z"):
+        assert any(name in text for text in found.missing_texts())

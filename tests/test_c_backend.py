@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
@@ -43,9 +43,18 @@ def signatures_of(module: ModuleType) -> list[Signature]:
     return signatures(*map(len, lists))
 
 
+def compiled_of(numpy: ModuleType) -> ModuleType:
+    """The C back end of a module, and not NumPy's in its stead, which would agree with itself."""
+    compiled = load(Path(numpy.__file__ or "").parent, backend="c")
+    assert (compiled.__file__ or "").endswith(".so")
+    return compiled
+
+
 @pytest.fixture(scope="module")
-def backends() -> tuple[ModuleType, ModuleType]:
-    return load(ROBOT), load(ROBOT, backend="c")
+def backends(shipped: Callable[[str], ModuleType]) -> tuple[ModuleType, ModuleType]:
+    """Both back ends of what is emitted now, which what is committed need not be."""
+    numpy = shipped("hexarotor_3link")
+    return numpy, compiled_of(numpy)
 
 
 def random_states(module: ModuleType) -> dict[str, np.ndarray]:
@@ -105,7 +114,7 @@ def test_both_back_ends_agree(name: str, backends, states: dict[str, np.ndarray]
 @pytest.mark.parametrize("robot", ["hexarotor", "quadrotor_2link", "octorotor_7link"])
 def test_both_back_ends_agree_on_other_robots(robot: str, shipped) -> None:
     numpy = shipped(robot)
-    compiled = load(Path(numpy.__file__).parent, backend="c")
+    compiled = compiled_of(numpy)
     at = random_states(numpy)
     for signature in signatures_of(numpy):
         assert disagreement(signature.name, numpy, compiled, at) < 1e-14, signature.name

@@ -14,6 +14,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from benchmarks.family import benchmark_robot
 from compiled import LANES, LANGUAGES, Array, Emitted, Library, build, compile_only, emit
 from numpy.typing import NDArray
 from random_robots import random_robot
@@ -37,6 +38,8 @@ RANDOM = {
 # The one with three links again, cut into pieces of so many memory references.
 CUT = {f"random_cut_at_{limit}": limit for limit in (40, 60)}
 WHOLE = "random_4_3"
+# Columns that go in loops if loops of few steps will do.
+ROLLED = "rolled"
 
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
@@ -120,6 +123,11 @@ def emitted(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Emitted
 
     @functools.cache
     def made(label: str) -> Emitted:
+        if label == ROLLED:
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr("gibbs_codegen.c_function._FEWEST_ROLLED", 1)
+                patch.setattr("gibbs_codegen.runs._FEWEST_STEPS", 12)
+                return emit(replace(benchmark_robot(9), name=label), base / label)
         if label not in RANDOM and label not in CUT:
             robot, text = read_robot(label)
             return emit(robot, base / label, text)
@@ -202,6 +210,7 @@ def test_shipped_robots_compile_silently(
         (SMALL, "clang", NATIVE),
         (SMALL, "gcc", ["-O1", "-fopenmp"]),
         *((label, "gcc", ["-O0"]) for label in RANDOM),
+        (ROLLED, "gcc", ["-O0"]),
         ("random_cut_at_40", "clang", ["-O0"]),
         ("random_cut_at_60", "gcc", NATIVE),
     ],
@@ -244,6 +253,14 @@ def test_single_precision_is_near_double(
         robot, library, at, lambda condition: np.where(condition < 1000, 1.0, np.inf)
     )
     assert max(worst.values()) <= 5e-5, worst
+
+
+def test_loops_are_among_what_is_compiled(emitted: Callable[[str], Emitted]) -> None:
+    """Over rows that are held, and written to outputs at a pitch."""
+    text = emitted(ROLLED).text(".c")
+    assert re.search(r" = held\[\(\d+ \+ i\) \* stride\];", text)
+    assert re.search(r"\n +held\[\(\d+ \+ i\) \* stride\] = ", text)
+    assert re.search(r"mass_matrix\[\(\d+ \+ -?\d+ \* i\) \* stride\] = ", text)
 
 
 def test_cutting_changes_no_number(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
@@ -418,6 +435,17 @@ def test_parameters_that_leave_no_mass_are_refused(strict: tuple[Emitted, Librar
     assert library.init(list((defaults | massless).values()))[0] == 1
     with pytest.raises(ValueError, match="leave an acceleration undetermined"):
         emitted.module.prepare(massless)
+
+
+def test_a_machine_may_weigh_grams(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    light = {
+        name: value / 1e4 if name.endswith("mass_per_length") else value
+        for name, value in emitted.module.PARAMETERS.items()
+    }
+    status, constants = library.init(list(light.values()))
+    assert status == 0
+    assert constants.tolist() == list(emitted.module.prepare(light))
 
 
 # Sanitizers
@@ -700,6 +728,16 @@ def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitte
         assert text.isascii()
 
 
+@pytest.mark.parametrize("label", [SMALL, "random_7_4", "random_2_5"])
+def test_zeros_for_absent_arguments_are_as_many_as_the_widest_has(
+    label: str, emitted: Callable[[str], Emitted]
+) -> None:
+    """CasADi passes no array for an argument that is zero. There may be more inputs than q has."""
+    robot = emitted(label)
+    widest = max(width for signature in robot.signatures() for width in signature.widths)
+    assert f" zeros[{widest}] = " in robot.text("_casadi.c")
+
+
 @pytest.mark.parametrize("ending", [".h", ".c", "_casadi.c"])
 def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emitted]) -> None:
     small = emitted(SMALL)
@@ -738,13 +776,14 @@ def test_comments_tell_arguments_shapes_units_and_cost(
     for signature in robot.signatures():
         function = robot.model.program.function(signature.name)
         comment = _comment(header, f"{robot.name}_{signature.name}")
-        assert DESCRIPTIONS[signature.name].summary in comment
-        assert "@param[in] constants" in comment
+        described = DESCRIPTIONS[signature.name]
+        said = f"@brief {described.summary} {described.details}".rstrip()
+        assert comment.startswith(f"{said} @param[in] constants ")
+        assert f"@par Source: {described.source}." in comment
         for name, width in zip(signature.arguments, signature.widths, strict=True):
             entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
             assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries
-        names = DESCRIPTIONS[signature.name].outputs
-        for name, shape in zip(names, signature.shapes, strict=True):
+        for name, shape in zip(described.outputs, signature.shapes, strict=True):
             assert f"@param[out] {name} {' x '.join(map(str, shape)) or '1'}" in comment
         assert _cost(function) in comment
         assert f"The same for `count` states in blocks. */\nvoid\n{robot.name}_" in header

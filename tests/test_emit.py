@@ -13,6 +13,7 @@ import jinja2
 import pytest
 from conftest import ROOT
 
+from gibbs_codegen.describe import DESCRIPTIONS
 from gibbs_codegen.emit import TARGETS, Target, find_targets, render_module
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.family import paper_family
@@ -45,7 +46,9 @@ def test_templates_take_no_decisions() -> None:
 def test_no_line_is_longer_than_100_characters(files: dict[str, str]) -> None:
     model = derive(replace(paper_family(40, 12), name="a" * 64), keep_zeros=True)
     long_names = render_module(model, robot_text(model.robot), TARGETS)
-    for text in [*files.values(), *long_names.values()]:
+    many_folded = render_module(derive(paper_family(40, 1)), "-\n", TARGETS)
+    assert "base_drag_40" in many_folded["numpy_module.py"].partition("PARAMETERS = {")[0]
+    for text in [*files.values(), *long_names.values(), *many_folded.values()]:
         assert max(map(len, text.splitlines())) <= 100
 
 
@@ -83,6 +86,20 @@ def test_header_says_what_the_file_is(files: dict[str, str]) -> None:
         assert "SHA-256" in head[2]
         assert head[3].endswith("gibbs-codegen generate THIS_FOLDER/robot.toml --out .")
         assert "without conditions" in head[4]
+
+
+def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
+    written = {
+        node.name: " ".join((ast.get_docstring(node) or "").split())
+        for node in ast.parse(files["numpy_module.py"]).body
+        if isinstance(node, ast.FunctionDef)
+    }
+    for name, described in DESCRIPTIONS.items():
+        said = (
+            f"{described.summary} {described.details}".rstrip() + " q: coordinates, theta_m1 [rad]"
+        )
+        assert written[name].startswith(said), name
+        assert f"Source: {described.source}. " in written[name]
 
 
 def test_unknown_target_is_refused_with_the_known_ones() -> None:

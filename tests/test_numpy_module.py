@@ -150,3 +150,11 @@ def test_parameters_that_leave_no_mass_are_refused(module: ModuleType) -> None:
     massless = {name: 0.0 for name in module.PARAMETERS if name.endswith("mass_per_length")}
     with pytest.raises(ValueError, match="leave an acceleration undetermined"):
         module.prepare(massless)
+
+
+def test_a_machine_may_weigh_grams(module: ModuleType) -> None:
+    densities = {n: v for n, v in module.PARAMETERS.items() if n.endswith("mass_per_length")}
+    light = module.prepare({name: density / 1e4 for name, density in densities.items()})
+    q = arguments(("q",))[0]
+    mass = module.mass_matrix(q)[-1, -1]
+    assert module.mass_matrix(q, constants=light)[-1, -1] == pytest.approx(mass / 1e4, rel=1e-12)

@@ -6,7 +6,7 @@ from math import sin
 
 import pytest
 
-from gibbs_codegen.printers import InfixPrinter
+from gibbs_codegen.printers import CPrinter, InfixPrinter
 from gibbs_codegen.program import (
     Call,
     Name,
@@ -44,3 +44,17 @@ def test_expression(node: Node, text: str) -> None:
     assert InfixPrinter().expression(node) == text
     values = {"a": 0.3, "b": -1.7, "c": 2.9}
     assert eval(text, {"sin": sin}, values) == pytest.approx(node_value(node, values), rel=1e-15)  # noqa: S307
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (2.0, "R(2.0)"),
+        (-2.0, "-R(2.0)"),
+        (0.1, "R(0.10000000000000001)"),
+        (1e300, "R(1.0000000000000001e+300)"),
+    ],
+)
+def test_a_literal_in_c_is_positive_and_reads_back(value: float, text: str) -> None:
+    assert CPrinter().number(value) == text
+    assert float(text.replace("R", "").replace("(", "").replace(")", "")) == value

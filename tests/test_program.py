@@ -52,6 +52,8 @@ def test_counting_by_kind() -> None:
     assert count_operations([node, Call("cos", Y)]) == Operations(1, 1, 2, 1, 0, 1)
     assert count_operations([Sum(((-1, X), (-1, Y)))]).subtractions == 2
     assert count_operations([X, Number(1.0)]).total == 0
+    # Powers of two, so that no two kinds can stand for each other; pairs are apart.
+    assert Operations(1, 2, 4, 8, 16, 32).total == 31
 
 
 def test_names_are_listed_as_often_as_they_stand() -> None:

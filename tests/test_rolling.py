@@ -127,6 +127,27 @@ def test_new_rows_lie_where_the_old_ones_lay() -> None:
     assert laid_out(*rolled(steps), 1000).slots == 24
 
 
+def test_a_row_is_not_made_where_one_lies_that_later_blocks_read() -> None:
+    """Each block reads what the one before the last has read: nothing may lie there yet."""
+    steps = started(14)
+    for k in range(2, 14):
+        steps += [
+            Statement(f"r{k}", sum_of((1, ["c", f"x{k}"]), (1, ["s", f"x{k - 2}"]))),
+            Statement(f"m{k}", sum_of((1, ["c", f"x{k - 2}"]), (-1, ["s", f"x{k}"]))),
+            Store(0, k, Name(f"r{k}")),
+            Store(0, 50 + 2 * k, Name(f"m{k}")),
+        ]
+    loops = check([*steps, *carried(1, range(2, 14), "r", "m")])
+    assert [loop.count for loop in loops] == [12, 12]
+
+
+def test_blocks_may_store_what_is_the_same_in_all() -> None:
+    steps = started(12)
+    for k in range(12):
+        steps += [*carried(1, [k]), Store(1, k, Name("p"))]
+    assert [(loop.count, len(loop.body)) for loop in check(steps)] == [(12, 5)]
+
+
 def test_few_blocks_stay_straight() -> None:
     assert check([*started(3), *carried(1, range(3))]) == []
 

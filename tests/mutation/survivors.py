@@ -1,0 +1,250 @@
+"""Put small faults into the package and see whether its tests find them.
+
+    python tests/mutation/survivors.py --seed 1 --count 200
+
+draws faults evenly over the modules of derivation, combiner and emission, and over the templates.
+Each is put by itself into a copy of the package, where the tests that concern its module are run
+until one fails: the quick ones for all faults, then the others for what is left. Printed are the
+verdicts, and at the end how many were found, and what survived. The same seed draws the same faults
+from the same source. `--only` takes modules or groups of them, and single faults by the names that
+are printed, such as `serial:17`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from mutation.mutants import Mutant, python_mutants
+from mutation.suites import GROUPS, suite_of
+from mutation.templates import template_mutants
+
+ROOT = Path(__file__).parents[2]
+COPIED = ("gibbs_codegen", "templates", "tests", "generated", "pyproject.toml", "README.md")
+# Imported once, for all the processes that are forked to run tests.
+LIBRARIES = ("numpy", "scipy.integrate", "sympy", "jinja2", "pinocchio", "rich.table")
+_PROCESSES = get_context("fork")
+_OURS = {str(Path(__file__).parent), str(Path(__file__).parent.parent)}
+# What the quick tests and all the others may take, in seconds: several times what they do.
+QUICK_LIMIT, LIMIT = 150.0, 900.0
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A mutant by the module that it is of and its number among the module's."""
+
+    module: str
+    number: int
+    mutant: Mutant
+
+    @property
+    def name(self) -> str:
+        """What `--only` takes."""
+        return f"{self.module}:{self.number}"
+
+    def text(self) -> str:
+        """Where it is, and what it changes."""
+        before, after = excerpts(self.mutant.before, self.mutant.after)
+        return f"{self.name}, line {self.mutant.line}, {self.mutant.kind}: {before}  ->  {after}"
+
+
+class Copy:
+    """A copy of the package and its tests in a folder of its own, in which faults are put."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        for name in COPIED:
+            source = ROOT / name
+            if source.is_dir():
+                ignored = shutil.ignore_patterns("__pycache__")
+                shutil.copytree(source, folder / name, ignore=ignored)
+            else:
+                shutil.copy(source, folder / name)
+        self._passed: set[tuple[str, tuple[str, ...]]] = set()
+
+    @contextlib.contextmanager
+    def with_fault(self, fault: Fault) -> Iterator[None]:
+        """The copy with one fault in it."""
+        path = self._folder / source_path(fault.module).relative_to(ROOT)
+        original = path.read_text(encoding="utf-8")
+        path.write_text(fault.mutant.text, encoding="utf-8")
+        try:
+            yield
+        finally:
+            path.write_text(original, encoding="utf-8")
+
+    def verdict(self, fault: Fault, is_quick: bool) -> str:
+        """What finds a fault, in the quick tests or in the others: a failing test, or the clock.
+
+        Empty if nothing does.
+        """
+        suite = suite_of(fault.module)
+        tests, limit, options = suite.quick, QUICK_LIMIT, ()
+        if not is_quick:
+            tests, limit = suite.rest, LIMIT
+            options = tuple(f"--deselect={test}" for test in suite.quick)
+        self._check(tests, options, limit)
+        with self.with_fault(fault):
+            return self._failure((*tests, *options), limit)
+
+    def _check(self, tests: tuple[str, ...], options: tuple[str, ...], limit: float) -> None:
+        """Refuse tests that fail without a fault."""
+        new = [test for test in tests if (test, options) not in self._passed]
+        if new:
+            if found := self._failure((*new, *options), limit):
+                sys.exit(f"without any fault: {found}")
+            self._passed.update((test, options) for test in new)
+
+    def _failure(self, arguments: Sequence[str], limit: float) -> str:
+        """The first test that fails, and why; empty if all pass."""
+        said = self._folder / "said.txt"
+        process = _PROCESSES.Process(target=_run_tests, args=(self._folder, arguments, said))
+        process.start()
+        process.join(limit)
+        if process.is_alive():
+            os.killpg(process.pid or 0, signal.SIGKILL)
+            process.join()
+            return f"no end within {limit:.0f} s"
+        if process.exitcode == 0:
+            return ""
+        text = said.read_text(encoding="utf-8")
+        told = re.search(r"^(?:FAILED|ERROR) (.*)$", text, re.MULTILINE)
+        return told[1][:160] if told else text.strip().rpartition("\n")[2][:160]
+
+
+def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
+    """Run tests of a copy in a process that has the libraries, but nothing of ours, imported."""
+    os.setsid()
+    assert "gibbs_codegen" not in sys.modules
+    with said.open("w") as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    os.chdir(folder)
+    os.environ |= {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1", "CI": "1"}
+    sys.dont_write_bytecode = True
+    sys.path[:] = [str(folder), *(path for path in sys.path if path not in _OURS)]
+    options = ("-x", "-q", "--tb=no", "-p", "no:cacheprovider", f"--basetemp={folder / 'pytest'}")
+    sys.exit(int(pytest.main([*options, *arguments])))
+
+
+def source_path(module: str) -> Path:
+    """File of a module or of a template."""
+    if module.endswith(".jinja"):
+        return ROOT / "templates" / module
+    return ROOT / "gibbs_codegen" / f"{module}.py"
+
+
+def mutants(module: str) -> list[Callable[[], Mutant]]:
+    """All mutants of a module or a template."""
+    source = source_path(module).read_text(encoding="utf-8")
+    return template_mutants(source) if module.endswith(".jinja") else python_mutants(source)
+
+
+def excerpts(before: str, after: str, context: int = 40) -> tuple[str, str]:
+    """Two lines from a little before they differ to a little after."""
+    start = _alike(before, after)
+    end = _alike(before[start:][::-1], after[start:][::-1])
+    first, last = max(start - context, 0), max(end - context, 0)
+    return before[first : len(before) - last], after[first : len(after) - last]
+
+
+def _alike(first: str, second: str) -> int:
+    """How many letters two texts begin with alike."""
+    pairs = enumerate(zip(first, second, strict=False))
+    return next((i for i, (a, b) in pairs if a != b), min(len(first), len(second)))
+
+
+def drawn(modules: Sequence[str], seed: int, count: int) -> list[Fault]:
+    """So many faults in all, as evenly over the modules as can be."""
+    orders = {}
+    for module in modules:
+
+        def place(numbered: tuple[int, object], module: str = module) -> bytes:
+            return hashlib.sha256(f"{seed} {module} {numbered[0]}".encode()).digest()
+
+        orders[module] = sorted(enumerate(mutants(module)), key=place)
+    faults: list[Fault] = []
+    while len(faults) < count and any(orders.values()):
+        for module in modules:
+            if orders[module] and len(faults) < count:
+                number, make = orders[module].pop(0)
+                faults.append(Fault(module, number, make()))
+    return faults
+
+
+def chosen(only: Sequence[str], seed: int, count: int) -> list[Fault]:
+    """The faults that the command line asks for."""
+    named = [name for name in only if ":" in name]
+    modules = [m for name in only if ":" not in name for m in GROUPS.get(name, (name,))]
+    if not only:
+        modules = [module for group in GROUPS.values() for module in group]
+    faults = drawn(modules, seed, count) if modules else []
+    for name in named:
+        module, _, number = name.partition(":")
+        faults.append(Fault(module, int(number), mutants(module)[int(number)]()))
+    return faults
+
+
+def main() -> None:
+    """Print the verdict on each fault, and those that survived."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--count", type=int, default=200)
+    parser.add_argument("--only", nargs="*", default=[], help="groups, modules or single faults")
+    parser.add_argument("--list", action="store_true", help="only list the faults")
+    options = parser.parse_args()
+    faults = chosen(options.only, options.seed, options.count)
+    print(f"seed {options.seed}: {len(faults)} faults", flush=True)
+    if options.list:
+        for fault in faults:
+            print(fault.text())
+        return
+    for name in LIBRARIES:
+        import_module(name)
+    begun = time.monotonic()
+    survivors = faults
+    with tempfile.TemporaryDirectory(prefix="mutation_") as folder:
+        copy = Copy(Path(folder))
+        for is_quick in (True, False):
+            survivors = [fault for fault in survivors if not _found(copy, fault, is_quick)]
+    for group, modules in GROUPS.items():
+        total = sum(fault.module in modules for fault in faults)
+        lived = sum(fault.module in modules for fault in survivors)
+        if total:
+            print(f"{group}: {total - lived} of {total} found")
+    print(f"{len(faults) - len(survivors)} of {len(faults)} found", end=" ")
+    print(f"in {(time.monotonic() - begun) / 60:.0f} minutes")
+    for fault in survivors:
+        print(f"survived: {fault.text()}")
+    sys.exit(1 if survivors else 0)
+
+
+def _found(copy: Copy, fault: Fault, is_quick: bool) -> bool:
+    """Whether a fault is found, which is told."""
+    started = time.monotonic()
+    found = copy.verdict(fault, is_quick)
+    told = "found" if found else "not found by the quick tests" if is_quick else "SURVIVED"
+    print(f"{told} in {time.monotonic() - started:.0f} s  {fault.text()}")
+    print(f"    {found}" if found else "", flush=True)
+    return bool(found)
+
+
+if __name__ == "__main__":
+    main()

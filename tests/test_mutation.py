@@ -1,0 +1,115 @@
+"""Faults put into the package on purpose: that they are made as meant, and that tests find them."""
+
+from __future__ import annotations
+
+import ast
+from multiprocessing import get_context
+from pathlib import Path
+
+import pytest
+from mutation.mutants import Mutant, python_mutants
+from mutation.suites import GROUPS
+from mutation.survivors import Copy, Fault, drawn, mutants, source_path
+from mutation.templates import template_mutants
+
+
+def faulty(source: str) -> set[str]:
+    """What stands in the place of a statement of Python."""
+    return {make().after for make in python_mutants(source)}
+
+
+@pytest.mark.parametrize(
+    ("source", "faults"),
+    [
+        ("x = a - b", {"x = a + b", "x = a", "x = -b"}),
+        ("x = a < b", {"x = a <= b"}),
+        ("x = not a", {"x = a"}),
+        ("x = a and b", {"x = a or b", "x = a", "x = b"}),
+        ("x = -a", {"x = a"}),
+        ("x = a[0]", {"x = a[1]", "x = a[-1]"}),
+        ("x = f(tape, a, b)", {"x = f(tape, b, a)"}),
+        ("x = a.rotated(turn)", {"x = a"}),
+        ("x = sp.S.Zero", {"x = sp.S.One"}),
+        ("x = a if b else c", {"x = c if b else a"}),
+        ("f(a)", {"pass"}),
+        ("if a:\n    f(a)", {"if not a:", "pass"}),
+        ("x = f'{a + b}c'", {"x = f'{a - b}c'", "x = f'{a}c'", "x = f'{b}c'"}),
+    ],
+)
+def test_faults_of_a_statement(source: str, faults: set[str]) -> None:
+    assert faulty(source) == faults
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "import a",
+        '"""A docstring: 1 + 2."""',
+        "x: tuple[int, 3]",
+        "Pair = tuple[int, float]",
+        "assert a < b",
+        "zip(strict=True).x",
+    ],
+)
+def test_what_is_left_alone(source: str) -> None:
+    assert faulty(source) <= {"pass"}
+
+
+def test_faults_of_a_template_are_in_its_code() -> None:
+    template = "/* a + 1 */\n#define A 2 + 3\n    x = {{ name + 1 }} * y;\n    f(x);\n"
+    assert [make().text for make in template_mutants(template)] == [
+        template.replace("    x = {{ name + 1 }} * y;", ""),
+        template.replace("}} * y", "}} + y"),
+        template.replace("    f(x);", ""),
+    ]
+
+
+def test_each_fault_changes_what_the_module_says_and_no_more_than_a_statement() -> None:
+    source = source_path("printers").read_text(encoding="utf-8")
+    whole = ast.unparse(ast.parse(source)) + "\n"
+    made = [make() for make in python_mutants(source)]
+    assert len(made) > 20
+    assert all(mutant.text != whole for mutant in made)
+    assert len({mutant.text for mutant in made}) == len(made)
+    # What was put in was taken out again.
+    assert python_mutants(source)[0]().text == made[0].text
+
+
+def test_faults_are_drawn_evenly_and_alike_from_one_seed() -> None:
+    modules = ("printers", "trigonometry", "c_source.c.jinja")
+    first = [fault.name for fault in drawn(modules, 1, 9)]
+    assert first == [fault.name for fault in drawn(modules, 1, 9)]
+    assert first != [fault.name for fault in drawn(modules, 2, 9)]
+    assert [sum(name.startswith(module) for name in first) for module in modules] == [3, 3, 3]
+
+
+def test_every_module_that_is_named_has_faults() -> None:
+    for modules in GROUPS.values():
+        for module in modules:
+            assert mutants(module), module
+
+
+CLASSIC = {
+    "gibbs": ("- r.T * spin * first * w\n", "\n"),
+    "kinematics": ("let(y * spin) - yz", "let(y * spin) + yz"),
+    "combine": ("inertia_force - active", "inertia_force + active"),
+    "forward": ("tape.let(z - machine.parameters.gravity)", "z"),
+    "lower": ("(sign * inner, node)", "(inner, node)"),
+    "c_function": ("{argument}[{i} * stride]", "{argument}[{i + 1} * stride]"),
+}
+
+
+@pytest.mark.slow
+def test_classic_faults_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A term dropped, a sign turned, gravity forgotten, a − (b − c) mistaken, an index off by one.
+
+    They are found by the quick tests of their modules, which pass without them.
+    """
+    # A fork of this process would have the package, without the fault, already imported.
+    monkeypatch.setattr("mutation.survivors._PROCESSES", get_context("spawn"))
+    copy = Copy(tmp_path)
+    for module, (old, new) in CLASSIC.items():
+        source = source_path(module).read_text(encoding="utf-8")
+        assert source.count(old) == 1, module
+        fault = Fault(module, 0, Mutant("classic", 0, old, new, source.replace(old, new)))
+        assert "tests/" in copy.verdict(fault, is_quick=True), module
