@@ -105,20 +105,20 @@ def _gradients(
     q, v, a = (x[:, None] for x in (states.q, states.v, states.a))
     units = np.eye(states.q.shape[-1])
 
-    def quadratic(name: str, *before: Array, at: Array) -> Array:
-        """Gradient by central differences, exact for what is quadratic."""
-        ahead, behind = (evaluation(name, *before, at + step) for step in (units, -units))
-        gradient: Array = (ahead - behind) / 2
+    def quadratic(name: str, *before: Array, at: Array, steps: Array) -> Array:
+        """Gradient by central differences, exact for what is quadratic whatever the `steps`."""
+        moves = steps[:, :, None] * units
+        ahead, behind = (evaluation(name, *before, at + move) for move in (moves, -moves))
+        gradient: Array = (ahead - behind) / (2 * steps)
         return gradient
 
-    by_a = quadratic("gibbs", q, v, at=a)
-    inverse = values["inverse_dynamics"]
-    # A unit is far from the state's own accelerations in some coordinates' units.
-    size = sizes.free_inertial_effort + sizes.free_units * sizes.free_units.max(-1, keepdims=True)
-    yield compared("gibbs", "∂S/∂a = M a − R", by_a, inverse, size, EXACT)
-    by_v = quadratic("kinetic_energy", q, at=v)
+    # Steps that change the functions by as much as they are leave them most digits.
+    size = sizes.free_inertial_effort
+    by_a = quadratic("gibbs", q, v, at=a, steps=size / sizes.free_units**2)
+    yield compared("gibbs", "∂S/∂a = M a − R", by_a, values["inverse_dynamics"], size, EXACT)
     momentum = times(values["mass_matrix"], states.v)
-    size = sizes.free_units * (sizes.largest(states.v) + sizes.free_units.max(-1, keepdims=True))
+    size = sizes.free_units * sizes.largest(states.v)
+    by_v = quadratic("kinetic_energy", q, at=v, steps=size / sizes.free_units**2)
     yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
     steps = np.full(len(states), STEP)
     by_q = derivative(lambda time: evaluation("potential_energy", q + time[:, None] * units), steps)
