@@ -15,22 +15,21 @@ Values = Mapping[str, Array]
 
 
 def compare_equations(
-    values: Values, formulation: Formulation, states: States, sizes: Sizes, limit: float
+    values: Values, formulation: Formulation, states: States, sizes: Sizes
 ) -> list[Comparison]:
     """Compare the `values` of a module's functions, by name, with what a formulation gives.
 
     `values` has each function's results for all states; the two of `mass_matrix_and_residual` are
-    under "mass_matrix_and_residual.M" and ".R". Errors are relative to `sizes`, limited by `limit`.
+    under "mass_matrix_and_residual.M" and ".R". Errors are relative to `sizes`.
     """
     rows = [
         *_system(values, formulation, states, sizes),
         *_geometry(values, formulation, states, sizes),
         *_energies(values, formulation, states, sizes),
     ]
+    name, limit = formulation.name, formulation.limit
     return [
-        compared(
-            what, formulation.name, values[what] if ours is None else ours, theirs, size, limit
-        )
+        compared(what, name, values[what] if ours is None else ours, theirs, size, limit)
         for what, ours, theirs, size in rows
     ]
 

@@ -30,11 +30,12 @@ class Formulation(Protocol):
 
     Arguments are in the reduced coordinates, (s, nq). Results are in those of all joints, free and
     held, in the order of the hybrid system: `size` of them. `gives` names the methods below that it
-    has.
+    has, `limit` is the largest error that its own arithmetic explains.
     """
 
     name: str
     gives: frozenset[str]
+    limit: float
     tree: Tree
 
     def mass_matrix(self, q: Array) -> Array:

@@ -19,6 +19,8 @@ class MuJoCo:
     """
 
     name = "MuJoCo"
+    # It turns every body to its principal axes first, and gets them to a few digits fewer.
+    limit = 1e-8
     gives = frozenset(
         (
             "mass_matrix",

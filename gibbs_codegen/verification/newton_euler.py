@@ -38,6 +38,7 @@ class NewtonEuler:
 
     name = "Newton–Euler"
     gives = EVERYTHING
+    limit = 1e-10
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree

@@ -20,6 +20,7 @@ class Pinocchio:
 
     name = "Pinocchio"
     gives = EVERYTHING
+    limit = 1e-10
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree

@@ -32,7 +32,6 @@ from gibbs_codegen.verification.tree import Tree
 
 Progress = Callable[[str], None]
 
-LIMIT, LIMIT_OF_DIFFERENCES = 1e-10, 1e-7
 OTHER_PARAMETERS = "other parameters"
 # Module of this package, and the library that it needs.
 _LIBRARIES = (
@@ -113,16 +112,14 @@ def compare_module(
     sizes = Sizes(against[0], states)
     for formulation in against:
         progress(formulation.name)
-        limit, few = LIMIT, count
+        few = count
         if isinstance(formulation, Lagrange):
-            limit = LIMIT_OF_DIFFERENCES
             few = max(1, min(count, _MOST_NUMBERS // (formulation.points * tree.size)))
         comparisons += compare_equations(
             {name: value[:few] for name, value in values.items()},
             formulation,
             states.first(few),
             sizes if few == count else Sizes(against[0], states.first(few)),
-            limit,
         )
     progress("invariants")
     comparisons += compare_invariants(evaluation, values, states, sizes, tree)
@@ -147,7 +144,7 @@ def _with_other_parameters(
     evaluation = Evaluation(module, constants)
     values = evaluation.all(states)
     sizes = Sizes(formulation, states)
-    comparisons = compare_equations(values, formulation, states, sizes, LIMIT)
+    comparisons = compare_equations(values, formulation, states, sizes)
     return [replace(c, against=OTHER_PARAMETERS) for c in comparisons], evaluation.faults
 
 
