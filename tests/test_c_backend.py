@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import inspect
 import logging
 import os
+import pickle
 import shutil
 import signal
 import threading
@@ -191,7 +193,7 @@ def test_results_are_arrays_of_their_own(backends) -> None:
         (lambda m: m.mass_matrix(np.zeros(8)), ValueError),
         (lambda m: m.mass_matrix(np.zeros((9, 2))), ValueError),
         (lambda m: m.mass_matrix(3.0), ValueError),
-        (lambda m: m.mass_matrix("nine"), ValueError),
+        (lambda m: m.mass_matrix("nine"), TypeError),
         (lambda m: m.mass_matrix([1j] * 9), TypeError),
         (lambda m: m.residual(np.zeros((2, 9)), np.zeros((3, 9))), ValueError),
         (lambda m: m.mass_matrix(np.zeros(9), constants=7), TypeError),
@@ -300,7 +302,8 @@ def test_memory_does_not_grow(backends) -> None:
         gc.collect()
         grown, _ = tracemalloc.get_traced_memory()
         tracemalloc.stop()
-        assert grown < 20_000
+        # What free lists hold varies; the smallest object a call could lose has more.
+        assert grown < 2000 * 32
 
 
 def test_a_forked_process_has_threads_of_its_own(
@@ -336,10 +339,26 @@ def test_without_python_headers(
 ) -> None:
     monkeypatch.setattr(c_backend, "_caller_type", lambda _: None)
     plain = load(ROBOT, backend="c")
-    assert inspect.isfunction(plain.mass_matrix)
+    assert type(plain.mass_matrix) is not type(backends[1].mass_matrix)
     np.testing.assert_array_equal(
         plain.mass_matrix(states["q"][0]), backends[1].mass_matrix(states["q"][0])
     )
+
+
+def test_functions_are_not_pickled_but_copied(
+    monkeypatch: pytest.MonkeyPatch, backends: tuple[ModuleType, ModuleType]
+) -> None:
+    """Pickled by its name, a function would become NumPy's in the other process."""
+    monkeypatch.setattr(c_backend, "_caller_type", lambda _: None)
+    for compiled in (backends[1], load(ROBOT, backend="c")):
+        for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
+            with pytest.raises(TypeError, match=r"^residual\(\) is compiled code, which cannot be"):
+                pickle.dumps(compiled.residual, protocol)
+        assert copy.copy(compiled.residual) is compiled.residual
+        assert copy.deepcopy({"f": compiled.residual})["f"] is compiled.residual
+        assert repr(compiled.residual) == "<compiled function residual>"
+        constants = compiled.prepare({"gravity": 3.7})
+        assert pickle.loads(pickle.dumps(constants)) == constants  # noqa: S301
 
 
 def test_casadi_takes_the_same_library(backends, states: dict[str, np.ndarray]) -> None:
