@@ -41,7 +41,8 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
                 if not _is_whole(entry):
                     _fill(root, entry, make)
     except OSError as error:
-        raise CacheError(f"{error.filename or 'cache'}: {error.strerror or error}") from None
+        where = error.filename or cache_folder()
+        raise CacheError(f"{where}: {error.strerror or error}") from None
     return entry / _LIBRARY
 
 
