@@ -59,6 +59,9 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         library = ctypes.CDLL(str(path))
     except OSError as error:
         raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
+    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
+    functions = signatures(*map(len, lists))
+    _check_symbols(library, module.NAME, functions)
     made = ModuleType(module.__name__, module.__doc__)
     made.__file__ = str(path)
     for name in _DATA:
@@ -67,12 +70,19 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     made.prepare = constants.prepare  # type: ignore[attr-defined]
     pool = _Pool(threads)
     caller = _caller_type(compiler)
-    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-    for signature in signatures(*map(len, lists)):
+    for signature in functions:
         function = _Function(library, module.NAME, signature, constants, pool)
         general = _General(function.evaluate, getattr(module, signature.name))
         setattr(made, signature.name, function.fast(caller, general) if caller else general)
     return made
+
+
+def _check_symbols(library: ctypes.CDLL, prefix: str, functions: Sequence[Signature]) -> None:
+    """Refuse a library that lacks a function. Raises `CompilerError`."""
+    names = [f"{prefix}_{f.name}{form}" for f in functions for form in ("", "_batch")]
+    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", *names):
+        if not hasattr(library, name):
+            raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
 
 
 class _Constants:

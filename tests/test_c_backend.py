@@ -337,8 +337,11 @@ def test_many_threads_load_at_once() -> None:
 def test_without_python_headers(
     monkeypatch: pytest.MonkeyPatch, backends, states: dict[str, np.ndarray]
 ) -> None:
-    monkeypatch.setattr(c_backend, "_caller_type", lambda _: None)
-    plain = load(ROBOT, backend="c")
+    c_backend._caller_type.cache_clear()
+    with monkeypatch.context() as without:
+        without.setattr(c_backend.sysconfig, "get_path", lambda _: "/nowhere")
+        plain = load(ROBOT, backend="c")
+    c_backend._caller_type.cache_clear()
     assert type(plain.mass_matrix) is not type(backends[1].mass_matrix)
     np.testing.assert_array_equal(
         plain.mass_matrix(states["q"][0]), backends[1].mass_matrix(states["q"][0])
@@ -405,6 +408,8 @@ def said(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]
         ("true", "failed"),
         ('cc "', "quotation"),
         ("cc --no-such-flag", "--no-such-flag"),
+        ("cc -O0 -DHEXAROTOR_3LINK_FLOAT", "the library has no hexarotor_3link_init_constants"),
+        ("cc -O0 -fvisibility=hidden", "the library has no hexarotor_3link_init_constants"),
     ],
 )
 def test_numpy_serves_where_nothing_compiles(
@@ -424,6 +429,33 @@ def test_numpy_serves_where_nothing_compiles(
     assert message.startswith("hexarotor_3link: NumPy serves instead of C: ")
     assert reason in message
     assert "\n" not in message
+
+
+def test_numpy_serves_where_there_is_no_compiler(
+    monkeypatch: pytest.MonkeyPatch, said: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", "")
+    find_compiler.cache_clear()
+    assert load(ROBOT, backend="c").__file__.endswith(".py")
+    assert [record.getMessage() for record in said.records] == [
+        "hexarotor_3link: NumPy serves instead of C: no C compiler found"
+    ]
+
+
+def test_numpy_serves_where_what_was_compiled_is_no_library(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: pytest.LogCaptureFixture
+) -> None:
+    script = tmp_path / "compiler"
+    script.write_text(
+        '#!/bin/sh\nwhile test $# -gt 0; do test "$1" = -o && echo no >"$2"; shift; done\n'
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("CC", str(script))
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    assert load(ROBOT, backend="c").__file__.endswith(".py")
+    assert len(said.records) == 1
+    assert "library.so cannot be loaded" in said.records[0].getMessage()
 
 
 def test_numpy_serves_where_nothing_can_be_kept(
