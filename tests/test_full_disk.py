@@ -17,9 +17,7 @@ GENERATE = '"$PYTHON" -m gibbs_codegen generate hexarotor --target numpy --out d
 
 
 # The module takes some 60 KiB.
-@pytest.mark.parametrize(
-    "kibibytes", [4, *(pytest.param(k, marks=pytest.mark.slow) for k in (16, 40))]
-)
+@pytest.mark.parametrize("kibibytes", [4, pytest.param(40, marks=pytest.mark.slow)])
 def test_no_module_rather_than_half_of_one(kibibytes: int, tmp_path: Path) -> None:
     done = on_small_disk(tmp_path, kibibytes, GENERATE)
     assert done.code == 1
@@ -57,9 +55,7 @@ print(large.__file__.endswith(".so"), np.allclose(*(
 """
 
 
-@pytest.mark.parametrize(
-    "kibibytes", [100, *(pytest.param(k, marks=pytest.mark.slow) for k in (8, 250, 350))]
-)
+@pytest.mark.parametrize("kibibytes", [100, pytest.param(250, marks=pytest.mark.slow)])
 def test_numpy_serves_until_there_is_room(kibibytes: int, tmp_path: Path) -> None:
     """There is no room for the source, or for the library."""
     tool("cc")
@@ -78,7 +74,6 @@ def test_numpy_serves_until_there_is_room(kibibytes: int, tmp_path: Path) -> Non
     ("kibibytes", "options"),
     [
         (16, "--no-figures"),
-        pytest.param(60, "--no-figures", marks=pytest.mark.slow),
         pytest.param(130, "--no-figures --animate gif", marks=pytest.mark.slow),
         pytest.param(700, "", marks=pytest.mark.slow),
     ],
