@@ -142,13 +142,13 @@ for left in out.glob(".*"):
 generate("hexarotor", out, ["numpy"])
 assert os.listdir(out) == ["hexarotor"]
 """
-KILLS = [3, pytest.param(50, marks=pytest.mark.slow)]
+KILLS = 50
 
 
-@pytest.mark.parametrize("count", KILLS)
-def test_a_kill_at_any_moment_of_generate(count: int, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_kill_at_any_moment_of_generate(tmp_path: Path) -> None:
     """A whole module or none is seen, and beside it at most hidden folders."""
-    code = GENERATING.replace("COUNT", str(count)).replace("SEED", str(SEED))
+    code = GENERATING.replace("COUNT", str(KILLS)).replace("SEED", str(SEED))
     assert int(program(code, tmp_path)[0]) > 0
 
 
@@ -177,14 +177,14 @@ assert np.allclose(module.mass_matrix(q), load(folder).mass_matrix(q), rtol=0, a
 """
 
 
-@pytest.mark.parametrize("count", KILLS)
+@pytest.mark.slow
 def test_a_kill_at_any_moment_of_a_first_load(
-    count: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Entries of the cache are whole, and the next load needs no help."""
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
-    code = LOADING.replace("COUNT", str(count)).replace("SEED", str(SEED))
+    code = LOADING.replace("COUNT", str(KILLS)).replace("SEED", str(SEED))
     assert int(program(code, tmp_path)[0]) > 0
 
 
