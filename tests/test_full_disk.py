@@ -17,7 +17,8 @@ GENERATE = '"$PYTHON" -m gibbs_codegen generate hexarotor --target numpy --out d
 
 
 # The module takes some 60 KiB.
-@pytest.mark.parametrize("kibibytes", [4, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kibibytes", [4, 40])
 def test_no_module_rather_than_half_of_one(kibibytes: int, tmp_path: Path) -> None:
     done = on_small_disk(tmp_path, kibibytes, GENERATE)
     assert done.code == 1
