@@ -18,15 +18,16 @@ import os
 import re
 import sys
 import sysconfig
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.arguments import common_batch, state_array
 from gibbs_codegen.c_library import NATIVE, compiled_library
 from gibbs_codegen.cache import CacheError, cached_library
 from gibbs_codegen.compiler import Compiler, CompilerError
@@ -58,6 +59,9 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         library = ctypes.CDLL(str(path))
     except OSError as error:
         raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
+    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
+    functions = signatures(*map(len, lists))
+    _check_symbols(library, module.NAME, functions)
     made = ModuleType(module.__name__, module.__doc__)
     made.__file__ = str(path)
     for name in _DATA:
@@ -66,12 +70,19 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     made.prepare = constants.prepare  # type: ignore[attr-defined]
     pool = _Pool(threads)
     caller = _caller_type(compiler)
-    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-    for signature in signatures(*map(len, lists)):
+    for signature in functions:
         function = _Function(library, module, signature, constants, pool)
-        general = function.general(getattr(module, signature.name))
+        general = _General(function.evaluate, getattr(module, signature.name))
         setattr(made, signature.name, function.fast(caller, general) if caller else general)
     return made
+
+
+def _check_symbols(library: ctypes.CDLL, prefix: str, functions: Sequence[Signature]) -> None:
+    """Refuse a library that lacks a function. Raises `CompilerError`."""
+    names = [f"{prefix}_{f.name}{form}" for f in functions for form in ("", "_batch")]
+    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", *names):
+        if not hasattr(library, name):
+            raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
 
 
 class _Constants:
@@ -147,34 +158,15 @@ class _Function:
         signature = self._signature
         return caller(address, signature.widths, signature.shapes, self._constants.default, general)
 
-    def general(self, like: Callable[..., Any]) -> Callable[..., Any]:
-        """The function for anything that NumPy makes an array of, and any batch.
-
-        It has the name, the arguments and the documentation of `like`.
-        """
-        names = self._signature.arguments
-        bind = inspect.signature(like).bind
-
-        @functools.wraps(like)
-        def function(*arguments: Any, **named: Any) -> Any:
-            try:
-                given = bind(*arguments, **named).arguments
-            except TypeError as error:
-                raise TypeError(f"{self._signature.name}() {error}") from None
-            constants = self._constants.chosen(given.get("constants"))
-            return self._evaluate([given[name] for name in names], constants)
-
-        return function
-
-    def _evaluate(self, arguments: Sequence[Any], constants: bytes) -> Any:
+    def evaluate(self, given: Mapping[str, Any]) -> Any:
+        """The function of arguments by name: anything that NumPy makes an array of, any batch."""
         signature = self._signature
+        constants = self._constants.chosen(given.get("constants"))
         arrays = [
-            _argument(name, value, width)
-            for name, value, width in zip(
-                signature.arguments, arguments, signature.widths, strict=True
-            )
+            state_array(name, given[name], width)
+            for name, width in zip(signature.arguments, signature.widths, strict=True)
         ]
-        batch = _common_batch(arrays)
+        batch = common_batch(arrays)
         inputs = [
             np.require(np.broadcast_to(array, (*batch, array.shape[-1])), requirements=["C", "A"])
             for array in arrays
@@ -235,22 +227,42 @@ class _Function:
         return bool(lost)
 
 
-def _argument(name: str, values: Any, width: int) -> NDArray[np.float64]:
-    """An argument as an array, once its last axis has been checked."""
-    array: NDArray[np.float64] = np.asarray(values, dtype=np.float64)
-    if array.ndim == 0 or array.shape[-1] != width:
-        raise ValueError(
-            f"{name} must have {width} entries along its last axis, not shape {array.shape}"
+class _General:
+    """A compiled function for any arguments, which it takes as the function `like` does.
+
+    It has the name and the documentation of `like`.
+    """
+
+    def __init__(
+        self, evaluate: Callable[[Mapping[str, Any]], Any], like: Callable[..., Any]
+    ) -> None:
+        functools.update_wrapper(self, like)
+        self._name = like.__name__
+        self._evaluate = evaluate
+        self._bind = inspect.signature(like).bind
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        try:
+            given = self._bind(*arguments, **named).arguments
+        except TypeError as error:
+            raise TypeError(f"{self._name}() {error}") from None
+        return self._evaluate(given)
+
+    def __repr__(self) -> str:
+        return f"<compiled function {self._name}>"
+
+    def __reduce__(self) -> NoReturn:
+        # By its name the NumPy function would be found instead.
+        raise TypeError(
+            f"{self._name}() is compiled code, which cannot be pickled: load the module in every "
+            "process and pass arrays and constants"
         )
-    return array
 
+    def __copy__(self) -> _General:
+        return self
 
-def _common_batch(arrays: Arrays) -> tuple[int, ...]:
-    shapes = [array.shape[:-1] for array in arrays]
-    try:
-        return np.broadcast_shapes(*shapes)
-    except ValueError:
-        raise ValueError(f"leading axes {shapes} do not broadcast") from None
+    def __deepcopy__(self, _: object) -> _General:
+        return self
 
 
 def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:

@@ -41,20 +41,29 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
                 if not _is_whole(entry):
                     _fill(root, entry, make)
     except OSError as error:
-        raise CacheError(f"{error.filename or 'cache'}: {error.strerror or error}") from None
+        where = error.filename or cache_folder()
+        raise CacheError(f"{where}: {error.strerror or error}") from None
     return entry / _LIBRARY
 
 
 def cache_folder() -> Path:
-    """Where libraries are kept: GIBBS_CODEGEN_CACHE, or a folder of the platform's user cache."""
+    """Where libraries are kept: GIBBS_CODEGEN_CACHE, or a folder of the platform's user cache.
+
+    Raises `RuntimeError` where there is no home.
+    """
     chosen = os.environ.get("GIBBS_CODEGEN_CACHE")
     if chosen:
         return Path(chosen).expanduser().absolute()
-    if sys.platform == "darwin":
-        return Path.home() / "Library" / "Caches" / "gibbs_codegen"
     base = os.environ.get("XDG_CACHE_HOME", "")
     # The specification has relative paths ignored.
-    return (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "gibbs_codegen"
+    if os.path.isabs(base) and sys.platform != "darwin":
+        return Path(base) / "gibbs_codegen"
+    home = Path.home()
+    if not home.is_absolute():
+        # Nobody has chosen the working directory, in which a library might have been planted.
+        raise RuntimeError("the home folder is a relative path")
+    caches = home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache"
+    return caches / "gibbs_codegen"
 
 
 def _private_folder() -> Path:

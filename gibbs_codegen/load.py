@@ -91,9 +91,16 @@ def _import(folder: Path) -> ModuleType:
 
 def find_module(path: Path) -> Path:
     """Folder of a generated module, by its path or its name. Raises `UsageError` for none."""
-    for folder in (path, Path("generated") / path):
+    folders = (path, Path("generated") / path)
+    for folder in folders:
         if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
             return folder.resolve()
+    for folder in folders:
+        if (folder / f"{folder.resolve().name}.h").is_file():
+            raise UsageError(
+                f"{folder}: has the C target only; generate the module with the NumPy target too, "
+                "which says what its functions take"
+            )
     raise UsageError(
         f"{path}: no generated module there, nor in generated/; "
         f"make it with: gibbs-codegen generate {path.name}"

@@ -10,7 +10,7 @@ import signal
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -28,15 +28,16 @@ def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
 
     Raises `OutputError` where they cannot be read.
     """
+    differing = []
     try:
-        differing = []
-        for name, text in files.items():
-            path = folder / name
-            if not path.is_file() or path.read_bytes() != text.encode():
-                differing.append(name)
-        if folder.is_dir():
-            present = {path.name for path in folder.iterdir() if path.name != "__pycache__"}
-            differing += sorted(present - set(files))
+        with _alone_in(folder.parent):
+            for name, text in files.items():
+                path = folder / name
+                if not path.is_file() or path.read_bytes() != text.encode():
+                    differing.append(name)
+            if folder.is_dir():
+                present = {path.name for path in folder.iterdir() if path.name != "__pycache__"}
+                differing += sorted(present - set(files))
         return differing
     except OSError as error:
         raise OutputError(f"{_short(folder)}: cannot be read: {error.strerror}") from None
@@ -47,6 +48,11 @@ def check_replaceable(folder: Path, robot_text: str) -> None:
 
     `robot_text` is what the folder's robot file is about to become.
     """
+    with _alone_in(folder.parent):
+        _check_replaceable(folder, robot_text)
+
+
+def _check_replaceable(folder: Path, robot_text: str) -> None:
     try:
         for parent in folder.parents:
             if parent.exists() and not parent.is_dir():
@@ -103,15 +109,18 @@ def write_module(folder: Path, files: Mapping[str, str]) -> None:
     place, the old or the new one, and the hidden folder is gone. Raises `UsageError` for what must
     not be replaced and `OutputError` for what cannot be written.
     """
-    check_replaceable(folder, files.get("robot.toml", ""))
+    robot_text = files.get("robot.toml", "")
+    check_replaceable(folder, robot_text)
     # A path through the module itself, or relative to it, would lead astray while it is replaced.
     folder = Path(os.path.realpath(folder.parent)) / folder.name
     made = _missing_parents(folder.parent)
     with _signals_held() as held:
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)
-            _remove_stale(folder.parent)
-            _write_and_swap(folder, files, held)
+            with _alone_in(folder.parent, held):
+                _check_replaceable(folder, robot_text)
+                _remove_stale(folder.parent)
+                _write_and_swap(folder, files, held)
         except OSError as error:
             reason = error.strerror or str(error)
             raise OutputError(
@@ -165,6 +174,36 @@ def _write_flushed(path: Path, text: str) -> None:
         file.write(text.encode())
         file.flush()
         os.fsync(file.fileno())
+
+
+@contextmanager
+def _alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
+    """Keep other processes that write modules into a folder waiting, where it can be locked.
+
+    Between two renames a module is not there, which is not for others to see. Waiting ends when
+    `held` has a signal, or when a process has had the lock for longer than any writing takes.
+    """
+    number = None
+    try:
+        # Neither Windows nor every file system has this; a module is written whole without.
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            number = os.open(folder, os.O_RDONLY)
+            end = time.monotonic() + _STALE_SECONDS
+            while not held and time.monotonic() < end:
+                try:
+                    fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    time.sleep(0.01)
+        yield
+    finally:
+        if number is not None:
+            # Closing is not enough where a child that was forked meanwhile has it open too.
+            with suppress(OSError):
+                fcntl.flock(number, fcntl.LOCK_UN)
+            os.close(number)
 
 
 @contextmanager

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import ctypes
 import math
+import subprocess
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
+import pytest
+from benchmarks.family import benchmark_robot
 from numpy.typing import NDArray
+from random_robots import random_robot
 from tools import run, tool
 
 from gibbs_codegen.emit import TARGETS, render_module
@@ -18,15 +22,30 @@ from gibbs_codegen.interface import LANES, Signature, signatures
 from gibbs_codegen.load import load
 from gibbs_codegen.model import Model, derive
 from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot_file import read_robot
 
 WARNINGS = [
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion"),
-    "-Werror",
+    *("-Wsign-conversion", "-Wfloat-conversion", "-Wundef", "-Wcast-qual", "-Wcast-align"),
+    *("-Wvla", "-Wformat=2", "-Wfloat-equal", "-Wunused-macros", "-Werror"),
 ]
 C = ["-std=c99", *WARNINGS, "-Wstrict-prototypes", "-Wmissing-prototypes"]
 CXX = ["-x", "c++", "-std=c++17", *WARNINGS]
 Array = NDArray[np.floating]
 LANGUAGES = {"gcc": C, "clang": C, "g++": CXX, "clang++": CXX}
+SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+
+SMALL = "quadrotor_2link"
+# Seed, rotors and links: every kind of joint and body, with and without gravity and drag.
+RANDOM = {
+    f"random_{rotors}_{links}": (seed, rotors, links)
+    for seed, rotors, links in ((0, 2, 0), (0, 3, 1), (2, 5, 2), (1, 4, 3), (1, 7, 4), (0, 2, 5))
+}
+# The one with three links again, cut into pieces of so many memory references.
+CUT = {f"random_cut_at_{limit}": limit for limit in (40, 60)}
+WHOLE = "random_4_3"
+# Columns that go in loops if loops of few steps will do.
+ROLLED = "rolled"
 
 
 @dataclass(frozen=True)
@@ -74,6 +93,35 @@ def emit(robot: Robot, folder: Path, text: str = "") -> Emitted:
     for name, content in render_module(model, text, TARGETS).items():
         (folder / name).write_text(content, encoding="utf-8")
     return Emitted(model, folder, load(folder))
+
+
+def emit_labelled(label: str, folder: Path) -> Emitted:
+    """Emit a robot that ships, or one of RANDOM or CUT, or the one with loops."""
+    if label == ROLLED:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("gibbs_codegen.c_function._FEWEST_ROLLED", 1)
+            patch.setattr("gibbs_codegen.runs._FEWEST_STEPS", 12)
+            return emit(replace(benchmark_robot(9), name=label), folder)
+    if label not in RANDOM and label not in CUT:
+        robot, text = read_robot(label)
+        return emit(robot, folder, text)
+    with pytest.MonkeyPatch.context() as patch:
+        if label in CUT:
+            patch.setattr("gibbs_codegen.c_function._MAX_REFERENCES", CUT[label])
+        robot = random_robot(*RANDOM[WHOLE if label in CUT else label])
+        return emit(replace(robot, name=label), folder)
+
+
+def finds_leaks(compiler: str, folder: Path) -> bool:
+    """Whether the compiler's sanitizer may look for leaks here, which takes a right to trace."""
+    source, program = folder / "leak.c", folder / "leak"
+    source.write_text(
+        "#include <stdlib.h>\n"
+        "int main(void) { char *volatile lost = malloc(5); lost = NULL; return lost != NULL; }\n"
+    )
+    run([tool(compiler), "-fsanitize=address", source, "-o", program])
+    said = subprocess.run([str(program)], capture_output=True, text=True, check=False).stderr
+    return "detected memory leaks" in said
 
 
 def build(compiler: str, options: Sequence[str], sources: Sequence[str], output: Path) -> Path:

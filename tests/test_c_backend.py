@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import inspect
 import logging
 import os
+import pickle
 import shutil
 import signal
 import threading
@@ -200,7 +202,7 @@ def test_results_are_arrays_of_their_own(backends) -> None:
         (lambda m: m.mass_matrix(np.zeros(8)), ValueError),
         (lambda m: m.mass_matrix(np.zeros((9, 2))), ValueError),
         (lambda m: m.mass_matrix(3.0), ValueError),
-        (lambda m: m.mass_matrix("nine"), ValueError),
+        (lambda m: m.mass_matrix("nine"), TypeError),
         (lambda m: m.mass_matrix([1j] * 9), TypeError),
         (lambda m: m.residual(np.zeros((2, 9)), np.zeros((3, 9))), ValueError),
         (lambda m: m.mass_matrix(np.zeros(9), constants=7), TypeError),
@@ -309,7 +311,8 @@ def test_memory_does_not_grow(backends) -> None:
         gc.collect()
         grown, _ = tracemalloc.get_traced_memory()
         tracemalloc.stop()
-        assert grown < 20_000
+        # What free lists hold varies; the smallest object a call could lose has more.
+        assert grown < 2000 * 32
 
 
 def test_a_forked_process_has_threads_of_its_own(
@@ -343,12 +346,31 @@ def test_many_threads_load_at_once() -> None:
 def test_without_python_headers(
     monkeypatch: pytest.MonkeyPatch, backends, states: dict[str, np.ndarray]
 ) -> None:
-    monkeypatch.setattr(c_backend, "_caller_type", lambda _: None)
-    plain = load(ROBOT, backend="c")
-    assert inspect.isfunction(plain.mass_matrix)
+    c_backend._caller_type.cache_clear()
+    with monkeypatch.context() as without:
+        without.setattr(c_backend.sysconfig, "get_path", lambda _: "/nowhere")
+        plain = load(ROBOT, backend="c")
+    c_backend._caller_type.cache_clear()
+    assert type(plain.mass_matrix) is not type(backends[1].mass_matrix)
     np.testing.assert_array_equal(
         plain.mass_matrix(states["q"][0]), backends[1].mass_matrix(states["q"][0])
     )
+
+
+def test_functions_are_not_pickled_but_copied(
+    monkeypatch: pytest.MonkeyPatch, backends: tuple[ModuleType, ModuleType]
+) -> None:
+    """Pickled by its name, a function would become NumPy's in the other process."""
+    monkeypatch.setattr(c_backend, "_caller_type", lambda _: None)
+    for compiled in (backends[1], load(ROBOT, backend="c")):
+        for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
+            with pytest.raises(TypeError, match=r"^residual\(\) is compiled code, which cannot be"):
+                pickle.dumps(compiled.residual, protocol)
+        assert copy.copy(compiled.residual) is compiled.residual
+        assert copy.deepcopy({"f": compiled.residual})["f"] is compiled.residual
+        assert repr(compiled.residual) == "<compiled function residual>"
+        constants = compiled.prepare({"gravity": 3.7})
+        assert pickle.loads(pickle.dumps(constants)) == constants  # noqa: S301
 
 
 def test_casadi_takes_the_same_library(backends, states: dict[str, np.ndarray]) -> None:
@@ -395,6 +417,8 @@ def said(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]
         ("true", "failed"),
         ('cc "', "quotation"),
         ("cc --no-such-flag", "--no-such-flag"),
+        ("cc -O0 -DHEXAROTOR_3LINK_FLOAT", "the library has no hexarotor_3link_init_constants"),
+        ("cc -O0 -fvisibility=hidden", "the library has no hexarotor_3link_init_constants"),
     ],
 )
 def test_numpy_serves_where_nothing_compiles(
@@ -414,6 +438,33 @@ def test_numpy_serves_where_nothing_compiles(
     assert message.startswith("hexarotor_3link: NumPy serves instead of C: ")
     assert reason in message
     assert "\n" not in message
+
+
+def test_numpy_serves_where_there_is_no_compiler(
+    monkeypatch: pytest.MonkeyPatch, said: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", "")
+    find_compiler.cache_clear()
+    assert load(ROBOT, backend="c").__file__.endswith(".py")
+    assert [record.getMessage() for record in said.records] == [
+        "hexarotor_3link: NumPy serves instead of C: no C compiler found"
+    ]
+
+
+def test_numpy_serves_where_what_was_compiled_is_no_library(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, said: pytest.LogCaptureFixture
+) -> None:
+    script = tmp_path / "compiler"
+    script.write_text(
+        '#!/bin/sh\nwhile test $# -gt 0; do test "$1" = -o && echo no >"$2"; shift; done\n'
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("CC", str(script))
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    assert load(ROBOT, backend="c").__file__.endswith(".py")
+    assert len(said.records) == 1
+    assert "library.so cannot be loaded" in said.records[0].getMessage()
 
 
 def test_numpy_serves_where_nothing_can_be_kept(

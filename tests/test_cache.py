@@ -115,6 +115,17 @@ def test_the_folder_of_another_user_is_not_used(folder: Path) -> None:
         cached_library("key", Maker())
 
 
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can give a file away")
+@pytest.mark.parametrize("name", [".", "library.so", "sha256"])
+def test_what_belongs_to_another_user_is_made_anew(name: str) -> None:
+    path = cached_library("key", Maker())
+    os.chown(path.parent / name, 12345, 12345)
+    make = Maker()
+    assert cached_library("key", make) == path
+    assert make.calls == 1
+    assert path.stat().st_uid == path.parent.stat().st_uid == 0
+
+
 def test_a_parent_that_is_open_to_everybody_is_refused(folder: Path) -> None:
     folder.parent.chmod(0o777)
     with pytest.raises(CacheError, match="open to everybody"):
@@ -161,6 +172,18 @@ def test_where_the_cache_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     assert cache_folder() == tmp_path / ".cache" / "gibbs_codegen"
     monkeypatch.setattr("sys.platform", "darwin")
     assert cache_folder() == tmp_path / "Library" / "Caches" / "gibbs_codegen"
+
+
+def test_without_a_home_nothing_is_kept_in_the_working_directory(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("GIBBS_CODEGEN_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", "cache")
+    monkeypatch.setenv("HOME", "here")
+    with pytest.raises(CacheError, match="no home folder"):
+        cached_library("key", Maker())
+    assert os.listdir(tmp_path) == []
 
 
 def slow(output: Path) -> None:

@@ -44,7 +44,7 @@ ROOMS = [
     {"numpy_target", "c_target"},
     {"emit"},
     {"write", "report"},
-    {"cache", "compiler"},
+    {"arguments", "cache", "compiler"},
     {"c_library"},
     {"c_backend"},
     {"load"},

@@ -59,3 +59,14 @@ def test_what_is_not_there_is_refused_with_the_command_that_makes_it() -> None:
         load("nowhere")
     with pytest.raises(UsageError, match="known: numpy, c"):
         load("nowhere", backend="fortran")
+
+
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = generate("hexarotor", tmp_path / "generated", targets=("c",))
+    monkeypatch.chdir(tmp_path)
+    for name in ("hexarotor", folder):
+        with pytest.raises(UsageError, match="hexarotor: has the C target only; generate the mod"):
+            load(name, backend=backend)

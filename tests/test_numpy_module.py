@@ -136,7 +136,7 @@ def test_constants_must_be_the_module_s_own(module: ModuleType, shipped) -> None
 
 
 def test_parameters_that_are_no_numbers_are_refused(module: ModuleType) -> None:
-    with pytest.raises(ValueError, match="link2_length must be finite, not nan"):
+    with pytest.raises(ValueError, match="link2_length must be a finite number, not nan"):
         module.prepare({"link2_length": float("nan")})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import signal
@@ -277,3 +278,78 @@ def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
     process.wait(timeout=30)
     process.stdout.close()
     assert visible(tmp_path) == {}
+
+
+WRITE_MANY = """
+import multiprocessing, sys
+from pathlib import Path
+from gibbs_codegen.write import check_replaceable, differing_files, write_module
+
+FILES = {FILES!r}
+
+def write(number):
+    for _ in range(10):
+        check_replaceable(Path("out/robot"), "")
+        write_module(Path("out/robot"), FILES)
+        assert differing_files(Path("out/robot"), FILES) == []
+    return number
+
+with multiprocessing.get_context("fork").Pool(16) as pool:
+    assert pool.map(write, range(16), chunksize=1) == list(range(16))
+"""
+
+
+def test_many_processes_write_at_once(tmp_path: Path) -> None:
+    """Each finds, checks and replaces a whole module, never one that another is replacing."""
+    code = WRITE_MANY.replace("{FILES!r}", repr(FILES))
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert os.listdir(tmp_path / "out") == ["robot"]
+    assert differing_files(tmp_path / "out" / "robot", FILES) == []
+
+
+def test_a_lock_that_is_never_let_go_is_passed_by(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(write, "_STALE_SECONDS", 0.05)
+    held = os.open(tmp_path, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        write_module(tmp_path / "robot", FILES)
+    finally:
+        os.close(held)
+    assert differing_files(tmp_path / "robot", FILES) == []
+
+
+def test_waiting_for_another_process_can_be_ended(tmp_path: Path) -> None:
+    """And then nothing is written."""
+    code = (
+        "from pathlib import Path; from gibbs_codegen import write\n"
+        "write.check_replaceable = lambda *_: print('ready', flush=True)\n"
+        f"write.write_module(Path('robot'), {FILES!r})"
+    )
+    held = os.open(tmp_path, os.O_RDONLY)
+    try:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        process = subprocess.Popen(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+        )
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(0.2)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=30) == -signal.SIGTERM
+        process.stdout.close()
+    finally:
+        os.close(held)
+    assert os.listdir(tmp_path) == []

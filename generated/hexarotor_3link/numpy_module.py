@@ -95,15 +95,19 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
 
     `parameters` maps names of PARAMETERS to values; a name that is left out keeps its default.
     Raises ValueError for a name that is not in PARAMETERS, for a value that is not finite, and
-    where the values leave an acceleration undetermined or cannot be computed with.
+    where the values leave an acceleration undetermined or cannot be computed with; TypeError for
+    what is no number.
     """
-    unknown = sorted(set(parameters) - set(PARAMETERS))
+    given = {**PARAMETERS, **parameters}
+    unknown = sorted(map(str, set(given) - set(PARAMETERS)))
     if unknown:
         raise ValueError(f"unknown parameters {unknown}; known: {sorted(PARAMETERS)}")
-    values = {name: float(value) for name, value in {**PARAMETERS, **parameters}.items()}
-    for name, value in values.items():
-        if not math.isfinite(value):
-            raise ValueError(f"{name} must be finite, not {value}")
+    values = {}
+    for name, value in given.items():
+        number = _numbers(name, value)
+        if number.ndim != 0 or not math.isfinite(number):
+            raise ValueError(f"{name} must be a finite number, not {value}")
+        values[name] = float(number)
     try:
         constants = _constants(values)
     except ZeroDivisionError:
@@ -111,6 +115,21 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
     if not all(map(math.isfinite, constants)):
         raise ValueError("these parameters are too large or too small to compute with")
     return constants
+
+
+def _numbers(name, values):
+    """Real numbers as an array of float64; what only looks like numbers is refused by name."""
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "biufO":
+            raise TypeError(f"not {array.dtype}")
+        if np.ma.is_masked(values):
+            raise ValueError("not masked")
+        return array.astype(np.float64, copy=False)
+    except TypeError as error:
+        raise TypeError(f"{name} must be real numbers: {error}") from None
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
 def _constants(values):
@@ -225,23 +244,31 @@ def _constants(values):
 
 
 _DEFAULT_CONSTANTS = prepare(PARAMETERS)
+_FLOAT = np.dtype(np.float64)
+# NumPy had at most 32 before version 2, and results have one more than arguments.
+_MOST_AXES = 31
 
 
 def _argument(name, values, width):
-    """An argument as an array, once its last axis has been checked."""
-    array = np.asarray(values, dtype=np.float64)
+    """An argument as an array, once its axes have been checked."""
+    plain = type(values) is np.ndarray and values.dtype is _FLOAT
+    array = values if plain else _numbers(name, values)
     if array.ndim == 0 or array.shape[-1] != width:
         raise ValueError(
             f"{name} must have {width} entries along its last axis, not shape {array.shape}"
         )
+    if array.ndim > _MOST_AXES:
+        raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
     return array
 
 
 def _evaluate(kernel, constants, *arguments):
     """Entries of a kernel's output and the shape of the batch."""
     k = _DEFAULT_CONSTANTS if constants is None else constants
-    if not isinstance(k, tuple) or len(k) != len(_DEFAULT_CONSTANTS):
-        raise TypeError("constants must be what this module's prepare() returned")
+    if k is not _DEFAULT_CONSTANTS:
+        alike = isinstance(k, tuple) and len(k) == len(_DEFAULT_CONSTANTS)
+        if not alike or not {*map(type, k)} <= {float}:
+            raise TypeError("constants must be what this module's prepare() returned")
     for argument in arguments:
         if argument.ndim > 1:
             break

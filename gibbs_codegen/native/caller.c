@@ -293,6 +293,27 @@ static PyObject *Caller_repr(PyObject *object)
     return PyUnicode_FromFormat("<compiled function %U>", ((Caller *)object)->name);
 }
 
+/* Refused in the words of the general function. */
+static PyObject *Caller_reduce(PyObject *object, PyObject *unused)
+{
+    (void)unused;
+    return PyObject_CallMethod(((Caller *)object)->general, "__reduce__", NULL);
+}
+
+/* Nothing of it changes, so that a copy is the object itself. */
+static PyObject *Caller_copy(PyObject *object, PyObject *unused)
+{
+    (void)unused;
+    return Py_NewRef(object);
+}
+
+static PyMethodDef methods[] = {
+    {"__reduce__", Caller_reduce, METH_NOARGS, NULL},
+    {"__copy__", Caller_copy, METH_NOARGS, NULL},
+    {"__deepcopy__", Caller_copy, METH_O, NULL},
+    {NULL, NULL, 0, NULL},
+};
+
 static PyMemberDef members[] = {
     {"__vectorcalloffset__", T_PYSSIZET, offsetof(Caller, vectorcall), READONLY, NULL},
     {"__wrapped__", T_OBJECT, offsetof(Caller, general), READONLY, NULL},
@@ -309,6 +330,7 @@ static PyType_Slot slots[] = {
     {Py_tp_clear, Caller_clear},
     {Py_tp_repr, Caller_repr},
     {Py_tp_members, members},
+    {Py_tp_methods, methods},
     {0, NULL},
 };
 

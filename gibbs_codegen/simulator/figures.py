@@ -6,6 +6,7 @@ saves it, shows it in a notebook or changes it. They look the same whatever the 
 
 from __future__ import annotations
 
+import io
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -191,8 +192,11 @@ def write_figures(
             figure = draw(flight)
             for suffix in formats:
                 path = folder / f"{draw.__name__}.{suffix}"
+                # A writer of PDF loses what the disk said; memory takes it whole.
+                drawn = io.BytesIO()
                 with style():
-                    figure.savefig(path, metadata=_METADATA.get(suffix))
+                    figure.savefig(drawn, format=suffix, metadata=_METADATA.get(suffix))
+                path.write_bytes(drawn.getbuffer())
                 paths.append(path)
     except OSError as error:
         raise OutputError(f"{folder}: cannot hold the figures: {error.strerror}") from None
