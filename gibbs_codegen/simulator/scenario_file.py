@@ -69,7 +69,7 @@ def parse_scenario(
     try:
         return checked(text, source, _scenario, ScenarioFileError, _plain(changes or {}))
     except RecursionError:
-        raise ScenarioFileError(source, [_TOO_DEEP]) from None
+        raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None
 
 
 def changes_of(entries: Sequence[str]) -> dict[str, Any]:
@@ -162,16 +162,13 @@ def _scenario(root: Table) -> Scenario | None:
     return _made(root, lambda: Scenario(name, duration, path, attitude, arm, *rest), None)
 
 
-_TOO_DEEP = Fault("", TOO_DEEP)
-
-
 def _is_plain(root: Table) -> bool:
     """Whether a document is not nested too deeply to be read; notes the numbers too large in it."""
     waiting: list[tuple[str, Any, int]] = [("", root.values, 0)]
     while waiting:
         path, value, depth = waiting.pop()
         if depth > MAX_DEPTH:
-            root.faults.append(_TOO_DEEP)
+            root.fault(re.split(r"[.[]", path)[0], TOO_DEEP)
             return False
         if isinstance(value, dict):
             before = f"{path}." if path else ""
