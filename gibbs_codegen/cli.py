@@ -11,6 +11,7 @@ import gc
 import io
 import json
 import os
+import re
 import shlex
 import signal
 import sys
@@ -54,7 +55,12 @@ def console() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 failed, 2 wrong use or a refused file."""
-    options = argument_parser().parse_args(arguments)
+    parser = argument_parser()
+    words = sys.argv[1:] if arguments is None else arguments
+    for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
+        if re.fullmatch(r"--[a-z-]+=--", word):
+            parser.error(f"{word}: -- is no value; a path of that name is ./--")
+    options = parser.parse_args(words)
     try:
         code: int = options.command(options)
     except RefusedFileError as error:

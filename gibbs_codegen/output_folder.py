@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
@@ -19,6 +20,7 @@ def check_output_folder(folder: str | os.PathLike[str]) -> None:
     try:
         for place in (path, *path.parents):
             if place.is_dir():
+                _check_names(place, path.relative_to(place).parts)
                 return
             if place.is_symlink() and not place.exists():
                 raise UsageError(
@@ -29,3 +31,10 @@ def check_output_folder(folder: str | os.PathLike[str]) -> None:
                 raise UsageError(f"{printable(place)}: is a file; --out must be a folder")
     except OSError as error:
         raise UsageError(f"{printable(path)}: cannot be used: {error.strerror}") from None
+
+
+def _check_names(folder: Path, names: tuple[str, ...]) -> None:
+    """Raise `OSError` for a name that no entry of a folder can have, as it is too long."""
+    for name in names:
+        with suppress(FileNotFoundError):
+            os.lstat(folder / name)

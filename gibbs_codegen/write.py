@@ -207,7 +207,7 @@ def _remove_stale(parent: Path) -> None:
 
 def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
-        if folder.is_dir() and not any(folder.iterdir()):
+        with suppress(OSError):  # Not empty: then it is wanted. Or it could not be made.
             folder.rmdir()
 
 
