@@ -164,7 +164,7 @@ def test_output_goes_where_it_is_asked_to(
 ) -> None:
     words = ["generate", "hexarotor"]
     if command == "simulate":
-        words = ["simulate", quick, "--scenario", "hover", "--no-figures"]
+        words = ["simulate", quick, "--scenario", "hover", "--no-figures", "--backend", "numpy"]
     before = tree(work.parent)
     for out, place in PLACES.items():
         code, said, _ = outcome(capsys, *words, f"--out={out}")
@@ -279,7 +279,17 @@ def test_what_stands_where_results_are_to_be(
     kind: str, name: str, earlier: bool, quick: str, work: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of files of the names of results only those beside an earlier flight's give way."""
-    words = ["simulate", quick, "--scenario", "hover", "--no-figures", "--out", "folder"]
+    words = [
+        "simulate",
+        quick,
+        "--scenario",
+        "hover",
+        "--no-figures",
+        "--backend",
+        "numpy",
+        "--out",
+        "folder",
+    ]
     if earlier:
         assert outcome(capsys, *words)[0] == 0
         (work / "folder" / name).unlink(missing_ok=True)
@@ -302,7 +312,17 @@ def test_all_names_of_results_are_guarded(
     for name in (*names, "flight.mp4"):
         path = work / "folder" / name
         path.write_text("precious")
-        words = ["simulate", quick, "--scenario", "hover", "--no-figures", "--out", "folder"]
+        words = [
+            "simulate",
+            quick,
+            "--scenario",
+            "hover",
+            "--no-figures",
+            "--backend",
+            "numpy",
+            "--out",
+            "folder",
+        ]
         assert outcome(capsys, *words)[0] == 2
         assert path.read_text() == "precious"
         path.unlink()
