@@ -179,8 +179,10 @@ _C_HEADERS = frozenset(
     ]
 )
 
-# A package of one of these names would stand in the way of what a generated module imports.
-_SHADOWING = frozenset({"gibbs_codegen", "numpy"})
+# A module of one of these names and the package could not be imported in one program.
+_PACKAGES = frozenset(
+    ["casadi", "gibbs_codegen", "jinja2", "matplotlib", "numpy", "rich", "scipy", "sympy"]
+)
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
@@ -198,7 +200,7 @@ def name_fault(name: str) -> str | None:
         )
     if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in _C_KEYWORDS:
         return f"{shown} is a keyword of Python, C or C++; add a word, e.g. {name}_arm"
-    if name in _SHADOWING or name in sys.stdlib_module_names:
+    if name in _PACKAGES or name in sys.stdlib_module_names:
         return f"{shown} is the name of another Python module; add a word, e.g. {name}_arm"
     if name in _C_HEADERS:
         return f"{shown}.h is a header of the C library; add a word, e.g. {name}_arm"

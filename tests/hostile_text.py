@@ -151,7 +151,14 @@ C_HEADERS = re.findall(
     "threads time uchar wchar wctype features strings unistd pthread",
 )
 DEVICES = ["con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))]
-MODULES = ["numpy", "gibbs_codegen", *(n for n in sys.stdlib_module_names if n[0] != "_")]
+MODULES = [
+    "numpy",
+    "scipy",
+    "sympy",
+    "casadi",
+    "gibbs_codegen",
+    *(n for n in sys.stdlib_module_names if n[0] != "_"),
+]
 PLAIN = ["arm", "aerobot_x", "my_uav", "hexarotor", "q", "con", "class"]
 CASE_TWINS = [twin for name in PLAIN for twin in (name.upper(), name.title(), f"{name}X")]
 
