@@ -138,6 +138,11 @@ lenght = 1.0
             "negative principal moment",
         ),
         ("mass_per_length = 1.0", "mass_per_length = 0", "the machine has no mass"),
+        (
+            "mass_per_length = 1.0",
+            "mass = 0, inertia = [1, 1, 1, 0, 0, 0]",
+            "is not zero although the body has no mass",
+        ),
         ("arm = {", "drag = [1]\narm = {", "base.drag: must have 3 numbers, not 1"),
         ("arm = {", 'thrust = ["z", "y", "w"]\narm = {', "base.thrust[2]: must be"),
         ("arm = {", 'thrust = ["z", "y", [0, 0, 0]]\narm = {', "direction of length zero"),
