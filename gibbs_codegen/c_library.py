@@ -11,7 +11,7 @@ from pathlib import Path
 
 from gibbs_codegen.cache import cached_library
 from gibbs_codegen.compiler import Compiler
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, printable
 
 NATIVE = Path(__file__).parent / "native"
 
@@ -57,7 +57,7 @@ def _check_of_one_make(folder: Path, texts: Mapping[str, bytes]) -> None:
     for file, text in texts.items():
         if file != "rows.c" and _make_of(text) != made:
             raise UsageError(
-                f"{folder / file}: was not generated together with numpy_module.py; "
+                f"{printable(folder / file)}: was not generated together with numpy_module.py; "
                 f"generate the module again"
             )
 

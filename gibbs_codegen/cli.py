@@ -11,6 +11,7 @@ import gc
 import io
 import json
 import os
+import re
 import shlex
 import signal
 import sys
@@ -19,9 +20,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
-from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, UsageError
+from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, UsageError, printable
 from gibbs_codegen.version import __version__
 
 if TYPE_CHECKING:
@@ -55,7 +56,12 @@ def console() -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code: 0 done, 1 failed, 2 wrong use or a refused file."""
-    options = argument_parser().parse_args(arguments)
+    parser = argument_parser()
+    words = sys.argv[1:] if arguments is None else arguments
+    for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
+        if re.fullmatch(r"--[a-z-]+=--", word):
+            parser.error(f"{word}: -- is no value; a path of that name is ./--")
+    options = parser.parse_args(words)
     try:
         code: int = options.command(options)
     except RefusedFileError as error:
@@ -71,9 +77,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that shows what it does not understand as a message may hold it."""
+
+    def error(self, message: str) -> NoReturn:
+        super().error(printable(message, 400))
+
+
 def argument_parser() -> argparse.ArgumentParser:
     """Parser of the command line; `command` of what it returns runs the command."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="gibbs-codegen",
         description="Derive the dynamics of an aerial manipulator and emit them as fast functions.",
         allow_abbrev=False,
@@ -149,7 +162,7 @@ def argument_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_verify(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_verify(commands: argparse._SubParsersAction[_Parser]) -> None:
     verify = commands.add_parser(
         "verify",
         help="check a module against formulations that share no code with the derivation",
@@ -175,7 +188,7 @@ def _add_verify(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -
     verify.set_defaults(command=_verify)
 
 
-def _add_simulate(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
     simulate = commands.add_parser(
         "simulate",
         help="fly a scenario with a generated module: time series and figures",
@@ -267,9 +280,9 @@ def _generate(options: argparse.Namespace) -> int:
         )
     counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
     print(
-        f"{folder}: {len(model.program.functions)} functions of {len(model.program.inputs['q'])} "
-        f"coordinates and {len(model.program.inputs['u'])} inputs in "
-        f"{time.perf_counter() - start:.1f} s; mass matrix and residual take {counts.total} "
+        f"{printable(folder)}: {len(model.program.functions)} functions of "
+        f"{len(model.program.inputs['q'])} coordinates and {len(model.program.inputs['u'])} inputs "
+        f"in {time.perf_counter() - start:.1f} s; mass matrix and residual take {counts.total} "
         f"operations and {counts.sine_cosine_pairs} sine-cosine pairs"
     )
     return 0
@@ -277,10 +290,11 @@ def _generate(options: argparse.Namespace) -> int:
 
 def _report_check(folder: Path, differing: list[str]) -> int:
     if not differing:
-        print(f"{folder}: up to date")
+        print(f"{printable(folder)}: up to date")
         return 0
     what = "differs from what would be written" if folder.is_dir() else "is not there yet"
-    print(f"{folder}: {what}: {', '.join(differing)}", file=sys.stderr)
+    listed = printable(", ".join(differing))
+    print(f"{printable(folder)}: {what}: {listed}", file=sys.stderr)
     return 1
 
 
@@ -387,8 +401,8 @@ def _fly(options: argparse.Namespace) -> int:
         write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
     energy = max(abs(flight.energy_error), default=0.0)
     print(
-        f"{options.out}: {flight.robot} flew {flight.scenario!r} for {flight.time[-1]:.4g} s, "
-        f"computed in {seconds:.1f} s\n"
+        f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
+        f"{flight.time[-1]:.4g} s, computed in {seconds:.1f} s\n"
         f"largest errors: base centre {max(flight.centre_error):.2g} m, "
         f"tip {max(flight.tip_error):.2g} m, energy balance {energy:.2g} J"
     )
@@ -407,8 +421,10 @@ def _new(options: argparse.Namespace) -> int:
     path = Path(options.file)
     name = name_from(path.stem)
     write_new_file(path, robot_text(paper_family(6, 3), name))
-    command = shlex.join(["gibbs-codegen", "generate", str(path)])
-    print(f"{path}: written, for a robot named {name}; edit it, then run: {command}")
+    # What begins with a minus sign would be taken for an option.
+    words = ["gibbs-codegen", "generate", *(["--"] if str(path).startswith("-") else []), str(path)]
+    command = printable(shlex.join(words), 4000)
+    print(f"{printable(path)}: written, for a robot named {name}; edit it, then run: {command}")
     return 0
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gibbs_codegen import c_target, numpy_target
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.model import Model
 from gibbs_codegen.printers import CPrinter, InfixPrinter
 from gibbs_codegen.templating import render
@@ -50,7 +50,9 @@ def find_targets(names: Sequence[str]) -> dict[str, Target]:
     """Targets of the given names. Raises `UsageError` for an unknown one."""
     for name in names:
         if name not in TARGETS:
-            raise UsageError(f"--target {name}: unknown; known targets: {', '.join(TARGETS)}")
+            raise UsageError(
+                f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
+            )
     return {name: TARGETS[name] for name in names}
 
 

@@ -8,6 +8,21 @@ from dataclasses import dataclass
 # More than a person will read at a time.
 _SHOWN = 50
 _MOTIONS = 4
+_LONGEST = 160
+
+
+def printable(text: object, most: int = _LONGEST) -> str:
+    """A text of somebody else's, such as a path, as a message may hold it.
+
+    On one line of at most `most` characters, with what a terminal would obey or hide as escapes.
+    """
+    plain = "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text)
+    )
+    if len(plain) <= most:
+        return plain
+    end = (most - 3) // 2  # A path tells most at its end, where its name is.
+    return f"{plain[: most - 3 - end]}...{plain[-end:]}"
 
 
 class GibbsCodegenError(Exception):
@@ -45,9 +60,10 @@ class RefusedFileError(GibbsCodegenError):
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source = source
         self.faults = tuple(faults)
-        lines = [fault.text(source) for fault in self.faults[:_SHOWN]]
+        shown = printable(source)
+        lines = [fault.text(shown) for fault in self.faults[:_SHOWN]]
         if len(self.faults) > _SHOWN:
-            lines.append(f"{source}: and {len(self.faults) - _SHOWN} more")
+            lines.append(f"{shown}: and {len(self.faults) - _SHOWN} more")
         super().__init__("\n".join(lines))
 
 

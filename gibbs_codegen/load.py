@@ -15,7 +15,7 @@ import threading
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import UsageError, printable
 
 BACKENDS = ("numpy", "c")
 
@@ -55,12 +55,13 @@ def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
     missing = [n for n in c_files(module.NAME) if not (folder / n).is_file()]
     if missing:
         raise UsageError(
-            f"{folder}: has no {', '.join(missing)}; generate the module with the C target"
+            f"{printable(folder)}: has no {', '.join(missing)}; "
+            "generate the module with the C target"
         )
     try:
         return c_module(module, folder, find_compiler(os.environ.get("CC") or None), threads)
     except (CompilerError, CacheError) as error:
-        _log.warning("%s: NumPy serves instead of C: %s", module.NAME, error)
+        _log.warning("%s: NumPy serves instead of C: %s", module.NAME, printable(error, 400))
         return module
 
 
@@ -73,35 +74,40 @@ def _import(folder: Path) -> ModuleType:
         module_name, folder / "__init__.py", submodule_search_locations=[str(folder)]
     )
     if spec is None or spec.loader is None:
-        raise UsageError(f"{folder}: cannot be imported")
+        raise UsageError(f"{printable(folder)}: cannot be imported")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
-    except ImportError as error:
+    except Exception as error:  # Whatever stands in a file that was damaged.
         del sys.modules[module_name]
-        raise UsageError(f"{folder}: cannot be imported, generate it again: {error}") from None
+        raise UsageError(
+            f"{printable(folder)}: cannot be imported, generate it again: {printable(error)}"
+        ) from None
     except BaseException:
         del sys.modules[module_name]
         raise
     if not hasattr(getattr(module, "numpy_module", None), "report_not_finite"):
-        raise UsageError(f"{folder}: was made by an older version; generate it again")
+        raise UsageError(f"{printable(folder)}: was made by an older version; generate it again")
     return module
 
 
 def find_module(path: Path) -> Path:
     """Folder of a generated module, by its path or its name. Raises `UsageError` for none."""
     folders = (path, Path("generated") / path)
-    for folder in folders:
-        if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
-            return folder.resolve()
-    for folder in folders:
-        if (folder / f"{folder.resolve().name}.h").is_file():
-            raise UsageError(
-                f"{folder}: has the C target only; generate the module with the NumPy target too, "
-                "which says what its functions take"
-            )
+    try:
+        for folder in folders:
+            if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
+                return folder.resolve()
+        only_c = [f for f in folders if (f / f"{f.resolve().name}.h").is_file()]
+    except OSError as error:
+        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
+    if only_c:
+        raise UsageError(
+            f"{printable(only_c[0])}: has the C target only; generate the module with the NumPy "
+            "target too, which says what its functions take"
+        )
     raise UsageError(
-        f"{path}: no generated module there, nor in generated/; "
-        f"make it with: gibbs-codegen generate {path.name}"
+        f"{printable(path)}: no generated module there, nor in generated/; "
+        f"make it with: gibbs-codegen generate {printable(path.name)}"
     )

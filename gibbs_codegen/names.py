@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
+import sys
 
 _PATTERN = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
 
@@ -114,8 +115,76 @@ _C_KEYWORDS = frozenset(
     ]
 )
 
-# A package of one of these names would stand in the way of what a generated module imports.
-_SHADOWING = frozenset({"math", "numpy"})
+# Headers of C and POSIX, and what glibc's include, beside those named like a module of Python's: a
+# module's folder is put on the include path, and its header would be read in place of them.
+_C_HEADERS = frozenset(
+    [
+        "aio",
+        "alloca",
+        "complex",
+        "cpio",
+        "ctype",
+        "dirent",
+        "dlfcn",
+        "endian",
+        "features",
+        "fenv",
+        "fmtmsg",
+        "ftw",
+        "iconv",
+        "inttypes",
+        "iso646",
+        "langinfo",
+        "libgen",
+        "limits",
+        "malloc",
+        "memory",
+        "monetary",
+        "mqueue",
+        "ndbm",
+        "netdb",
+        "nl_types",
+        "omp",
+        "poll",
+        "pthread",
+        "regex",
+        "search",
+        "semaphore",
+        "setjmp",
+        "spawn",
+        "stdalign",
+        "stdarg",
+        "stdatomic",
+        "stdbit",
+        "stdbool",
+        "stdckdint",
+        "stddef",
+        "stdint",
+        "stdio",
+        "stdlib",
+        "stdnoreturn",
+        "strings",
+        "stropts",
+        "tar",
+        "tgmath",
+        "threads",
+        "uchar",
+        "ulimit",
+        "unistd",
+        "utime",
+        "utmpx",
+        "wchar",
+        "wctype",
+        "wordexp",
+    ]
+)
+
+# A module of one of these names and the package could not be imported in one program.
+_PACKAGES = frozenset(
+    ["casadi", "gibbs_codegen", "jinja2", "matplotlib", "numpy", "rich", "scipy", "sympy"]
+)
+
+_WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
 # With these a C function of one robot could have the name of another robot's.
 _ENDINGS = ("_casadi", "_default", "_hybrid", "_init", "_mass_matrix_and")
@@ -131,8 +200,12 @@ def name_fault(name: str) -> str | None:
         )
     if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in _C_KEYWORDS:
         return f"{shown} is a keyword of Python, C or C++; add a word, e.g. {name}_arm"
-    if name in _SHADOWING:
-        return f"{shown} is the name of a module that the generated code imports; add a word"
+    if name in _PACKAGES or name in sys.stdlib_module_names:
+        return f"{shown} is the name of another Python module; add a word, e.g. {name}_arm"
+    if name in _C_HEADERS:
+        return f"{shown}.h is a header of the C library; add a word, e.g. {name}_arm"
+    if _WINDOWS_DEVICE.fullmatch(name):
+        return f"{shown} can be no folder's name on Windows; add a word, e.g. {name}_arm"
     for ending in _ENDINGS:
         if name.endswith(ending):
             return (

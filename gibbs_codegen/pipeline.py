@@ -22,6 +22,7 @@ from pathlib import Path
 
 from gibbs_codegen.emit import TARGETS, find_targets, render_module
 from gibbs_codegen.model import Model, Progress, derive
+from gibbs_codegen.output_folder import check_output_folder
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.robot_file import read_robot
 from gibbs_codegen.verification.modules import refuse_wrong
@@ -58,6 +59,7 @@ def generate_robot(
     verify: bool = True,
 ) -> tuple[Model, Path]:
     """Generate the module of a robot that was read from `text`; return its model and folder."""
+    check_output_folder(out)
     folder = Path(out) / robot.name
     check_replaceable(folder, text)
     model, files = module_files(robot, text, targets, keep_zeros, progress)
@@ -81,6 +83,7 @@ def check_robot(
     progress: Progress = lambda _: None,
 ) -> tuple[Path, list[str]]:
     """Compare the module in `out` with what would be written: folder and differing files."""
+    check_output_folder(out)
     folder = Path(out) / robot.name
     _, files = module_files(robot, text, targets, keep_zeros, progress)
     return folder, differing_files(folder, files)

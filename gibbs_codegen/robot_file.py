@@ -12,7 +12,7 @@ import sys
 from importlib import resources
 from pathlib import Path
 
-from gibbs_codegen.errors import RobotFileError
+from gibbs_codegen.errors import RobotFileError, printable
 from gibbs_codegen.magnitude import size_fault
 from gibbs_codegen.names import name_fault
 from gibbs_codegen.rigid_body import inertia_fault
@@ -62,11 +62,11 @@ def read_robot(name_or_path: str) -> tuple[Robot, str]:
 
 def _not_found(path: Path) -> str:
     if path.exists():
-        return f"{path}: is not a file; give a robot file in TOML"
+        return f"{printable(path)}: is not a file; give a robot file in TOML"
     shipped = shipped_robots()
     near = difflib.get_close_matches(str(path)[:80], shipped, n=1)
     hint = f"; did you mean {near[0]}?" if near else f" ({', '.join(shipped)})"
-    return f"{str(path)[:80]}: no such robot file, and no robot of that name ships{hint}"
+    return f"{printable(path)}: no such robot file, and no robot of that name ships{hint}"
 
 
 def parse_robot(text: str, source: str = "robot file") -> Robot:
@@ -86,11 +86,7 @@ def _robot(root: Table) -> Robot | None:
     _check_sizes(root, "gravity")
     base_table = root.table("base")
     base = _base(base_table) if base_table is not None else None
-    link_tables = root.tables("link")
-    if len(link_tables) > MAX_LINKS:
-        root.fault("link", f"{len(link_tables)} links; at most {MAX_LINKS} are supported")
-        return None
-    links = tuple(_link(table) for table in link_tables)
+    links = tuple(_link(table) for table in root.tables("link", MAX_LINKS, "links"))
     if root.faults or name is None or base is None:
         return None
     robot = Robot(name, base, links, gravity)
@@ -114,12 +110,12 @@ def _base(table: Table) -> Base | None:
 
 
 def _arms(table: Table, rotors: int | None) -> tuple[Body, ...]:
-    if isinstance(table.values.get("arm"), list):
-        tables = table.tables("arm")
-        if rotors is not None and len(tables) != rotors:
+    if isinstance(listed := table.values.get("arm"), list):
+        tables = table.tables("arm", MAX_ROTORS, "arms")
+        if rotors is not None and rotors != len(listed) <= MAX_ROTORS:
             table.fault(
                 "arm",
-                f"a list of {len(tables)} for {rotors} rotors; give one table for all, or one each",
+                f"a list of {len(listed)} for {rotors} rotors; give one table for all, or one each",
             )
         return tuple(_body(arm, length_required=True) for arm in tables)
     arm = table.table("arm")

@@ -8,11 +8,14 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-from gibbs_codegen.errors import Fault, RefusedFileError, UsageError
+from gibbs_codegen.errors import Fault, RefusedFileError, UsageError, printable
+from gibbs_codegen.toml_depth import TOO_DEEP, too_deep_line
 from gibbs_codegen.toml_lines import key_lines, line_of
 from gibbs_codegen.toml_reader import Table
 
 MAX_BYTES = 1_000_000
+# Python reads no decimal integer that is longer.
+_MOST_DIGITS = 4300
 
 Built = TypeVar("Built")
 
@@ -36,7 +39,7 @@ def file_text(path: Path, refused: type[RefusedFileError], not_found: Callable[[
         fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
         raise refused(str(path), [fault]) from None
     except OSError as error:
-        raise UsageError(f"{str(path)[:80]}: cannot be read: {error.strerror}") from None
+        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
 
 
 def checked(
@@ -51,10 +54,12 @@ def checked(
     `changes` are put in place of what the text says, table by table. Raises `refused` with every
     fault found, in the order of the file.
     """
+    if line := too_deep_line(text):
+        raise refused(source, [Fault("", TOO_DEEP, line)])
     try:
         document = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError, ValueError) as error:
-        raise refused(source, [_syntax_fault(error)]) from None
+    except ValueError as error:
+        raise refused(source, [_syntax_fault(text, error)]) from None
     root = Table(merged(document, changes or {}), "", [])
     built = build(root)
     if root.faults or built is None:
@@ -95,14 +100,19 @@ def _paths(changes: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
             yield f"{prefix}{key}"
 
 
-def _syntax_fault(error: Exception) -> Fault:
-    """What `tomllib` found wrong, with the line where it says one."""
+def _syntax_fault(text: str, error: ValueError) -> Fault:
+    """What `tomllib` found wrong, with its line."""
     reason = str(error)
-    if isinstance(error, RecursionError):
-        reason = "nested too deeply"
-    elif "integer string conversion" in reason:
-        reason = "a number has too many digits"
-    elif "Cannot declare ('link',)" in reason:
+    if place := re.search(r" \(at (?:line (\d+), column \d+|end of document)\)$", reason):
+        line = int(place[1] or text.count("\n") + 1)
+    else:  # Of all numbers it is Python that refuses those of very many digits.
+        reason = f"a number has more than {_MOST_DIGITS} digits"
+        line = _line_of_longest_number(text)
+    if "Cannot declare ('link',)" in reason:
         reason += "; each link of the arm is [[link]], in two brackets"
-    place = re.search(r" \(at line (\d+), column \d+\)", reason)
-    return Fault("", f"not valid TOML: {reason}", int(place[1]) if place else None)
+    return Fault("", f"not valid TOML: {printable(reason)}", line)
+
+
+def _line_of_longest_number(text: str) -> int:
+    longest = max(re.finditer(r"[0-9_]+", text), key=lambda found: len(found[0]))
+    return text.count("\n", 0, longest.start()) + 1

@@ -13,7 +13,8 @@ _NAME = r"""[A-Za-z0-9_\-."']+"""
 _TABLE = re.compile(rf"\[(?P<name>{_NAME})\](?:\s*#.*)?")
 _ARRAY = re.compile(rf"\[\[(?P<name>{_NAME})\]\](?:\s*#.*)?")
 _KEY = re.compile(_NAME)
-_TOKEN = re.compile(r"""\"{3}|'{3}|"(?:[^"\\]|\\.)*"|'[^']*'|[\[\]{}#]""")
+# A string without an end takes the rest of the line, lest each quote in it be tried as a beginning.
+_TOKEN = re.compile(r"""\"{3}|'{3}|"(?:[^"\\]|\\.)*+"?|'[^']*+'?|[\[\]{}#]""")
 
 
 def key_lines(text: str) -> dict[str, int]:

@@ -12,6 +12,10 @@ from gibbs_codegen.errors import Fault
 
 Choice = TypeVar("Choice", bound=str)
 
+# To look for what a key may have been meant to be takes time, and a flood of keys is no slip.
+_MOST_SUGGESTIONS = 50
+_LONGEST_KEY = 64
+
 
 class Table:
     """One table of a document: its values, its key path, and the list of faults it adds to.
@@ -34,9 +38,11 @@ class Table:
         for key in self.values:
             if key in known:
                 continue
-            near = difflib.get_close_matches(key, known, n=1)
+            near = []
+            if len(self.faults) < _MOST_SUGGESTIONS and len(key) <= _LONGEST_KEY:
+                near = difflib.get_close_matches(key, known, n=1)
             hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
-            name = key if key.isidentifier() and len(key) <= 64 else ascii(key[:64])
+            name = key if key.isidentifier() and len(key) <= _LONGEST_KEY else ascii(key[:64])
             self.fault(name, f"unknown key; {hint}")
 
     def text(self, key: str) -> str | None:
@@ -116,11 +122,14 @@ class Table:
             return self._child(key, value)
         return None
 
-    def tables(self, key: str) -> list[Table]:
-        """Optional array of tables; empty where it is missing."""
+    def tables(self, key: str, most: int, what: str) -> list[Table]:
+        """Optional array of at most `most` tables, which are `what`; empty where it is missing."""
         value = self.values.get(key, [])
         if not isinstance(value, list):
             self.fault(key, f"must be an array of tables, [[{key}]], not {_kind(value)}")
+            return []
+        if len(value) > most:
+            self.fault(key, f"{len(value)} {what}; give at most {most}")
             return []
         for i, entry in enumerate(value):
             if not isinstance(entry, dict):
@@ -154,6 +163,8 @@ def _kind(value: object) -> str:
 
 def shown(value: object) -> str:
     """A value of a file, short and in ASCII, for a message."""
+    if isinstance(value, list | dict):  # What is in it may be as deep or as long as it likes.
+        return _kind(value)
     if isinstance(value, int) and abs(value) > 10**20:
         return "a huge number"
-    return ascii(value)[:80]
+    return ascii(value[:80] if isinstance(value, str) else value)[:80]

@@ -14,7 +14,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.output_folder import check_output_folder
 from gibbs_codegen.version import HEADER_START
 
 _STAGING_PREFIX = ".gibbs_codegen_"
@@ -40,7 +41,7 @@ def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
                 differing += sorted(present - set(files))
         return differing
     except OSError as error:
-        raise OutputError(f"{_short(folder)}: cannot be read: {error.strerror}") from None
+        raise OutputError(f"{printable(folder)}: cannot be read: {error.strerror}") from None
 
 
 def check_replaceable(folder: Path, robot_text: str) -> None:
@@ -54,16 +55,13 @@ def check_replaceable(folder: Path, robot_text: str) -> None:
 
 def _check_replaceable(folder: Path, robot_text: str) -> None:
     try:
-        for parent in folder.parents:
-            if parent.exists() and not parent.is_dir():
-                raise UsageError(f"{parent}: is a file; --out must be a folder")
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
             raise UsageError(
-                f"{folder}: is in the way and is not a generated module; remove it first"
+                f"{printable(folder)}: is in the way and is not a generated module; remove it first"
             )
         _check_contents(folder, robot_text)
     except OSError as error:
-        raise UsageError(f"{_short(folder)}: cannot be used: {error.strerror}") from None
+        raise UsageError(f"{printable(folder)}: cannot be used: {error.strerror}") from None
 
 
 def _check_contents(folder: Path, robot_text: str) -> None:
@@ -78,13 +76,15 @@ def _check_contents(folder: Path, robot_text: str) -> None:
             if path.read_bytes() == robot_text.encode() or any(digest in g for g in generated):
                 continue
             raise UsageError(
-                f"{path}: differs from what the module was made from; generate from it, or move it"
+                f"{printable(path)}: differs from what the module was made from; "
+                "generate from it, or move it"
             )
         if head not in generated:
             foreign.append(path.name)
     if foreign:
+        names = printable(", ".join(sorted(foreign)[:5]))
         raise UsageError(
-            f"{folder}: holds what was not generated: {', '.join(sorted(foreign)[:5])}; "
+            f"{printable(folder)}: holds what was not generated: {names}; "
             "move it elsewhere, or choose another --out or name"
         )
 
@@ -97,10 +97,6 @@ def _head(path: Path) -> bytes:
         return file.read(400)
 
 
-def _short(path: Path) -> str:
-    return str(path) if len(str(path)) <= 120 else f"{str(path)[:117]}..."
-
-
 def write_module(folder: Path, files: Mapping[str, str]) -> None:
     """Put the files into `folder`, replacing a module that was generated there before.
 
@@ -110,6 +106,7 @@ def write_module(folder: Path, files: Mapping[str, str]) -> None:
     not be replaced and `OutputError` for what cannot be written.
     """
     robot_text = files.get("robot.toml", "")
+    check_output_folder(folder.parent)
     check_replaceable(folder, robot_text)
     # A path through the module itself, or relative to it, would lead astray while it is replaced.
     folder = Path(os.path.realpath(folder.parent)) / folder.name
@@ -124,7 +121,7 @@ def write_module(folder: Path, files: Mapping[str, str]) -> None:
         except OSError as error:
             reason = error.strerror or str(error)
             raise OutputError(
-                f"{_short(folder)}: cannot be written: {reason}; nothing was changed"
+                f"{printable(folder)}: cannot be written: {reason}; nothing was changed"
             ) from None
         finally:
             _remove_empty(made)
@@ -159,9 +156,9 @@ def write_new_file(path: Path, text: str) -> None:
                 path.unlink()
                 raise
     except FileExistsError:
-        raise UsageError(f"{path}: exists already; choose another name") from None
+        raise UsageError(f"{printable(path)}: exists already; choose another name") from None
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+        raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
 
 
 def _missing_parents(folder: Path) -> list[Path]:
@@ -249,7 +246,7 @@ def _remove_stale(parent: Path) -> None:
 
 def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
-        if folder.is_dir() and not any(folder.iterdir()):
+        with suppress(OSError):  # Not empty: then it is wanted. Or it could not be made.
             folder.rmdir()
 
 

@@ -138,6 +138,11 @@ lenght = 1.0
             "negative principal moment",
         ),
         ("mass_per_length = 1.0", "mass_per_length = 0", "the machine has no mass"),
+        (
+            "mass_per_length = 1.0",
+            "mass = 0, inertia = [1, 1, 1, 0, 0, 0]",
+            "is not zero although the body has no mass",
+        ),
         ("arm = {", "drag = [1]\narm = {", "base.drag: must have 3 numbers, not 1"),
         ("arm = {", 'thrust = ["z", "y", "w"]\narm = {', "base.thrust[2]: must be"),
         ("arm = {", 'thrust = ["z", "y", [0, 0, 0]]\narm = {', "direction of length zero"),
@@ -149,6 +154,10 @@ lenght = 1.0
         ),
         ("arm = { length = 0.5, mass_per_length = 1.0 }", "arm = 1979-05-27", "a date or time"),
         ("rotors = 3", "rotors = 3\nrotors = 4", "not valid TOML"),
+        ("arm = {", "attitude = [0x" + "f" * 5000 + "]\narm = {", "not a list"),
+        ("arm = {", "attitude = { x = 1 }\narm = {", "'zyx', not a table"),
+        ("rotors = 3", "rotors = " + "9" * 5000, "robot.toml:4: not valid TOML: a number has more"),
+        ("rotors = 3", "rotors = 3\nx = [", "robot.toml:6: not valid TOML"),
         ("[base]", "[base]\n[base]", "not valid TOML"),
         ('"test"', '"test', "not valid TOML"),
         ('name = "test"', "", "name: missing"),
@@ -163,7 +172,10 @@ def test_refusals(replaced: str, by: str, message: str) -> None:
 
 
 def test_deep_nesting_is_refused() -> None:
-    assert "not valid TOML" in faults("x = " + "[" * 5000)[0]
+    for text in ("x = " + "[" * 5000, "x" + ".x" * 5000 + " = 1", "[" + "x . " * 5000 + "x]"):
+        assert faults(text) == [
+            "robot.toml:1: nested too deeply: at most 16 tables and lists in one another"
+        ]
 
 
 def test_a_file_of_ten_megabytes_is_refused(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 
-from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.simulator.figure_style import add_legend, style
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.machine_drawing import (
@@ -50,9 +50,10 @@ def write_animation(
             _film(flight, writer, temporary, _frames(flight, fps), progress)
         os.replace(temporary, path)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        reason = error.strerror or error
+        raise OutputError(f"{printable(path)}: cannot be written: {reason}") from None
     except subprocess.CalledProcessError as error:
-        raise OutputError(f"{path}: ffmpeg failed: {error.stderr.strip()}") from None
+        raise OutputError(f"{printable(path)}: ffmpeg failed: {error.stderr.strip()}") from None
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
@@ -66,10 +67,11 @@ def _writer(path: Path, fps: int) -> AbstractMovieWriter:
     if suffix == ".gif":
         return PillowWriter(fps=fps)
     if suffix != ".mp4":
-        raise UsageError(f"{path}: an animation is a .gif or .mp4 file")
+        raise UsageError(f"{printable(path)}: an animation is a .gif or .mp4 file")
     if not FFMpegWriter.isAvailable():
         raise OutputError(
-            f"{path}: .mp4 needs ffmpeg, which is not on the path; .gif needs nothing more"
+            f"{printable(path)}: .mp4 needs ffmpeg, which is not on the path; "
+            ".gif needs nothing more"
         )
     return FFMpegWriter(fps=fps)
 

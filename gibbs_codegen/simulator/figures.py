@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from gibbs_codegen.errors import OutputError
+from gibbs_codegen.errors import OutputError, printable
 from gibbs_codegen.simulator.figure_style import COLUMN, DARK, FULL, add_heading, spread, style
 from gibbs_codegen.simulator.flight import Array, Flight, coordinate_unit, input_unit
 from gibbs_codegen.simulator.snapshots import snapshots, snapshots_panels
@@ -199,7 +199,9 @@ def write_figures(
                 path.write_bytes(drawn.getbuffer())
                 paths.append(path)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot hold the figures: {error.strerror}") from None
+        raise OutputError(
+            f"{printable(folder)}: cannot hold the figures: {error.strerror}"
+        ) from None
     return paths
 
 

@@ -8,12 +8,12 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.errors import OutputError, UsageError, printable
 
 Array = NDArray[np.float64]
 StrPath = str | os.PathLike[str]
@@ -155,7 +155,7 @@ class Flight:
                     rows = np.stack([v[begin : begin + _ROWS] for _, _, v in columns], axis=-1)
                     writer.writerows(rows.tolist())
         except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
 
     def write_npz(self, path: StrPath) -> None:
         """Write all fields to one `.npz` file, which `read_flight` reads. Raises `OutputError`."""
@@ -163,7 +163,7 @@ class Flight:
         try:
             np.savez_compressed(path, **fields)
         except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+            raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
 
 
 def read_flight(path: StrPath) -> Flight:
@@ -173,12 +173,23 @@ def read_flight(path: StrPath) -> Flight:
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             values = {each.name: stored[each.name] for each in dataclasses.fields(Flight)}
     except (OSError, ValueError, KeyError, BadZipFile) as error:
-        raise UsageError(f"{path}: is not a flight that was saved: {error}") from None
+        raise UsageError(
+            f"{printable(path)}: is not a flight that was saved: {printable(error)}"
+        ) from None
     for name, value in values.items():
         if value.dtype.kind == "U":
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
     values["tangent_arm"] = int(values["tangent_arm"])
     return Flight(**values)
+
+
+def is_flight(path: StrPath) -> bool:
+    """Whether a file is one that `write_npz` wrote, by the names of what it holds."""
+    try:
+        with ZipFile(path) as archive:
+            return {"robot.npy", "scenario.npy", "time.npy"} <= set(archive.namelist())
+    except (OSError, BadZipFile):
+        return False
 
 
 def coordinate_unit(name: str) -> str:

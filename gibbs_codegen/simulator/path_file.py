@@ -53,10 +53,8 @@ def _harmonic(table: Table) -> Path:
     table.refuse_unknown(("kind", "x", "y", "z"))
     terms = []
     for axis in "xyz":
-        entries = table.tables(axis)
-        if len(entries) > _MOST_TERMS:
-            table.fault(axis, f"{len(entries)} terms; give at most {_MOST_TERMS}")
-        terms.append(tuple(_term(entry) for entry in entries[:_MOST_TERMS]))
+        entries = table.tables(axis, _MOST_TERMS, "terms")
+        terms.append(tuple(_term(entry) for entry in entries))
     return Harmonic(*terms)
 
 

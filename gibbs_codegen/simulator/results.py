@@ -9,8 +9,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.output_folder import check_output_folder
+from gibbs_codegen.simulator.flight import Flight, is_flight
 
 ANIMATIONS = ("gif", "mp4")
 # Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.
@@ -23,6 +24,8 @@ FIGURE_NAMES = (
     "tracking_error",
     "energy",
 )
+_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
+_NAMES |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
 _STAGING_PREFIX = ".gibbs_codegen_flight_"
 
 
@@ -60,9 +63,7 @@ def write_results(
                 progress=lambda done, total: progress("animation", done / total),
             )
         names = sorted(path.name for path in staging.iterdir())
-    stale = {f"flight.{suffix}" for suffix in ANIMATIONS}
-    stale |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
-    for name in stale - set(names):
+    for name in _NAMES - set(names):
         (folder / name).unlink(missing_ok=True)
     return [folder / name for name in names]
 
@@ -73,17 +74,26 @@ def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
     Raises `UsageError` for a path that cannot become a folder and for an unknown animation, and
     `OutputError` where nothing can be written there or the animation lacks its program.
     """
-    if not os.fspath(folder):
-        raise UsageError("a folder for the results is needed, not an empty name")
-    for path in (Path(folder), *Path(folder).parents):
-        if path.exists() and not path.is_dir():
-            raise UsageError(f"{path}: is a file; a folder is needed for the results")
+    check_output_folder(folder)
     if animation and animation not in ANIMATIONS:
         raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
     if animation == "mp4" and shutil.which("ffmpeg") is None:
         raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
+    _refuse_foreign(Path(folder))
     with _staged(Path(folder)):
         pass
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """Raise `UsageError` for files of the names of results that no earlier flight has left."""
+    present = [folder / name for name in sorted(_NAMES) if os.path.lexists(folder / name)]
+    odd = [path for path in present if path.is_symlink() or not path.is_file()]
+    if odd or (present and not is_flight(folder / "flight.npz")):
+        names = ", ".join(path.name for path in (odd or present)[:5])
+        raise UsageError(
+            f"{printable(folder)}: holds what no flight has left: {names}; "
+            "move it elsewhere, or choose another --out"
+        )
 
 
 @contextmanager
@@ -97,15 +107,16 @@ def _staged(folder: Path) -> Iterator[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         staging = Path(tempfile.mkdtemp(prefix=_STAGING_PREFIX, dir=folder))
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise OutputError(f"{printable(folder)}: cannot be written: {error.strerror}") from None
     try:
         yield staging
-        for path in sorted(staging.iterdir()):
+        # The series first: by them the folder is known for one of results from then on.
+        for path in sorted(staging.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
             os.replace(path, folder / path.name)
     except OSError as error:
-        raise OutputError(f"{folder}: cannot be written: {error.strerror}") from None
+        raise OutputError(f"{printable(folder)}: cannot be written: {error.strerror}") from None
     except OutputError as error:
-        raise OutputError(str(error).replace(str(staging), str(folder))) from None
+        raise OutputError(str(error).replace(printable(staging), printable(folder))) from None
     finally:
         shutil.rmtree(staging, ignore_errors=True)
         for path in made:

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, get_args
 
 import numpy as np
 
-from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError
+from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError, printable
 from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.control import Law
 from gibbs_codegen.simulator.integrate import Method, Settings
@@ -24,6 +24,7 @@ from gibbs_codegen.simulator.orientation import Level, Tangent
 from gibbs_codegen.simulator.path_file import read_path
 from gibbs_codegen.simulator.paths import Path, Sum
 from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario, StartOffset
+from gibbs_codegen.toml_depth import MAX_DEPTH, TOO_DEEP
 from gibbs_codegen.toml_document import checked, file_text
 from gibbs_codegen.toml_reader import Table, shown
 
@@ -36,7 +37,6 @@ _LEAST = 1e-9  # of what has to be greater than zero
 _MOST = 1e12  # of any number: no unit makes one so large of what flies
 _MOST_FREQUENCY, _MOST_DAMPING, _MOST_TOLERANCE = 1e4, 1e4, 0.1
 _LONGEST_NAME = 200
-_DEEPEST = 16  # tables and lists in one another; no scenario needs half as many
 
 
 def shipped_scenarios() -> tuple[str, ...]:
@@ -69,7 +69,7 @@ def parse_scenario(
     try:
         return checked(text, source, _scenario, ScenarioFileError, _plain(changes or {}))
     except RecursionError:
-        raise ScenarioFileError(source, [_TOO_DEEP]) from None
+        raise ScenarioFileError(source, [Fault("", TOO_DEEP)]) from None
 
 
 def changes_of(entries: Sequence[str]) -> dict[str, Any]:
@@ -116,7 +116,7 @@ def _plain(value: Any) -> Any:
 
 
 def _one_entry(key: str, value: str) -> dict[str, Any] | None:
-    if key.count(".") >= _DEEPEST or "\n" in key:
+    if key.count(".") >= MAX_DEPTH or "\n" in key:
         return None
     try:
         return tomllib.loads(f"{key} = {value}")
@@ -131,7 +131,7 @@ def _quoted(text: str) -> str:
 
 def _not_found(path: FilePath) -> str:
     return (
-        f"{str(path)[:80]}: no such scenario file, and no scenario of that name ships "
+        f"{printable(path)}: no such scenario file, and no scenario of that name ships "
         f"({', '.join(shipped_scenarios())})"
     )
 
@@ -162,16 +162,13 @@ def _scenario(root: Table) -> Scenario | None:
     return _made(root, lambda: Scenario(name, duration, path, attitude, arm, *rest), None)
 
 
-_TOO_DEEP = Fault("", f"nested too deeply: at most {_DEEPEST} tables and lists in one another")
-
-
 def _is_plain(root: Table) -> bool:
     """Whether a document is not nested too deeply to be read; notes the numbers too large in it."""
     waiting: list[tuple[str, Any, int]] = [("", root.values, 0)]
     while waiting:
         path, value, depth = waiting.pop()
-        if depth > _DEEPEST:
-            root.faults.append(_TOO_DEEP)
+        if depth > MAX_DEPTH:
+            root.fault(re.split(r"[.[]", path)[0], TOO_DEEP)
             return False
         if isinstance(value, dict):
             before = f"{path}." if path else ""

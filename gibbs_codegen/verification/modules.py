@@ -15,7 +15,7 @@ from gibbs_codegen.c_backend import c_module
 from gibbs_codegen.c_library import c_files
 from gibbs_codegen.cache import CacheError
 from gibbs_codegen.compiler import CompilerError, find_compiler
-from gibbs_codegen.errors import UsageError, WrongModuleError
+from gibbs_codegen.errors import UsageError, WrongModuleError, printable
 from gibbs_codegen.load import BACKENDS, find_module, load
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.robot_file import read_robot
@@ -55,7 +55,7 @@ def verify(
     folder = find_module(Path(name_or_path))
     robot_file = folder / "robot.toml"
     if not robot_file.is_file():
-        raise UsageError(f"{folder}: has no robot.toml, the file that it was made from")
+        raise UsageError(f"{printable(folder)}: has no robot.toml, the file that it was made from")
     robot, _ = read_robot(str(robot_file))
     found, not_done = formulations(robot)
     verification = Verification(robot.name, seed, not_done=not_done)
@@ -84,9 +84,7 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType | Comparison
     """A back end; or a comparison that failed, if it is broken; or why it cannot be had here."""
     try:
         module = load(folder)
-    except UsageError:
-        raise
-    except Exception as error:  # Whatever was done to the module.
+    except UsageError as error:
         return _broken(error)
     if backend == "numpy":
         return module
@@ -100,15 +98,12 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType | Comparison
         return c_module(module, folder, compiler, 1)
     except CacheError as error:
         return str(error)
-    except UsageError:
-        raise
-    except Exception as error:  # A compiler that refuses what was altered, too.
+    except (CompilerError, UsageError) as error:
         return _broken(error)
 
 
 def _broken(error: Exception) -> Comparison:
-    fault = f"{type(error).__name__}: {error}"
-    return Comparison("the module", "loading it", 0, np.inf, 0.0, fault)
+    return Comparison("the module", "loading it", 0, np.inf, 0.0, str(error))
 
 
 def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:

@@ -38,6 +38,7 @@ def test_figures_are_known_by_their_names() -> None:
 
 
 def test_what_an_earlier_flight_left_gives_way(flight: Flight, tmp_path: Path) -> None:
+    write_results(flight, tmp_path, figures=False)
     (tmp_path / "inputs.png").write_text("old")
     (tmp_path / "flight.gif").write_text("old")
     write_results(flight, tmp_path, figures=False)
@@ -58,6 +59,7 @@ def test_no_ffmpeg_is_told_before_the_work(
 def test_other_files_are_left_alone_and_old_results_replaced(
     flight: Flight, tmp_path: Path
 ) -> None:
+    write_results(flight, tmp_path, figures=False)
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "flight.csv").write_text("old")
     write_results(flight, tmp_path, figures=False)
@@ -69,6 +71,7 @@ def test_other_files_are_left_alone_and_old_results_replaced(
 def test_a_failure_changes_nothing(
     flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    write_results(flight, tmp_path, figures=False)
     (tmp_path / "flight.csv").write_text("old")
 
     def fail(self: Flight, path: Path) -> None:
@@ -78,14 +81,14 @@ def test_a_failure_changes_nothing(
     monkeypatch.setattr(Flight, "write_csv", fail)
     with pytest.raises(OutputError, match="disk full"):
         write_results(flight, tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["flight.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flight.csv", "flight.npz"]
     assert (tmp_path / "flight.csv").read_text() == "old"
 
 
 def test_what_cannot_be_a_folder_is_refused(flight: Flight, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(UsageError, match="is a file; a folder is needed for the results"):
+        with pytest.raises(UsageError, match="is a file; --out must be a folder"):
             write_results(flight, folder)
     with pytest.raises(UsageError, match="animation 'avi': unknown"):
         write_results(flight, tmp_path, animation="avi")
