@@ -138,7 +138,7 @@ class WrongModuleError(GibbsCodegenError):
 
     def __init__(self, robot: str, failures: Sequence[str], count: int) -> None:
         self.failures = tuple(failures)
-        shown = "; ".join(self.failures[:3])
+        shown = "; ".join(printable(failure) for failure in self.failures[:3])
         more = f"; and {len(self.failures) - 3} more" if len(self.failures) > 3 else ""
         super().__init__(
             f"{robot}: the emitted functions fail {len(self.failures)} of {count} checks, so "

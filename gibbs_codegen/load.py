@@ -99,7 +99,7 @@ def find_module(path: Path) -> Path:
         for folder in folders:
             if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
                 return folder.resolve()
-        only_c = [f for f in folders if (f / f"{f.resolve().name}.h").is_file()]
+        only_c = [f for f in folders if (f / f"{Path(os.path.realpath(f)).name}.h").is_file()]
     except OSError as error:
         raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
     if only_c:

@@ -93,6 +93,7 @@ COMMANDS = [
     GENERATE,
     ["new", "__import__('os').system('true').toml"],
     [*SIMULATE, "--no-figures", "--backend", "numpy"],
+    ["verify", "mine", "--states", "1", "--backend", "numpy"],
 ]
 MORE_COMMANDS = [
     [*GENERATE, "--check"],
@@ -101,6 +102,7 @@ MORE_COMMANDS = [
     ["info", "mine.toml", "--json"],
     ["show", "mine.toml", "--chain", "1", "--format", "latex"],
     [*SIMULATE, "--backend", "c", "--animate", "gif"],
+    ["verify", "mine.toml", "--states", "1"],
 ]
 ROBOT = """# __import__('os').system('touch canary')
 name = "mine"

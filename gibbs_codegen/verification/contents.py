@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
+from gibbs_codegen.errors import printable
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.verification.comparison import Comparison
 from gibbs_codegen.verification.parameters import parameter_values
@@ -40,13 +41,17 @@ def compare_robot_file(text: bytes, source: str) -> Comparison:
 
 
 def _alike(name: str, found: object, expected: object) -> Comparison:
-    fault = "" if found == expected else f"is {found!r}, not {expected!r}"
+    fault = "" if found == expected else f"is {_shown(found)}, not {_shown(expected)}"
     return _verdict(name, _FILE, fault)
+
+
+def _shown(value: object) -> str:
+    return printable(repr(value), 80)
 
 
 def _parameters(found: object, expected: Mapping[str, float]) -> Comparison:
     faults = list(_parameter_faults(found, expected)) if isinstance(found, dict) else ["no dict"]
-    return _verdict("PARAMETERS", _FILE, "; ".join(faults))
+    return _verdict("PARAMETERS", _FILE, printable("; ".join(faults), 400))
 
 
 def _parameter_faults(
@@ -54,9 +59,9 @@ def _parameter_faults(
 ) -> Iterator[str]:
     for name, value in found.items():
         if name not in expected:
-            yield f"{name!r} is no parameter of this robot"
+            yield f"{_shown(name)} is no parameter of this robot"
         elif value != expected[str(name)]:
-            yield f"{name} is {value!r}, not {expected[str(name)]!r}"
+            yield f"{name} is {_shown(value)}, not {expected[str(name)]!r}"
     for name, value in expected.items():
         if name not in found and value != 0.0:
             yield f"{name} is missing, and not zero"
