@@ -80,7 +80,7 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
 def _check_symbols(library: ctypes.CDLL, prefix: str, functions: Sequence[Signature]) -> None:
     """Refuse a library that lacks a function. Raises `CompilerError`."""
     names = [f"{prefix}_{f.name}{form}" for f in functions for form in ("", "_batch")]
-    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", *names):
+    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", "gibbs_codegen_lost", *names):
         if not hasattr(library, name):
             raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
 

@@ -334,18 +334,22 @@ def _show(options: argparse.Namespace) -> int:
 def _verify(options: argparse.Namespace) -> int:
     from gibbs_codegen.load import find_module
 
-    try:
-        folder = find_module(Path(options.module))
-    except UsageError:
+    path = Path(options.module)
+    with _ended_by_signals():
+        # A folder is a module, or what is left of one; anything else is a robot's file or name.
+        if os.path.isdir(path) or os.path.isdir(Path("generated") / path):
+            return _verify_folder(options, find_module(path))
         return _verify_robot(options)
-    return _verify_folder(options, folder)
 
 
 def _verify_robot(options: argparse.Namespace) -> int:
     """Verify the module of a robot that has none here: one that is made for it and not kept."""
     from gibbs_codegen.robot_file import read_robot
 
-    robot, text = read_robot(options.module)
+    try:
+        robot, text = read_robot(options.module)
+    except UsageError as error:
+        raise UsageError(f"{error}; nor is there a module of that name in generated/") from None
     from gibbs_codegen.pipeline import generate_robot
 
     with tempfile.TemporaryDirectory() as out:
@@ -363,19 +367,25 @@ def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool = True)
     backends = options.backend or ["numpy", "c"]
     with _progress() as progress:
         found = verify(folder, options.states, options.seed, backends, progress)
+    lacking = [backend for backend in options.backend or () if backend not in found.comparisons]
+    passed = found.passed and not lacking
     if options.json:
-        print(json.dumps(as_data(found), indent=2))
+        print(json.dumps(as_data(found) | {"passed": passed}, indent=2))
     else:
-        width = None if sys.stdout.isatty() else 120
-        print_verification(found, Console(width=width, highlight=False))
-        name = folder if kept else f"{found.robot}, made for this and not kept"
-        if found.passed:
-            print(f"\n{name}: all {found.count} comparisons within their limits")
-    if found.passed:
+        width = None if sys.stdout.isatty() else 160
+        print_verification(found, Console(width=width, highlight=False, soft_wrap=False))
+        name = printable(folder) if kept else f"{found.robot}, made for this and not kept"
+        if passed:
+            print(f"{name}: all {found.count} comparisons within their limits")
+    if passed:
         return 0
-    lines = "\n".join(failure_lines(found))
-    verdict = f"{len(found.failures)} of {found.count} comparisons failed"
-    print(f"gibbs-codegen: {found.robot}: {verdict}:\n{lines}", file=sys.stderr)
+    lines = [f"back end {b} was asked for: {found.not_done[f'back end {b}']}" for b in lacking]
+    if found.failures:
+        lines.append(f"{len(found.failures)} of {found.count} comparisons failed:")
+        lines += failure_lines(found)
+    elif not lacking:
+        lines.append("nothing could be compared")
+    print(f"gibbs-codegen: {found.robot}: " + "\n".join(lines), file=sys.stderr)
     return 1
 
 

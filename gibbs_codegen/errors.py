@@ -143,7 +143,7 @@ class WrongModuleError(GibbsCodegenError):
         super().__init__(
             f"{robot}: the emitted functions fail {len(self.failures)} of {count} checks, so "
             f"nothing was written: {shown}{more}. Please report this with the robot file; "
-            "--no-verify writes the module all the same"
+            "--no-verify (verify=False in Python) writes the module all the same"
         )
 
 

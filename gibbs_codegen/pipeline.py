@@ -41,9 +41,9 @@ def generate(
     """Generate the module of a robot file, or of a robot that ships, and return its folder.
 
     The module is `out`/<name>. With `verify` its NumPy functions are checked first, in a moment,
-    against formulations that share no code with the derivation. Raises `RobotFileError`,
-    `SingularRobotError`, `UsageError`, `WrongModuleError` or `OutputError`, and then has written
-    nothing.
+    against Newton–Euler equations that share no code with the derivation, and with each other.
+    Raises `RobotFileError`, `SingularRobotError`, `UsageError`, `WrongModuleError` or
+    `OutputError`, and then has written nothing.
     """
     robot, text = read_robot(os.fspath(robot_file))
     return generate_robot(robot, text, out, targets, keep_zeros, verify=verify)[1]

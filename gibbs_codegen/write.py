@@ -117,7 +117,7 @@ def write_module(folder: Path, files: Mapping[str, str]) -> None:
             with _alone_in(folder.parent, held):
                 _check_replaceable(folder, robot_text)
                 _remove_stale(folder.parent)
-                _write_and_swap(folder, files, held)
+                written = _write_and_swap(folder, files, held)
         except OSError as error:
             reason = error.strerror or str(error)
             raise OutputError(
@@ -125,9 +125,14 @@ def write_module(folder: Path, files: Mapping[str, str]) -> None:
             ) from None
         finally:
             _remove_empty(made)
+    if not written:  # The signal's handler, which is the program's own, has returned.
+        raise OutputError(
+            f"{printable(folder)}: writing was ended by a signal; nothing was changed"
+        )
 
 
-def _write_and_swap(folder: Path, files: Mapping[str, str], held: list[int]) -> None:
+def _write_and_swap(folder: Path, files: Mapping[str, str], held: list[int]) -> bool:
+    """Write and swap; whether that came to its end before a signal."""
     staging = Path(tempfile.mkdtemp(prefix=f"{_STAGING_PREFIX}{os.getpid()}_", dir=folder.parent))
     try:
         new = staging / _NEW
@@ -135,10 +140,11 @@ def _write_and_swap(folder: Path, files: Mapping[str, str], held: list[int]) -> 
         for name, text in files.items():
             _write_flushed(new / name, text)
             if held:
-                return
+                return False
         if folder.exists():
             os.replace(folder, staging / folder.name)
         os.replace(new, folder)
+        return True
     finally:
         _restore(staging)
         shutil.rmtree(staging, ignore_errors=True)
@@ -178,7 +184,7 @@ def _alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
     """Keep other processes that write modules into a folder waiting, where it can be locked.
 
     Between two renames a module is not there, which is not for others to see. Waiting ends when
-    `held` has a signal, or when a process has had the lock for longer than any writing takes.
+    `held` has a signal, or after a minute, which is longer than many that take turns need.
     """
     number = None
     try:

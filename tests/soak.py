@@ -37,8 +37,8 @@ from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.load import load
 from gibbs_codegen.model import derive
 from gibbs_codegen.robot import Robot
+from gibbs_codegen.verification.comparison import failure_text
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.table import failure_text
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import compare_module
 

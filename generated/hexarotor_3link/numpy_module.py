@@ -123,6 +123,11 @@ def _numbers(name, values):
         array = np.asarray(values)
         if array.dtype.kind not in "biufO":
             raise TypeError(f"not {array.dtype}")
+        if array.dtype.kind == "O":
+            # None would become NaN, and text would be read.
+            for entry in array.flat:
+                if not hasattr(entry, "__float__"):
+                    raise TypeError(f"not {type(entry).__name__}")
         if np.ma.is_masked(values):
             raise ValueError("not masked")
         return array.astype(np.float64, copy=False)

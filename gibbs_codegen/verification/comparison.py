@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,3 +46,21 @@ def compared(
         errors = np.where(ours == theirs, 0.0, np.abs(ours - theirs) / size)
     error = np.inf if np.isnan(errors).any() else float(errors.max(initial=0.0))
     return Comparison(what, against, len(theirs), error, limit)
+
+
+def worst(parts: Sequence[Sequence[Comparison]]) -> list[Comparison]:
+    """Comparisons that were made in parts, of the same things in the same order, as one each."""
+    merged = []
+    for same in zip(*parts, strict=True):
+        first = max(same, key=lambda c: (not c.passed, c.error))
+        merged.append(replace(first, states=sum(c.states for c in same)))
+    return merged
+
+
+def failure_text(comparison: Comparison) -> str:
+    """One failure in words."""
+    against = f" against {comparison.against}" if comparison.against else ""
+    text = f"{comparison.what}{against}: "
+    if comparison.fault:
+        return text + comparison.fault
+    return text + f"error {comparison.error:.2g}, limit {comparison.limit:.0e}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 from collections.abc import Iterator, Mapping
 from types import ModuleType
@@ -40,8 +41,28 @@ def compare_robot_file(text: bytes, source: str) -> Comparison:
     return _verdict("robot.toml", "the module's header", fault)
 
 
+def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
+    """What a C program has for the default parameters, against the robot file.
+
+    `module` is the C back end: its `__file__` is the library, whose constants are bytes here.
+    """
+    library = ctypes.CDLL(str(module.__file__))
+    values = parameter_values(robot)
+    numbers = np.array([values.get(name, np.nan) for name in module.PARAMETERS])
+    expected = {
+        "default_parameters": numbers.tobytes(),
+        "default_constants": module.prepare(module.PARAMETERS),
+    }
+    rows = []
+    for name, data in expected.items():
+        found = (ctypes.c_char * len(data)).in_dll(library, f"{robot.name}_{name}").raw
+        fault = "" if found == data else "differs"
+        rows.append(_verdict(f"{robot.name}_{name}", _FILE, fault))
+    return rows
+
+
 def _alike(name: str, found: object, expected: object) -> Comparison:
-    fault = "" if found == expected else f"is {_shown(found)}, not {_shown(expected)}"
+    fault = "" if repr(found) == repr(expected) else f"is {_shown(found)}, not {_shown(expected)}"
     return _verdict(name, _FILE, fault)
 
 
@@ -60,7 +81,7 @@ def _parameter_faults(
     for name, value in found.items():
         if name not in expected:
             yield f"{_shown(name)} is no parameter of this robot"
-        elif value != expected[str(name)]:
+        elif repr(value) != repr(expected[str(name)]):
             yield f"{name} is {_shown(value)}, not {expected[str(name)]!r}"
     for name, value in expected.items():
         if name not in found and value != 0.0:

@@ -11,6 +11,9 @@ from gibbs_codegen.verification.formulation import Formulation
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Array, times
 
+# A few units in the last place.
+_ROUNDING = 1e-15
+
 Values = Mapping[str, Array]
 
 
@@ -27,7 +30,8 @@ def compare_equations(
         *_geometry(values, formulation, states, sizes),
         *_energies(values, formulation, states, sizes),
     ]
-    name, limit = formulation.name, formulation.limit
+    name = formulation.name
+    limit = max(formulation.limit, _ROUNDING * sizes.disparity**formulation.growth)
     return [
         compared(what, name, values[what] if ours is None else ours, theirs, size, limit)
         for what, ours, theirs, size in rows
@@ -52,16 +56,15 @@ def _system(
     yield "mass_matrix_and_residual.M", None, matrix, sizes.free_matrix
     yield "residual", None, residual[:, free], sizes.free_effort
     yield "mass_matrix_and_residual.R", None, residual[:, free], sizes.free_effort
-    lever = np.abs(inputs).max(axis=(1, 2), keepdims=True)
-    yield "input_matrix", None, inputs[:, free], lever
+    yield "input_matrix", None, inputs[:, free], _levers(inputs, sizes)[:, free]
     yield "inverse_dynamics", None, inverse[:, free], sizes.free_inertial_effort
     driven = times(inputs, u)
     solution = values["forward_dynamics"]
-    size = sizes.balance(solution, driven)
+    size = sizes.balance(solution, driven[:, free])
     yield "forward_dynamics", times(matrix, solution), (residual + driven)[:, free], size
     yield from _hybrid(every, residual, inputs, held, sizes)
-    effort = sizes.inertial_effort[:, held] + np.abs(driven).max(axis=-1, keepdims=True)
-    yield "constraint_torques", None, (inverse - driven)[:, held], effort
+    effort = sizes.inertial_effort + sizes.spread(driven, sizes.units)
+    yield "constraint_torques", None, (inverse - driven)[:, held], effort[:, held]
     by_parts = np.sum(a * (0.5 * times(matrix, a) - residual[:, free]), axis=-1)
     yield "gibbs", None, by_parts, sizes.gibbs
 
@@ -87,13 +90,22 @@ def _hybrid(
     yield "hybrid_residual", None, padded, natural
     columns = np.zeros((states, whole, inputs.shape[-1]))
     columns[:, :size] = inputs
-    yield "hybrid_input_matrix", None, columns, np.abs(inputs).max(axis=(1, 2), keepdims=True)
+    natural = np.ones_like(columns)
+    natural[:, :size] = _levers(inputs, sizes)
+    yield "hybrid_input_matrix", None, columns, natural
+
+
+def _levers(inputs: Array, sizes: Sizes) -> Array:
+    """Sizes of the entries of an input matrix: by column, of the largest in the rows' units."""
+    units = sizes.units[:, :, None]
+    size: Array = units * (np.abs(inputs) / units).max(axis=1, keepdims=True)
+    return size
 
 
 def _geometry(
     values: Values, formulation: Formulation, states: States, sizes: Sizes
 ) -> Iterator[Row]:
-    reach, span = sizes.reach[:, None, None], sizes.span[:, None, None]
+    reach = sizes.reach[:, None, None]
     gives, free = formulation.gives, formulation.tree.free
     if "positions" in gives:
         yield "positions", None, formulation.positions(states.q), reach
@@ -102,12 +114,12 @@ def _geometry(
         size[:, :3, 3:] = reach
         yield "tip_pose", None, formulation.tip_pose(states.q), size
     if "tip_jacobian" in gives:
-        size = np.ones((len(states), 6, 1))
-        size[:, :3] = 1.0 + span
+        size = np.ones((len(states), 6, len(free)))
+        size[:, :3] = sizes.length / sizes.scales
         yield "tip_jacobian", None, formulation.tip_jacobian(states.q)[:, :, free], size
     if "tip_bias_acceleration" in gives:
         size = np.ones((len(states), 6)) * sizes.rate[:, None] ** 2
-        size[:, :3] *= 1.0 + sizes.span[:, None]
+        size[:, :3] *= sizes.length
         bias = formulation.tip_bias_acceleration(states.q, states.v)
         yield "tip_bias_acceleration", None, bias, size
 

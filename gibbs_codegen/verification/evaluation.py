@@ -50,7 +50,7 @@ class Evaluation:
         try:
             with np.errstate(all="ignore"):
                 results = getattr(self.module, name)(*arguments, **self._given)
-        except Exception as error:  # Whatever was done to the module.
+        except (Exception, SystemExit) as error:  # Whatever was done to the module.
             self.faults[name] = f"{type(error).__name__}: {error}"
             results = ()
         batch = np.broadcast_shapes(*(argument.shape[:-1] for argument in arguments))

@@ -30,12 +30,14 @@ class Formulation(Protocol):
 
     Arguments are in the reduced coordinates, (s, nq). Results are in those of all joints, free and
     held, in the order of the hybrid system: `size` of them. `gives` names the methods below that it
-    has, `limit` is the largest error that its own arithmetic explains.
+    has, `limit` is the largest error that its own arithmetic explains, which grows with the
+    power `growth` of how unequal lengths are.
     """
 
     name: str
     gives: frozenset[str]
     limit: float
+    growth: int
     tree: Tree
 
     def mass_matrix(self, q: Array) -> Array:

@@ -98,7 +98,8 @@ def _hybrid(
     left = times(values["hybrid_mass_matrix"], solution)
     size = np.ones_like(right)
     inertial = sizes.units * sizes.largest(accelerations)
-    size[:, : tree.size] = sizes.effort + inertial + np.abs(driven).max(axis=-1, keepdims=True)
+    driving = sizes.spread(driven[:, : tree.size], sizes.units)
+    size[:, : tree.size] = sizes.effort + inertial + driving
     against = "I_H a_H = R_H + B_H u of the reduced"
     return compared("hybrid_mass_matrix", against, left, right, size, EXACT)
 
@@ -125,20 +126,21 @@ def _gradients(
     by_v = quadratic("kinetic_energy", q, at=v, steps=size / sizes.free_units**2)
     yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
     steps = np.full(len(states), _ANGLE)
-    by_q = derivative(lambda time: evaluation("potential_energy", q + time[:, None] * units), steps)
+    moves = units * sizes.scales
+    by_q = derivative(lambda time: evaluation("potential_energy", q + time[:, None] * moves), steps)
     resting = evaluation("residual", states.q, 0.0 * states.v)
     # Of the whole machine's energy rounding takes this much, however light a link is.
     lost = sizes.potential[:, None] * _ROUNDING / _ANGLE / BY_DIFFERENCES
-    size = sizes.free_effort + lost
-    against = "−∂V/∂q = R at rest"
-    yield compared("potential_energy", against, -by_q, resting, size, BY_DIFFERENCES)
+    size = sizes.free_effort + lost / sizes.scales
+    against, falling = "−∂V/∂q = R at rest", -by_q / sizes.scales
+    yield compared("potential_energy", against, falling, resting, size, BY_DIFFERENCES)
 
 
 def _rates(
     evaluation: Evaluation, values: Values, states: States, sizes: Sizes
 ) -> Iterator[Comparison]:
     q, v = states.q, states.v
-    speed = np.maximum(sizes.rate, 1.0)
+    speed = sizes.rate
     steps = STEP / speed
 
     def tip_velocity(time: Array) -> Array:
@@ -149,7 +151,7 @@ def _rates(
     # ω = ½Σ e × ė over the frame's axes, which are columns.
     turning = 0.5 * np.sum(np.cross(axes, pose_rate[:, :3, :3], axis=1), axis=-1)
     moving = np.concatenate([pose_rate[:, :3, 3], turning], axis=-1)
-    size = (speed * (1.0 + sizes.span))[:, None]
+    size = speed[:, None] * np.repeat([sizes.length, 1.0], 3)
     velocity = tip_velocity(np.zeros((len(states), 1)))
     against = "J v, the rate of the pose"
     yield compared("tip_jacobian", against, velocity, moving, size, BY_DIFFERENCES)
@@ -164,8 +166,8 @@ def _power(evaluation: Evaluation, values: Values, states: States, sizes: Sizes)
     """The energy changes at the rate vᵀB u."""
     a = values["forward_dynamics"]
     # Small against the time in which rates or coordinates change by their own size.
-    gain = np.abs(a).sum(axis=-1)
-    rapid = np.maximum(sizes.rate + np.sqrt(gain) + gain / 10, 1.0)
+    gain = np.abs(a / sizes.scales).sum(axis=-1)
+    rapid = sizes.rate + np.sqrt(gain) + gain / sizes.rate
     steps = STEP / rapid
 
     def energy(time: Array) -> Array:

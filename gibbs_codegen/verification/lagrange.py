@@ -25,6 +25,7 @@ class Lagrange:
     name = "Lagrange"
     gives = EVERYTHING
     limit = 1e-7
+    growth = 0
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
@@ -51,7 +52,7 @@ class Lagrange:
         """Virtual work of thrusts and drag torques."""
         tree = self.tree
         every = tree.spread(q)
-        rotations, _ = tree.frames(every)
+        rotations = tree.frames(every).rotations
         seats = [motor.seat for motor in tree.motors]
         linear, angular = self._velocities(every[:, None], np.eye(tree.size), seats)
         columns = []
@@ -70,11 +71,12 @@ class Lagrange:
     def tip_pose(self, q: Array) -> Array:
         """Homogeneous transform of the tip, from where points of its axes are."""
         tip = self.tree.tip
-        ends = [Point(tip.joint, tip.local + step) for step in np.eye(3)]
+        ends = [Point(tip.joint, tip.local + step) for step in self.tree.reach * np.eye(3)]
         places = self._places(self.tree.spread(q), [tip, *ends])
         pose = np.zeros((len(q), 4, 4))
         pose[:, :3, 3] = places[:, 0]
-        pose[:, :3, :3] = np.swapaxes(places[:, 1:] - places[:, :1], -1, -2)
+        axes = (places[:, 1:] - places[:, :1]) / self.tree.reach
+        pose[:, :3, :3] = np.swapaxes(axes, -1, -2)
         pose[:, 3, 3] = 1.0
         return pose
 
@@ -143,7 +145,7 @@ class Lagrange:
 
     def _places(self, q: Array, points: list[Point]) -> Array:
         """World positions of points, (…, points, 3)."""
-        rotations, positions = self.tree.frames(q)
+        rotations, positions, _ = self.tree.frames(q)
         return np.stack(
             [positions[p.joint] + rotations[p.joint] @ p.local for p in points], axis=-2
         )
@@ -151,25 +153,26 @@ class Lagrange:
     def _velocities(self, q: Array, v: Array, points: list[Point]) -> tuple[Array, Array]:
         """Velocities of points and angular velocities of their frames, each (…, points, 3).
 
-        ω = ½Σ e × ė over a frame's axes e, which are where their ends are.
+        ω = ½Σ e × ė over a frame's axes e, whose ends stand the machine's reach away.
         """
         ends = [
             Point(point.joint, point.local + step)
             for point in points
-            for step in np.concatenate([np.zeros((1, 3)), np.eye(3)])
+            for step in self.tree.reach * np.concatenate([np.zeros((1, 3)), np.eye(3)])
         ]
         places = self._places(q, ends)
         moving = self._along(lambda x: self._places(x, ends), q, v)
         places, moving = (x.reshape(*x.shape[:-2], len(points), 4, 3) for x in (places, moving))
         axes = places[..., 1:, :] - places[..., :1, :]
         turning = moving[..., 1:, :] - moving[..., :1, :]
-        return moving[..., 0, :], 0.5 * np.sum(np.cross(axes, turning), axis=-2)
+        angular = 0.5 * np.sum(np.cross(axes, turning), axis=-2) / self.tree.reach**2
+        return moving[..., 0, :], angular
 
-    @staticmethod
-    def _change(function: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
+    def _change(self, function: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
         """How fast a vector function of the state changes along unchanging rates, (s, …)."""
-        # In that time no frame turns by more than the step.
-        steps = STEP / np.maximum(np.abs(v).sum(axis=-1), 1.0)
+        # In that time no frame turns, or moves by its size, by more than the step.
+        rate = np.abs(v / self.tree.scales).sum(axis=-1)
+        steps = STEP / np.where(rate > 0.0, rate, self.tree.tempo)
         return derivative(lambda time: function(q + time * v, v), steps)
 
     @staticmethod

@@ -19,10 +19,9 @@ from gibbs_codegen.errors import UsageError, WrongModuleError, printable
 from gibbs_codegen.load import BACKENDS, find_module, load
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.robot_file import read_robot
-from gibbs_codegen.verification.comparison import Comparison
-from gibbs_codegen.verification.contents import compare_robot_file
+from gibbs_codegen.verification.comparison import Comparison, failure_text
+from gibbs_codegen.verification.contents import compare_c_defaults, compare_robot_file
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.table import failure_text
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
     Progress,
@@ -31,6 +30,7 @@ from gibbs_codegen.verification.verify import (
     formulations,
 )
 
+MOST_STATES = 10_000
 # Of a module that was just emitted; all functions at a few states tell a wrong one.
 _FEW_STATES = 3
 
@@ -48,10 +48,13 @@ def verify(
     `seed`, for each of the `backends`. Raises `UsageError` where there is no such module, no robot
     file with it, or wrong use; what is wrong with the module itself is in what is returned.
     """
-    if states < 1:
-        raise UsageError(f"states: at least 1, not {states}")
-    if seed < 0:
-        raise UsageError(f"seed: a whole number, at least 0, not {seed}")
+    if not isinstance(states, int) or not 1 <= states <= MOST_STATES:
+        raise UsageError(f"states: from 1 to {MOST_STATES}, not {states!r}")
+    if not isinstance(seed, int) or seed < 0:
+        raise UsageError(f"seed: a whole number, at least 0, not {seed!r}")
+    for backend in backends:
+        if backend not in BACKENDS:
+            raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
     folder = find_module(Path(name_or_path))
     robot_file = folder / "robot.toml"
     if not robot_file.is_file():
@@ -75,6 +78,8 @@ def verify(
         if isinstance(module, Comparison):
             comparisons.append(module)
         else:
+            if backend == "c":
+                comparisons += compare_c_defaults(module, robot)
             comparisons += compare_module(module, robot, found, states, seed, step(backend))
         verification.comparisons[backend] = comparisons
     return verification
@@ -84,12 +89,15 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType | Comparison
     """A back end; or a comparison that failed, if it is broken; or why it cannot be had here."""
     try:
         module = load(folder)
-    except UsageError as error:
+    except (UsageError, SystemExit) as error:
         return _broken(error)
     if backend == "numpy":
         return module
-    if any(not (folder / name).is_file() for name in c_files(robot.name)):
+    missing = [name for name in c_files(robot.name) if not (folder / name).is_file()]
+    if missing and not _has_c_target(folder):
         return "the module was generated without the C target"
+    if missing:
+        return _broken(UsageError(f"{', '.join(missing)}: missing"))
     try:
         compiler = find_compiler(os.environ.get("CC") or None)
     except CompilerError as error:
@@ -102,8 +110,15 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType | Comparison
         return _broken(error)
 
 
-def _broken(error: Exception) -> Comparison:
-    return Comparison("the module", "loading it", 0, np.inf, 0.0, str(error))
+def _has_c_target(folder: Path) -> bool:
+    """Whether the module's header says that it was made with C sources."""
+    head = (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")[:1000]
+    return "--target c" in head or "--target" not in head
+
+
+def _broken(error: BaseException) -> Comparison:
+    fault = str(error) or type(error).__name__
+    return Comparison("the module", "", 0, np.inf, 0.0, printable(fault, 400))
 
 
 def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:
@@ -115,7 +130,7 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
     try:
         module = _from_text(numpy_source)
         comparisons = compare_module(module, robot, [NewtonEuler(Tree(robot))], _FEW_STATES, 0)
-    except SyntaxError as error:
+    except (Exception, SystemExit) as error:  # Whatever was emitted.
         comparisons = [_broken(error)]
     failures = [failure_text(c) for c in comparisons if not c.passed]
     if failures:

@@ -21,6 +21,7 @@ class MuJoCo:
     name = "MuJoCo"
     # It turns every body to its principal axes first, and gets them to a few digits fewer.
     limit = 1e-8
+    growth = 2
     gives = frozenset(
         (
             "mass_matrix",

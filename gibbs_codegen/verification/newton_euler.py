@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibbs_codegen.verification.formulation import EVERYTHING
-from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree, cross, times
+from gibbs_codegen.verification.tree import WORLD, Array, Frames, Point, Tree, cross, times
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class NewtonEuler:
     name = "Newton–Euler"
     gives = EVERYTHING
     limit = 1e-10
+    growth = 0
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
@@ -59,7 +60,7 @@ class NewtonEuler:
         """Thrusts and drag torques by the Jacobians of the motors, and the arm's own efforts."""
         tree = self.tree
         frames = tree.frames(tree.spread(q))
-        rotations, _ = frames
+        rotations = frames.rotations
         columns = []
         for motor in tree.motors:
             jacobian = self._jacobian(frames, motor.seat)
@@ -72,7 +73,7 @@ class NewtonEuler:
 
     def positions(self, q: Array) -> Array:
         """World positions of the named points."""
-        rotations, positions = self.tree.frames(self.tree.spread(q))
+        rotations, positions, _ = self.tree.frames(self.tree.spread(q))
         return np.stack(
             [
                 positions[point.joint] + rotations[point.joint] @ point.local
@@ -83,7 +84,7 @@ class NewtonEuler:
 
     def tip_pose(self, q: Array) -> Array:
         """Homogeneous transform of the tip."""
-        rotations, positions = self.tree.frames(self.tree.spread(q))
+        rotations, positions, _ = self.tree.frames(self.tree.spread(q))
         joint, local = self.tree.tip.joint, self.tree.tip.local
         pose = np.zeros((len(q), 4, 4))
         pose[:, :3, :3] = rotations[joint]
@@ -99,8 +100,9 @@ class NewtonEuler:
         """How the tip accelerates where all joints keep their rates."""
         tree = self.tree
         every = tree.spread(q)
-        rotations, positions = tree.frames(every)
-        motions = self._motions(tree.spread(v), np.zeros_like(every), rotations, positions)
+        frames = tree.frames(every)
+        rotations = frames.rotations
+        motions = self._motions(tree.spread(v), np.zeros_like(every), frames)
         moving = motions[tree.tip.joint]
         _, acceleration = moving.at(rotations[tree.tip.joint] @ tree.tip.local)
         return np.concatenate([acceleration, moving.angular_acceleration], axis=-1)
@@ -109,8 +111,9 @@ class NewtonEuler:
         """König's theorem, summed over the bodies."""
         tree = self.tree
         every = tree.spread(q)
-        rotations, positions = tree.frames(every)
-        motions = self._motions(tree.spread(v), np.zeros_like(every), rotations, positions)
+        frames = tree.frames(every)
+        rotations = frames.rotations
+        motions = self._motions(tree.spread(v), np.zeros_like(every), frames)
         energy = np.zeros(len(q))
         for joint, motion, rotation in zip(tree.joints, motions, rotations, strict=True):
             velocity, _ = motion.at(rotation @ joint.com)
@@ -122,7 +125,7 @@ class NewtonEuler:
     def potential_energy(self, q: Array) -> Array:
         """Weight times height, summed over the bodies."""
         tree = self.tree
-        rotations, positions = tree.frames(tree.spread(q))
+        rotations, positions, _ = tree.frames(tree.spread(q))
         energy = np.zeros(len(q))
         for joint, rotation, position in zip(tree.joints, rotations, positions, strict=True):
             energy += joint.mass * tree.gravity * (position + rotation @ joint.com)[:, 2]
@@ -132,8 +135,9 @@ class NewtonEuler:
         """Effort of every joint (…, size); the arguments broadcast."""
         tree = self.tree
         q, v, a = np.broadcast_arrays(q, v, a)
-        rotations, positions = tree.frames(q)
-        motions = self._motions(v, a, rotations, positions)
+        frames = tree.frames(q)
+        rotations = frames.rotations
+        motions = self._motions(v, a, frames)
         upwards = np.array([0.0, 0.0, gravity])
         forces = []
         moments = []
@@ -154,27 +158,23 @@ class NewtonEuler:
             transmitted = moments[number] if joint.revolute else forces[number]
             efforts[..., joint.place] = np.sum(axis * transmitted, axis=-1)
             if joint.parent != WORLD:
-                lever = positions[number] - positions[joint.parent]
+                lever = frames.steps[number]
                 forces[joint.parent] = forces[joint.parent] + forces[number]
                 moments[joint.parent] = (
                     moments[joint.parent] + moments[number] + cross(lever, forces[number])
                 )
         return efforts
 
-    def _motions(
-        self, v: Array, a: Array, rotations: list[Array], positions: list[Array]
-    ) -> list[_Motion]:
+    def _motions(self, v: Array, a: Array, frames: Frames) -> list[_Motion]:
         still = _Motion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
         motions: list[_Motion] = []
         for number, joint in enumerate(self.tree.joints):
-            fixed = joint.parent == WORLD
-            parent = still if fixed else motions[joint.parent]
-            lever = positions[number] - (0.0 if fixed else positions[joint.parent])
-            axis = rotations[number][..., joint.axis]
+            parent = still if joint.parent == WORLD else motions[joint.parent]
+            axis = frames.rotations[number][..., joint.axis]
             rate = axis * v[..., joint.place, None]
             gain = axis * a[..., joint.place, None]
             dragged = cross(parent.angular_velocity, rate)
-            velocity, acceleration = parent.at(lever)
+            velocity, acceleration = parent.at(frames.steps[number])
             if joint.revolute:
                 motion = _Motion(
                     velocity,
@@ -192,20 +192,20 @@ class NewtonEuler:
             motions.append(motion)
         return motions
 
-    def _jacobian(self, frames: tuple[list[Array], list[Array]], point: Point) -> Array:
+    def _jacobian(self, frames: Frames, point: Point) -> Array:
         """World-axes Jacobian of a point (states, 6, size), linear rows first."""
         tree = self.tree
-        rotations, positions = frames
-        at = positions[point.joint] + rotations[point.joint] @ point.local
-        jacobian = np.zeros((len(at), 6, tree.size))
         number = point.joint
+        lever = frames.rotations[number] @ point.local
+        jacobian = np.zeros((len(lever), 6, tree.size))
         while number != WORLD:
             joint = tree.joints[number]
-            axis = rotations[number][..., joint.axis]
+            axis = frames.rotations[number][..., joint.axis]
             if joint.revolute:
-                jacobian[:, :3, joint.place] = cross(axis, at - positions[number])
+                jacobian[:, :3, joint.place] = cross(axis, lever)
                 jacobian[:, 3:, joint.place] = axis
             else:
                 jacobian[:, :3, joint.place] = axis
+            lever = lever + frames.steps[number]
             number = joint.parent
         return jacobian

@@ -21,6 +21,7 @@ class Pinocchio:
     name = "Pinocchio"
     gives = EVERYTHING
     limit = 1e-10
+    growth = 1
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +18,8 @@ _STEEPEST = 1.2
 class States:
     """Coordinates, rates, accelerations (s, nq) and inputs (s, nu), which need not fit each other.
 
-    Angles are all around, but for the middle one of the attitude; all else is of the order of one
-    SI unit.
+    Angles are all around, but for the middle one of the attitude; lengths are of the order of the
+    machine's reach, rates of its `tempo`, inputs of its weight: nothing hides beside another.
     """
 
     q: Array
@@ -27,15 +28,19 @@ class States:
     u: Array
 
     @classmethod
-    def random(cls, tree: Tree, count: int, seed: int) -> States:
+    def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
         """The `count` states of a seed."""
         rng = np.random.default_rng(seed)
-        coordinates = len(tree.free)
-        q = rng.uniform(-np.pi, np.pi, (count, coordinates))
+        scales = tree.scales[tree.free]
+        spread = np.where(tree.turns[tree.free], np.pi, 1.0)
+        q = rng.uniform(-spread, spread, (count, len(scales))) * scales
         q[:, 1] = rng.uniform(-_STEEPEST, _STEEPEST, count)
-        q[:, -3:] /= np.pi
-        v, a = rng.normal(size=(2, count, coordinates))
-        return cls(q, v, a, rng.normal(size=(count, len(tree.motors) + len(tree.arm))))
+        v, a = rng.normal(size=(2, count, len(scales))) * scales
+        force = tree.mass * tree.reach * tree.tempo**2
+        levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
+        u = rng.normal(size=(count, len(tree.motors) + len(tree.arm)))
+        u *= force * np.concatenate([np.ones(len(tree.motors)), levers])
+        return cls(q, v * tree.tempo, a * tree.tempo**2, u)
 
     def first(self, count: int) -> States:
         """The first `count` of them."""
@@ -59,14 +64,20 @@ class Sizes:
 
     def __init__(self, formulation: Formulation, states: States) -> None:
         tree = formulation.tree
-        units = np.sqrt(_largest_inertias(tree, states.q))
+        inertias, masses = _moved(tree, states.q)
+        units = np.sqrt(inertias)
+        # How much larger the machine is than the smallest of what a joint turns.
+        turned = (units > 0.0) & tree.turns
+        radii = units[turned] / np.sqrt(masses[turned])
+        self.disparity = tree.reach / min(radii.min(initial=np.inf), tree.reach)
         # What has no inertia at all has zeros, which need no size.
         self.units = np.where(units > 0.0, units, 1.0)
         self.free_units = self.units[:, tree.free]
         self.matrix = self.units[:, :, None] * self.units[:, None, :]
         self.free_matrix = self.free_units[:, :, None] * self.free_units[:, None, :]
-        # No frame turns faster than all rates together.
-        rates = np.abs(states.v).sum(axis=-1, keepdims=True)
+        # No frame turns, or moves by the machine's size, faster than all rates together.
+        self.scales = tree.scales[tree.free]
+        rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = tree.gravity * np.sqrt(tree.mass)
         self.effort = self.units * (momentum * rates + weight)
@@ -74,18 +85,27 @@ class Sizes:
         positions = formulation.positions(states.q)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
         self.reach = span + np.abs(positions).max(axis=(1, 2))
-        self.span = span
         self.rate = rates[:, 0]
+        self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
         self.potential = tree.gravity * tree.mass * self.reach
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
-        self.gibbs = np.sum(np.abs(states.a) * self.free_inertial_effort, axis=-1)
+        # The function has a term in the square of gravity, which its difference loses.
+        falling = tree.mass * tree.gravity**2
+        power = np.abs(states.a) * self.free_inertial_effort
+        self.gibbs = falling + np.sum(power, axis=-1)
 
     def balance(self, accelerations: Array, driven: Array) -> Array:
         """Size of M a = R + B u: of its largest terms, (s, nq)."""
         inertial = self.free_units * self.largest(accelerations)
-        size: Array = self.free_effort + inertial + np.abs(driven).max(axis=-1, keepdims=True)
+        size: Array = self.free_effort + inertial + self.spread(driven, self.free_units)
+        return size
+
+    @staticmethod
+    def spread(efforts: Array, units: Array) -> Array:
+        """The largest of some efforts in their units, as an effort on each of them."""
+        size: Array = units * (np.abs(efforts) / units).max(axis=-1, keepdims=True)
         return size
 
     def largest(self, accelerations: Array) -> Array:
@@ -94,19 +114,20 @@ class Sizes:
         return largest
 
 
-def _largest_inertias(tree: Tree, q: Array) -> Array:
-    """For each coordinate, (s, size), an upper bound of its diagonal entry in the mass matrix."""
-    rotations, positions = tree.frames(tree.spread(q))
-    inertias = np.zeros((len(q), tree.size))
+def _moved(tree: Tree, q: Array) -> tuple[Array, Array]:
+    """What each coordinate moves, (s, size): its largest inertia (mass if along), and its mass."""
+    rotations, _, steps = tree.frames(tree.spread(q))
+    inertias, masses = np.zeros((2, len(q), tree.size))
     for number, body in enumerate(tree.joints):
-        com = positions[number] + rotations[number] @ body.com
+        lever = rotations[number] @ body.com
         # No principal moment exceeds half the trace.
         own = 0.5 * np.trace(body.inertia)
         carrier = number
         while carrier != WORLD:
             joint = tree.joints[carrier]
-            lever = com - positions[carrier]
             turning = body.mass * np.sum(lever**2, axis=-1) + own
             inertias[:, joint.place] += turning if joint.revolute else body.mass
+            masses[:, joint.place] += body.mass
+            lever = lever + steps[carrier]
             carrier = joint.parent
-    return inertias
+    return inertias, masses

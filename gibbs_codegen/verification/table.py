@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gibbs_codegen.verification.comparison import Comparison
+from gibbs_codegen.verification.comparison import Comparison, failure_text
 from gibbs_codegen.verification.verify import Verification
 
 # Longer, a list of failures is not read.
@@ -49,8 +49,10 @@ def print_verification(verification: Verification, console: Console) -> None:
         by_formulation, others = _sorted(comparisons)
         if by_formulation:
             console.print(_formulation_table(backend, by_formulation))
+            console.print()
         if others:
             console.print(_invariant_table(backend, others))
+            console.print()
     for what, reason in verification.not_done.items():
         console.print(Text(f"{what}: not compared: {reason}"))
 
@@ -62,14 +64,6 @@ def failure_lines(verification: Verification) -> list[str]:
     if len(failures) > _MOST_FAILURES:
         lines.append(f"and {len(failures) - _MOST_FAILURES} more")
     return lines
-
-
-def failure_text(comparison: Comparison) -> str:
-    """One failure in words."""
-    text = f"{comparison.what} against {comparison.against}: "
-    if comparison.fault:
-        return text + comparison.fault
-    return text + f"error {comparison.error:.2g}, limit {comparison.limit:.0e}"
 
 
 def _sorted(
@@ -89,15 +83,15 @@ def _counted(rows: dict[str, Comparison]) -> bool:
 
 def _formulation_table(backend: str, columns: dict[str, dict[str, Comparison]]) -> Table:
     table = Table(
-        title=f"\n{backend}: largest relative error of each function against …",
+        title=f"{backend}: largest relative error of each function against …",
         title_justify="left",
         box=None,
         header_style="dim",
         pad_edge=False,
     )
-    table.add_column("function")
+    table.add_column("function", overflow="fold")
     for against in columns:
-        table.add_column(against, justify="right")
+        table.add_column(against, justify="right", overflow="fold")
     functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
     for function in functions:
         table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
@@ -120,14 +114,14 @@ def _formulation_table(backend: str, columns: dict[str, dict[str, Comparison]]) 
 
 def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
     table = Table(
-        title=f"\n{backend}: what holds by itself",
+        title=f"{backend}: what holds by itself",
         title_justify="left",
         box=None,
         header_style="dim",
         pad_edge=False,
     )
     for column in ("what", "against"):
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     for column in ("states", "error", "limit"):
         table.add_column(column, justify="right")
     for c in comparisons:
@@ -143,7 +137,9 @@ def _cell(comparison: Comparison | None) -> Text:
     if comparison is None:
         return Text("-", style="dim")
     number = f"{comparison.error:.1e}" if comparison.error else "0"
+    if not math.isfinite(comparison.error):
+        number = ""
     if comparison.passed:
         return Text(number)
     # The word too, for a pipe has no colours.
-    return Text(f"FAILS {number}", style="bold red")
+    return Text(f"FAILS {number}".strip(), style="bold red")

@@ -8,7 +8,7 @@ hybrid system: θ₋₁, θ₀, θ₁, θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x,
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,11 +61,25 @@ class Motor:
     drag: float
 
 
+class Frames(NamedTuple):
+    """World rotations (…, 3, 3) and positions (…, 3) of joints' frames, in the joints' order.
+
+    `steps` (…, 3) lead to each from its parent: short ones keep digits that differences of
+    positions would lose.
+    """
+
+    rotations: list[Array]
+    positions: list[Array]
+    steps: list[Array]
+
+
 class Tree:
     """Joints from the world outwards, named points, motors, the tip, and which joints are held.
 
     `free` and `held` are the places of the reduced coordinates and of the constrained joints among
-    all; `arm` the places of the arm's joints.
+    all; `arm` the places of the arm's joints; `turns` tells which are angles. `reach` in m is a
+    length of the machine's own size, and `scales` has it for each coordinate that is a length, 1
+    for each that is an angle; `tempo` in 1/s is what rates are of the order of.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -80,6 +94,12 @@ class Tree:
         self.arm = self.free[3:-3]
         named = self._base(robot)
         self.tip = self._arm(robot, named)
+        self.reach = self._reach()
+        # At the rate at which a pendulum of that length swings, weight and inertia are alike.
+        self.tempo = float(np.sqrt(self.gravity / self.reach)) or 1.0
+        self.turns = np.zeros(self.size, bool)
+        self.turns[[joint.place for joint in self.joints if joint.revolute]] = True
+        self.scales = np.where(self.turns, 1.0, self.reach)
         self.points = [named[name] for name in points(robot)]
         self.motors = [
             Motor(named[f"motor{k}"], np.array(direction), drag)
@@ -103,7 +123,7 @@ class Tree:
         named = {"O1": Point(joint, start), "O2": Point(joint, centre)}
         named["motor1"] = named["O1"]
         for k in range(2, base.rotors + 1):
-            turned = _turn("z", float(base.arm_angle_deg(k)))
+            turned = _turn("z", -180.0 + 360.0 * (k - 1) / base.rotors)
             arm = self._add(self.base, 1 + k, "z", rotation=turned, offset=centre)
             self._load(arm, base.arm(k), np.zeros(3))
             named[f"motor{k}"] = Point(arm, np.array([base.arm(k).length, 0.0, 0.0]))
@@ -165,34 +185,38 @@ class Tree:
             inertia,
         )
 
+    def _reach(self) -> float:
+        """How far from the base anything of the machine may be, or 1 if it is a point."""
+        offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
+        bodies = [np.linalg.norm(joint.com) for joint in self.joints]
+        return float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
+
     def spread(self, values: Array) -> Array:
         """Reduced values (…, nq) as those of all joints (…, size), zero at the held ones."""
         every = np.zeros((*values.shape[:-1], self.size), values.dtype)
         every[..., self.free] = values
         return every
 
-    def frames(self, q: Array) -> tuple[list[Array], list[Array]]:
-        """World rotations (…, 3, 3) and positions (…, 3) of all joints' frames.
-
-        `q` (…, size) may be complex.
-        """
+    def frames(self, q: Array) -> Frames:
+        """Frames of all joints at coordinates (…, size), which may be complex."""
         rotations: list[Array] = []
         positions: list[Array] = []
+        steps: list[Array] = []
         for joint in self.joints:
-            if joint.parent == WORLD:
-                rotation, position = joint.rotation, joint.offset
-            else:
+            rotation, step = joint.rotation, joint.offset
+            if joint.parent != WORLD:
                 parent = rotations[joint.parent]
-                rotation = parent @ joint.rotation
-                position = positions[joint.parent] + parent @ joint.offset
+                rotation, step = parent @ rotation, parent @ step
             travel = q[..., joint.place]
             if joint.revolute:
                 rotation = rotation @ _about(joint.axis, travel)
             else:
-                position = position + rotation[..., joint.axis] * travel[..., None]
+                step = step + rotation[..., joint.axis] * travel[..., None]
             rotations.append(np.broadcast_to(rotation, (*travel.shape, 3, 3)))
-            positions.append(np.broadcast_to(position, (*travel.shape, 3)))
-        return rotations, positions
+            steps.append(np.broadcast_to(step, (*travel.shape, 3)))
+            begin = 0.0 if joint.parent == WORLD else positions[joint.parent]
+            positions.append(begin + steps[-1])
+        return Frames(rotations, positions, steps)
 
 
 def _mass_properties(body: Body) -> tuple[float, Array, Array]:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 from gibbs_codegen.robot import Robot
-from gibbs_codegen.verification.comparison import Comparison
+from gibbs_codegen.verification.comparison import Comparison, worst
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.equations import compare_equations
 from gibbs_codegen.verification.evaluation import Evaluation
@@ -40,6 +40,8 @@ _LIBRARIES = (
 )
 # Numbers that Lagrange's equations keep at once: states times coordinates times points.
 _MOST_NUMBERS = 3_000_000
+# Of the matrices of all states of a part.
+_MOST_ENTRIES = 400_000
 
 
 @dataclass
@@ -101,15 +103,36 @@ def compare_module(
 
     `against` are formulations of the robot, of which the first gives the natural sizes of things.
     """
-    comparisons = compare_contents(module, robot)
-    if not all(comparison.passed for comparison in comparisons):
+    contents = compare_contents(module, robot)
+    if not all(comparison.passed for comparison in contents):
         # With other coordinates, or none, there is nothing that could be compared.
-        return comparisons
+        return [
+            c if c.passed else replace(c, fault=f"{c.fault} (no function was compared)")
+            for c in contents
+        ]
+    # A part at a time, so that no number of states takes all memory.
+    most = max(1, _MOST_ENTRIES // against[0].tree.size ** 2)
+    parts = []
+    for number, first in enumerate(range(0, count, most)):
+        some = min(most, count - first)
+        parts.append(_compare_functions(module, robot, against, some, (seed, number), progress))
+    return contents + worst(parts)
+
+
+def _compare_functions(
+    module: ModuleType,
+    robot: Robot,
+    against: Sequence[Formulation],
+    count: int,
+    seed: tuple[int, int],
+    progress: Progress,
+) -> list[Comparison]:
     tree = against[0].tree
     states = States.random(tree, count, seed)
     evaluation = Evaluation(module)
     values = evaluation.all(states)
     sizes = Sizes(against[0], states)
+    comparisons = []
     for formulation in against:
         progress(formulation.name)
         few = count
@@ -129,18 +152,18 @@ def compare_module(
 
 
 def _with_other_parameters(
-    module: ModuleType, robot: Robot, count: int, seed: int
+    module: ModuleType, robot: Robot, count: int, seed: tuple[int, int]
 ) -> tuple[list[Comparison], dict[str, str]]:
     """The equations once more, with every number of the robot file changed at run time."""
-    other = varied(robot, seed)
+    other = varied(robot, seed[0])
     numbers = parameter_values(other)
     try:
         constants = module.prepare({name: numbers[name] for name in module.PARAMETERS})
-    except Exception as error:  # Whatever was done to the module.
+    except (Exception, SystemExit) as error:  # Whatever was done to the module.
         fault = f"{type(error).__name__}: {error}"
         return [Comparison("prepare", OTHER_PARAMETERS, 0, float("inf"), 0.0, fault)], {}
     formulation = NewtonEuler(Tree(other))
-    states = States.random(formulation.tree, count, seed + 1)
+    states = States.random(formulation.tree, count, (*seed, 1))
     evaluation = Evaluation(module, constants)
     values = evaluation.all(states)
     sizes = Sizes(formulation, states)

@@ -131,6 +131,13 @@ def test_an_oracle_that_is_off_by_a_billionth_fails(shipped) -> None:
         ("import math\n", "import maths\n", {"the module"}),
         ("import math\n", "import (math\n", {"the module"}),
         ("import math\n", "import math\nraise SystemError('no')\n", {"the module"}),
+        ("import math\n", "import math\nraise SystemExit(0)\n", {"the module"}),
+        (
+            '    """Array of the given',
+            '    raise SystemExit(0)\n    """Array of the given',
+            {"gibbs"},
+        ),
+        ('"gravity": 9.81', '"gravity": np.ones(2)', {"the module"}),
     ],
 )
 def test_whatever_was_done_to_a_module_is_a_failure_with_a_reason(
@@ -154,6 +161,30 @@ def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
     assert {"residual", "forward_dynamics"} <= {c.what for _, c in found.failures}
 
 
+@pytest.mark.parametrize(
+    ("ending", "old", "new", "what"),
+    [
+        (".c", "quadrotor_2link_default_parameters[", None, "quadrotor_2link_default_parameters"),
+        ("_casadi.c", None, None, "the module"),
+    ],
+)
+def test_what_c_has_of_its_own_is_compared(
+    ending: str, old: str | None, new: str | None, what: str, copied: Path
+) -> None:
+    """The default parameters of a C program; and no file of the C target may be missing."""
+    tool("cc")
+    path = copied / f"quadrotor_2link{ending}"
+    if old is None:
+        path.unlink()
+    else:
+        before, _, after = path.read_text(encoding="utf-8").partition(old)
+        altered = after.replace("9.81", "9.82", 1)
+        assert altered != after
+        path.write_text(before + old + altered, encoding="utf-8")
+    found = verify(copied, states=1, backends=["c"])
+    assert what in {c.what for _, c in found.failures}
+
+
 def test_a_robot_file_that_was_edited_afterwards_fails(copied: Path) -> None:
     with (copied / "robot.toml").open("a", encoding="utf-8") as file:
         file.write("# one more comment\n")
@@ -173,7 +204,7 @@ def test_another_robot_s_numbers_fail(shipped) -> None:
 def test_what_cannot_be_verified_is_told(copied: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no generated module there"):
         verify(tmp_path / "none")
-    with pytest.raises(UsageError, match="states: at least 1, not 0"):
+    with pytest.raises(UsageError, match="states: from 1 to 10000, not 0"):
         verify(copied, states=0)
     (copied / "quadrotor_2link.c").unlink()
     found = verify(copied, states=2)

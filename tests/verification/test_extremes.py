@@ -1,0 +1,81 @@
+"""Right modules of odd machines pass, and faults in them are found all the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import pytest
+from emitted import NUMPY, emitted_module
+from planted_faults import planted
+
+from gibbs_codegen.emit import render_module
+from gibbs_codegen.model import derive
+from gibbs_codegen.robot import Base, Link, RigidBody, Robot, alternating_thrust
+from gibbs_codegen.verification.comparison import failure_text
+from gibbs_codegen.verification.modules import _from_text
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.verify import compare_module, formulations
+
+
+def machine(
+    size: float = 1.0, tip: float = 1.0, gravity: float = 9.81, offset: float = 0.5
+) -> Robot:
+    """A machine with joints of both kinds, of a size, whose last link has another again."""
+
+    def body(length: float) -> RigidBody:
+        i = 0.1 * length**2
+        com = (0.4 * length, 0.1 * length, -0.05 * length)
+        return RigidBody(length, 1.0, com, (i, 1.2 * i, 1.1 * i, 0.1 * i, 0.05 * i, -0.1 * i))
+
+    base = Base(3, (body(size),), alternating_thrust(3), (0.0,) * 3)
+    links = (
+        Link(body(size), Fraction(90), a=offset * size),
+        Link(body(size), Fraction(30), joint="prismatic"),
+        Link(body(size * tip), Fraction(-90), d=0.2 * size * tip),
+    )
+    return Robot("odd", base, links, gravity)
+
+
+ODD = {
+    "tiny": machine(size=1e-7),
+    "huge": machine(size=1e9),
+    "tip of a thousandth": machine(tip=1e-3),
+    "tip of a billionth": machine(tip=1e-9),
+    "heavy world": machine(gravity=1e9),
+    "weightless": machine(gravity=0.0),
+    "far joint": machine(offset=1e6),
+}
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_what_is_right_passes_every_formulation(name: str) -> None:
+    robot = ODD[name]
+    found, _ = formulations(robot)
+    comparisons = compare_module(emitted_module(robot), robot, found, 3, 0)
+    assert [failure_text(c) for c in comparisons if not c.passed] == []
+
+
+@pytest.mark.parametrize("name", ["tiny", "tip of a thousandth"])
+def test_planted_faults_are_found(name: str) -> None:
+    robot = ODD[name]
+    text = render_module(derive(robot), "", NUMPY)["numpy_module.py"]
+    newton_euler = [NewtonEuler(Tree(robot))]
+    missed = []
+    for altered, what in planted(text, 20, seed=3):
+        comparisons = compare_module(_from_text(altered), robot, newton_euler, 3, 0)
+        if all(c.passed for c in comparisons):
+            missed.append(what)
+    assert len(missed) <= 1, missed
+
+
+def test_another_size_of_the_tip_is_seen() -> None:
+    """A thousandth of the size, with a millionth more of its mass, as the module of the other."""
+    robot = ODD["tip of a thousandth"]
+    *inner, last = robot.links
+    body = replace(last.body, mass=1.0 + 1e-6)
+    other = replace(robot, links=(*inner, replace(last, body=body)))
+    comparisons = compare_module(emitted_module(other), robot, [NewtonEuler(Tree(robot))], 2, 0)
+    # The defaults are what differs.
+    assert [c.what for c in comparisons if not c.passed] == ["PARAMETERS"]
