@@ -219,7 +219,7 @@ def test_random_robots_compile_silently(
         *((label, "gcc", ["-O0"]) for label in RANDOM),
         (ROLLED, "gcc", ["-O0"]),
         ("random_cut_at_40", "clang", ["-O0"]),
-        ("random_cut_at_60", "gcc", NATIVE),
+        pytest.param("random_cut_at_60", "gcc", NATIVE, marks=pytest.mark.slow),
     ],
     ids=lambda value: "".join(value),
 )
@@ -476,7 +476,7 @@ def test_a_machine_may_weigh_grams(strict: tuple[Emitted, Library]) -> None:
     ("label", "compiler"),
     [
         (SMALL, "gcc"),
-        ("random_cut_at_40", "clang"),
+        pytest.param("random_cut_at_40", "clang", marks=pytest.mark.slow),
         ("random_2_0", "gcc"),
         pytest.param("hexarotor_3link", "clang", marks=pytest.mark.slow),
         pytest.param("random_5_2", "gcc", marks=pytest.mark.slow),

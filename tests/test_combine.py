@@ -77,7 +77,7 @@ def test_free_chain_has_no_constraint() -> None:
     assert len(system.matrix) == 9
 
 
-@settings(max_examples=8)
+@settings(max_examples=5)
 @given(robot=robots(most_rotors=6, most_links=3))
 def test_chains_added_by_the_coupling_map_give_the_emitted_hybrid_system(robot: Robot) -> None:
     """Eq. 18: the paper's addition of chains, derived anew, against the combiner's short cut."""

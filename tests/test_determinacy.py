@@ -60,7 +60,7 @@ def check(robot: Robot) -> None:
     assert refusal.drowned or short_names(refusal.joints) == unresisted(robot), refusal
 
 
-@settings(max_examples=10)
+@settings(max_examples=7)
 @given(robot=degenerate_robots(most_rotors=5, most_links=3))
 def test_degenerate_robots_drawn_anew(robot: Robot) -> None:
     check(robot)

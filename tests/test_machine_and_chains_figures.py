@@ -53,7 +53,7 @@ def arrows(axes: Axes, colour: str) -> int:
     return sum(to_hex(patch.get_edgecolor()) == colour for patch in patches)
 
 
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(robot=robots(most_rotors=7, most_links=4))
 def test_frames_are_where_the_emitted_functions_put_them(robot: Robot) -> None:
     module = emitted_module(robot)

@@ -19,6 +19,7 @@ from random_robots import robots
 from tools import tool
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.robot_file import read_robot, shipped_robots
 from gibbs_codegen.verification.modules import verify
@@ -53,7 +54,7 @@ def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) ->
     assert {"Newton–Euler", "Lagrange", "other parameters", "power balance, Ė = vᵀB u"} <= against
 
 
-@settings(max_examples=5)
+@settings(max_examples=4)
 @given(robot=robots(most_rotors=7, most_links=6))
 def test_random_robots_pass(robot: Robot) -> None:
     module = emitted_module(robot)
@@ -66,7 +67,8 @@ def test_both_back_ends_are_verified(copied: Path) -> None:
     found = verify(copied, states=3)
     assert found.passed, found.failures
     assert list(found.comparisons) == ["numpy", "c"]
-    assert len(found.comparisons["numpy"]) == len(found.comparisons["c"]) > 100
+    # C has default parameters and constants of its own.
+    assert 100 < len(found.comparisons["numpy"]) == len(found.comparisons["c"]) - 2
 
 
 def test_planted_faults_are_found(copied: Path) -> None:
@@ -81,7 +83,7 @@ def test_planted_faults_are_found(copied: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("faults", "least"), [(1, 1), pytest.param(FAULTS, LEAST, marks=pytest.mark.slow)]
+    ("faults", "least"), [(1, 1), pytest.param(10, 10, marks=pytest.mark.slow)]
 )
 def test_planted_faults_in_c_are_found(
     faults: int, least: int, copied: Path, monkeypatch: pytest.MonkeyPatch
@@ -162,14 +164,14 @@ def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("ending", "old", "new", "what"),
+    ("ending", "old", "what"),
     [
-        (".c", "quadrotor_2link_default_parameters[", None, "quadrotor_2link_default_parameters"),
-        ("_casadi.c", None, None, "the module"),
+        (".c", "quadrotor_2link_default_parameters[", "quadrotor_2link_default_parameters"),
+        ("_casadi.c", None, "the module"),
     ],
 )
 def test_what_c_has_of_its_own_is_compared(
-    ending: str, old: str | None, new: str | None, what: str, copied: Path
+    ending: str, old: str | None, what: str, copied: Path
 ) -> None:
     """The default parameters of a C program; and no file of the C target may be missing."""
     tool("cc")
@@ -206,12 +208,17 @@ def test_what_cannot_be_verified_is_told(copied: Path, tmp_path: Path) -> None:
         verify(tmp_path / "none")
     with pytest.raises(UsageError, match="states: from 1 to 10000, not 0"):
         verify(copied, states=0)
-    (copied / "quadrotor_2link.c").unlink()
-    found = verify(copied, states=2)
-    assert found.not_done["back end c"] == "the module was generated without the C target"
+    with pytest.raises(UsageError, match="back end 'fortran': unknown; known: numpy, c"):
+        verify(copied, backends=["fortran"])
     (copied / "robot.toml").unlink()
     with pytest.raises(UsageError, match=r"has no robot\.toml"):
         verify(copied)
+
+
+def test_a_module_without_c_says_so(tmp_path: Path) -> None:
+    found = verify(generate("hexarotor", tmp_path, ["numpy"]), states=1)
+    assert found.passed
+    assert found.not_done["back end c"] == "the module was generated without the C target"
 
 
 def test_the_seed_chooses_the_states(copied: Path) -> None:
