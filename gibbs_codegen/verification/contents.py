@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import hashlib
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -13,10 +14,11 @@ import numpy as np
 from gibbs_codegen.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.errors import printable
 from gibbs_codegen.robot import Robot
-from gibbs_codegen.verification.comparison import Comparison
+from gibbs_codegen.verification.comparison import Comparison, compared
 from gibbs_codegen.verification.parameters import parameter_values
 
 _FILE = "the robot file"
+_CONSTANTS_LIMIT = 1e-9
 
 
 def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
@@ -48,16 +50,19 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
     """
     library = ctypes.CDLL(str(module.__file__))
     values = parameter_values(robot)
-    numbers = np.array([values.get(name, np.nan) for name in module.PARAMETERS])
+    parameters = np.array([values.get(name, np.nan) for name in module.PARAMETERS])
     expected = {
-        "default_parameters": numbers.tobytes(),
-        "default_constants": module.prepare(module.PARAMETERS),
+        "default_parameters": parameters,
+        "default_constants": np.frombuffer(module.prepare(module.PARAMETERS)),
     }
     rows = []
-    for name, data in expected.items():
-        found = (ctypes.c_char * len(data)).in_dll(library, f"{robot.name}_{name}").raw
-        fault = "" if found == data else "differs"
-        rows.append(_verdict(f"{robot.name}_{name}", _FILE, fault))
+    for name, numbers in expected.items():
+        symbol = (ctypes.c_double * len(numbers)).in_dll(library, f"{robot.name}_{name}")
+        # Of differences of parameters rounding may leave fewer digits than of the rest.
+        size = np.maximum(np.abs(numbers), 1e-6 * np.abs(numbers).max())
+        what = f"{robot.name}_{name}"
+        row = compared(what, _FILE, np.array(symbol)[None], numbers[None], size, _CONSTANTS_LIMIT)
+        rows.append(replace(row, states=0))
     return rows
 
 

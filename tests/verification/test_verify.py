@@ -22,6 +22,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.verification.contents import compare_c_defaults
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.tree import Array, Tree
@@ -185,6 +186,14 @@ def test_what_c_has_of_its_own_is_compared(
         path.write_text(before + old + altered, encoding="utf-8")
     found = verify(copied, states=1, backends=["c"])
     assert what in {c.what for _, c in found.failures}
+
+
+def test_default_constants_of_c_are_right_to_rounding(fast) -> None:
+    """They are written with 17 digits by Python, and computed by C, which rounds otherwise."""
+    tool("cc")
+    rows = compare_c_defaults(fast("hexarotor_3link"), read_robot("hexarotor_3link")[0])
+    assert len(rows) == 2
+    assert failing(rows) == []
 
 
 def test_a_robot_file_that_was_edited_afterwards_fails(copied: Path) -> None:
