@@ -113,7 +113,10 @@ def test_both_back_ends_agree(name: str, backends, states: dict[str, np.ndarray]
     assert disagreement(name, *backends, states) < 1e-14
 
 
-@pytest.mark.parametrize("robot", ["hexarotor", "quadrotor_2link", "octorotor_7link"])
+@pytest.mark.parametrize(
+    "robot",
+    ["hexarotor", "quadrotor_2link", pytest.param("octorotor_7link", marks=pytest.mark.slow)],
+)
 def test_both_back_ends_agree_on_other_robots(robot: str, shipped) -> None:
     numpy = shipped(robot)
     compiled = compiled_of(numpy)

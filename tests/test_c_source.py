@@ -275,6 +275,7 @@ def test_loops_are_among_what_is_compiled(emitted: Callable[[str], Emitted]) -> 
     assert re.search(r"mass_matrix\[\(\d+ \+ -?\d+ \* i\) \* stride\] = ", text)
 
 
+@pytest.mark.slow
 def test_cutting_changes_no_number(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
     """The limits do cut, and the same operations give the same bits."""
     outputs = []

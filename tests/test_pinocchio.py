@@ -156,7 +156,10 @@ def test_thirty_links_of_general_inertia() -> None:
     compare(robot, emitted_module(robot))
 
 
-@pytest.mark.parametrize(("rotors", "links"), [(2, 0), (2, 1), (40, 3), (6, 30), (3, 2)])
+@pytest.mark.parametrize(
+    ("rotors", "links"),
+    [(2, 0), (2, 1), (40, 3), pytest.param(6, 30, marks=pytest.mark.slow), (3, 2)],
+)
 def test_family(rotors: int, links: int) -> None:
     robot = paper_family(rotors, links)
     compare(robot, emitted_module(robot))
