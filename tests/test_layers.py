@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -93,10 +94,12 @@ SIMULATOR = [name for name in MODULES if name.startswith("simulator.")]
 VERIFICATION = [name for name in MODULES if name.startswith("verification.")]
 
 
+@functools.cache
 def text_of(name: str) -> str:
     return (PACKAGE / f"{name.replace('.', '/')}.py").read_text(encoding="utf-8")
 
 
+@functools.cache
 def imports(name: str) -> set[str]:
     """Every module that a module imports anywhere in it."""
     found = set()

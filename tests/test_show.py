@@ -343,6 +343,7 @@ def test_definitions_grow_in_proportion_to_the_links() -> None:
     assert lengths[2] - lengths[1] <= 1.2 * (lengths[1] - lengths[0])
 
 
+@pytest.mark.slow
 def test_two_processes_show_the_same() -> None:
     code = (
         "from gibbs_codegen import as_latex, chain_equation, read_robot; "

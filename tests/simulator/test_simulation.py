@@ -114,7 +114,7 @@ def undisturbed_rotation(flight: Flight) -> np.ndarray:
     return Rotation.from_euler("XYZ", flight.q_desired[0, :3]).as_matrix()
 
 
-@pytest.mark.parametrize("rotors", [8, 10])
+@pytest.mark.parametrize("rotors", [8, pytest.param(10, marks=pytest.mark.slow)])
 def test_more_rotors_fly_it_with_the_least_thrusts(
     rotors: int, family: Callable[[int, int], ModuleType]
 ) -> None:
