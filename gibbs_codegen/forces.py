@@ -10,7 +10,7 @@ from __future__ import annotations
 import sympy as sp
 
 from gibbs_codegen.machine import Machine
-from gibbs_codegen.robot import AXES
+from gibbs_codegen.structural import structural_number
 from gibbs_codegen.vectors import (
     NO_WRENCH,
     Rotation,
@@ -25,11 +25,7 @@ from gibbs_codegen.vectors import (
 
 def thrust_direction(machine: Machine, k: int) -> Vector:
     """Unit direction ε of motor k's thrust in the frame of its arm."""
-    direction = machine.robot.base.thrust[k - 1]
-    for axis, unit in enumerate(AXES.values()):
-        if direction == unit:
-            return axis_vector(axis)
-    x, y, z = (sp.Float(entry) if entry else sp.S.Zero for entry in direction)
+    x, y, z = (structural_number(sp.Float(e)) for e in machine.robot.base.thrust[k - 1])
     return (x, y, z)
 
 

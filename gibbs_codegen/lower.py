@@ -49,7 +49,10 @@ def lower(
     parameters: Sequence[str],
     slices: Sequence[Slice],
 ) -> Program:
-    """Lower every slice of the tape into one program."""
+    """Lower every slice of the tape into one program.
+
+    Of `parameters` the program has those that a function depends on, in the same order.
+    """
     lowering = _Lowering(tape)
     drafts = [lowering.draft(piece) for piece in slices]
     needed = {symbol for draft in drafts for symbol in draft.constants}
@@ -57,9 +60,10 @@ def lower(
     # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
     names = {symbol.name: f"k{i}" for i, symbol in enumerate(prepare, start=1)}
     constants: dict[str, Node] = {old: Name(new) for old, new in names.items()}
+    read = {s.name for s in needed.union(*(tape.statements[s].free_symbols for s in prepare))}
     return Program(
         inputs=dict(inputs),
-        parameters=tuple(parameters),
+        parameters=tuple(name for name in parameters if name in read),
         constants=tuple(names.get(s.name, s.name) for s in lowering.in_order(needed)),
         prepare=tuple(
             Statement(names[s.name], _replaced(lowering.node(tape.statements[s]), constants))

@@ -77,8 +77,8 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     return Model(
         robot,
         program,
-        dict(parameters.defaults),
-        dict(parameters.units),
+        {name: parameters.defaults[name] for name in program.parameters},
+        {name: parameters.units[name] for name in program.parameters},
         tuple(parameters.folded),
         keep_zeros,
     )

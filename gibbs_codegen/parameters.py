@@ -110,8 +110,9 @@ class Parameters:
             for axis, value in zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
         )
         zero = sp.S.Zero
-        along = density * length**3 / 3
-        second = (along + (y + z - x) / 2, (x + z - y) / 2, (x + y - z) / 2)
+        excess = self._half_excess
+        along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
+        second = (along, excess(z, x, y), excess(x, y, z))
         moment = density * length**2 / 2
         return Inertia(density * length, (moment, zero, zero), (*second, zero, zero, zero))
 
@@ -127,6 +128,21 @@ class Parameters:
             for name, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
         )
         zero = sp.S.Zero
-        second = ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
+        excess = self._half_excess
+        second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
         about_com = Inertia(mass, (zero, zero, zero), second)
         return about_com.shifted(InlineTape(), (com[0], com[1], com[2]))
+
+    def _half_excess(self, first: sp.Expr, second: sp.Expr, whole: sp.Expr) -> sp.Expr:
+        """½(first + second − whole), which is E_xx for the moments of inertia I_yy, I_zz, I_xx.
+
+        The mass matrix adds second moments up to moments of inertia again, so E_xx must be exact to
+        a rounding of the smaller of I_yy and I_zz, however slender or flat the body is. No moment
+        of inertia is larger than the sum of the other two. So where the rounding of first − whole
+        is too large for that, `first` is less than half of `whole`, and the rounding can be
+        computed exactly and added (Dekker's sum of two numbers).
+        """
+        let = self._tape.let
+        difference = let(first - whole)
+        rounding = let(first - let(difference + whole))
+        return let(let(let(difference + second) + rounding) / 2)

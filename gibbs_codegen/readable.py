@@ -76,6 +76,8 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     machine = Machine.of(robot, tape)
     chain, serial = machine.open_chains[number - 1]
     names = chain_names(machine, chain)
+    # What the symbols of inertia stand for is written in the parameters themselves.
+    plain = Machine.of(robot, InlineTape())
     root, *carried = serial.segments
     if chain.is_constrained:
         angle = tape.symbol(chain.coordinates[3], Stage.CONFIGURATION)
@@ -84,7 +86,7 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
         carried = _readable_links(machine, tuple(carried))
     segments, inertias = [], []
     for k, (segment, arm) in enumerate(zip((root, *carried), chain.links[2:], strict=True)):
-        inertia = _defined_inertia(machine, arm) if arm in chain.massive else NO_INERTIA
+        inertia = _defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
         named, definitions = _named_inertia(tape, chain.number, 3 + k, inertia, names)
         segments.append(replace(segment, inertia=named))
         inertias += definitions

@@ -24,7 +24,18 @@ def cos_sin_deg(angle: Fraction) -> tuple[sp.Expr, sp.Expr]:
     radians = sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
     if angle % 30 == 0 or angle % 45 == 0:
         return sp.cos(radians), sp.sin(radians)
-    return sp.cos(radians.evalf(DIGITS + 5)), sp.sin(radians.evalf(DIGITS + 5))
+    turned = radians.evalf(DIGITS + 5)
+    return structural_number(sp.cos(turned)), structural_number(sp.sin(turned))
+
+
+def structural_number(number: sp.Float) -> sp.Expr:
+    """A number that the robot file fixes: an integer where it is whole.
+
+    SymPy drops a factor of one only where it is an integer; whether 1.0 equals 1 depends on its
+    version.
+    """
+    whole = sp.Integer(int(number))
+    return whole if (number - whole).is_zero else number
 
 
 def radians(angle: Fraction) -> sp.Expr:

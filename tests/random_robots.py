@@ -95,10 +95,17 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
 
 
 def write_random_robots(folder: Path, count: int) -> list[Path]:
-    """Write the files of `count` robots of 2 … 8 rotors and 0 … 5 links."""
+    """Write the files of `count` robots of 2 … 8 rotors and 0 … 5 links.
+
+    In each, motors push against an axis and in a tilted plane: versions of SymPy differ in whether
+    1.0 equals 1.
+    """
     paths = [folder / f"random_{seed}.toml" for seed in range(count)]
     for seed, path in enumerate(paths):
-        robot = replace(random_robot(seed, 2 + 5 * seed % 7, seed % 6), name=path.stem)
+        robot = random_robot(seed, 2 + 5 * seed % 7, seed % 6)
+        against = tuple(-entry for entry in AXES["xyz"[seed % 3]])
+        directions = (against, (0.0, -0.6, 0.8), *robot.base.thrust[2:])
+        robot = replace(robot, name=path.stem, base=replace(robot.base, thrust=directions))
         path.write_text(robot_text(robot), encoding="utf-8")
     return paths
 

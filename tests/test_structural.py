@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 import sympy as sp
 
-from gibbs_codegen.structural import cos_sin_deg, gather
+from gibbs_codegen.structural import cos_sin_deg, gather, structural_number
 
 
 @pytest.mark.parametrize(
@@ -46,3 +46,16 @@ def test_sums_over_a_regular_polygon_vanish_exactly(count: int) -> None:
 def test_what_does_not_vanish_stays() -> None:
     x, y = sp.symbols("x y")
     assert gather(sp.sqrt(3) * x / 2 + sp.sqrt(3) * x / 2 - y + y) == sp.sqrt(3) * x
+
+
+@pytest.mark.parametrize("number", [1.0, -1.0, 0.0])
+def test_whole_numbers_are_integers(number: float) -> None:
+    """Whether SymPy takes 1.0 for 1, and drops it as a factor, depends on its version."""
+    assert structural_number(sp.Float(number)).is_Integer
+    assert not structural_number(sp.Float(number + 0.5)).is_Integer
+
+
+def test_an_angle_that_forty_digits_cannot_tell_from_none_has_a_cosine_of_one() -> None:
+    cos, sin = cos_sin_deg(Fraction(1, 10**25))
+    assert cos is sp.S.One
+    assert 0 < sin < 2e-27

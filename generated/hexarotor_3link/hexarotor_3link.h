@@ -170,50 +170,50 @@ enum {
 typedef struct hexarotor_3link_constants {
     hexarotor_3link_real gravity;
     hexarotor_3link_real base_arm_length;
+    hexarotor_3link_real k8;
+    hexarotor_3link_real k14;
     hexarotor_3link_real link2_length;
-    hexarotor_3link_real link3_length;
-    hexarotor_3link_real k6;
-    hexarotor_3link_real k9;
-    hexarotor_3link_real k17;
-    hexarotor_3link_real k20;
-    hexarotor_3link_real k25;
-    hexarotor_3link_real k26;
-    hexarotor_3link_real k32;
-    hexarotor_3link_real k33;
     hexarotor_3link_real k34;
-    hexarotor_3link_real k36;
-    hexarotor_3link_real k38;
-    hexarotor_3link_real k39;
-    hexarotor_3link_real k40;
-    hexarotor_3link_real k41;
-    hexarotor_3link_real k42;
-    hexarotor_3link_real k43;
-    hexarotor_3link_real k44;
-    hexarotor_3link_real k45;
-    hexarotor_3link_real k46;
-    hexarotor_3link_real k47;
-    hexarotor_3link_real k50;
-    hexarotor_3link_real k51;
-    hexarotor_3link_real k52;
-    hexarotor_3link_real k57;
-    hexarotor_3link_real k58;
-    hexarotor_3link_real k59;
-    hexarotor_3link_real k60;
-    hexarotor_3link_real k64;
-    hexarotor_3link_real k65;
+    hexarotor_3link_real link3_length;
+    hexarotor_3link_real k48;
+    hexarotor_3link_real k54;
     hexarotor_3link_real k66;
     hexarotor_3link_real k67;
-    hexarotor_3link_real k69;
-    hexarotor_3link_real k70;
     hexarotor_3link_real k71;
-    hexarotor_3link_real k73;
-    hexarotor_3link_real k75;
     hexarotor_3link_real k76;
+    hexarotor_3link_real k77;
     hexarotor_3link_real k78;
-    hexarotor_3link_real k79;
     hexarotor_3link_real k80;
-    hexarotor_3link_real k81;
     hexarotor_3link_real k82;
+    hexarotor_3link_real k83;
+    hexarotor_3link_real k84;
+    hexarotor_3link_real k85;
+    hexarotor_3link_real k86;
+    hexarotor_3link_real k87;
+    hexarotor_3link_real k88;
+    hexarotor_3link_real k89;
+    hexarotor_3link_real k90;
+    hexarotor_3link_real k91;
+    hexarotor_3link_real k94;
+    hexarotor_3link_real k95;
+    hexarotor_3link_real k96;
+    hexarotor_3link_real k97;
+    hexarotor_3link_real k98;
+    hexarotor_3link_real k102;
+    hexarotor_3link_real k103;
+    hexarotor_3link_real k104;
+    hexarotor_3link_real k105;
+    hexarotor_3link_real k107;
+    hexarotor_3link_real k108;
+    hexarotor_3link_real k109;
+    hexarotor_3link_real k111;
+    hexarotor_3link_real k113;
+    hexarotor_3link_real k114;
+    hexarotor_3link_real k116;
+    hexarotor_3link_real k117;
+    hexarotor_3link_real k118;
+    hexarotor_3link_real k119;
+    hexarotor_3link_real k120;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -618,7 +618,7 @@ hexarotor_3link_constraint_torques_batch(
  *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
  *     [m/s^2], a_z [m/s^2]
  * @param[out] value 1: [W/s]
- * @note 452 operations, 6 sine-cosine pairs; about 1552 bytes of stack for one state of doubles,
+ * @note 452 operations, 6 sine-cosine pairs; about 1568 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 2 and 3.
  */

@@ -154,97 +154,136 @@ def _constants(values):
     link3_section_inertia_xx = values["link3_section_inertia_xx"]
     link3_section_inertia_yy = values["link3_section_inertia_yy"]
     link3_section_inertia_zz = values["link3_section_inertia_zz"]
-    k1 = 6.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k2 = 3.0 * base_arm_section_inertia_zz
-    k3 = 7.0 * base_arm_length * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k4 = k2 + k3
-    k5 = base_arm_length * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k6 = k2 + k5
-    k7 = 3.0 * base_arm_section_inertia_xx
-    k8 = 3.0 * base_arm_section_inertia_yy
-    k9 = k7 + k8 - k2
-    k10 = 6.0 * base_arm_length * base_arm_mass_per_length
-    k11 = 0.5 * link2_length * link2_length * link2_mass_per_length
-    k12 = 0.5 * link2_section_inertia_yy
-    k13 = 0.5 * link2_section_inertia_zz
-    k14 = 0.5 * link2_section_inertia_xx
-    k15 = 0.3333333333333333 * link2_length * link2_length * link2_length * link2_mass_per_length
-    k16 = k12 + k13 + k15 - k14
-    k17 = k13 + k14 - k12
-    k18 = k12 + k14 - k13
-    k19 = link2_length * link2_mass_per_length
-    k20 = 0.5 * link3_length * link3_length * link3_mass_per_length
-    k21 = 0.5 * link3_section_inertia_yy
-    k22 = 0.5 * link3_section_inertia_zz
-    k23 = 0.5 * link3_section_inertia_xx
-    k24 = 0.3333333333333333 * link3_length * link3_length * link3_length * link3_mass_per_length
-    k25 = k21 + k22 + k24 - k23
-    k26 = k22 + k23 - k21
-    k27 = k21 + k23 - k22
-    k28 = link3_length * link3_mass_per_length
-    k29 = link2_length * k28
-    k30 = link2_length * k29
-    k31 = k19 + k28
-    k32 = k11 + k29
-    k33 = k16 + k30
-    k34 = k18 + k27
-    k35 = base_arm_length * k31
-    k36 = 2.0 * base_arm_length
-    k37 = base_arm_length * k35
-    k38 = k10 + k31
-    k39 = k1 + k35
-    k40 = k4 + k37
-    k41 = k25 - k26
-    k42 = k17 - k33
-    k43 = k6 - k40
-    k44 = gravity * k38
-    k45 = 0.5 * base_arm_length
-    k46 = 0.8660254037844386 * base_arm_length
-    k47 = base_arm_length - k45
-    k48 = 0.5 * k47
-    k49 = 0.8660254037844386 * k46
-    k50 = k48 - k49
-    k51 = base_arm_length + k45
-    k52 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k53 = 0.5 * base_arm_section_inertia_yy
-    k54 = 0.5 * base_arm_section_inertia_zz
-    k55 = 0.5 * base_arm_section_inertia_xx
-    k56 = (
+    k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy
+    k2 = base_arm_section_inertia_xx - k1
+    k3 = base_arm_section_inertia_yy - k2
+    k4 = base_arm_section_inertia_zz - k1
+    k5 = k3 + k4
+    k6 = 0.5 * k5
+    k7 = (
         0.3333333333333333 * base_arm_length * base_arm_length * base_arm_length *
         base_arm_mass_per_length
     )
-    k57 = k53 + k54 + k56 - k55
-    k58 = k54 + k55 - k53
-    k59 = 0.5 * k52
-    k60 = 0.8660254037844386 * k52
-    k61 = k57 - k58
-    k62 = 0.8660254037844386 * k61
-    k63 = 0.8660254037844386 * k62
-    k64 = k57 - k63
-    k65 = k58 + k63
-    k66 = 0.5 * k62
-    k67 = k64 + k65
-    k68 = base_arm_length * k59
-    k69 = k67 - k68
-    k70 = k67 + k68
-    k71 = k57 + k58
-    k72 = base_arm_length * k52
-    k73 = k71 + k72
-    k74 = 0.5 * k45
-    k75 = k49 + k74
-    k76 = k6 + k9
-    k77 = 2.0 * k6
-    k78 = 1.0 / k77
-    k79 = 1.0 / k76
-    k80 = 0.5 * k9
-    k81 = 0.5 * k38
-    k82 = 0.5 * k34
-    if not k38 > 0.0:
+    k8 = k6 + k7
+    k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz
+    k10 = base_arm_section_inertia_yy - k9
+    k11 = base_arm_section_inertia_zz - k10
+    k12 = base_arm_section_inertia_xx - k9
+    k13 = k11 + k12
+    k14 = 0.5 * k13
+    k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz
+    k16 = base_arm_section_inertia_zz + k15
+    k17 = base_arm_section_inertia_xx - k16
+    k18 = base_arm_section_inertia_yy + k15
+    k19 = k17 + k18
+    k20 = 0.5 * k19
+    k21 = link2_section_inertia_xx - link2_section_inertia_yy
+    k22 = link2_section_inertia_xx - k21
+    k23 = link2_section_inertia_yy - k22
+    k24 = link2_section_inertia_zz - k21
+    k25 = k23 + k24
+    k26 = 0.5 * k25
+    k27 = 0.3333333333333333 * link2_length * link2_length * link2_length * link2_mass_per_length
+    k28 = k26 + k27
+    k29 = link2_section_inertia_yy - link2_section_inertia_zz
+    k30 = link2_section_inertia_yy - k29
+    k31 = link2_section_inertia_zz - k30
+    k32 = link2_section_inertia_xx - k29
+    k33 = k31 + k32
+    k34 = 0.5 * k33
+    k35 = link2_section_inertia_xx - link2_section_inertia_zz
+    k36 = link2_section_inertia_zz + k35
+    k37 = link2_section_inertia_xx - k36
+    k38 = link2_section_inertia_yy + k35
+    k39 = k37 + k38
+    k40 = 0.5 * k39
+    k41 = link3_section_inertia_xx - link3_section_inertia_yy
+    k42 = link3_section_inertia_xx - k41
+    k43 = link3_section_inertia_yy - k42
+    k44 = link3_section_inertia_zz - k41
+    k45 = k43 + k44
+    k46 = 0.5 * k45
+    k47 = 0.3333333333333333 * link3_length * link3_length * link3_length * link3_mass_per_length
+    k48 = k46 + k47
+    k49 = link3_section_inertia_yy - link3_section_inertia_zz
+    k50 = link3_section_inertia_yy - k49
+    k51 = link3_section_inertia_zz - k50
+    k52 = link3_section_inertia_xx - k49
+    k53 = k51 + k52
+    k54 = 0.5 * k53
+    k55 = link3_section_inertia_xx - link3_section_inertia_zz
+    k56 = link3_section_inertia_zz + k55
+    k57 = link3_section_inertia_xx - k56
+    k58 = link3_section_inertia_yy + k55
+    k59 = k57 + k58
+    k60 = 0.5 * k59
+    k61 = 6.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k62 = 3.0 * k8
+    k63 = 3.0 * k14
+    k64 = 6.0 * base_arm_length * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k65 = k62 + k63 + k64
+    k66 = k62 + k63
+    k67 = 6.0 * k20
+    k68 = 6.0 * base_arm_length * base_arm_mass_per_length
+    k69 = 0.5 * link2_length * link2_length * link2_mass_per_length
+    k70 = link2_length * link2_mass_per_length
+    k71 = 0.5 * link3_length * link3_length * link3_mass_per_length
+    k72 = link3_length * link3_mass_per_length
+    k73 = link2_length * k72
+    k74 = link2_length * k73
+    k75 = k70 + k72
+    k76 = k69 + k73
+    k77 = k28 + k74
+    k78 = k40 + k60
+    k79 = base_arm_length * k75
+    k80 = 2.0 * base_arm_length
+    k81 = base_arm_length * k79
+    k82 = k68 + k75
+    k83 = k61 + k79
+    k84 = k65 + k81
+    k85 = k48 - k54
+    k86 = k34 - k77
+    k87 = k66 - k84
+    k88 = gravity * k82
+    k89 = 0.5 * base_arm_length
+    k90 = 0.8660254037844386 * base_arm_length
+    k91 = base_arm_length - k89
+    k92 = 0.5 * k91
+    k93 = 0.8660254037844386 * k90
+    k94 = k92 - k93
+    k95 = base_arm_length + k89
+    k96 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k97 = 0.5 * k96
+    k98 = 0.8660254037844386 * k96
+    k99 = k8 - k14
+    k100 = 0.8660254037844386 * k99
+    k101 = 0.8660254037844386 * k100
+    k102 = k8 - k101
+    k103 = k14 + k101
+    k104 = 0.5 * k100
+    k105 = k102 + k103
+    k106 = base_arm_length * k97
+    k107 = k105 - k106
+    k108 = k105 + k106
+    k109 = k8 + k14
+    k110 = base_arm_length * k96
+    k111 = k109 + k110
+    k112 = 0.5 * k89
+    k113 = k93 + k112
+    k114 = k66 + k67
+    k115 = 2.0 * k66
+    k116 = 1.0 / k115
+    k117 = 1.0 / k114
+    k118 = 0.5 * k67
+    k119 = 0.5 * k82
+    k120 = 0.5 * k78
+    if not k82 > 0.0:
         raise ZeroDivisionError
     return (
-        gravity, base_arm_length, link2_length, link3_length, k6, k9, k17, k20, k25, k26, k32, k33,
-        k34, k36, k38, k39, k40, k41, k42, k43, k44, k45, k46, k47, k50, k51, k52, k57, k58, k59,
-        k60, k64, k65, k66, k67, k69, k70, k71, k73, k75, k76, k78, k79, k80, k81, k82,
+        gravity, base_arm_length, k8, k14, link2_length, k34, link3_length, k48, k54, k66, k67, k71,
+        k76, k77, k78, k80, k82, k83, k84, k85, k86, k87, k88, k89, k90, k91, k94, k95, k96, k97,
+        k98, k102, k103, k104, k105, k107, k108, k109, k111, k113, k114, k116, k117, k118, k119,
+        k120,
     )
 
 
@@ -384,23 +423,23 @@ def mass_matrix_and_residual(
 def _mass_matrix_and_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k38 = k[14]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
-    k44 = k[20]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k82 = k[16]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
+    k88 = k[22]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -457,7 +496,7 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t42 = v_theta_0 * t8 - t9 * t18
     t43 = t9 * t38 + t8 * t39
     t44 = t9 * t35 - t8 * t34
-    t45 = t8 * t35 + t9 * t34
+    t45 = t9 * t34 + t8 * t35
     t46 = t41 * t41
     t47 = t37 * t41
     t48 = t43 - t47
@@ -482,12 +521,12 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t67 = t49 - t55 * t64
     t68 = t46 + t65
     t69 = t50 + t58 * t64
-    t70 = k20 * t13
-    t71 = k20 * t14
-    t72 = t14 * k41
+    t70 = k71 * t13
+    t71 = k71 * t14
+    t72 = t14 * k85
     t73 = t14 * t72
-    t74 = k25 - t73
-    t75 = k26 + t73
+    t74 = k48 - t73
+    t75 = k54 + t73
     t76 = t13 * t72
     t77 = t63 * t71 + t67 * t76 - t69 * t75
     t78 = t63 * t70 + t67 * t74 - t69 * t76
@@ -495,17 +534,17 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t80 = t76 * (t66 - t68)
     t81 = (t44 + link2_length * t60) * t71
     t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80
-    t83 = k20 * (t14 * t51 - t13 * t66)
-    t84 = k20 * (t13 * t48 + t14 * t68)
-    t85 = k20 * (t14 * t69 - t13 * t67)
+    t83 = k71 * (t14 * t51 - t13 * t66)
+    t84 = k71 * (t13 * t48 + t14 * t68)
+    t85 = k71 * (t14 * t69 - t13 * t67)
     t86 = link2_length * t10
     t87 = link2_length * t11
-    t88 = t10 * k32
-    t89 = t11 * k32
-    t90 = t11 * k42
+    t88 = t10 * k76
+    t89 = t11 * k76
+    t90 = t11 * k86
     t91 = t11 * t90
-    t92 = k33 + t91
-    t93 = k17 - t91
+    t92 = k77 + t91
+    t93 = k34 - t91
     t94 = t10 * t90
     t95 = t56 * t94 + t59 * t93 - t45 * t89
     t96 = t45 * t88 + t56 * t92 + t59 * t94
@@ -513,40 +552,40 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t98 = t51 * t93
     t99 = t94 * (t54 - t57)
     t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97
-    t101 = t83 + k32 * t60
-    t102 = t84 + k32 * t61
-    t103 = t85 + k32 * t62
+    t101 = t83 + k76 * t60
+    t102 = t84 + k76 * t61
+    t103 = t85 + k76 * t62
     t104 = t82 + t83 * t87 + t84 * t86 + t100
-    t105 = t77 - t85 * t87 - t95 - k34 * t50
-    t106 = t78 + t96 + k34 * t49 - t85 * t86
+    t105 = t77 - t85 * t87 - t95 - k78 * t50
+    t106 = t78 + t96 + k78 * t49 - t85 * t86
     t107 = t8 * t101 + t9 * t103
     t108 = t9 * t101 - t8 * t103
     t109 = t5 * base_arm_length
     t110 = t6 * base_arm_length
-    t111 = t5 * k39
-    t112 = t6 * k39
-    t113 = t6 * k43
+    t111 = t5 * k83
+    t112 = t6 * k83
+    t113 = t6 * k87
     t114 = t6 * t113
-    t115 = k40 + t114
-    t116 = k6 - t114
+    t115 = k84 + t114
+    t116 = k66 - t114
     t117 = t5 * t113
     t118 = t30 * t116
-    t119 = t20 * t112 + t28 * t117 - k9 * t24 - t118
+    t119 = t20 * t112 + t28 * t117 - k67 * t24 - t118
     t120 = t30 * t117
-    t121 = k9 * t22 + t28 * t115 - t20 * t111 - t120
+    t121 = k67 * t22 + t28 * t115 - t20 * t111 - t120
     t122 = t117 * (t27 - t29)
-    t123 = t15 * t111 + t21 * t112 + t23 * t115 - t122
-    t124 = t107 - k39 * t31
-    t125 = t108 + k39 * t32
-    t126 = t102 + k39 * t33
-    t127 = t8 * t105 + t9 * t104 + t102 * t110 - t119
+    t123 = t21 * t112 + t23 * t115 + t15 * t111 - t122
+    t124 = t107 - k83 * t31
+    t125 = t108 + k83 * t32
+    t126 = t102 + k83 * t33
+    t127 = t9 * t104 + t8 * t105 + t102 * t110 - t119
     t128 = t8 * t104 + t102 * t109 + t121 - t9 * t105
     t129 = t106 + t108 * t109 + t123 - t107 * t110
     t130 = t3 * t126 + t4 * t124
     t131 = t3 * t124 - t4 * t126
     t132 = t4 * t129 - t3 * t127
     t133 = t1 * t125 + t2 * t130
-    t134 = t2 * t125 + k44 - t1 * t130
+    t134 = t2 * t125 + k88 - t1 * t130
     t135 = t70 + t88
     t136 = t71 + t89
     t137 = t92 + t74 + 2.0 * t70 * t86
@@ -556,17 +595,17 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t141 = t9 * t135
     t142 = t8 * t139
     t143 = t9 * t139
-    t144 = t9 * (k34 - t137)
+    t144 = t9 * (k78 - t137)
     t145 = t9 * t144
     t146 = t137 + t145
-    t147 = k34 - t145
+    t147 = k78 - t145
     t148 = t142 - t109 * t136
     t149 = t143 - t110 * t136
     t150 = t111 + t140
     t151 = t112 + t141
     t152 = t115 + t146 + 2.0 * t140 * t109
     t153 = t116 + t147 + 2.0 * t141 * t110
-    t154 = k9 + t138
+    t154 = k67 + t138
     t155 = t117 + t8 * t144 - t109 * t141 - t110 * t140
     t156 = t146 + t147
     t157 = t156 + t109 * t140 + t110 * t141
@@ -617,8 +656,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
         t177, t180, -t181, t172, t149, t169, t157, t162, t168, -t171, t173, t174, t187, t143, t157,
         t156, 0.0, 0.0, -t186, t188, t189, t192, -t161, t162, 0.0, t158, t164, t191, -t193, t194,
         t197, -t167, t168, 0.0, t164, t163, t196, -t198, t199, 0.0, t177, -t171, -t186, t191, t196,
-        k38, 0.0, 0.0, -t184, t180, t173, t188, -t193, -t198, 0.0, k38, 0.0, t183, -t181, t174,
-        t189, t194, t199, 0.0, 0.0, k38, -t132, -t128, -t129, -t106, t104, t82, -t131, -t133, -t134,
+        k82, 0.0, 0.0, -t184, t180, t173, t188, -t193, -t198, 0.0, k82, 0.0, t183, -t181, t174,
+        t189, t194, t199, 0.0, 0.0, k82, -t132, -t128, -t129, -t106, t104, t82, -t131, -t133, -t134,
     )
 
 
@@ -649,22 +688,22 @@ def mass_matrix(
 
 def _mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k38 = k[14]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k82 = k[16]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -685,42 +724,42 @@ def _mass_matrix(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
-    t15 = k20 * t13
-    t16 = k20 * t14
-    t17 = t14 * k41
+    t15 = k71 * t13
+    t16 = k71 * t14
+    t17 = t14 * k85
     t18 = t14 * t17
-    t19 = k25 - t18
-    t20 = k26 + t18
+    t19 = k48 - t18
+    t20 = k54 + t18
     t21 = link2_length * t10
     t22 = link2_length * t11
-    t23 = t11 * k42
+    t23 = t11 * k86
     t24 = t11 * t23
     t25 = t5 * base_arm_length
     t26 = t6 * base_arm_length
-    t27 = t6 * k43
+    t27 = t6 * k87
     t28 = t6 * t27
     t29 = t13 * t17 + t15 * t22 + t16 * t21
-    t30 = t15 + t10 * k32
-    t31 = t16 + t11 * k32
-    t32 = k33 + t24 + t19 + 2.0 * t15 * t21
-    t33 = k17 + t20 + 2.0 * t16 * t22 - t24
+    t30 = t15 + t10 * k76
+    t31 = t16 + t11 * k76
+    t32 = k77 + t24 + t19 + 2.0 * t15 * t21
+    t33 = k34 + t20 + 2.0 * t16 * t22 - t24
     t34 = t10 * t23 - t29
     t35 = t8 * t30
     t36 = t9 * t30
     t37 = t8 * t34
     t38 = t9 * t34
-    t39 = t9 * (k34 - t32)
+    t39 = t9 * (k78 - t32)
     t40 = t9 * t39
     t41 = t32 + t40
-    t42 = k34 - t40
+    t42 = k78 - t40
     t43 = t25 * t36 + t26 * t35 - t8 * t39
     t44 = t37 - t25 * t31
     t45 = t38 - t26 * t31
-    t46 = t5 * k39 + t35
-    t47 = t6 * k39 + t36
-    t48 = k40 + t28 + t41 + 2.0 * t35 * t25
-    t49 = k6 + t42 + 2.0 * t36 * t26 - t28
-    t50 = k9 + t33
+    t46 = t5 * k83 + t35
+    t47 = t6 * k83 + t36
+    t48 = k84 + t28 + t41 + 2.0 * t35 * t25
+    t49 = k66 + t42 + 2.0 * t36 * t26 - t28
+    t50 = k67 + t33
     t51 = t41 + t42
     t52 = t51 + t25 * t35 + t26 * t36
     t53 = t32 + t33
@@ -769,8 +808,8 @@ def _mass_matrix(k, sin, cos, q):
         t77, t71, t67, t82, t87, t92, 0.0, -t79, t78, t71, t70, t45, t38, -t56, -t62, t72, t75,
         -t76, t67, t45, t64, t52, t57, t63, -t66, t68, t69, t82, t38, t52, t51, 0.0, 0.0, -t81, t83,
         t84, t87, -t56, t57, 0.0, t53, t59, t86, -t88, t89, t92, -t62, t63, 0.0, t59, t58, t91,
-        -t93, t94, 0.0, t72, -t66, -t81, t86, t91, k38, 0.0, 0.0, -t79, t75, t68, t83, -t88, -t93,
-        0.0, k38, 0.0, t78, -t76, t69, t84, t89, t94, 0.0, 0.0, k38,
+        -t93, t94, 0.0, t72, -t66, -t81, t86, t91, k82, 0.0, 0.0, -t79, t75, t68, t83, -t88, -t93,
+        0.0, k82, 0.0, t78, -t76, t69, t84, t89, t94, 0.0, 0.0, k82,
     )
 
 
@@ -806,22 +845,22 @@ def residual(
 def _residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
-    k44 = k[20]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
+    k88 = k[22]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -878,7 +917,7 @@ def _residual(k, sin, cos, q, v):
     t42 = v_theta_0 * t8 - t9 * t18
     t43 = t9 * t38 + t8 * t39
     t44 = t9 * t35 - t8 * t34
-    t45 = t8 * t35 + t9 * t34
+    t45 = t9 * t34 + t8 * t35
     t46 = t41 * t41
     t47 = t37 * t41
     t48 = t43 - t47
@@ -903,12 +942,12 @@ def _residual(k, sin, cos, q, v):
     t67 = t49 - t55 * t64
     t68 = t46 + t65
     t69 = t50 + t58 * t64
-    t70 = k20 * t13
-    t71 = k20 * t14
-    t72 = t14 * k41
+    t70 = k71 * t13
+    t71 = k71 * t14
+    t72 = t14 * k85
     t73 = t14 * t72
-    t74 = k25 - t73
-    t75 = k26 + t73
+    t74 = k48 - t73
+    t75 = k54 + t73
     t76 = t13 * t72
     t77 = t63 * t71 + t67 * t76 - t69 * t75
     t78 = t63 * t70 + t67 * t74 - t69 * t76
@@ -916,17 +955,17 @@ def _residual(k, sin, cos, q, v):
     t80 = t76 * (t66 - t68)
     t81 = (t44 + link2_length * t60) * t71
     t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80
-    t83 = k20 * (t14 * t51 - t13 * t66)
-    t84 = k20 * (t13 * t48 + t14 * t68)
-    t85 = k20 * (t14 * t69 - t13 * t67)
+    t83 = k71 * (t14 * t51 - t13 * t66)
+    t84 = k71 * (t13 * t48 + t14 * t68)
+    t85 = k71 * (t14 * t69 - t13 * t67)
     t86 = link2_length * t10
     t87 = link2_length * t11
-    t88 = t10 * k32
-    t89 = t11 * k32
-    t90 = t11 * k42
+    t88 = t10 * k76
+    t89 = t11 * k76
+    t90 = t11 * k86
     t91 = t11 * t90
-    t92 = k33 + t91
-    t93 = k17 - t91
+    t92 = k77 + t91
+    t93 = k34 - t91
     t94 = t10 * t90
     t95 = t56 * t94 + t59 * t93 - t45 * t89
     t96 = t45 * t88 + t56 * t92 + t59 * t94
@@ -934,39 +973,39 @@ def _residual(k, sin, cos, q, v):
     t98 = t51 * t93
     t99 = t94 * (t54 - t57)
     t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97
-    t101 = t83 + k32 * t60
-    t102 = t84 + k32 * t61
-    t103 = t85 + k32 * t62
+    t101 = t83 + k76 * t60
+    t102 = t84 + k76 * t61
+    t103 = t85 + k76 * t62
     t104 = t82 + t83 * t87 + t84 * t86 + t100
-    t105 = t77 - t85 * t87 - t95 - k34 * t50
-    t106 = t78 + t96 + k34 * t49 - t85 * t86
+    t105 = t77 - t85 * t87 - t95 - k78 * t50
+    t106 = t78 + t96 + k78 * t49 - t85 * t86
     t107 = t8 * t101 + t9 * t103
     t108 = t9 * t101 - t8 * t103
     t109 = t5 * base_arm_length
     t110 = t6 * base_arm_length
-    t111 = t5 * k39
-    t112 = t6 * k39
-    t113 = t6 * k43
+    t111 = t5 * k83
+    t112 = t6 * k83
+    t113 = t6 * k87
     t114 = t6 * t113
-    t115 = k40 + t114
+    t115 = k84 + t114
     t116 = t5 * t113
-    t117 = t30 * (k6 - t114)
-    t118 = t20 * t112 + t28 * t116 - k9 * t24 - t117
+    t117 = t30 * (k66 - t114)
+    t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117
     t119 = t30 * t116
-    t120 = k9 * t22 + t28 * t115 - t20 * t111 - t119
+    t120 = k67 * t22 + t28 * t115 - t20 * t111 - t119
     t121 = t116 * (t27 - t29)
-    t122 = t15 * t111 + t21 * t112 + t23 * t115 - t121
-    t123 = t107 - k39 * t31
-    t124 = t108 + k39 * t32
-    t125 = t102 + k39 * t33
-    t126 = t8 * t105 + t9 * t104 + t102 * t110 - t118
+    t122 = t21 * t112 + t23 * t115 + t15 * t111 - t121
+    t123 = t107 - k83 * t31
+    t124 = t108 + k83 * t32
+    t125 = t102 + k83 * t33
+    t126 = t9 * t104 + t8 * t105 + t102 * t110 - t118
     t127 = t8 * t104 + t102 * t109 + t120 - t9 * t105
     t128 = t106 + t108 * t109 + t122 - t107 * t110
     t129 = t3 * t125 + t4 * t123
     t130 = t3 * t123 - t4 * t125
     t131 = t4 * t128 - t3 * t126
     t132 = t1 * t124 + t2 * t129
-    t133 = t2 * t124 + k44 - t1 * t129
+    t133 = t2 * t124 + k88 - t1 * t129
     return (
         -t131, -t127, -t128, -t106, t104, t82, -t130, -t132, -t133,
     )
@@ -997,10 +1036,10 @@ def input_matrix(
 
 
 def _input_matrix(k, sin, cos, q):
-    k36 = k[13]
-    k46 = k[22]
-    k50 = k[24]
-    k51 = k[25]
+    k80 = k[15]
+    k90 = k[24]
+    k94 = k[26]
+    k95 = k[27]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1020,18 +1059,18 @@ def _input_matrix(k, sin, cos, q):
     t14 = t12 - t13
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = t4 * k50
+    t17 = t4 * k94
     t18 = t2 * t15 - t1 * t14
     t19 = t1 * t15 + t2 * t14
-    t20 = t6 * k51
-    t21 = t5 * k46
-    t22 = t6 * k46
-    t23 = t5 * k51
+    t20 = t6 * k95
+    t21 = t5 * k90
+    t22 = t6 * k90
+    t23 = t5 * k95
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
     t26 = t4 * t6
     t27 = t3 * t6
-    t28 = t4 * k36
+    t28 = t4 * k80
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
     t31 = t22 - t23
@@ -1044,7 +1083,7 @@ def _input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k50, 0.0, k36, 0.0, -k50, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+        0.0, -k94, 0.0, k80, 0.0, -k94, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         t4, t16, t4, -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8,
         -t19, t8, t30, t8, -t38, 0.0, 0.0, 0.0,
@@ -1091,25 +1130,25 @@ def forward_dynamics(
 def _forward_dynamics(k, sin, cos, q, v, u):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k38 = k[14]
-    k41 = k[17]
-    k42 = k[18]
-    k45 = k[21]
-    k46 = k[22]
-    k75 = k[39]
-    k76 = k[40]
-    k78 = k[41]
-    k79 = k[42]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k82 = k[16]
+    k85 = k[19]
+    k86 = k[20]
+    k89 = k[23]
+    k90 = k[24]
+    k113 = k[39]
+    k114 = k[40]
+    k116 = k[41]
+    k117 = k[42]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1185,31 +1224,31 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t52 = t34 - t40 * t49
     t53 = t31 + t50
     t54 = t35 + t43 * t49
-    t55 = k20 * t13
-    t56 = k20 * t14
-    t57 = t14 * k41
+    t55 = k71 * t13
+    t56 = k71 * t14
+    t57 = t14 * k85
     t58 = t14 * t57
-    t59 = k25 - t58
-    t60 = k26 + t58
+    t59 = k48 - t58
+    t60 = k54 + t58
     t61 = t13 * t57
     t62 = t61 * (t51 - t53)
-    t63 = k20 * (t14 * t54 - t13 * t52)
+    t63 = k71 * (t14 * t54 - t13 * t52)
     t64 = link2_length * t10
     t65 = link2_length * t11
-    t66 = t10 * k32
-    t67 = t11 * k32
-    t68 = t11 * k42
+    t66 = t10 * k76
+    t67 = t11 * k76
+    t68 = t11 * k86
     t69 = t11 * t68
-    t70 = k33 + t69
-    t71 = k17 - t69
+    t70 = k77 + t69
+    t71 = k34 - t69
     t72 = t10 * t68
     t73 = t55 + t66
     t74 = t72 - t61 - t55 * t65 - t56 * t64
-    t75 = F_3 * k46 - F_5 * k46
-    t76 = F_1 * base_arm_length - F_3 * k45 - F_5 * k45
+    t75 = F_3 * k90 - F_5 * k90
+    t76 = F_1 * base_arm_length - F_3 * k89 - F_5 * k89
     t77 = 0.8660254037844386 * F_2 - 0.8660254037844386 * F_6
     t78 = F_4 - 0.5 * F_2 - 0.5 * F_6
-    t79 = F_2 * k75 + F_4 * base_arm_length + F_6 * k75
+    t79 = F_2 * k113 + F_4 * base_arm_length + F_6 * k113
     t80 = t54 * t60 + t48 * t56 - t52 * t61
     t81 = t54 * t61 + t48 * t55 - t52 * t59
     t82 = link2_length * t45 * t56
@@ -1219,8 +1258,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t86 = t85 * (tau_9 + t84)
     t87 = t56 * t85
     t88 = t55 * t85
-    t89 = k20 * (t14 * t36 - t13 * t51) - t56 * t86
-    t90 = k20 * (t13 * t33 + t14 * t53) - t55 * t86
+    t89 = k71 * (t14 * t36 - t13 * t51) - t56 * t86
+    t90 = k71 * (t13 * t33 + t14 * t53) - t55 * t86
     t91 = t56 * t87
     t92 = t55 * t88
     t93 = t55 * t87
@@ -1236,39 +1275,39 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t103 = t101 * t102
     t104 = t97 * t101
     t105 = t98 * t101
-    t106 = k32 * t45 + t89 + t97 * t103
-    t107 = k32 * t46 + t90 + t98 * t103
+    t106 = k76 * t45 + t89 + t97 * t103
+    t107 = k76 * t46 + t90 + t98 * t103
     t108 = t93 - t98 * t104
-    t109 = k34 + t71 + t60 + 2.0 * t56 * t65
-    t110 = 1.0 / (k34 + t70 + t59 + 2.0 * t55 * t64)
-    t111 = t110 * (tau_7 + t100 - k34 * t34)
+    t109 = k78 + t71 + t60 + 2.0 * t56 * t65
+    t110 = 1.0 / (k78 + t70 + t59 + 2.0 * t55 * t64)
+    t111 = t110 * (tau_7 + t100 - k78 * t34)
     t112 = t73 * t110
     t113 = t74 * t110
-    t114 = t63 + k32 * t47 - t73 * t111
-    t115 = k34 * t35 + t99 + t74 * t111
+    t114 = t63 + k76 * t47 - t73 * t111
+    t115 = k78 * t35 + t99 + t74 * t111
     t116 = t56 + t67 + t74 * t112
     t117 = t5 * t77 - t6 * t78
     t118 = t5 * t78 + t6 * t77
-    t119 = k9 * t19 + k6 * (t19 - 2.0 * t20 * v_theta_0)
-    t120 = k9 * t18 + k6 * (t18 - 2.0 * t20 * t16)
+    t119 = k67 * t19 + k66 * (t19 - 2.0 * t20 * v_theta_0)
+    t120 = k67 * t18 + k66 * (t18 - 2.0 * t20 * t16)
     t121 = t5 * t75 + t6 * t76 - t119
     t122 = t5 * t76 - t6 * t75 - t120
     t123 = F_5 + F_1 + F_3 + t107
     t124 = t115 + t8 * t121 - t9 * t122
-    t125 = 1.0 / (t109 + k76 - t74 * t113)
+    t125 = 1.0 / (t109 + k114 - t74 * t113)
     t126 = t116 * t125
     t127 = t114 + t8 * t118 - t9 * t117 - t124 * t126
-    t128 = 1.0 / (k38 - t73 * t112 - t116 * t126)
-    t129 = 1.0 / (k38 + t98 * t105 - t92)
+    t128 = 1.0 / (k82 - t73 * t112 - t116 * t126)
+    t129 = 1.0 / (k82 + t98 * t105 - t92)
     t130 = t108 * t129
     t131 = t106 + t123 * t130 - t8 * t117 - t9 * t118
-    t132 = 1.0 / (k38 + t97 * t104 - t91 - t108 * t130)
+    t132 = 1.0 / (k82 + t97 * t104 - t91 - t108 * t130)
     t133 = t131 * t132
     t134 = t130 * t133 + t123 * t129
     t135 = t127 * t128
     t136 = t126 * t135 - t124 * t125
-    t137 = (tau_8 + t9 * t121 + t8 * t122) * k79
-    t138 = (tau_7 + 2.0 * k6 * t17 - t79) * k78
+    t137 = (tau_8 + t9 * t121 + t8 * t122) * k117
+    t138 = (tau_7 + 2.0 * k66 * t17 - t79) * k116
     t139 = t138 + t111 - t112 * t135 - t113 * t136
     t140 = t104 * t133 + t105 * t134 - t103
     t141 = t137 + t140
@@ -1333,22 +1372,22 @@ def inverse_dynamics(
 def _inverse_dynamics(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k38 = k[14]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k82 = k[16]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1408,32 +1447,32 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t36 = t35 * t35
     t37 = t24 + t36
     t38 = t27 + t36
-    t39 = k20 * t13
-    t40 = k20 * t14
-    t41 = t14 * k41
+    t39 = k71 * t13
+    t40 = k71 * t14
+    t41 = t14 * k85
     t42 = t14 * t41
-    t43 = k25 - t42
-    t44 = k26 + t42
+    t43 = k48 - t42
+    t44 = k54 + t42
     t45 = t13 * t41
     t46 = t45 * (t37 - t38)
     t47 = link2_length * t10
     t48 = link2_length * t11
-    t49 = t10 * k32
-    t50 = t11 * k32
-    t51 = t11 * k42
+    t49 = t10 * k76
+    t50 = t11 * k76
+    t51 = t11 * k86
     t52 = t11 * t51
-    t53 = k33 + t52
-    t54 = k17 - t52
+    t53 = k77 + t52
+    t54 = k34 - t52
     t55 = t10 * t51
     t56 = t55 * (t31 - t33)
     t57 = t5 * base_arm_length
     t58 = t6 * base_arm_length
-    t59 = t5 * k39
-    t60 = t6 * k39
-    t61 = t6 * k43
+    t59 = t5 * k83
+    t60 = t6 * k83
+    t61 = t6 * k87
     t62 = t6 * t61
-    t63 = k40 + t62
-    t64 = k6 - t62
+    t63 = k84 + t62
+    t64 = k66 - t62
     t65 = t5 * t61
     t66 = t65 * (t21 - t22)
     t67 = a_z + gravity
@@ -1479,40 +1518,40 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t107 = t39 * (t84 - link2_length * t97)
     t108 = t40 * (t87 - link2_length * t96)
     t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103
-    t110 = k20 * (t13 * t37 - t14 * t103)
-    t111 = k20 * (t14 * t38 - t13 * t101)
-    t112 = k20 * (t13 * t102 + t14 * t104)
+    t110 = k71 * (t13 * t37 - t14 * t103)
+    t111 = k71 * (t14 * t38 - t13 * t101)
+    t112 = k71 * (t13 * t102 + t14 * t104)
     t113 = t50 * t88 + t55 * t93 - t54 * t95
     t114 = t49 * t88 + t55 * t95 - t53 * t93
     t115 = t49 * t84
     t116 = t53 * t92
     t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116
-    t118 = t110 + k32 * t96
-    t119 = t111 + k32 * t97
-    t120 = t112 + k32 * t98
+    t118 = t110 + k76 * t96
+    t119 = t111 + k76 * t97
+    t120 = t112 + k76 * t98
     t121 = t109 + t48 * t110 - t47 * t111 - t117
-    t122 = t105 + t48 * t112 + k34 * t90 - t113
-    t123 = t106 + t47 * t112 + k34 * t89 - t114
+    t122 = t105 + t48 * t112 + k78 * t90 - t113
+    t123 = t106 + t47 * t112 + k78 * t89 - t114
     t124 = t9 * t120 - t8 * t118
     t125 = t9 * t118 + t8 * t120
     t126 = t65 * t76
-    t127 = t60 * t70 + t64 * t78 - k9 * t73 - t126
+    t127 = t60 * t70 + t64 * t78 - k67 * t73 - t126
     t128 = t63 * t76
-    t129 = k9 * t72 + t65 * t78 - t59 * t70 - t128
+    t129 = k67 * t72 + t65 * t78 - t59 * t70 - t128
     t130 = t59 * t68
     t131 = t63 * t75
     t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131
-    t133 = t124 - k39 * t79
-    t134 = t125 + k39 * t80
-    t135 = t119 - k39 * t81
+    t133 = t124 - k83 * t79
+    t134 = t125 + k83 * t80
+    t135 = t119 - k83 * t81
     t136 = t9 * t121 + t8 * t122 + t127 - t58 * t119
     t137 = t9 * t122 + t57 * t119 + t129 - t8 * t121
     t138 = t123 + t58 * t124 + t57 * t125 + t132
     t139 = t4 * t133 + t3 * t135
     t140 = t3 * t136 - t4 * t138
-    t141 = t3 * t133 + a_x * k38 - t4 * t135
-    t142 = t2 * t139 + a_y * k38 - t1 * t134
-    t143 = t1 * t139 + t2 * t134 - k38 * t67
+    t141 = t3 * t133 + a_x * k82 - t4 * t135
+    t142 = t2 * t139 + a_y * k82 - t1 * t134
+    t143 = t1 * t139 + t2 * t134 - k82 * t67
     return (
         t140, t137, -t138, -t123, t121, t109, t141, t142, -t143,
     )
@@ -1546,30 +1585,30 @@ def hybrid_mass_matrix(
 
 def _hybrid_mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k38 = k[14]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
-    k52 = k[26]
-    k59 = k[29]
-    k60 = k[30]
-    k67 = k[34]
-    k69 = k[35]
-    k70 = k[36]
-    k71 = k[37]
-    k73 = k[38]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k82 = k[16]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
+    k96 = k[28]
+    k97 = k[29]
+    k98 = k[30]
+    k105 = k[34]
+    k107 = k[35]
+    k108 = k[36]
+    k109 = k[37]
+    k111 = k[38]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1590,42 +1629,42 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
-    t15 = k20 * t13
-    t16 = k20 * t14
-    t17 = t14 * k41
+    t15 = k71 * t13
+    t16 = k71 * t14
+    t17 = t14 * k85
     t18 = t14 * t17
-    t19 = k25 - t18
-    t20 = k26 + t18
+    t19 = k48 - t18
+    t20 = k54 + t18
     t21 = link2_length * t10
     t22 = link2_length * t11
-    t23 = t11 * k42
+    t23 = t11 * k86
     t24 = t11 * t23
     t25 = t5 * base_arm_length
     t26 = t6 * base_arm_length
-    t27 = t6 * k43
+    t27 = t6 * k87
     t28 = t6 * t27
     t29 = t13 * t17 + t15 * t22 + t16 * t21
-    t30 = t15 + t10 * k32
-    t31 = t16 + t11 * k32
-    t32 = k33 + t24 + t19 + 2.0 * t15 * t21
-    t33 = k17 + t20 + 2.0 * t16 * t22 - t24
+    t30 = t15 + t10 * k76
+    t31 = t16 + t11 * k76
+    t32 = k77 + t24 + t19 + 2.0 * t15 * t21
+    t33 = k34 + t20 + 2.0 * t16 * t22 - t24
     t34 = t10 * t23 - t29
     t35 = t8 * t30
     t36 = t9 * t30
     t37 = t8 * t34
     t38 = t9 * t34
-    t39 = t9 * (k34 - t32)
+    t39 = t9 * (k78 - t32)
     t40 = t9 * t39
     t41 = t32 + t40
-    t42 = k34 - t40
+    t42 = k78 - t40
     t43 = t25 * t36 + t26 * t35 - t8 * t39
     t44 = t37 - t25 * t31
     t45 = t38 - t26 * t31
-    t46 = t5 * k39 + t35
-    t47 = t6 * k39 + t36
-    t48 = k40 + t28 + t41 + 2.0 * t35 * t25
-    t49 = k6 + t42 + 2.0 * t36 * t26 - t28
-    t50 = k9 + t33
+    t46 = t5 * k83 + t35
+    t47 = t6 * k83 + t36
+    t48 = k84 + t28 + t41 + 2.0 * t35 * t25
+    t49 = k66 + t42 + 2.0 * t36 * t26 - t28
+    t50 = k67 + t33
     t51 = t41 + t42
     t52 = t51 + t25 * t35 + t26 * t36
     t53 = t32 + t33
@@ -1670,53 +1709,53 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t92 = t3 * (t9 * t59 + t15 * t26) + t4 * t63
     t93 = t1 * t61 + t2 * t90
     t94 = t1 * t90 - t2 * t61
-    t95 = t6 * k60
-    t96 = t5 * k60
-    t97 = t6 * k59
+    t95 = t6 * k98
+    t96 = t5 * k98
+    t97 = t6 * k97
     t98 = t96 + t97
-    t99 = t5 * k59
+    t99 = t5 * k97
     t100 = t95 - t99
     t101 = t4 * t98
     t102 = t3 * t98
-    t103 = t4 * k69
+    t103 = t4 * k107
     t104 = t1 * t100 + t2 * t101
     t105 = t2 * t100 - t1 * t101
     t106 = t96 - t97
     t107 = t95 + t99
     t108 = t4 * t106
     t109 = t3 * t106
-    t110 = t4 * k70
+    t110 = t4 * k108
     t111 = t1 * t107 + t2 * t108
     t112 = t2 * t107 - t1 * t108
-    t113 = t6 * k52
-    t114 = t5 * k52
+    t113 = t6 * k96
+    t114 = t5 * k96
     t115 = t4 * t113
     t116 = t3 * t113
-    t117 = t4 * k73
+    t117 = t4 * k111
     t118 = t1 * t114 - t2 * t115
     t119 = t1 * t115 + t2 * t114
     return (
         t77, t71, t67, t103, t110, t117, t110, t103, t82, t87, t92, 0.0, -t79, t78, 0.0, 0.0, 0.0,
         0.0, 0.0, t71, t70, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t56, -t62, t72, t75, -t76, 0.0, 0.0,
-        0.0, 0.0, 0.0, t67, t45, t64, k69, k70, k73, k70, k69, t52, t57, t63, -t66, t68, t69, 0.0,
-        0.0, 0.0, 0.0, 0.0, t103, 0.0, k69, k67, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t102, t104,
-        t105, -1.0, 0.0, 0.0, 0.0, 0.0, t110, 0.0, k70, 0.0, k67, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        t109, t111, t112, 0.0, -1.0, 0.0, 0.0, 0.0, t117, 0.0, k73, 0.0, 0.0, k71, 0.0, 0.0, 0.0,
-        0.0, 0.0, -t116, t118, t119, 0.0, 0.0, -1.0, 0.0, 0.0, t110, 0.0, k70, 0.0, 0.0, 0.0, k67,
-        0.0, 0.0, 0.0, 0.0, -t102, -t104, -t105, 0.0, 0.0, 0.0, -1.0, 0.0, t103, 0.0, k69, 0.0, 0.0,
-        0.0, 0.0, k67, 0.0, 0.0, 0.0, -t109, -t111, -t112, 0.0, 0.0, 0.0, 0.0, -1.0, t82, t38, t52,
-        0.0, 0.0, 0.0, 0.0, 0.0, t51, 0.0, 0.0, -t81, t83, t84, 0.0, 0.0, 0.0, 0.0, 0.0, t87, -t56,
-        t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t53, t59, t86, -t88, t89, 0.0, 0.0, 0.0, 0.0, 0.0, t92,
-        -t62, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t59, t58, t91, -t93, t94, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, t72, -t66, t102, t109, -t116, -t102, -t109, -t81, t86, t91, k38, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, -t79, t75, t68, t104, t111, t118, -t104, -t111, t83, -t88, -t93, 0.0, k38,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t78, -t76, t69, t105, t112, t119, -t105, -t112, t84, t89, t94,
-        0.0, 0.0, k38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, t67, t45, t64, k107, k108, k111, k108, k107, t52, t57, t63, -t66, t68, t69,
+        0.0, 0.0, 0.0, 0.0, 0.0, t103, 0.0, k107, k105, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t102,
+        t104, t105, -1.0, 0.0, 0.0, 0.0, 0.0, t110, 0.0, k108, 0.0, k105, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, t109, t111, t112, 0.0, -1.0, 0.0, 0.0, 0.0, t117, 0.0, k111, 0.0, 0.0, k109, 0.0, 0.0,
+        0.0, 0.0, 0.0, -t116, t118, t119, 0.0, 0.0, -1.0, 0.0, 0.0, t110, 0.0, k108, 0.0, 0.0, 0.0,
+        k105, 0.0, 0.0, 0.0, 0.0, -t102, -t104, -t105, 0.0, 0.0, 0.0, -1.0, 0.0, t103, 0.0, k107,
+        0.0, 0.0, 0.0, 0.0, k105, 0.0, 0.0, 0.0, -t109, -t111, -t112, 0.0, 0.0, 0.0, 0.0, -1.0, t82,
+        t38, t52, 0.0, 0.0, 0.0, 0.0, 0.0, t51, 0.0, 0.0, -t81, t83, t84, 0.0, 0.0, 0.0, 0.0, 0.0,
+        t87, -t56, t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t53, t59, t86, -t88, t89, 0.0, 0.0, 0.0, 0.0,
+        0.0, t92, -t62, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t59, t58, t91, -t93, t94, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, t72, -t66, t102, t109, -t116, -t102, -t109, -t81, t86, t91, k82, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, -t79, t75, t68, t104, t111, t118, -t104, -t111, t83, -t88, -t93,
+        0.0, k82, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t78, -t76, t69, t105, t112, t119, -t105, -t112, t84,
+        t89, t94, 0.0, 0.0, k82, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     )
 
 
@@ -1754,30 +1793,30 @@ def hybrid_residual(
 def _hybrid_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
-    k44 = k[20]
-    k52 = k[26]
-    k57 = k[27]
-    k58 = k[28]
-    k59 = k[29]
-    k60 = k[30]
-    k64 = k[31]
-    k65 = k[32]
-    k66 = k[33]
+    k8 = k[2]
+    k14 = k[3]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
+    k88 = k[22]
+    k96 = k[28]
+    k97 = k[29]
+    k98 = k[30]
+    k102 = k[31]
+    k103 = k[32]
+    k104 = k[33]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1834,7 +1873,7 @@ def _hybrid_residual(k, sin, cos, q, v):
     t42 = v_theta_0 * t8 - t9 * t18
     t43 = t9 * t38 + t8 * t39
     t44 = t9 * t35 - t8 * t34
-    t45 = t8 * t35 + t9 * t34
+    t45 = t9 * t34 + t8 * t35
     t46 = t41 * t41
     t47 = t37 * t41
     t48 = t43 - t47
@@ -1859,12 +1898,12 @@ def _hybrid_residual(k, sin, cos, q, v):
     t67 = t49 - t55 * t64
     t68 = t46 + t65
     t69 = t50 + t58 * t64
-    t70 = k20 * t13
-    t71 = k20 * t14
-    t72 = t14 * k41
+    t70 = k71 * t13
+    t71 = k71 * t14
+    t72 = t14 * k85
     t73 = t14 * t72
-    t74 = k25 - t73
-    t75 = k26 + t73
+    t74 = k48 - t73
+    t75 = k54 + t73
     t76 = t13 * t72
     t77 = t63 * t71 + t67 * t76 - t69 * t75
     t78 = t63 * t70 + t67 * t74 - t69 * t76
@@ -1872,17 +1911,17 @@ def _hybrid_residual(k, sin, cos, q, v):
     t80 = t76 * (t66 - t68)
     t81 = (t44 + link2_length * t60) * t71
     t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80
-    t83 = k20 * (t14 * t51 - t13 * t66)
-    t84 = k20 * (t13 * t48 + t14 * t68)
-    t85 = k20 * (t14 * t69 - t13 * t67)
+    t83 = k71 * (t14 * t51 - t13 * t66)
+    t84 = k71 * (t13 * t48 + t14 * t68)
+    t85 = k71 * (t14 * t69 - t13 * t67)
     t86 = link2_length * t10
     t87 = link2_length * t11
-    t88 = t10 * k32
-    t89 = t11 * k32
-    t90 = t11 * k42
+    t88 = t10 * k76
+    t89 = t11 * k76
+    t90 = t11 * k86
     t91 = t11 * t90
-    t92 = k33 + t91
-    t93 = k17 - t91
+    t92 = k77 + t91
+    t93 = k34 - t91
     t94 = t10 * t90
     t95 = t56 * t94 + t59 * t93 - t45 * t89
     t96 = t45 * t88 + t56 * t92 + t59 * t94
@@ -1890,54 +1929,54 @@ def _hybrid_residual(k, sin, cos, q, v):
     t98 = t51 * t93
     t99 = t94 * (t54 - t57)
     t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97
-    t101 = t83 + k32 * t60
-    t102 = t84 + k32 * t61
-    t103 = t85 + k32 * t62
+    t101 = t83 + k76 * t60
+    t102 = t84 + k76 * t61
+    t103 = t85 + k76 * t62
     t104 = t82 + t83 * t87 + t84 * t86 + t100
-    t105 = t77 - t85 * t87 - t95 - k34 * t50
-    t106 = t78 + t96 + k34 * t49 - t85 * t86
+    t105 = t77 - t85 * t87 - t95 - k78 * t50
+    t106 = t78 + t96 + k78 * t49 - t85 * t86
     t107 = t8 * t101 + t9 * t103
     t108 = t9 * t101 - t8 * t103
     t109 = t5 * base_arm_length
     t110 = t6 * base_arm_length
-    t111 = t5 * k39
-    t112 = t6 * k39
-    t113 = t6 * k43
+    t111 = t5 * k83
+    t112 = t6 * k83
+    t113 = t6 * k87
     t114 = t6 * t113
-    t115 = k40 + t114
+    t115 = k84 + t114
     t116 = t5 * t113
-    t117 = t30 * (k6 - t114)
-    t118 = t20 * t112 + t28 * t116 - k9 * t24 - t117
+    t117 = t30 * (k66 - t114)
+    t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117
     t119 = t30 * t116
-    t120 = k9 * t22 + t28 * t115 - t20 * t111 - t119
+    t120 = k67 * t22 + t28 * t115 - t20 * t111 - t119
     t121 = t116 * (t27 - t29)
-    t122 = t15 * t111 + t21 * t112 + t23 * t115 - t121
-    t123 = t107 - k39 * t31
-    t124 = t108 + k39 * t32
-    t125 = t102 + k39 * t33
-    t126 = t8 * t105 + t9 * t104 + t102 * t110 - t118
+    t122 = t21 * t112 + t23 * t115 + t15 * t111 - t121
+    t123 = t107 - k83 * t31
+    t124 = t108 + k83 * t32
+    t125 = t102 + k83 * t33
+    t126 = t9 * t104 + t8 * t105 + t102 * t110 - t118
     t127 = t8 * t104 + t102 * t109 + t120 - t9 * t105
     t128 = t106 + t108 * t109 + t122 - t107 * t110
     t129 = t3 * t125 + t4 * t123
     t130 = t3 * t123 - t4 * t125
     t131 = t4 * t128 - t3 * t126
     t132 = t1 * t124 + t2 * t129
-    t133 = t2 * t124 + k44 - t1 * t129
+    t133 = t2 * t124 + k88 - t1 * t129
     t134 = t5 * t18 + v_theta_0 * t6
     t135 = v_theta_0 * t5 - t6 * t18
     t136 = t134 * t135
     t137 = t26 + t135 * t135
     t138 = t19 + t136
     t139 = t19 - t136
-    t140 = t5 * t15 + t6 * t21 + base_arm_length * t138
-    t141 = k60 * (t6 * t15 - t5 * t21 - base_arm_length * t137)
-    t142 = k64 * t138
-    t143 = k65 * t139
-    t144 = k66 * (t137 - t26 - t134 * t134)
-    t145 = k59 * t140
+    t140 = t6 * t21 + t5 * t15 + base_arm_length * t138
+    t141 = k98 * (t6 * t15 - t5 * t21 - base_arm_length * t137)
+    t142 = k102 * t138
+    t143 = k103 * t139
+    t144 = k104 * (t137 - t26 - t134 * t134)
+    t145 = k97 * t140
     t146 = t141 + t142 + t143 + t144 - t145
     t147 = t141 + t142 + t143 + t145 - t144
-    t148 = k52 * t140 + k57 * t138 + k58 * t139
+    t148 = k8 * t138 + k14 * t139 + k96 * t140
     t149 = t142 + t143 + t144 + t145 - t141
     t150 = t141 + t144 + t145 - t142 - t143
     return (
@@ -1972,10 +2011,10 @@ def hybrid_input_matrix(
 
 def _hybrid_input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k36 = k[13]
-    k46 = k[22]
-    k50 = k[24]
-    k51 = k[25]
+    k80 = k[15]
+    k90 = k[24]
+    k94 = k[26]
+    k95 = k[27]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1995,18 +2034,18 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t14 = t12 - t13
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = t4 * k50
+    t17 = t4 * k94
     t18 = t2 * t15 - t1 * t14
     t19 = t1 * t15 + t2 * t14
-    t20 = t6 * k51
-    t21 = t5 * k46
-    t22 = t6 * k46
-    t23 = t5 * k51
+    t20 = t6 * k95
+    t21 = t5 * k90
+    t22 = t6 * k90
+    t23 = t5 * k95
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
     t26 = t4 * t6
     t27 = t3 * t6
-    t28 = t4 * k36
+    t28 = t4 * k80
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
     t31 = t22 - t23
@@ -2019,7 +2058,7 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k50, 0.0, k36, 0.0, -k50, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0,
+        0.0, -k94, 0.0, k80, 0.0, -k94, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, base_arm_length,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
@@ -2072,14 +2111,14 @@ def constraint_torques(
 def _constraint_torques(k, sin, cos, q, v, a, u):
     gravity = k[0]
     base_arm_length = k[1]
-    k52 = k[26]
-    k57 = k[27]
-    k58 = k[28]
-    k59 = k[29]
-    k60 = k[30]
-    k64 = k[31]
-    k65 = k[32]
-    k66 = k[33]
+    k8 = k[2]
+    k14 = k[3]
+    k96 = k[28]
+    k97 = k[29]
+    k98 = k[30]
+    k102 = k[31]
+    k103 = k[32]
+    k104 = k[33]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2107,7 +2146,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t11 = v_theta_0 * t5 - t6 * t7
     t12 = t10 * t11
     t13 = t9 + t11 * t11
-    t14 = k66 * (t13 - t9 - t10 * t10)
+    t14 = k104 * (t13 - t9 - t10 * t10)
     t15 = a_z + gravity
     t16 = a_y * t1 + t2 * t15
     t17 = a_x * t3 - t4 * (t1 * t15 - a_y * t2)
@@ -2115,13 +2154,13 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t19 = t12 + t18
     t20 = t12 - t18
     t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
-    t22 = k64 * t19
-    t23 = k59 * t21
-    t24 = k60 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
-    t25 = k65 * t20
+    t22 = k102 * t19
+    t23 = k97 * t21
+    t24 = k98 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
+    t25 = k103 * t20
     t26 = t23 + t24 + t25 + F_2 * base_arm_length - t14 - t22
     t27 = t14 + t24 + t25 - t22 - t23
-    t28 = k52 * t21 + k57 * t19 - k58 * t20
+    t28 = k8 * t19 + k96 * t21 - k14 * t20
     t29 = F_4 * base_arm_length - t28
     t30 = t14 + t22 + t23 + t24 - t25
     t31 = t14 + t23 + t25 + F_6 * base_arm_length - t22 - t24
@@ -2166,24 +2205,24 @@ def gibbs(
 def _gibbs(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k9 = k[5]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k34 = k[12]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
-    k80 = k[43]
-    k81 = k[44]
-    k82 = k[45]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k67 = k[10]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k78 = k[14]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
+    k118 = k[43]
+    k119 = k[44]
+    k120 = k[45]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2236,26 +2275,26 @@ def _gibbs(k, sin, cos, q, v, a):
     t29 = v_theta_8 - t25
     t30 = t29 * t29
     t31 = v_theta_9 + t29
-    t32 = k20 * t13
-    t33 = k20 * t14
-    t34 = t14 * k41
+    t32 = k71 * t13
+    t33 = k71 * t14
+    t34 = t14 * k85
     t35 = t14 * t34
-    t36 = k25 - t35
-    t37 = k26 + t35
+    t36 = k48 - t35
+    t37 = k54 + t35
     t38 = t13 * t34
-    t39 = t10 * k32
-    t40 = t11 * k32
-    t41 = t11 * k42
+    t39 = t10 * k76
+    t40 = t11 * k76
+    t41 = t11 * k86
     t42 = t11 * t41
-    t43 = k33 + t42
-    t44 = k17 - t42
+    t43 = k77 + t42
+    t44 = k34 - t42
     t45 = t10 * t41
-    t46 = t5 * k39
-    t47 = t6 * k39
-    t48 = t6 * k43
+    t46 = t5 * k83
+    t47 = t6 * k83
+    t48 = t6 * k87
     t49 = t6 * t48
-    t50 = k40 + t49
-    t51 = k6 - t49
+    t50 = k84 + t49
+    t51 = k66 - t49
     t52 = t5 * t48
     t53 = a_z + gravity
     t54 = a_y * t1 + t2 * t53
@@ -2295,11 +2334,11 @@ def _gibbs(k, sin, cos, q, v, a):
     t88 = a_theta_9 + t78
     t89 = t23 * t31 + t77
     t90 = t24 * t31 + t76
-    t91 = t61 * t61 * k80
-    t92 = k80 * t62 * t62
-    t93 = t54 * t54 * k81
-    t94 = k81 * t56 * t56
-    t95 = k81 * t57 * t57
+    t91 = t61 * t61 * k118
+    t92 = k118 * t62 * t62
+    t93 = t54 * t54 * k119
+    t94 = k119 * t56 * t56
+    t95 = k119 * t57 * t57
     t96 = 0.5 * t60 * t50 * t60
     t97 = 0.5 * t62 * t50 * t62
     t98 = 0.5 * t60 * t51 * t60
@@ -2318,29 +2357,29 @@ def _gibbs(k, sin, cos, q, v, a):
     t111 = v_theta_0 * t52
     t112 = t60 * v_theta_0 * t111
     t113 = t62 * t52 * t61
-    t114 = t54 * t16 * t109
-    t115 = t56 * t19 * t16 * t46
-    t116 = v_theta_0 * t47
-    t117 = t56 * t19 * t116
-    t118 = t57 * t16 * t116
+    t114 = t56 * t19 * t16 * t46
+    t115 = t62 * t19 * t16 * t50
+    t116 = t54 * t16 * t109
+    t117 = v_theta_0 * t47
+    t118 = t57 * t16 * t117
     t119 = t60 * t16 * v_theta_0 * t50
-    t120 = v_theta_0 * t51
-    t121 = t61 * t19 * t120
-    t122 = t62 * t19 * t16 * t50
-    t123 = k9 * t20 * t61
-    t124 = k9 * t21 * t62
-    t125 = t60 * t16 * t120
-    t126 = t61 * t19 * t103
+    t120 = t56 * t19 * t117
+    t121 = v_theta_0 * t51
+    t122 = t61 * t19 * t121
+    t123 = k67 * t21 * t62
+    t124 = k67 * t20 * t61
+    t125 = t61 * t19 * t103
+    t126 = t60 * t16 * t121
     t127 = t62 * t19 * t111
     t128 = (
         t91 + t92 + t93 + t94 + t95 + t96 + t97 + t98 + t99 + t100 + t101 + t102 + t104 + t114 +
-        t115 + t117 + t118 + t119 + t121 + t122 - t105 - t106 - t107 - t108 - t110 - t112 - t113 -
+        t115 + t116 + t118 + t119 + t120 + t122 - t105 - t106 - t107 - t108 - t110 - t112 - t113 -
         t123 - t124 - t125 - t126 - t127
     )
-    t129 = k82 * t73 * t73
-    t130 = k34 * t28 * t73
-    t131 = k34 * t26 * t70
-    t132 = t70 * t70 * k82 + t129 + t130 - t131
+    t129 = k120 * t73 * t73
+    t130 = k78 * t28 * t73
+    t131 = k78 * t26 * t70
+    t132 = t70 * t70 * k120 + t129 + t130 - t131
     t133 = 0.5 * t78 * t43 * t78
     t134 = 0.5 * t80 * t43 * t80
     t135 = 0.5 * t78 * t44 * t78
@@ -2351,29 +2390,29 @@ def _gibbs(k, sin, cos, q, v, a):
     t140 = t69 * t24 * t24 * t40
     t141 = t69 * t29 * t29 * t40
     t142 = t78 * t40 * t74
-    t143 = t74 * t29 * t29 * t39
-    t144 = t23 * t39
-    t145 = t74 * t23 * t144
+    t143 = t23 * t39
+    t144 = t74 * t23 * t143
+    t145 = t74 * t29 * t29 * t39
     t146 = t79 * t40 * t75
     t147 = t80 * t39 * t75
     t148 = t23 * t45
     t149 = t78 * t23 * t148
     t150 = t80 * t45 * t79
-    t151 = t80 * t29 * t24 * t43
-    t152 = t69 * t24 * t144
-    t153 = t23 * t40
-    t154 = t74 * t24 * t153
-    t155 = t78 * t24 * t23 * t43
-    t156 = t23 * t44
-    t157 = t79 * t29 * t156
-    t158 = t75 * t29 * t24 * t39
-    t159 = t79 * t29 * t138
-    t160 = t78 * t24 * t156
-    t161 = t75 * t29 * t153
-    t162 = t80 * t29 * t148
+    t151 = t69 * t24 * t143
+    t152 = t23 * t40
+    t153 = t74 * t24 * t152
+    t154 = t78 * t24 * t23 * t43
+    t155 = t23 * t44
+    t156 = t79 * t29 * t155
+    t157 = t80 * t29 * t24 * t43
+    t158 = t75 * t29 * t152
+    t159 = t78 * t24 * t155
+    t160 = t80 * t29 * t148
+    t161 = t75 * t29 * t24 * t39
+    t162 = t79 * t29 * t138
     t163 = (
-        t140 + t141 + t142 + t143 + t145 + t146 + t147 + t149 + t150 + t158 + t159 + t160 + t161 +
-        t162 - t133 - t134 - t135 - t136 - t137 - t139 - t151 - t152 - t154 - t155 - t157
+        t140 + t141 + t142 + t144 + t145 + t146 + t147 + t149 + t150 + t158 + t159 + t160 + t161 +
+        t162 - t133 - t134 - t135 - t136 - t137 - t139 - t151 - t153 - t154 - t156 - t157
     )
     t164 = 0.5 * t88 * t36 * t88
     t165 = 0.5 * t90 * t36 * t90
@@ -2384,9 +2423,9 @@ def _gibbs(k, sin, cos, q, v, a):
     t170 = t88 * t23 * t169
     t171 = t90 * t38 * t89
     t172 = t88 * t33 * t85
-    t173 = t85 * t31 * t31 * t32
-    t174 = t23 * t32
-    t175 = t85 * t23 * t174
+    t173 = t23 * t32
+    t174 = t85 * t23 * t173
+    t175 = t85 * t31 * t31 * t32
     t176 = t86 * t24 * t24 * t33
     t177 = t86 * t31 * t31 * t33
     t178 = t89 * t33 * t87
@@ -2395,19 +2434,19 @@ def _gibbs(k, sin, cos, q, v, a):
     t181 = t88 * t24 * t180
     t182 = t23 * t33
     t183 = t85 * t24 * t182
-    t184 = t86 * t24 * t174
+    t184 = t86 * t24 * t173
     t185 = t88 * t24 * t23 * t36
-    t186 = t89 * t31 * t180
-    t187 = t90 * t31 * t24 * t36
-    t188 = t23 * t37
-    t189 = t89 * t31 * t188
-    t190 = t90 * t31 * t169
-    t191 = t87 * t31 * t24 * t32
-    t192 = t88 * t24 * t188
-    t193 = t87 * t31 * t182
+    t186 = t23 * t37
+    t187 = t89 * t31 * t186
+    t188 = t90 * t31 * t169
+    t189 = t89 * t31 * t180
+    t190 = t90 * t31 * t24 * t36
+    t191 = t88 * t24 * t186
+    t192 = t87 * t31 * t182
+    t193 = t87 * t31 * t24 * t32
     t194 = (
-        t164 + t165 + t166 + t167 + t168 + t170 + t171 + t183 + t184 + t185 + t186 + t187 + t189 +
-        t190 - t172 - t173 - t175 - t176 - t177 - t178 - t179 - t181 - t191 - t192 - t193
+        t164 + t165 + t166 + t167 + t168 + t170 + t171 + t183 + t184 + t185 + t187 + t188 + t189 +
+        t190 - t172 - t174 - t175 - t176 - t177 - t178 - t179 - t181 - t191 - t192 - t193
     )
     t195 = t128 + t132 + t194 - t163
     return (
@@ -2443,22 +2482,22 @@ def kinetic_energy(
 
 def _kinetic_energy(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[2]
-    k6 = k[4]
-    k17 = k[6]
-    k20 = k[7]
-    k25 = k[8]
-    k26 = k[9]
-    k32 = k[10]
-    k33 = k[11]
-    k39 = k[15]
-    k40 = k[16]
-    k41 = k[17]
-    k42 = k[18]
-    k43 = k[19]
-    k80 = k[43]
-    k81 = k[44]
-    k82 = k[45]
+    link2_length = k[4]
+    k34 = k[5]
+    k48 = k[7]
+    k54 = k[8]
+    k66 = k[9]
+    k71 = k[11]
+    k76 = k[12]
+    k77 = k[13]
+    k83 = k[17]
+    k84 = k[18]
+    k85 = k[19]
+    k86 = k[20]
+    k87 = k[21]
+    k118 = k[43]
+    k119 = k[44]
+    k120 = k[45]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2494,24 +2533,24 @@ def _kinetic_energy(k, sin, cos, q, v):
     t18 = t8 * t15 + v_theta_0 * t9
     t19 = v_theta_8 + t9 * t15 - v_theta_0 * t8
     t20 = v_theta_9 + t19
-    t21 = k20 * t13
-    t22 = k20 * t14
-    t23 = t14 * k41
+    t21 = k71 * t13
+    t22 = k71 * t14
+    t23 = t14 * k85
     t24 = t14 * t23
-    t25 = k25 - t24
-    t26 = k26 + t24
-    t27 = t10 * k32
-    t28 = t11 * k32
-    t29 = t11 * k42
+    t25 = k48 - t24
+    t26 = k54 + t24
+    t27 = t10 * k76
+    t28 = t11 * k76
+    t29 = t11 * k86
     t30 = t11 * t29
-    t31 = k33 + t30
-    t32 = k17 - t30
-    t33 = t5 * k39
-    t34 = t6 * k39
-    t35 = t6 * k43
+    t31 = k77 + t30
+    t32 = k34 - t30
+    t33 = t5 * k83
+    t34 = t6 * k83
+    t35 = t6 * k87
     t36 = t6 * t35
-    t37 = k40 + t36
-    t38 = k6 - t36
+    t37 = k84 + t36
+    t38 = k66 - t36
     t39 = v_y * t1 + v_z * t2
     t40 = v_z * t1 - v_y * t2
     t41 = t3 * t40 + v_x * t4
@@ -2522,40 +2561,40 @@ def _kinetic_energy(k, sin, cos, q, v):
     t46 = t8 * t43 + t9 * t44
     t47 = t8 * t44 - t9 * t43
     t48 = t47 - link2_length * (t11 * t18 - t10 * t17)
-    t49 = t15 * t15 * k80
-    t50 = v_theta_0 * v_theta_0 * k80
-    t51 = k81 * t39 * t39
-    t52 = k81 * t41 * t41
-    t53 = k81 * t42 * t42
+    t49 = t15 * t15 * k118
+    t50 = v_theta_0 * v_theta_0 * k118
+    t51 = k119 * t39 * t39
+    t52 = k119 * t41 * t41
+    t53 = k119 * t42 * t42
     t54 = 0.5 * t16 * t16 * t37
     t55 = 0.5 * v_theta_0 * v_theta_0 * t37
     t56 = 0.5 * t15 * t15 * t38
     t57 = 0.5 * t16 * t16 * t38
-    t58 = t16 * t33 * t39
-    t59 = t15 * t34 * t41
-    t60 = t15 * v_theta_0 * t5 * t35
-    t61 = v_theta_0 * t33 * t41
-    t62 = t16 * t34 * t42
+    t58 = t15 * t34 * t41
+    t59 = t15 * v_theta_0 * t5 * t35
+    t60 = t16 * t33 * t39
+    t61 = t16 * t34 * t42
+    t62 = v_theta_0 * t33 * t41
     t63 = t49 + t50 + t51 + t52 + t53 + t54 + t55 + t56 + t57 + t58 + t59 + t60 - t61 - t62
-    t64 = t18 * t18 * k82 + t17 * t17 * k82
-    t65 = 0.5 * t19 * t19 * t31
-    t66 = 0.5 * t17 * t17 * t31
+    t64 = t17 * t17 * k120 + t18 * t18 * k120
+    t65 = 0.5 * t17 * t17 * t31
+    t66 = 0.5 * t19 * t19 * t31
     t67 = 0.5 * t18 * t18 * t32
     t68 = 0.5 * t19 * t19 * t32
     t69 = t18 * t17 * t10 * t29
-    t70 = t19 * t27 * t45
-    t71 = t17 * t27 * t47
+    t70 = t17 * t27 * t47
+    t71 = t19 * t27 * t45
     t72 = t18 * t28 * t47
     t73 = t19 * t28 * t46
     t74 = t65 + t66 + t67 + t68 + t69 + t70 + t71 - t72 - t73
-    t75 = 0.5 * t20 * t20 * t25
-    t76 = 0.5 * t17 * t17 * t25
+    t75 = 0.5 * t17 * t17 * t25
+    t76 = 0.5 * t20 * t20 * t25
     t77 = 0.5 * t18 * t18 * t26
     t78 = 0.5 * t20 * t20 * t26
-    t79 = t20 * t21 * (t45 + link2_length * t10 * t19)
-    t80 = t17 * t21 * t48
-    t81 = t18 * t22 * t48
-    t82 = t18 * t17 * t13 * t23
+    t79 = t17 * t21 * t48
+    t80 = t20 * t21 * (t45 + link2_length * t10 * t19)
+    t81 = t18 * t17 * t13 * t23
+    t82 = t18 * t22 * t48
     t83 = t20 * t22 * (t46 - link2_length * t11 * t19)
     t84 = t75 + t76 + t77 + t78 + t79 + t80 - t81 - t82 - t83
     t85 = t63 + t64 + t74 + t84
@@ -2588,10 +2627,10 @@ def potential_energy(
 
 def _potential_energy(k, sin, cos, q):
     gravity = k[0]
-    k20 = k[7]
-    k32 = k[10]
-    k38 = k[14]
-    k39 = k[15]
+    k71 = k[11]
+    k76 = k[12]
+    k82 = k[16]
+    k83 = k[17]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2613,11 +2652,11 @@ def _potential_energy(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
-    t15 = k20 * t13 + t10 * k32
-    t16 = t4 * (t5 * k39 + t8 * t15)
-    t17 = t1 * (t3 * (k20 * t14 + t11 * k32) - t16)
-    t18 = t17 + t2 * (t6 * k39 + t9 * t15)
-    t19 = gravity * (t18 + z * k38)
+    t15 = k71 * t13 + t10 * k76
+    t16 = t4 * (t5 * k83 + t8 * t15)
+    t17 = t1 * (t3 * (k71 * t14 + t11 * k76) - t16)
+    t18 = t17 + t2 * (t6 * k83 + t9 * t15)
+    t19 = gravity * (t18 + z * k82)
     return (
         t19,
     )
@@ -2648,12 +2687,12 @@ def positions(
 
 def _positions(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
-    link3_length = k[3]
-    k36 = k[13]
-    k46 = k[22]
-    k47 = k[23]
-    k51 = k[25]
+    link2_length = k[4]
+    link3_length = k[6]
+    k80 = k[15]
+    k90 = k[24]
+    k91 = k[25]
+    k95 = k[27]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2693,15 +2732,15 @@ def _positions(k, sin, cos, q):
     t28 = t22 + link2_length * (t10 * t25 + t4 * t11)
     t29 = t23 + link2_length * (t10 * t26 - t11 * t15)
     t30 = t24 + link2_length * (t10 * t27 + t11 * t16)
-    t31 = k47 * t19
-    t32 = k47 * t20
-    t33 = k47 * t21
-    t34 = k46 * t3 * t6
-    t35 = k46 * (t1 * t5 - t6 * t17)
-    t36 = k46 * (t2 * t5 + t6 * t18)
-    t37 = k51 * t19
-    t38 = k51 * t20
-    t39 = k51 * t21
+    t31 = k91 * t19
+    t32 = k91 * t20
+    t33 = k91 * t21
+    t34 = k90 * t3 * t6
+    t35 = k90 * (t1 * t5 - t6 * t17)
+    t36 = k90 * (t2 * t5 + t6 * t18)
+    t37 = k95 * t19
+    t38 = k95 * t20
+    t39 = k95 * t21
     t40 = x + t22
     t41 = y + t23
     t42 = z + t24
@@ -2711,9 +2750,9 @@ def _positions(k, sin, cos, q):
     t46 = x + t34 + t37
     t47 = y + t38 - t35
     t48 = z + t39 - t36
-    t49 = x + k36 * t19
-    t50 = y + k36 * t20
-    t51 = z + k36 * t21
+    t49 = x + k80 * t19
+    t50 = y + k80 * t20
+    t51 = z + k80 * t21
     t52 = x + t37 - t34
     t53 = y + t35 + t38
     t54 = z + t36 + t39
@@ -2758,8 +2797,8 @@ def tip_pose(
 
 def _tip_pose(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
-    link3_length = k[3]
+    link2_length = k[4]
+    link3_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2838,8 +2877,8 @@ def tip_jacobian(
 
 def _tip_jacobian(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
-    link3_length = k[3]
+    link2_length = k[4]
+    link3_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2939,8 +2978,8 @@ def tip_bias_acceleration(
 
 def _tip_bias_acceleration(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[2]
-    link3_length = k[3]
+    link2_length = k[4]
+    link3_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3023,7 +3062,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t68 = t1 * t63 - t2 * t66
     t69 = t1 * t66 + t2 * t63
     t70 = t3 * t41 - t4 * t58
-    t71 = t4 * t41 + t3 * t58
+    t71 = t3 * t58 + t4 * t41
     t72 = t1 * t59 - t2 * t70
     t73 = t1 * t70 + t2 * t59
     return (

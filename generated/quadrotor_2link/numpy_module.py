@@ -138,65 +138,84 @@ def _constants(values):
     link2_section_inertia_xx = values["link2_section_inertia_xx"]
     link2_section_inertia_yy = values["link2_section_inertia_yy"]
     link2_section_inertia_zz = values["link2_section_inertia_zz"]
-    k1 = 4.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k2 = 2.0 * base_arm_section_inertia_zz
-    k3 = (
-        4.666666666666667 * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length
-    )
-    k4 = k2 + k3
-    k5 = (
-        0.6666666666666666 * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length
-    )
-    k6 = k2 + k5
-    k7 = 2.0 * base_arm_section_inertia_xx
-    k8 = 2.0 * base_arm_section_inertia_yy
-    k9 = k7 + k8 - k2
-    k10 = 4.0 * base_arm_length * base_arm_mass_per_length
-    k11 = 0.5 * link2_length * link2_length * link2_mass_per_length
-    k12 = 0.5 * link2_section_inertia_yy
-    k13 = 0.5 * link2_section_inertia_zz
-    k14 = 0.5 * link2_section_inertia_xx
-    k15 = 0.3333333333333333 * link2_length * link2_length * link2_length * link2_mass_per_length
-    k16 = k12 + k13 + k15 - k14
-    k17 = k13 + k14 - k12
-    k18 = k12 + k14 - k13
-    k19 = link2_length * link2_mass_per_length
-    k20 = base_arm_length * k19
-    k21 = 2.0 * base_arm_length
-    k22 = base_arm_length * k20
-    k23 = k10 + k19
-    k24 = k1 + k20
-    k25 = k4 + k22
-    k26 = k16 - k17
-    k27 = k6 - k25
-    k28 = gravity * k23
-    k29 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k30 = 0.5 * base_arm_section_inertia_yy
-    k31 = 0.5 * base_arm_section_inertia_zz
-    k32 = 0.5 * base_arm_section_inertia_xx
-    k33 = (
+    k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy
+    k2 = base_arm_section_inertia_xx - k1
+    k3 = base_arm_section_inertia_yy - k2
+    k4 = base_arm_section_inertia_zz - k1
+    k5 = k3 + k4
+    k6 = 0.5 * k5
+    k7 = (
         0.3333333333333333 * base_arm_length * base_arm_length * base_arm_length *
         base_arm_mass_per_length
     )
-    k34 = k30 + k31 + k33 - k32
-    k35 = k31 + k32 - k30
-    k36 = base_arm_length * k29
-    k37 = k34 + k35
-    k38 = k36 + k37
-    k39 = k6 + k9
-    k40 = 2.0 * k6
-    k41 = 1.0 / k40
-    k42 = 1.0 / k39
-    k43 = 0.5 * k9
-    k44 = 0.5 * k23
-    k45 = 0.5 * k18
-    if not k23 > 0.0:
+    k8 = k6 + k7
+    k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz
+    k10 = base_arm_section_inertia_yy - k9
+    k11 = base_arm_section_inertia_zz - k10
+    k12 = base_arm_section_inertia_xx - k9
+    k13 = k11 + k12
+    k14 = 0.5 * k13
+    k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz
+    k16 = base_arm_section_inertia_zz + k15
+    k17 = base_arm_section_inertia_xx - k16
+    k18 = base_arm_section_inertia_yy + k15
+    k19 = k17 + k18
+    k20 = 0.5 * k19
+    k21 = link2_section_inertia_xx - link2_section_inertia_yy
+    k22 = link2_section_inertia_xx - k21
+    k23 = link2_section_inertia_yy - k22
+    k24 = link2_section_inertia_zz - k21
+    k25 = k23 + k24
+    k26 = 0.5 * k25
+    k27 = 0.3333333333333333 * link2_length * link2_length * link2_length * link2_mass_per_length
+    k28 = k26 + k27
+    k29 = link2_section_inertia_yy - link2_section_inertia_zz
+    k30 = link2_section_inertia_yy - k29
+    k31 = link2_section_inertia_zz - k30
+    k32 = link2_section_inertia_xx - k29
+    k33 = k31 + k32
+    k34 = 0.5 * k33
+    k35 = link2_section_inertia_xx - link2_section_inertia_zz
+    k36 = link2_section_inertia_zz + k35
+    k37 = link2_section_inertia_xx - k36
+    k38 = link2_section_inertia_yy + k35
+    k39 = k37 + k38
+    k40 = 0.5 * k39
+    k41 = 4.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k42 = 2.0 * k8
+    k43 = 2.0 * k14
+    k44 = 4.0 * base_arm_length * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k45 = k42 + k43 + k44
+    k46 = k42 + k43
+    k47 = 4.0 * k20
+    k48 = 4.0 * base_arm_length * base_arm_mass_per_length
+    k49 = 0.5 * link2_length * link2_length * link2_mass_per_length
+    k50 = link2_length * link2_mass_per_length
+    k51 = base_arm_length * k50
+    k52 = 2.0 * base_arm_length
+    k53 = base_arm_length * k51
+    k54 = k48 + k50
+    k55 = k41 + k51
+    k56 = k45 + k53
+    k57 = k28 - k34
+    k58 = k46 - k56
+    k59 = gravity * k54
+    k60 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k61 = base_arm_length * k60
+    k62 = k8 + k14
+    k63 = k61 + k62
+    k64 = k46 + k47
+    k65 = 2.0 * k46
+    k66 = 1.0 / k65
+    k67 = 1.0 / k64
+    k68 = 0.5 * k47
+    k69 = 0.5 * k54
+    k70 = 0.5 * k40
+    if not k54 > 0.0:
         raise ZeroDivisionError
     return (
-        gravity, base_arm_length, link2_length, k6, k9, k11, k16, k17, k18, k21, k23, k24, k25, k26,
-        k27, k28, k29, k34, k35, k37, k38, k39, k41, k42, k43, k44, k45,
+        gravity, base_arm_length, k8, k14, link2_length, k28, k34, k40, k46, k47, k49, k52, k54,
+        k55, k56, k57, k58, k59, k60, k62, k63, k64, k66, k67, k68, k69, k70,
     )
 
 
@@ -336,18 +355,18 @@ def mass_matrix_and_residual(
 def _mass_matrix_and_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k23 = k[10]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
-    k28 = k[15]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k54 = k[12]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
+    k59 = k[17]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -395,8 +414,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t35 = t19 - t15 * t33
     t36 = t8 * t15 + v_theta_0 * t9
     t37 = v_theta_0 * t8 - t9 * t15
-    t38 = t8 * t35 + t9 * t34
-    t39 = t8 * t32 + t9 * t31
+    t38 = t9 * t34 + t8 * t35
+    t39 = t9 * t31 + t8 * t32
     t40 = t33 * t36
     t41 = t38 - t40
     t42 = t16 - t36 * t37
@@ -408,12 +427,12 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t48 = t42 - 2.0 * t45 * t36
     t49 = t36 * t36 + t46
     t50 = t43 + 2.0 * t45 * t33
-    t51 = k11 * t10
-    t52 = k11 * t11
-    t53 = t11 * k26
+    t51 = k49 * t10
+    t52 = k49 * t11
+    t53 = t11 * k57
     t54 = t11 * t53
-    t55 = k16 - t54
-    t56 = k17 + t54
+    t55 = k28 - t54
+    t56 = k34 + t54
     t57 = t10 * t53
     t58 = t39 * t52 + t48 * t57 - t50 * t56
     t59 = t39 * t51 + t48 * t55 - t50 * t57
@@ -421,31 +440,31 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t61 = t57 * (t47 - t49)
     t62 = (t9 * t32 - t8 * t31) * t52
     t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61
-    t64 = k11 * (t11 * t44 - t10 * t47)
-    t65 = k11 * (t10 * t41 + t11 * t49)
-    t66 = k11 * (t11 * t50 - t10 * t48)
-    t67 = t58 - k18 * t43
-    t68 = t59 + k18 * t42
+    t64 = k49 * (t11 * t44 - t10 * t47)
+    t65 = k49 * (t10 * t41 + t11 * t49)
+    t66 = k49 * (t11 * t50 - t10 * t48)
+    t67 = t58 - k40 * t43
+    t68 = t59 + k40 * t42
     t69 = t8 * t64 + t9 * t66
     t70 = t9 * t64 - t8 * t66
     t71 = t5 * base_arm_length
     t72 = t6 * base_arm_length
-    t73 = t5 * k24
-    t74 = t6 * k24
-    t75 = t6 * k27
+    t73 = t5 * k55
+    t74 = t6 * k55
+    t75 = t6 * k58
     t76 = t6 * t75
-    t77 = k25 + t76
-    t78 = k6 - t76
+    t77 = k56 + t76
+    t78 = k46 - t76
     t79 = t5 * t75
     t80 = t27 * t78
-    t81 = t17 * t74 + t25 * t79 - k9 * t21 - t80
+    t81 = t17 * t74 + t25 * t79 - k47 * t21 - t80
     t82 = t27 * t79
-    t83 = k9 * t19 + t25 * t77 - t17 * t73 - t82
+    t83 = k47 * t19 + t25 * t77 - t17 * t73 - t82
     t84 = t79 * (t24 - t26)
     t85 = t12 * t73 + t18 * t74 + t20 * t77 - t84
-    t86 = t69 - k24 * t28
-    t87 = t70 + k24 * t29
-    t88 = t65 + k24 * t30
+    t86 = t69 - k55 * t28
+    t87 = t70 + k55 * t29
+    t88 = t65 + k55 * t30
     t89 = t9 * t63 + t8 * t67 + t65 * t72 - t81
     t90 = t8 * t63 + t65 * t71 + t83 - t9 * t67
     t91 = t68 + t70 * t71 + t85 - t69 * t72
@@ -453,22 +472,22 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t93 = t3 * t86 - t4 * t88
     t94 = t4 * t91 - t3 * t89
     t95 = t1 * t87 + t2 * t92
-    t96 = t2 * t87 + k28 - t1 * t92
+    t96 = t2 * t87 + k59 - t1 * t92
     t97 = t8 * t51
     t98 = t9 * t51
     t99 = t8 * t57
     t100 = t9 * t57
-    t101 = t9 * (k18 - t55)
+    t101 = t9 * (k40 - t55)
     t102 = t9 * t101
     t103 = t55 + t102
-    t104 = k18 - t102
+    t104 = k40 - t102
     t105 = t99 + t52 * t71
     t106 = t100 + t52 * t72
     t107 = t73 + t97
     t108 = t74 + t98
     t109 = t77 + t103 + 2.0 * t97 * t71
     t110 = t78 + t104 + 2.0 * t98 * t72
-    t111 = k9 + t56
+    t111 = k47 + t56
     t112 = t79 + t8 * t101 - t71 * t98 - t72 * t97
     t113 = t103 + t104
     t114 = t113 + t71 * t97 + t72 * t98
@@ -507,8 +526,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
         t133, t127, t123, t138, t143, 0.0, -t135, t134, t127, t126, -t106, -t100, -t118, t128, t131,
         -t132, t123, -t106, t120, t114, t119, -t122, t124, t125, t138, -t100, t114, t113, 0.0,
         -t137, t139, t140, t143, -t118, t119, 0.0, t115, t142, -t144, t145, 0.0, t128, -t122, -t137,
-        t142, k23, 0.0, 0.0, -t135, t131, t124, t139, -t144, 0.0, k23, 0.0, t134, -t132, t125, t140,
-        t145, 0.0, 0.0, k23, -t94, -t90, -t91, -t68, t63, -t93, -t95, -t96,
+        t142, k54, 0.0, 0.0, -t135, t131, t124, t139, -t144, 0.0, k54, 0.0, t134, -t132, t125, t140,
+        t145, 0.0, 0.0, k54, -t94, -t90, -t91, -t68, t63, -t93, -t95, -t96,
     )
 
 
@@ -539,17 +558,17 @@ def mass_matrix(
 
 def _mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k23 = k[10]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k54 = k[12]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -566,33 +585,33 @@ def _mass_matrix(k, sin, cos, q):
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
-    t12 = k11 * t10
-    t13 = k11 * t11
-    t14 = t11 * k26
+    t12 = k49 * t10
+    t13 = k49 * t11
+    t14 = t11 * k57
     t15 = t11 * t14
-    t16 = k16 - t15
-    t17 = k17 + t15
+    t16 = k28 - t15
+    t17 = k34 + t15
     t18 = t10 * t14
     t19 = t5 * base_arm_length
     t20 = t6 * base_arm_length
-    t21 = t6 * k27
+    t21 = t6 * k58
     t22 = t6 * t21
     t23 = t8 * t12
     t24 = t9 * t12
     t25 = t8 * t18
     t26 = t9 * t18
-    t27 = t9 * (k18 - t16)
+    t27 = t9 * (k40 - t16)
     t28 = t9 * t27
     t29 = t16 + t28
-    t30 = k18 - t28
+    t30 = k40 - t28
     t31 = t19 * t24 + t20 * t23 - t8 * t27
     t32 = t25 + t13 * t19
     t33 = t26 + t13 * t20
-    t34 = t5 * k24 + t23
-    t35 = t6 * k24 + t24
-    t36 = k25 + t22 + t29 + 2.0 * t23 * t19
-    t37 = k6 + t30 + 2.0 * t24 * t20 - t22
-    t38 = k9 + t17
+    t34 = t5 * k55 + t23
+    t35 = t6 * k55 + t24
+    t36 = k56 + t22 + t29 + 2.0 * t23 * t19
+    t37 = k46 + t30 + 2.0 * t24 * t20 - t22
+    t38 = k47 + t17
     t39 = t29 + t30
     t40 = t39 + t19 * t23 + t20 * t24
     t41 = t16 + t17
@@ -629,8 +648,8 @@ def _mass_matrix(k, sin, cos, q):
     return (
         t59, t53, t49, t64, t69, 0.0, -t61, t60, t53, t52, -t33, -t26, -t44, t54, t57, -t58, t49,
         -t33, t46, t40, t45, -t48, t50, t51, t64, -t26, t40, t39, 0.0, -t63, t65, t66, t69, -t44,
-        t45, 0.0, t41, t68, -t70, t71, 0.0, t54, -t48, -t63, t68, k23, 0.0, 0.0, -t61, t57, t50,
-        t65, -t70, 0.0, k23, 0.0, t60, -t58, t51, t66, t71, 0.0, 0.0, k23,
+        t45, 0.0, t41, t68, -t70, t71, 0.0, t54, -t48, -t63, t68, k54, 0.0, 0.0, -t61, t57, t50,
+        t65, -t70, 0.0, k54, 0.0, t60, -t58, t51, t66, t71, 0.0, 0.0, k54,
     )
 
 
@@ -666,17 +685,17 @@ def residual(
 def _residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
-    k28 = k[15]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
+    k59 = k[17]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -724,8 +743,8 @@ def _residual(k, sin, cos, q, v):
     t35 = t19 - t15 * t33
     t36 = t8 * t15 + v_theta_0 * t9
     t37 = v_theta_0 * t8 - t9 * t15
-    t38 = t8 * t35 + t9 * t34
-    t39 = t8 * t32 + t9 * t31
+    t38 = t9 * t34 + t8 * t35
+    t39 = t9 * t31 + t8 * t32
     t40 = t33 * t36
     t41 = t38 - t40
     t42 = t16 - t36 * t37
@@ -737,12 +756,12 @@ def _residual(k, sin, cos, q, v):
     t48 = t42 - 2.0 * t45 * t36
     t49 = t36 * t36 + t46
     t50 = t43 + 2.0 * t45 * t33
-    t51 = k11 * t10
-    t52 = k11 * t11
-    t53 = t11 * k26
+    t51 = k49 * t10
+    t52 = k49 * t11
+    t53 = t11 * k57
     t54 = t11 * t53
-    t55 = k16 - t54
-    t56 = k17 + t54
+    t55 = k28 - t54
+    t56 = k34 + t54
     t57 = t10 * t53
     t58 = t39 * t52 + t48 * t57 - t50 * t56
     t59 = t39 * t51 + t48 * t55 - t50 * t57
@@ -750,30 +769,30 @@ def _residual(k, sin, cos, q, v):
     t61 = t57 * (t47 - t49)
     t62 = (t9 * t32 - t8 * t31) * t52
     t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61
-    t64 = k11 * (t11 * t44 - t10 * t47)
-    t65 = k11 * (t10 * t41 + t11 * t49)
-    t66 = k11 * (t11 * t50 - t10 * t48)
-    t67 = t58 - k18 * t43
-    t68 = t59 + k18 * t42
+    t64 = k49 * (t11 * t44 - t10 * t47)
+    t65 = k49 * (t10 * t41 + t11 * t49)
+    t66 = k49 * (t11 * t50 - t10 * t48)
+    t67 = t58 - k40 * t43
+    t68 = t59 + k40 * t42
     t69 = t8 * t64 + t9 * t66
     t70 = t9 * t64 - t8 * t66
     t71 = t5 * base_arm_length
     t72 = t6 * base_arm_length
-    t73 = t5 * k24
-    t74 = t6 * k24
-    t75 = t6 * k27
+    t73 = t5 * k55
+    t74 = t6 * k55
+    t75 = t6 * k58
     t76 = t6 * t75
-    t77 = k25 + t76
+    t77 = k56 + t76
     t78 = t5 * t75
-    t79 = t27 * (k6 - t76)
-    t80 = t17 * t74 + t25 * t78 - k9 * t21 - t79
+    t79 = t27 * (k46 - t76)
+    t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79
     t81 = t27 * t78
-    t82 = k9 * t19 + t25 * t77 - t17 * t73 - t81
+    t82 = k47 * t19 + t25 * t77 - t17 * t73 - t81
     t83 = t78 * (t24 - t26)
     t84 = t12 * t73 + t18 * t74 + t20 * t77 - t83
-    t85 = t69 - k24 * t28
-    t86 = t70 + k24 * t29
-    t87 = t65 + k24 * t30
+    t85 = t69 - k55 * t28
+    t86 = t70 + k55 * t29
+    t87 = t65 + k55 * t30
     t88 = t9 * t63 + t8 * t67 + t65 * t72 - t80
     t89 = t8 * t63 + t65 * t71 + t82 - t9 * t67
     t90 = t68 + t70 * t71 + t84 - t69 * t72
@@ -781,7 +800,7 @@ def _residual(k, sin, cos, q, v):
     t92 = t3 * t85 - t4 * t87
     t93 = t4 * t90 - t3 * t88
     t94 = t1 * t86 + t2 * t91
-    t95 = t2 * t86 + k28 - t1 * t91
+    t95 = t2 * t86 + k59 - t1 * t91
     return (
         -t93, -t89, -t90, -t68, t63, -t92, -t94, -t95,
     )
@@ -813,7 +832,7 @@ def input_matrix(
 
 def _input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k21 = k[9]
+    k52 = k[11]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -830,8 +849,8 @@ def _input_matrix(k, sin, cos, q):
     t11 = t4 * base_arm_length
     t12 = t1 * t6 + t2 * t9
     t13 = t2 * t6 - t1 * t9
-    t14 = t5 * k21
-    t15 = t3 * t6 * k21
+    t14 = t5 * k52
+    t15 = t3 * t6 * k52
     return (
         0.0, t11, t15, t11, 0.0, 0.0, 0.0, 0.0, -t14, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, t4,
@@ -877,17 +896,17 @@ def forward_dynamics(
 def _forward_dynamics(k, sin, cos, q, v, u):
     gravity = k[0]
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k23 = k[10]
-    k26 = k[13]
-    k39 = k[21]
-    k41 = k[22]
-    k42 = k[23]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k54 = k[12]
+    k57 = k[15]
+    k64 = k[21]
+    k66 = k[22]
+    k67 = k[23]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -929,7 +948,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t23 = t15 - t13 * t21
     t24 = t8 * t13 + v_theta_0 * t9
     t25 = v_theta_0 * t8 - t9 * t13
-    t26 = t8 * t23 + t9 * t22
+    t26 = t9 * t22 + t8 * t23
     t27 = t21 * t24
     t28 = t26 - t27
     t29 = t14 - t24 * t25
@@ -941,12 +960,12 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t35 = t29 - 2.0 * t32 * t24
     t36 = t24 * t24 + t33
     t37 = t30 + 2.0 * t32 * t21
-    t38 = k11 * t10
-    t39 = k11 * t11
-    t40 = t11 * k26
+    t38 = k49 * t10
+    t39 = k49 * t11
+    t40 = t11 * k57
     t41 = t11 * t40
-    t42 = k16 - t41
-    t43 = k17 + t41
+    t42 = k28 - t41
+    t43 = k34 + t41
     t44 = t10 * t40
     t45 = F_1 * base_arm_length - F_3 * base_arm_length
     t46 = F_2 - F_4
@@ -955,40 +974,40 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t49 = t48 * (tau_6 + t47)
     t50 = t39 * t48
     t51 = t38 * t48
-    t52 = k11 * (t11 * t31 - t10 * t34) - t39 * t49
-    t53 = k11 * (t10 * t28 + t11 * t36) - t38 * t49
+    t52 = k49 * (t11 * t31 - t10 * t34) - t39 * t49
+    t53 = k49 * (t10 * t28 + t11 * t36) - t38 * t49
     t54 = t38 * t50
-    t55 = k18 * t30 + t37 * t43 - t35 * t44
-    t56 = 1.0 / (k18 + t42)
-    t57 = tau_5 + t37 * t44 - k18 * t29 - t35 * t42
+    t55 = k40 * t30 + t37 * t43 - t35 * t44
+    t56 = 1.0 / (k40 + t42)
+    t57 = tau_5 + t37 * t44 - k40 * t29 - t35 * t42
     t58 = t56 * t57
     t59 = t38 * t56
     t60 = t44 * t56
-    t61 = k11 * (t11 * t37 - t10 * t35) - t38 * t58
+    t61 = k49 * (t11 * t37 - t10 * t35) - t38 * t58
     t62 = t39 - t44 * t59
     t63 = t5 * t46
     t64 = t6 * t46
-    t65 = k9 * t16 + k6 * (t16 - 2.0 * t17 * v_theta_0)
-    t66 = k9 * t15 + k6 * (t15 - 2.0 * t17 * t13)
+    t65 = k47 * t16 + k46 * (t16 - 2.0 * t17 * v_theta_0)
+    t66 = k47 * t15 + k46 * (t15 - 2.0 * t17 * t13)
     t67 = t6 * t45 - t65
     t68 = t5 * t45 - t66
-    t69 = F_2 * base_arm_length + F_4 * base_arm_length - 2.0 * k6 * t14
+    t69 = F_2 * base_arm_length + F_4 * base_arm_length - 2.0 * k46 * t14
     t70 = F_1 + F_3 + t53
     t71 = t55 + t8 * t67 - t44 * t58 - t9 * t68
-    t72 = 1.0 / (k18 + t43 + k39 - t44 * t60)
+    t72 = 1.0 / (k40 + t43 + k64 - t44 * t60)
     t73 = t62 * t72
     t74 = t61 + t8 * t64 - t9 * t63 - t71 * t73
-    t75 = 1.0 / (k23 - t38 * t59 - t62 * t73)
-    t76 = 1.0 / (k23 - t38 * t51)
+    t75 = 1.0 / (k54 - t38 * t59 - t62 * t73)
+    t76 = 1.0 / (k54 - t38 * t51)
     t77 = t54 * t76
     t78 = t52 + t70 * t77 - t8 * t63 - t9 * t64
-    t79 = 1.0 / (k23 - t39 * t50 - t54 * t77)
+    t79 = 1.0 / (k54 - t39 * t50 - t54 * t77)
     t80 = t78 * t79
     t81 = t77 * t80 + t70 * t76
     t82 = t74 * t75
     t83 = t73 * t82 - t71 * t72
-    t84 = (tau_6 + t8 * t68 + t9 * t67) * k42
-    t85 = (tau_5 - t69) * k41
+    t84 = (tau_6 + t8 * t68 + t9 * t67) * k67
+    t85 = (tau_5 - t69) * k66
     t86 = t85 + t58 + t60 * t83 - t59 * t82
     t87 = t84 + t49 - t50 * t80 - t51 * t81
     t88 = t8 * t83 - t9 * t84
@@ -1049,17 +1068,17 @@ def inverse_dynamics(
 def _inverse_dynamics(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k23 = k[10]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k54 = k[12]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1105,22 +1124,22 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t25 = t24 * t24
     t26 = t20 * t20 + t25
     t27 = t21 * t21 + t25
-    t28 = k11 * t10
-    t29 = k11 * t11
-    t30 = t11 * k26
+    t28 = k49 * t10
+    t29 = k49 * t11
+    t30 = t11 * k57
     t31 = t11 * t30
-    t32 = k16 - t31
-    t33 = k17 + t31
+    t32 = k28 - t31
+    t33 = k34 + t31
     t34 = t10 * t30
     t35 = t34 * (t26 - t27)
     t36 = t5 * base_arm_length
     t37 = t6 * base_arm_length
-    t38 = t5 * k24
-    t39 = t6 * k24
-    t40 = t6 * k27
+    t38 = t5 * k55
+    t39 = t6 * k55
+    t40 = t6 * k58
     t41 = t6 * t40
-    t42 = k25 + t41
-    t43 = k6 - t41
+    t42 = k56 + t41
+    t43 = k46 - t41
     t44 = t5 * t40
     t45 = t44 * (t18 - t19)
     t46 = a_z + gravity
@@ -1155,31 +1174,31 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t75 = t28 * (t49 + base_arm_length * t60)
     t76 = t29 * (t8 * t61 + t9 * t62)
     t77 = t35 + t75 + t32 * t69 - t76 - t33 * t71
-    t78 = k11 * (t10 * t26 - t11 * t71)
-    t79 = k11 * (t11 * t27 - t10 * t69)
-    t80 = k11 * (t10 * t70 + t11 * t72)
-    t81 = t73 + k18 * t67
-    t82 = t74 + k18 * t66
+    t78 = k49 * (t10 * t26 - t11 * t71)
+    t79 = k49 * (t11 * t27 - t10 * t69)
+    t80 = k49 * (t10 * t70 + t11 * t72)
+    t81 = t73 + k40 * t67
+    t82 = t74 + k40 * t66
     t83 = t9 * t80 - t8 * t78
     t84 = t9 * t78 + t8 * t80
     t85 = t44 * t55
-    t86 = t39 * t49 + t43 * t57 - k9 * t52 - t85
+    t86 = t39 * t49 + t43 * t57 - k47 * t52 - t85
     t87 = t42 * t55
-    t88 = k9 * t51 + t44 * t57 - t38 * t49 - t87
+    t88 = k47 * t51 + t44 * t57 - t38 * t49 - t87
     t89 = t38 * t47
     t90 = t42 * t54
     t91 = t45 + t39 * t50 + t43 * t56 - t89 - t90
-    t92 = t83 - k24 * t58
-    t93 = t84 + k24 * t59
-    t94 = t79 - k24 * t60
+    t92 = t83 - k55 * t58
+    t93 = t84 + k55 * t59
+    t94 = t79 - k55 * t60
     t95 = t9 * t77 + t8 * t81 + t86 - t37 * t79
     t96 = t9 * t81 + t36 * t79 + t88 - t8 * t77
     t97 = t82 + t37 * t83 + t36 * t84 + t91
     t98 = t4 * t92 + t3 * t94
     t99 = t3 * t95 - t4 * t97
-    t100 = t3 * t92 + a_x * k23 - t4 * t94
-    t101 = t2 * t98 + a_y * k23 - t1 * t93
-    t102 = t1 * t98 + t2 * t93 - k23 * t46
+    t100 = t3 * t92 + a_x * k54 - t4 * t94
+    t101 = t2 * t98 + a_y * k54 - t1 * t93
+    t102 = t1 * t98 + t2 * t93 - k54 * t46
     return (
         t99, t96, -t97, -t82, t77, t100, t101, -t102,
     )
@@ -1213,20 +1232,20 @@ def hybrid_mass_matrix(
 
 def _hybrid_mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k23 = k[10]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
-    k29 = k[16]
-    k37 = k[19]
-    k38 = k[20]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k54 = k[12]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
+    k60 = k[18]
+    k62 = k[19]
+    k63 = k[20]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1243,33 +1262,33 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
-    t12 = k11 * t10
-    t13 = k11 * t11
-    t14 = t11 * k26
+    t12 = k49 * t10
+    t13 = k49 * t11
+    t14 = t11 * k57
     t15 = t11 * t14
-    t16 = k16 - t15
-    t17 = k17 + t15
+    t16 = k28 - t15
+    t17 = k34 + t15
     t18 = t10 * t14
     t19 = t5 * base_arm_length
     t20 = t6 * base_arm_length
-    t21 = t6 * k27
+    t21 = t6 * k58
     t22 = t6 * t21
     t23 = t8 * t12
     t24 = t9 * t12
     t25 = t8 * t18
     t26 = t9 * t18
-    t27 = t9 * (k18 - t16)
+    t27 = t9 * (k40 - t16)
     t28 = t9 * t27
     t29 = t16 + t28
-    t30 = k18 - t28
+    t30 = k40 - t28
     t31 = t19 * t24 + t20 * t23 - t8 * t27
     t32 = t25 + t13 * t19
     t33 = t26 + t13 * t20
-    t34 = t5 * k24 + t23
-    t35 = t6 * k24 + t24
-    t36 = k25 + t22 + t29 + 2.0 * t23 * t19
-    t37 = k6 + t30 + 2.0 * t24 * t20 - t22
-    t38 = k9 + t17
+    t34 = t5 * k55 + t23
+    t35 = t6 * k55 + t24
+    t36 = k56 + t22 + t29 + 2.0 * t23 * t19
+    t37 = k46 + t30 + 2.0 * t24 * t20 - t22
+    t38 = k47 + t17
     t39 = t29 + t30
     t40 = t39 + t19 * t23 + t20 * t24
     t41 = t16 + t17
@@ -1303,28 +1322,28 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t69 = t3 * (t9 * t41 + t12 * t20) + t4 * t45
     t70 = t1 * t43 + t2 * t67
     t71 = t1 * t67 - t2 * t43
-    t72 = t6 * k29
-    t73 = t5 * k29
+    t72 = t6 * k60
+    t73 = t5 * k60
     t74 = t4 * t73
     t75 = t3 * t73
-    t76 = t4 * k37
+    t76 = t4 * k62
     t77 = t1 * t72 + t2 * t74
     t78 = t2 * t72 - t1 * t74
     t79 = t4 * t72
     t80 = t3 * t72
-    t81 = t4 * k38
+    t81 = t4 * k63
     t82 = t1 * t73 - t2 * t79
     t83 = t1 * t79 + t2 * t73
     return (
         t59, t53, t49, t76, t81, t76, t64, t69, 0.0, -t61, t60, 0.0, 0.0, 0.0, t53, t52, -t33, 0.0,
-        0.0, 0.0, -t26, -t44, t54, t57, -t58, 0.0, 0.0, 0.0, t49, -t33, t46, k37, k38, k37, t40,
-        t45, -t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k37, k37, 0.0, 0.0, 0.0, 0.0, t75, t77, t78,
-        -1.0, 0.0, 0.0, t81, 0.0, k38, 0.0, k37, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76,
-        0.0, k37, 0.0, 0.0, k37, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, -t26, t40, 0.0,
+        0.0, 0.0, -t26, -t44, t54, t57, -t58, 0.0, 0.0, 0.0, t49, -t33, t46, k62, k63, k62, t40,
+        t45, -t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k62, k62, 0.0, 0.0, 0.0, 0.0, t75, t77, t78,
+        -1.0, 0.0, 0.0, t81, 0.0, k63, 0.0, k62, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76,
+        0.0, k62, 0.0, 0.0, k62, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, -t26, t40, 0.0,
         0.0, 0.0, t39, 0.0, -t63, t65, t66, 0.0, 0.0, 0.0, t69, -t44, t45, 0.0, 0.0, 0.0, 0.0, t41,
-        t68, -t70, t71, 0.0, 0.0, 0.0, 0.0, t54, -t48, t75, -t80, -t75, -t63, t68, k23, 0.0, 0.0,
-        0.0, 0.0, 0.0, -t61, t57, t50, t77, t82, -t77, t65, -t70, 0.0, k23, 0.0, 0.0, 0.0, 0.0, t60,
-        -t58, t51, t78, t83, -t78, t66, t71, 0.0, 0.0, k23, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        t68, -t70, t71, 0.0, 0.0, 0.0, 0.0, t54, -t48, t75, -t80, -t75, -t63, t68, k54, 0.0, 0.0,
+        0.0, 0.0, 0.0, -t61, t57, t50, t77, t82, -t77, t65, -t70, 0.0, k54, 0.0, 0.0, 0.0, 0.0, t60,
+        -t58, t51, t78, t83, -t78, t66, t71, 0.0, 0.0, k54, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0,
@@ -1364,20 +1383,20 @@ def hybrid_residual(
 def _hybrid_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
-    k28 = k[15]
-    k29 = k[16]
-    k34 = k[17]
-    k35 = k[18]
+    k8 = k[2]
+    k14 = k[3]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
+    k59 = k[17]
+    k60 = k[18]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1425,8 +1444,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t35 = t19 - t15 * t33
     t36 = t8 * t15 + v_theta_0 * t9
     t37 = v_theta_0 * t8 - t9 * t15
-    t38 = t8 * t35 + t9 * t34
-    t39 = t8 * t32 + t9 * t31
+    t38 = t9 * t34 + t8 * t35
+    t39 = t9 * t31 + t8 * t32
     t40 = t33 * t36
     t41 = t38 - t40
     t42 = t16 - t36 * t37
@@ -1438,12 +1457,12 @@ def _hybrid_residual(k, sin, cos, q, v):
     t48 = t42 - 2.0 * t45 * t36
     t49 = t36 * t36 + t46
     t50 = t43 + 2.0 * t45 * t33
-    t51 = k11 * t10
-    t52 = k11 * t11
-    t53 = t11 * k26
+    t51 = k49 * t10
+    t52 = k49 * t11
+    t53 = t11 * k57
     t54 = t11 * t53
-    t55 = k16 - t54
-    t56 = k17 + t54
+    t55 = k28 - t54
+    t56 = k34 + t54
     t57 = t10 * t53
     t58 = t39 * t52 + t48 * t57 - t50 * t56
     t59 = t39 * t51 + t48 * t55 - t50 * t57
@@ -1451,30 +1470,30 @@ def _hybrid_residual(k, sin, cos, q, v):
     t61 = t57 * (t47 - t49)
     t62 = (t9 * t32 - t8 * t31) * t52
     t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61
-    t64 = k11 * (t11 * t44 - t10 * t47)
-    t65 = k11 * (t10 * t41 + t11 * t49)
-    t66 = k11 * (t11 * t50 - t10 * t48)
-    t67 = t58 - k18 * t43
-    t68 = t59 + k18 * t42
+    t64 = k49 * (t11 * t44 - t10 * t47)
+    t65 = k49 * (t10 * t41 + t11 * t49)
+    t66 = k49 * (t11 * t50 - t10 * t48)
+    t67 = t58 - k40 * t43
+    t68 = t59 + k40 * t42
     t69 = t8 * t64 + t9 * t66
     t70 = t9 * t64 - t8 * t66
     t71 = t5 * base_arm_length
     t72 = t6 * base_arm_length
-    t73 = t5 * k24
-    t74 = t6 * k24
-    t75 = t6 * k27
+    t73 = t5 * k55
+    t74 = t6 * k55
+    t75 = t6 * k58
     t76 = t6 * t75
-    t77 = k25 + t76
+    t77 = k56 + t76
     t78 = t5 * t75
-    t79 = t27 * (k6 - t76)
-    t80 = t17 * t74 + t25 * t78 - k9 * t21 - t79
+    t79 = t27 * (k46 - t76)
+    t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79
     t81 = t27 * t78
-    t82 = k9 * t19 + t25 * t77 - t17 * t73 - t81
+    t82 = k47 * t19 + t25 * t77 - t17 * t73 - t81
     t83 = t78 * (t24 - t26)
     t84 = t12 * t73 + t18 * t74 + t20 * t77 - t83
-    t85 = t69 - k24 * t28
-    t86 = t70 + k24 * t29
-    t87 = t65 + k24 * t30
+    t85 = t69 - k55 * t28
+    t86 = t70 + k55 * t29
+    t87 = t65 + k55 * t30
     t88 = t9 * t63 + t8 * t67 + t65 * t72 - t80
     t89 = t8 * t63 + t65 * t71 + t82 - t9 * t67
     t90 = t68 + t70 * t71 + t84 - t69 * t72
@@ -1482,19 +1501,19 @@ def _hybrid_residual(k, sin, cos, q, v):
     t92 = t3 * t85 - t4 * t87
     t93 = t4 * t90 - t3 * t88
     t94 = t1 * t86 + t2 * t91
-    t95 = t2 * t86 + k28 - t1 * t91
+    t95 = t2 * t86 + k59 - t1 * t91
     t96 = v_theta_0 * t5 - t6 * t15
     t97 = (t5 * t15 + v_theta_0 * t6) * t96
     t98 = t16 + t97
     t99 = t16 - t97
     t100 = base_arm_length * (t23 + t96 * t96)
-    t101 = k29 * (t6 * t12 - t5 * t18 - t100)
-    t102 = k34 * t99
-    t103 = k35 * t98
+    t101 = k8 * t99
+    t102 = k14 * t98
+    t103 = k60 * (t6 * t12 - t5 * t18 - t100)
     t104 = t101 + t102 + t103
-    t105 = k29 * (t5 * t12 + t6 * t18 + base_arm_length * t98)
-    t106 = t105 + k34 * t98 + k35 * t99
-    t107 = t102 + t103 - t101
+    t105 = k60 * (t5 * t12 + t6 * t18 + base_arm_length * t98)
+    t106 = k8 * t98 + k14 * t99 + t105
+    t107 = t101 + t102 - t103
     return (
         -t93, -t89, -t90, -t104, -t106, -t107, -t68, t63, -t92, -t94, -t95, 0.0, 0.0, 0.0,
     )
@@ -1526,7 +1545,7 @@ def hybrid_input_matrix(
 
 def _hybrid_input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k21 = k[9]
+    k52 = k[11]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1543,8 +1562,8 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t11 = t4 * base_arm_length
     t12 = t1 * t6 + t2 * t9
     t13 = t2 * t6 - t1 * t9
-    t14 = t5 * k21
-    t15 = t3 * t6 * k21
+    t14 = t5 * k52
+    t15 = t3 * t6 * k52
     return (
         0.0, t11, t15, t11, 0.0, 0.0, 0.0, 0.0, -t14, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         base_arm_length, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
@@ -1593,9 +1612,9 @@ def constraint_torques(
 def _constraint_torques(k, sin, cos, q, v, a, u):
     gravity = k[0]
     base_arm_length = k[1]
-    k29 = k[16]
-    k34 = k[17]
-    k35 = k[18]
+    k8 = k[2]
+    k14 = k[3]
+    k60 = k[18]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1626,13 +1645,13 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t15 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * t4
     t16 = t10 + t15
     t17 = t10 - t15
-    t18 = k35 * t16
-    t19 = k29 * (t11 - t6 * t13 - t5 * t14)
-    t20 = k34 * t17
+    t18 = k14 * t16
+    t19 = k8 * t17
+    t20 = k60 * (t11 - t6 * t13 - t5 * t14)
     t21 = F_2 * base_arm_length + t19 + t20 - t18
-    t22 = k29 * (t5 * t13 + base_arm_length * t16 - t6 * t14)
-    t23 = t22 + k34 * t16 - k35 * t17
-    t24 = F_4 * base_arm_length + t20 - t18 - t19
+    t22 = k60 * (t5 * t13 + base_arm_length * t16 - t6 * t14)
+    t23 = k8 * t16 + t22 - k14 * t17
+    t24 = F_4 * base_arm_length + t19 - t18 - t20
     return (
         -t21, t23, -t24,
     )
@@ -1673,19 +1692,19 @@ def gibbs(
 def _gibbs(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    k6 = k[3]
-    k9 = k[4]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k18 = k[8]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
-    k43 = k[24]
-    k44 = k[25]
-    k45 = k[26]
+    k28 = k[5]
+    k34 = k[6]
+    k40 = k[7]
+    k46 = k[8]
+    k47 = k[9]
+    k49 = k[10]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
+    k68 = k[24]
+    k69 = k[25]
+    k70 = k[26]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1729,19 +1748,19 @@ def _gibbs(k, sin, cos, q, v, a):
     t23 = t21 * t22
     t24 = t20 * t22
     t25 = v_theta_6 - t22
-    t26 = k11 * t10
-    t27 = k11 * t11
-    t28 = t11 * k26
+    t26 = k49 * t10
+    t27 = k49 * t11
+    t28 = t11 * k57
     t29 = t11 * t28
-    t30 = k16 - t29
-    t31 = k17 + t29
+    t30 = k28 - t29
+    t31 = k34 + t29
     t32 = t10 * t28
-    t33 = t5 * k24
-    t34 = t6 * k24
-    t35 = t6 * k27
+    t33 = t5 * k55
+    t34 = t6 * k55
+    t35 = t6 * k58
     t36 = t6 * t35
-    t37 = k25 + t36
-    t38 = k6 - t36
+    t37 = k56 + t36
+    t38 = k46 - t36
     t39 = t5 * t35
     t40 = a_z + gravity
     t41 = a_y * t1 + t2 * t40
@@ -1769,11 +1788,11 @@ def _gibbs(k, sin, cos, q, v, a):
     t63 = a_theta_6 + t9 * t58 + t8 * t59
     t64 = t20 * t25 + t24 + t60
     t65 = t21 * t25 + t23 - t57
-    t66 = t48 * t48 * k43
-    t67 = k43 * t49 * t49
-    t68 = t41 * t41 * k44
-    t69 = k44 * t43 * t43
-    t70 = k44 * t44 * t44
+    t66 = t48 * t48 * k68
+    t67 = k68 * t49 * t49
+    t68 = t41 * t41 * k69
+    t69 = k69 * t43 * t43
+    t70 = k69 * t44 * t44
     t71 = 0.5 * t47 * t37 * t47
     t72 = 0.5 * t49 * t37 * t49
     t73 = 0.5 * t47 * t38 * t47
@@ -1801,8 +1820,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t95 = v_theta_0 * t38
     t96 = t48 * t16 * t95
     t97 = t49 * t16 * t13 * t37
-    t98 = k9 * t17 * t48
-    t99 = k9 * t18 * t49
+    t98 = k47 * t17 * t48
+    t99 = k47 * t18 * t49
     t100 = t47 * t13 * t95
     t101 = t48 * t16 * t78
     t102 = t49 * t16 * t86
@@ -1811,10 +1830,10 @@ def _gibbs(k, sin, cos, q, v, a):
         t92 + t93 + t94 + t96 + t97 - t80 - t81 - t82 - t83 - t85 - t87 - t88 - t98 - t99 - t100 -
         t101 - t102
     )
-    t104 = k45 * t60 * t60
-    t105 = k18 * t24 * t60
-    t106 = k18 * t23 * t57
-    t107 = t57 * t57 * k45 + t104 + t105 - t106
+    t104 = k70 * t60 * t60
+    t105 = k40 * t24 * t60
+    t106 = k40 * t23 * t57
+    t107 = t57 * t57 * k70 + t104 + t105 - t106
     t108 = 0.5 * t63 * t30 * t63
     t109 = 0.5 * t65 * t30 * t65
     t110 = 0.5 * t63 * t31 * t63
@@ -1823,31 +1842,31 @@ def _gibbs(k, sin, cos, q, v, a):
     t113 = t20 * t32
     t114 = t63 * t20 * t113
     t115 = t65 * t32 * t64
-    t116 = t56 * t25 * t25 * t27
-    t117 = t56 * t21 * t21 * t27
+    t116 = t56 * t21 * t21 * t27
+    t117 = t56 * t25 * t25 * t27
     t118 = t63 * t27 * t61
-    t119 = t61 * t25 * t25 * t26
-    t120 = t20 * t26
-    t121 = t61 * t20 * t120
+    t119 = t20 * t26
+    t120 = t61 * t20 * t119
+    t121 = t61 * t25 * t25 * t26
     t122 = t64 * t27 * t62
     t123 = t65 * t26 * t62
     t124 = t21 * t32
     t125 = t63 * t21 * t124
-    t126 = t56 * t21 * t120
+    t126 = t56 * t21 * t119
     t127 = t20 * t27
     t128 = t61 * t21 * t127
     t129 = t63 * t21 * t20 * t30
     t130 = t20 * t31
     t131 = t64 * t25 * t130
     t132 = t64 * t25 * t124
-    t133 = t65 * t25 * t21 * t30
-    t134 = t65 * t25 * t113
-    t135 = t62 * t25 * t21 * t26
-    t136 = t62 * t25 * t127
+    t133 = t65 * t25 * t113
+    t134 = t65 * t25 * t21 * t30
+    t135 = t62 * t25 * t127
+    t136 = t62 * t25 * t21 * t26
     t137 = t63 * t21 * t130
     t138 = (
         t108 + t109 + t110 + t111 + t112 + t114 + t115 + t126 + t128 + t129 + t131 + t132 + t133 +
-        t134 - t116 - t117 - t118 - t119 - t121 - t122 - t123 - t125 - t135 - t136 - t137
+        t134 - t116 - t117 - t118 - t120 - t121 - t122 - t123 - t125 - t135 - t136 - t137
     )
     t139 = t103 + t107 + t138
     return (
@@ -1883,17 +1902,17 @@ def kinetic_energy(
 
 def _kinetic_energy(k, sin, cos, q, v):
     base_arm_length = k[1]
-    k6 = k[3]
-    k11 = k[5]
-    k16 = k[6]
-    k17 = k[7]
-    k24 = k[11]
-    k25 = k[12]
-    k26 = k[13]
-    k27 = k[14]
-    k43 = k[24]
-    k44 = k[25]
-    k45 = k[26]
+    k28 = k[5]
+    k34 = k[6]
+    k46 = k[8]
+    k49 = k[10]
+    k55 = k[13]
+    k56 = k[14]
+    k57 = k[15]
+    k58 = k[16]
+    k68 = k[24]
+    k69 = k[25]
+    k70 = k[26]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1923,18 +1942,18 @@ def _kinetic_energy(k, sin, cos, q, v):
     t14 = v_theta_5 + t13
     t15 = t8 * t12 + v_theta_0 * t9
     t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
-    t17 = k11 * t10
-    t18 = k11 * t11
-    t19 = t11 * k26
+    t17 = k49 * t10
+    t18 = k49 * t11
+    t19 = t11 * k57
     t20 = t11 * t19
-    t21 = k16 - t20
-    t22 = k17 + t20
-    t23 = t5 * k24
-    t24 = t6 * k24
-    t25 = t6 * k27
+    t21 = k28 - t20
+    t22 = k34 + t20
+    t23 = t5 * k55
+    t24 = t6 * k55
+    t25 = t6 * k58
     t26 = t6 * t25
-    t27 = k25 + t26
-    t28 = k6 - t26
+    t27 = k56 + t26
+    t28 = k46 - t26
     t29 = v_y * t1 + v_z * t2
     t30 = v_z * t1 - v_y * t2
     t31 = t3 * t30 + v_x * t4
@@ -1943,11 +1962,11 @@ def _kinetic_energy(k, sin, cos, q, v):
     t34 = t29 + base_arm_length * t5 * t13
     t35 = t31 - base_arm_length * (v_theta_0 * t5 - t6 * t12)
     t36 = t8 * t34 - t9 * t33
-    t37 = t12 * t12 * k43
-    t38 = v_theta_0 * v_theta_0 * k43
-    t39 = k44 * t29 * t29
-    t40 = k44 * t31 * t31
-    t41 = k44 * t32 * t32
+    t37 = t12 * t12 * k68
+    t38 = v_theta_0 * v_theta_0 * k68
+    t39 = k69 * t29 * t29
+    t40 = k69 * t31 * t31
+    t41 = k69 * t32 * t32
     t42 = 0.5 * t13 * t13 * t27
     t43 = 0.5 * v_theta_0 * v_theta_0 * t27
     t44 = 0.5 * t12 * t12 * t28
@@ -1958,16 +1977,16 @@ def _kinetic_energy(k, sin, cos, q, v):
     t49 = v_theta_0 * t23 * t31
     t50 = t13 * t24 * t32
     t51 = t37 + t38 + t39 + t40 + t41 + t42 + t43 + t44 + t45 + t46 + t47 + t48 - t49 - t50
-    t52 = t14 * t14 * k45 + t15 * t15 * k45
-    t53 = 0.5 * t16 * t16 * t21
-    t54 = 0.5 * t14 * t14 * t21
-    t55 = 0.5 * t16 * t16 * t22
-    t56 = 0.5 * t15 * t15 * t22
-    t57 = t16 * t17 * t35
-    t58 = t14 * t17 * t36
-    t59 = t16 * t18 * (t8 * t33 + t9 * t34)
+    t52 = t14 * t14 * k70 + t15 * t15 * k70
+    t53 = 0.5 * t14 * t14 * t21
+    t54 = 0.5 * t16 * t16 * t21
+    t55 = 0.5 * t15 * t15 * t22
+    t56 = 0.5 * t16 * t16 * t22
+    t57 = t14 * t17 * t36
+    t58 = t16 * t17 * t35
+    t59 = t15 * t14 * t10 * t19
     t60 = t15 * t18 * t36
-    t61 = t15 * t14 * t10 * t19
+    t61 = t16 * t18 * (t8 * t33 + t9 * t34)
     t62 = t53 + t54 + t55 + t56 + t57 + t58 - t59 - t60 - t61
     t63 = t51 + t52 + t62
     return (
@@ -1999,9 +2018,9 @@ def potential_energy(
 
 def _potential_energy(k, sin, cos, q):
     gravity = k[0]
-    k11 = k[5]
-    k23 = k[10]
-    k24 = k[11]
+    k49 = k[10]
+    k54 = k[12]
+    k55 = k[13]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2019,11 +2038,11 @@ def _potential_energy(k, sin, cos, q):
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
-    t12 = k11 * t10
-    t13 = t4 * (t5 * k24 + t8 * t12)
-    t14 = t2 * (t6 * k24 + t9 * t12)
-    t15 = t1 * (t3 * k11 * t11 - t13) + t14
-    t16 = gravity * (t15 + z * k23)
+    t12 = k49 * t10
+    t13 = t4 * (t5 * k55 + t8 * t12)
+    t14 = t2 * (t6 * k55 + t9 * t12)
+    t15 = t1 * (t3 * k49 * t11 - t13) + t14
+    t16 = gravity * (t15 + z * k54)
     return (
         t16,
     )
@@ -2053,8 +2072,8 @@ def positions(
 
 def _positions(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
-    k21 = k[9]
+    link2_length = k[4]
+    k52 = k[11]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2094,9 +2113,9 @@ def _positions(k, sin, cos, q):
     t29 = x + t17 + t23
     t30 = y + t18 - t24
     t31 = z + t19 - t25
-    t32 = x + k21 * t12
-    t33 = y + k21 * t15
-    t34 = z + k21 * t16
+    t32 = x + k52 * t12
+    t33 = y + k52 * t15
+    t34 = z + k52 * t16
     t35 = x + t17 - t23
     t36 = y + t18 + t24
     t37 = z + t19 + t25
@@ -2135,7 +2154,7 @@ def tip_pose(
 
 def _tip_pose(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
+    link2_length = k[4]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2207,7 +2226,7 @@ def tip_jacobian(
 
 def _tip_jacobian(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[2]
+    link2_length = k[4]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2292,7 +2311,7 @@ def tip_bias_acceleration(
 
 def _tip_bias_acceleration(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[2]
+    link2_length = k[4]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2326,7 +2345,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t21 = t15 - t13 * t19
     t22 = t8 * t13 + v_theta_0 * t9
     t23 = v_theta_0 * t8 - t9 * t13
-    t24 = t8 * t21 + t9 * t20
+    t24 = t9 * t20 + t8 * t21
     t25 = t19 * t22
     t26 = t14 - t22 * t23
     t27 = t9 * t21 + t19 * t23 - t8 * t20

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import replace
+from itertools import zip_longest
 from types import ModuleType
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from gibbs_codegen.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.errors import printable
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot import Robot, Rod
 from gibbs_codegen.verification.comparison import Comparison, compared
 from gibbs_codegen.verification.parameters import parameter_values
 
@@ -32,7 +33,8 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
         "POINTS": points(robot),
     }
     rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
-    rows.append(_parameters(getattr(module, "PARAMETERS", None), parameter_values(robot)))
+    needed = parameter_values(robot).keys() - set(_without_effect(robot))
+    rows.append(_parameters(getattr(module, "PARAMETERS", None), parameter_values(robot), needed))
     return rows
 
 
@@ -75,13 +77,29 @@ def _shown(value: object) -> str:
     return printable(repr(value), 80)
 
 
-def _parameters(found: object, expected: Mapping[str, float]) -> Comparison:
-    faults = list(_parameter_faults(found, expected)) if isinstance(found, dict) else ["no dict"]
+def _without_effect(robot: Robot) -> Iterator[str]:
+    """Numbers of the robot that nothing depends on, so that a module may leave them out."""
+    for i, (link, after) in enumerate(zip_longest(robot.links, robot.links[1:]), start=1):
+        weighed = isinstance(link.body, Rod) and link.body.mass_per_length != 0.0
+        if after is not None and after.a is not None and not weighed:
+            yield f"link{i}_length"
+        if link.body.total_mass == 0.0:
+            yield from (f"link{i}_com_{axis}" for axis in "xyz")
+    for k, arm in enumerate(robot.base.arms, start=1):
+        if arm.total_mass == 0.0:
+            prefix = "base_arm" if robot.base.shares_one_arm else f"base_arm{k}"
+            yield from (f"{prefix}_com_{axis}" for axis in "xyz")
+
+
+def _parameters(found: object, expected: Mapping[str, float], needed: Set[str]) -> Comparison:
+    faults = ["no dict"]
+    if isinstance(found, dict):
+        faults = list(_parameter_faults(found, expected, needed))
     return _verdict("PARAMETERS", _FILE, printable("; ".join(faults), 400))
 
 
 def _parameter_faults(
-    found: Mapping[object, object], expected: Mapping[str, float]
+    found: Mapping[object, object], expected: Mapping[str, float], needed: Set[str]
 ) -> Iterator[str]:
     for name, value in found.items():
         if name not in expected:
@@ -89,7 +107,7 @@ def _parameter_faults(
         elif repr(value) != repr(expected[str(name)]):
             yield f"{name} is {_shown(value)}, not {expected[str(name)]!r}"
     for name, value in expected.items():
-        if name not in found and value != 0.0:
+        if name in needed and name not in found and value != 0.0:
             yield f"{name} is missing, and not zero"
 
 
