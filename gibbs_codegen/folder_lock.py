@@ -71,7 +71,7 @@ def _wait_for_lock(number: int, folder: Path, held: Sequence[int]) -> None:
 def _holder(number: int) -> str:
     """What holds the lock of an open folder, as far as the system tells."""
     inode = os.fstat(number).st_ino
-    with suppress(OSError):
+    with suppress(OSError, ValueError):
         for line in Path("/proc/locks").read_text(encoding="ascii").splitlines():
             _, kind, _, _, process, place, *_ = line.split()
             if kind == "FLOCK" and place.endswith(f":{inode}") and int(process) > 0:
