@@ -184,9 +184,14 @@ def test_a_forced_swap_that_fails_is_undone(
 def test_what_python_keeps_of_the_module_is_in_nobodys_way(tmp_path: Path) -> None:
     target = tmp_path / "robot"
     write_module(target, FILES)
-    code = "import robot.numpy_module"
-    for options in ([], ["-O"]):
-        subprocess.run([sys.executable, *options, "-c", code], cwd=tmp_path, check=True)
+    command = [sys.executable, "-c", "import robot.numpy_module"]
+    for level in ("", "1"):
+        changed = {
+            "PYTHONOPTIMIZE": level,
+            "PYTHONDONTWRITEBYTECODE": "",
+            "PYTHONPYCACHEPREFIX": "",
+        }
+        subprocess.run(command, cwd=tmp_path, env={**os.environ, **changed}, check=True)
     assert len(os.listdir(target / "__pycache__")) == 4
     assert differing_files(target, FILES) == []
     write_module(target, NEWER)

@@ -3,9 +3,9 @@
 # Robot file SHA-256: 6743810b2e8c499005dae9a5e9e846ba49bcf0b2f9be21766949f65d6ba7a907
 # From the folder above: gibbs-codegen generate THIS_FOLDER/robot.toml --out .
 # SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)
+"""Dynamics of hexarotor_3link."""
 
 from .numpy_module import (
-    __doc__,
     ATTITUDE,
     COORDINATES,
     HYBRID_COORDINATES,

@@ -3,9 +3,9 @@
 # Robot file SHA-256: dc90f500240cad510c65856c89c3080b302ac7094d1978bb89f86a4fe065e9cf
 # From the folder above: gibbs-codegen generate THIS_FOLDER/robot.toml --out .
 # SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)
+"""Dynamics of quadrotor_2link."""
 
 from .numpy_module import (
-    __doc__,
     ATTITUDE,
     COORDINATES,
     HYBRID_COORDINATES,
