@@ -67,7 +67,8 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     for name in _DATA:
         setattr(made, name, getattr(module, name))
     constants = _Constants(library, module)
-    made.prepare = constants.prepare  # type: ignore[attr-defined]
+    prepare = _General(lambda given: constants.prepare(**given), module.prepare)
+    made.prepare = prepare  # type: ignore[attr-defined]
     pool = _Pool(threads)
     caller = _caller_type(compiler)
     for signature in functions:

@@ -113,6 +113,12 @@ def argument_parser() -> argparse.ArgumentParser:
         help="write nothing; exit 1 where the module on disk differs from what would be written",
     )
     generate.add_argument(
+        "--force",
+        action="store_true",
+        help="where the module's folder has files that were not generated, or were changed since, "
+        "keep it under another name instead of refusing",
+    )
+    generate.add_argument(
         "--all-parameters",
         action="store_true",
         help="keep parameters that are zero in the robot file",
@@ -277,6 +283,7 @@ def _generate(options: argparse.Namespace) -> int:
             options.all_parameters,
             progress,
             not options.no_verify,
+            options.force,
         )
     counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
     print(

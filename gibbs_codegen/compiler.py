@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import itertools
 import os
 import platform
 import shlex
@@ -51,22 +52,26 @@ class Compiler:
         self._make(sources, output, [*_FLAGS, *extra])
 
     def _make(self, sources: Sequence[Path], output: Path, flags: Sequence[str]) -> None:
-        first, *own = self.command
+        # Words before the first flag may be a launcher and its compiler, such as `ccache gcc`.
+        programs = list(itertools.takewhile(lambda word: not word.startswith("-"), self.command))
+        own = self.command[len(programs) :]
         files = [*map(str, sources), "-o", str(output), *_LINKER_FLAGS, "-lm"]
-        code, said = _run([first, *flags, *own, *files], _TIMEOUT_SECONDS, output.parent)
+        code, said = _run([*programs, *flags, *own, *files], _TIMEOUT_SECONDS, output.parent)
+        name = " ".join(programs)
         if code is None:
-            raise CompilerError(f"{first} did not finish in {_TIMEOUT_SECONDS:.0f} s")
+            raise CompilerError(f"{name} did not finish in {_TIMEOUT_SECONDS:.0f} s")
         if code != 0 or not output.is_file():
             lines = [line.strip() for line in said.splitlines() if line.strip()]
             telling = [x for x in lines if "error" in x.lower() and not x.startswith("collect2")]
             reason = [*telling, *lines, f"exit code {code}"][0]
-            raise CompilerError(f"{first} failed: {reason[:300]}")
+            raise CompilerError(f"{name} failed: {reason[:300]}")
 
 
 @functools.cache
 def find_compiler(chosen: str | None) -> Compiler:
     """The compiler `chosen` (the value of CC), or else cc, gcc or clang of the search path.
 
+    CC may be a launcher and a compiler, and flags after it: `ccache gcc -O2`.
     Raises `CompilerError` where there is none.
     """
     if os.name == "nt":

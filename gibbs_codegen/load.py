@@ -89,6 +89,9 @@ def _import(folder: Path) -> ModuleType:
         raise
     if not hasattr(getattr(module, "numpy_module", None), "report_not_finite"):
         raise UsageError(f"{printable(folder)}: was made by an older version; generate it again")
+    # What help() and repr() show; it is imported under a name that no other folder's module has.
+    module.__name__ = spec.name = module.NAME
+    module.__doc__ = module.numpy_module.__doc__
     return module
 
 

@@ -51,12 +51,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
             {"name": name, "value": repr(value), "unit": model.units[name]}
             for name, value in model.defaults.items()
         ],
-        "folded_lines": textwrap.wrap(
-            "Zero in the robot file and therefore folded away: "
-            + (", ".join(model.folded) or "nothing")
-            + ".",
-            _WIDTH - 2,
-        ),
+        "folded": _strings(list(model.folded)),
         "parameter_loads": [f'{n} = values["{n}"]' for n in _used_parameters(model)],
         "prepare": _statements(program.prepare, printer),
         "total_mass": printer.expression(total_mass(program)),
@@ -178,5 +173,5 @@ def _tuple_lines(entries: list[str]) -> list[str]:
 
 
 def _strings(names: list[str]) -> list[str]:
-    text = ", ".join(f'"{name}"' for name in names) + ","
+    text = " ".join(f'"{name}",' for name in names)
     return textwrap.wrap(text, _WIDTH - 4)

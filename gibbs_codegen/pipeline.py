@@ -37,16 +37,19 @@ def generate(
     targets: Sequence[str] = tuple(TARGETS),
     keep_zeros: bool = False,
     verify: bool = True,
+    force: bool = False,
 ) -> Path:
     """Generate the module of a robot file, or of a robot that ships, and return its folder.
 
     The module is `out`/<name>. With `verify` its NumPy functions are checked first, in a moment,
     against Newton–Euler equations that share no code with the derivation, and with each other.
+    A folder there with files that were not generated, or were changed since, is refused; with
+    `force` it is kept under another name, which the log `gibbs_codegen` tells.
     Raises `RobotFileError`, `SingularRobotError`, `UsageError`, `WrongModuleError` or
     `OutputError`, and then has written nothing.
     """
     robot, text = read_robot(os.fspath(robot_file))
-    return generate_robot(robot, text, out, targets, keep_zeros, verify=verify)[1]
+    return generate_robot(robot, text, out, targets, keep_zeros, verify=verify, force=force)[1]
 
 
 def generate_robot(
@@ -57,11 +60,12 @@ def generate_robot(
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
     verify: bool = True,
+    force: bool = False,
 ) -> tuple[Model, Path]:
     """Generate the module of a robot that was read from `text`; return its model and folder."""
     check_output_folder(out)
     folder = Path(out) / robot.name
-    check_replaceable(folder, text)
+    check_replaceable(folder, text, force)
     model, files = module_files(robot, text, targets, keep_zeros, progress)
     if verify:
         if "numpy" in targets:
@@ -70,7 +74,7 @@ def generate_robot(
             readable = render_module(model, text, find_targets(["numpy"]))
         refuse_wrong(robot, readable["numpy_module.py"], progress)
     progress("writing")
-    write_module(folder, files)
+    write_module(folder, files, force)
     return model, folder
 
 

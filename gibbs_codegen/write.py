@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
+import logging
 import os
-import re
 import shutil
 import signal
 import tempfile
@@ -15,13 +14,16 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.folder_lock import alone_in
+from gibbs_codegen.manifest import MANIFEST, entries, foreign, generated_files, with_manifest
 from gibbs_codegen.output_folder import check_output_folder
-from gibbs_codegen.version import HEADER_START
 
-_STAGING_PREFIX = ".gibbs_codegen_"
+_STAGING_PREFIX = ".gibbs_codegen_new_"
 # No module has this name, since a robot's name begins with a letter.
 _NEW = "_new"
 _STALE_SECONDS = 60.0
+
+_log = logging.getLogger("gibbs_codegen")
 
 
 def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
@@ -29,95 +31,85 @@ def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
 
     Raises `OutputError` where they cannot be read.
     """
-    differing = []
+    expected = with_manifest(files)
     try:
-        with _alone_in(folder.parent):
-            for name, text in files.items():
-                path = folder / name
-                if not path.is_file() or path.read_bytes() != text.encode():
-                    differing.append(name)
-            if folder.is_dir():
-                present = {path.name for path in folder.iterdir() if path.name != "__pycache__"}
-                differing += sorted(present - set(files))
-        return differing
+        with alone_in(folder.parent):
+            return [
+                *(name for name, text in expected.items() if not _holds(folder / name, text)),
+                *(name for name in entries(folder, expected) if name not in expected),
+            ]
     except OSError as error:
         raise OutputError(f"{printable(folder)}: cannot be read: {error.strerror}") from None
 
 
-def check_replaceable(folder: Path, robot_text: str) -> None:
-    """Refuse to write over anything that was not generated. Raises `UsageError`.
+def _holds(path: Path, text: str) -> bool:
+    return path.is_file() and path.read_bytes() == text.encode()
 
-    `robot_text` is what the folder's robot file is about to become.
+
+def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> None:
+    """Refuse what `write_module` will refuse, as far as that can be told before there are files.
+
+    `robot_text` is what the folder's robot file is about to become. What has no manifest may yet
+    turn out to be what would be written. Raises `UsageError`.
     """
-    with _alone_in(folder.parent):
-        _check_replaceable(folder, robot_text)
+    with alone_in(folder.parent):
+        names = _foreign(folder, {"robot.toml": robot_text})
+        if names and not force and generated_files(folder):
+            raise _refusal(folder, names)
 
 
-def _check_replaceable(folder: Path, robot_text: str) -> None:
+def _foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
+    """Names of what in `folder` was not generated. Raises `UsageError` where it is no folder."""
     try:
         if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
             raise UsageError(
                 f"{printable(folder)}: is in the way and is not a generated module; remove it first"
             )
-        _check_contents(folder, robot_text)
+        return foreign(folder, files)
     except OSError as error:
         raise UsageError(f"{printable(folder)}: cannot be used: {error.strerror}") from None
 
 
-def _check_contents(folder: Path, robot_text: str) -> None:
-    if not folder.is_dir():
-        return
-    heads = {path: _head(path) for path in folder.iterdir() if path.name != "__pycache__"}
-    generated = [head for head in heads.values() if HEADER_START.encode() in head]
-    foreign = []
-    for path, head in heads.items():
-        if path.name == "robot.toml" and path.is_file():
-            digest = hashlib.sha256(path.read_bytes()).hexdigest().encode()
-            if path.read_bytes() == robot_text.encode() or any(digest in g for g in generated):
-                continue
-            raise UsageError(
-                f"{printable(path)}: differs from what the module was made from; "
-                "generate from it, or move it"
-            )
-        if head not in generated:
-            foreign.append(path.name)
-    if foreign:
-        names = printable(", ".join(sorted(foreign)[:5]))
-        raise UsageError(
-            f"{printable(folder)}: holds what was not generated: {names}; "
-            "move it elsewhere, or choose another --out or name"
-        )
+def _refusal(folder: Path, names: Sequence[str]) -> UsageError:
+    """What says that a folder holds a user's files, and what to do."""
+    why = "was not generated, or was changed since"
+    if not generated_files(folder):
+        why = f"is in no {MANIFEST} of generated files"
+    return UsageError(
+        f"{printable(folder)}: holds what {why}: {_listed(names)}; move it elsewhere, choose "
+        "another --out or name, or have the whole folder put aside with --force"
+    )
 
 
-def _head(path: Path) -> bytes:
-    """Beginning of a plain file; nothing for anything else."""
-    if path.is_symlink() or not path.is_file():
-        return b""
-    with path.open("rb") as file:
-        return file.read(400)
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 5} more" if len(names) > 5 else ""
+    return printable(", ".join(names[:5])) + more
 
 
-def write_module(folder: Path, files: Mapping[str, str]) -> None:
-    """Put the files into `folder`, replacing a module that was generated there before.
+def write_module(folder: Path, files: Mapping[str, str], force: bool = False) -> None:
+    """Put the files and their manifest into `folder`, replacing the module that is there.
 
     They are written and flushed in a hidden folder beside it, which then takes its place. A failure
     leaves what was there, and nothing else; signals to end are held back until a whole module is in
-    place, the old or the new one, and the hidden folder is gone. Raises `UsageError` for what must
-    not be replaced and `OutputError` for what cannot be written.
+    place, the old or the new one, and the hidden folder is gone. With `force` a folder with files
+    that were not generated, or were changed since, is kept under another name, which the log tells.
+    Raises `UsageError` for what must not be replaced and `OutputError` for what cannot be written.
     """
-    robot_text = files.get("robot.toml", "")
     check_output_folder(folder.parent)
-    check_replaceable(folder, robot_text)
-    # A path through the module itself, or relative to it, would lead astray while it is replaced.
-    folder = Path(os.path.realpath(folder.parent)) / folder.name
+    files = with_manifest(files)
     made = _missing_parents(folder.parent)
+    # A path through the module itself, or relative to it, would lead astray while it is replaced.
+    place = Path(os.path.realpath(folder.parent)) / folder.name
     with _signals_held() as held:
         try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            with _alone_in(folder.parent, held):
-                _check_replaceable(folder, robot_text)
-                _remove_stale(folder.parent)
-                written = _write_and_swap(folder, files, held)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            with alone_in(folder.parent, held):
+                _remove_stale(place.parent)
+                names = _foreign(place, files)
+                if names and not force:
+                    raise _refusal(folder, names)
+                aside = _unused_name(place) if names else None
+                written = _write_and_swap(place, files, aside, held)
         except OSError as error:
             reason = error.strerror or str(error)
             raise OutputError(
@@ -129,11 +121,29 @@ def write_module(folder: Path, files: Mapping[str, str]) -> None:
         raise OutputError(
             f"{printable(folder)}: writing was ended by a signal; nothing was changed"
         )
+    if aside:
+        kept = printable(folder.with_name(aside.name))
+        _log.warning(
+            "%s: held %s; the folder is kept as %s", printable(folder), _listed(names), kept
+        )
 
 
-def _write_and_swap(folder: Path, files: Mapping[str, str], held: list[int]) -> bool:
-    """Write and swap; whether that came to its end before a signal."""
-    staging = Path(tempfile.mkdtemp(prefix=f"{_STAGING_PREFIX}{os.getpid()}_", dir=folder.parent))
+def _unused_name(folder: Path) -> Path:
+    """Path beside a folder for what was there before."""
+    number = 1
+    while os.path.lexists(path := folder.with_name(f"{folder.name}.old{number}")):
+        number += 1
+    return path
+
+
+def _write_and_swap(
+    folder: Path, files: Mapping[str, str], aside: Path | None, held: Sequence[int]
+) -> bool:
+    """Write and swap; whether that came to its end before a signal.
+
+    What is there goes to `aside`, or is removed where there is no such path.
+    """
+    staging = Path(tempfile.mkdtemp(prefix=_STAGING_PREFIX, dir=folder.parent))
     try:
         new = staging / _NEW
         new.mkdir()
@@ -141,12 +151,17 @@ def _write_and_swap(folder: Path, files: Mapping[str, str], held: list[int]) -> 
             _write_flushed(new / name, text)
             if held:
                 return False
+        old = aside or staging / folder.name
         if folder.exists():
-            os.replace(folder, staging / folder.name)
-        os.replace(new, folder)
+            os.replace(folder, old)
+        try:
+            os.replace(new, folder)
+        except BaseException:
+            if old.exists():
+                os.replace(old, folder)
+            raise
         return True
     finally:
-        _restore(staging)
         shutil.rmtree(staging, ignore_errors=True)
 
 
@@ -180,36 +195,6 @@ def _write_flushed(path: Path, text: str) -> None:
 
 
 @contextmanager
-def _alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
-    """Keep other processes that write modules into a folder waiting, where it can be locked.
-
-    Between two renames a module is not there, which is not for others to see. Waiting ends when
-    `held` has a signal, or after a minute, which is longer than many that take turns need.
-    """
-    number = None
-    try:
-        # Neither Windows nor every file system has this; a module is written whole without.
-        with suppress(ImportError, OSError):
-            import fcntl
-
-            number = os.open(folder, os.O_RDONLY)
-            end = time.monotonic() + _STALE_SECONDS
-            while not held and time.monotonic() < end:
-                try:
-                    fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                    break
-                except BlockingIOError:
-                    time.sleep(0.01)
-        yield
-    finally:
-        if number is not None:
-            # Closing is not enough where a child that was forked meanwhile has it open too.
-            with suppress(OSError):
-                fcntl.flock(number, fcntl.LOCK_UN)
-            os.close(number)
-
-
-@contextmanager
 def _signals_held() -> Iterator[list[int]]:
     """Hold signals to end back, and deliver the first of them on leaving.
 
@@ -231,38 +216,19 @@ def _signals_held() -> Iterator[list[int]]:
             signal.raise_signal(held[0])
 
 
-def _restore(staging: Path) -> None:
-    """Put back a module that had been taken away when its replacement did not come."""
-    for path in staging.iterdir():
-        if path.name != _NEW and not (staging.parent / path.name).exists():
-            os.replace(path, staging.parent / path.name)
-
-
 def _remove_stale(parent: Path) -> None:
-    """Remove what a process that was killed outright could not, as far as that can be done."""
-    for path in parent.glob(f"{_STAGING_PREFIX}*"):
-        owner = re.fullmatch(r"([0-9]{1,9})_.*", path.name.removeprefix(_STAGING_PREFIX))
+    """Remove what a process that was killed outright could not, and put back what it had taken."""
+    for staging in parent.glob(f"{_STAGING_PREFIX}*"):
         with suppress(OSError):
             # Writing takes moments; a younger folder may be another machine's on a shared disk.
-            old = time.time() - path.stat().st_mtime > _STALE_SECONDS
-            if owner and old and path.is_dir() and not _is_running(int(owner[1])):
-                _restore(path)
-                shutil.rmtree(path, ignore_errors=True)
+            if staging.is_dir() and time.time() - staging.stat().st_mtime > _STALE_SECONDS:
+                for path in staging.iterdir():
+                    if path.name != _NEW and not (parent / path.name).exists():
+                        os.replace(path, parent / path.name)
+                shutil.rmtree(staging, ignore_errors=True)
 
 
 def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
         with suppress(OSError):  # Not empty: then it is wanted. Or it could not be made.
             folder.rmdir()
-
-
-def _is_running(process: int) -> bool:
-    if os.name == "nt":  # Signal 0 is not a question there; age alone must do.
-        return False
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        return True
-    return True

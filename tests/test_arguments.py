@@ -133,9 +133,26 @@ def test_constants_of_another_robot_are_refused(ways: list[ModuleType], tmp_path
         ({"gravity": "9.81"}, TypeError, "gravity must be real numbers: not <U4"),
         ({"gravity": 1j}, TypeError, "gravity must be real numbers: not complex128"),
         ({"gravity": 10**400}, ValueError, "gravity must be real numbers: int too large"),
-        ({"gravity": [9.81, 1.0]}, ValueError, "gravity must be a finite number, not [9.81, 1.0]"),
+        (
+            {"gravity": [9.81, 1.0]},
+            ValueError,
+            "gravity must be one number, not an array of shape (2,)",
+        ),
+        (
+            {"gravity": np.ones((9, 99))},
+            ValueError,
+            "must be one number, not an array of shape (9, ",
+        ),
         ({"gravity": None}, TypeError, "gravity must be real numbers: not NoneType"),
-        ({3: 1.0, "x": 1.0}, ValueError, "unknown parameters ['3', 'x']; known: ["),
+        ({3: 1.0, "x": 1.0}, ValueError, "unknown parameter 3: PARAMETERS has all names; unknown"),
+        ({"link2_mas": 1.0}, ValueError, "'link2_mas': did you mean link2_mass_per_length or link"),
+        (
+            {"link2_d": 1.0},
+            ValueError,
+            "link2_d is no parameter: it is zero in the robot file, and",
+        ),
+        ({"link2_d": 1.0}, ValueError, "gibbs-codegen generate --all-parameters keeps it"),
+        ({"x" * 9999: 1.0}, ValueError, "x: PARAMETERS has all names"),
         (None, TypeError, "'NoneType' object is not a mapping"),
         ([("gravity", 9.81)], TypeError, "'list' object is not a mapping"),
     ],
@@ -146,7 +163,8 @@ def test_parameters_that_are_none_are_refused_alike(
     for module in ways:
         with pytest.raises(error) as raised:
             module.prepare(parameters)
-        assert str(raised.value).startswith(message)
+        assert message in str(raised.value)
+        assert len(str(raised.value)) < 200
 
 
 def test_any_number_may_be_a_parameter(ways: list[ModuleType]) -> None:

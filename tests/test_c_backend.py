@@ -13,6 +13,7 @@ import signal
 import threading
 import time
 import tracemalloc
+import weakref
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -265,6 +266,14 @@ def test_functions_say_what_they_are(backends) -> None:
     assert Path(compiled.__file__).suffix == ".so"
 
 
+def test_weak_references_end_with_what_they_refer_to() -> None:
+    module = load(ROBOT, backend="c")
+    references = [weakref.ref(getattr(module, name)) for name in ("residual", "prepare")]
+    del module
+    gc.collect()
+    assert [reference() for reference in references] == [None, None]
+
+
 def test_threads_share_a_batch(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -369,8 +378,11 @@ def test_functions_are_not_pickled_but_copied(
         for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
             with pytest.raises(TypeError, match=r"^residual\(\) is compiled code, which cannot be"):
                 pickle.dumps(compiled.residual, protocol)
-        assert copy.copy(compiled.residual) is compiled.residual
-        assert copy.deepcopy({"f": compiled.residual})["f"] is compiled.residual
+        for function in (compiled.residual, compiled.prepare):
+            assert copy.copy(function) is function
+            assert copy.deepcopy({"f": function})["f"] is function
+            reference = weakref.ref(function)
+            assert reference() is function
         assert repr(compiled.residual) == "<compiled function residual>"
         constants = compiled.prepare({"gravity": 3.7})
         assert pickle.loads(pickle.dumps(constants)) == constants  # noqa: S301
@@ -506,6 +518,23 @@ def test_a_compiler_that_hangs_is_given_up_with_all_it_started(
         if path.is_file()
     ]
     assert [b"sleep", b"987"] not in [command[:2] for command in commands]
+
+
+def test_a_launcher_may_stand_before_the_compiler(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It takes all that follows for a command, as ccache does."""
+    launcher = tmp_path / "launcher"
+    launcher.write_text('#!/bin/sh\necho "$@" >>"$0.log"\nexec "$@"\n')
+    launcher.chmod(0o755)
+    monkeypatch.setenv("CC", f"{launcher} {tool('cc')} -O0")
+    monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
+    assert Path(load(ROBOT, backend="c").__file__).suffix == ".so"
+    version, *compilations = (tmp_path / "launcher.log").read_text().splitlines()
+    assert version == f"{tool('cc')} -O0 --version"
+    for words in map(str.split, compilations):
+        assert words[0] == str(tool("cc"))
+        assert words.index("-O3") < words.index("-O0")
 
 
 def test_flags_of_the_user_come_last(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

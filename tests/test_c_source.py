@@ -497,6 +497,17 @@ def test_sanitizers_find_nothing_in_random_calls(
         run([tmp_path / "driver_1"], **environment)
 
 
+def test_constants_of_less_precision_than_the_rest_do_not_compile(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """Functions would be off by 1e-7, without a word."""
+    robot = emitted(SMALL)
+    options = ["-O0", f"-I{robot.folder}", "-fsingle-precision-constant"]
+    compile_only("gcc", [*options, robot.single], robot.sources[:1], tmp_path)
+    with pytest.raises(pytest.fail.Exception, match="constants_are_double"):
+        compile_only("gcc", options, robot.sources[:1], tmp_path)
+
+
 def test_programs_of_the_other_precision_do_not_link(
     emitted: Callable[[str], Emitted], tmp_path: Path
 ) -> None:

@@ -68,8 +68,15 @@ def test_generate_replaces_a_module_of_its_own_only(tmp_path: Path) -> None:
     (mine / "thesis.txt").write_text("precious")
     done = run("generate", "hexarotor", "--out", "mine", cwd=tmp_path)
     assert done.returncode == 2
-    assert "not generated: thesis.txt" in done.stderr
+    assert "holds what is in no MANIFEST of generated files: thesis.txt; " in done.stderr
+    assert "--force" in done.stderr
     assert (mine / "thesis.txt").read_text() == "precious"
+    done = run("generate", "hexarotor", "--out", "mine", "--force", cwd=tmp_path)
+    assert done.returncode == 0
+    said = "mine/hexarotor: held thesis.txt; the folder is kept as mine/hexarotor.old1\n"
+    assert done.stderr == said
+    assert (tmp_path / "mine" / "hexarotor.old1" / "thesis.txt").read_text() == "precious"
+    assert run("generate", "hexarotor", "--out", "mine", cwd=tmp_path).returncode == 0
 
 
 def test_generated_copy_of_the_robot_file_makes_the_same_module(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_emitted_module_imports_nothing_but_numpy_and_the_standard_library(
             imported |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             imported.add(node.module)
-    ours = {"__future__", "inspect", "math", "numpy", "numpy.typing", "warnings"}
+    ours = {"__future__", "difflib", "inspect", "math", "numpy", "numpy.typing", "warnings"}
     assert imported == ours
 
 

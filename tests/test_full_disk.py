@@ -37,7 +37,9 @@ def test_the_module_that_was_there_stays(tmp_path: Path) -> None:
     assert done.code == 0, done.error
     assert "cannot be written: No space left on device; nothing was changed" in done.error
     folder = "./generated/hexarotor"
-    files = [f"{folder}/{name}" for name in ("__init__.py", "numpy_module.py", "robot.toml")]
+    files = [
+        f"{folder}/{name}" for name in ("MANIFEST", "__init__.py", "numpy_module.py", "robot.toml")
+    ]
     assert done.left == ["./generated", folder, *files]
 
 

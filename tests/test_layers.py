@@ -16,7 +16,7 @@ PACKAGE = ROOT / "gibbs_codegen"
 # Each room, from left to right; a module may import from its own room and from those before it.
 ROOMS = [
     {"errors", "version"},
-    {"output_folder"},
+    {"output_folder", "folder_lock"},
     {"toml_depth", "toml_lines", "toml_reader", "toml_document"},
     {"robot", "names", "magnitude", "rigid_body", "templating"},
     {"robot_file", "family", "coordinates", "robot_text"},
@@ -45,7 +45,7 @@ ROOMS = [
     {"c_function"},
     {"numpy_target", "c_target"},
     {"emit"},
-    {"write", "report"},
+    {"manifest", "write", "report"},
     {"arguments", "cache", "compiler"},
     {"c_library"},
     {"c_backend"},

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import pydoc
 import shutil
 import sys
 from pathlib import Path
 
 import pytest
+from tools import tool
 
 from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
@@ -28,6 +30,18 @@ def test_by_path_and_by_name(folder: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert by_name.NAME == by_path.NAME == "hexarotor"
     assert by_name.mass_matrix([0.0] * 6).shape == (6, 6)
     assert sys.path == before
+
+
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_help_begins_with_the_robot_and_what_it_takes(folder: Path, backend: str) -> None:
+    if backend == "c":
+        tool("cc")
+    module = load(folder / "generated" / "hexarotor", backend)
+    shown = pydoc.plain(pydoc.render_doc(module))
+    assert "NAME\n    hexarotor - Dynamics M a = R + B u of hexarotor." in shown
+    assert "theta_m1  [rad]  first attitude angle" in shown
+    assert shown.index("Inputs u, in order:") < shown.index("forward_dynamics")
+    assert repr(module).startswith("<module 'hexarotor' from")
 
 
 def test_a_module_that_changed_is_loaded_anew(folder: Path) -> None:

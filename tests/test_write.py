@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import fcntl
-import hashlib
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from test_hostile_paths import tree
+from tools import tool
 
-from gibbs_codegen import write
+from gibbs_codegen import folder_lock, write
 from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.manifest import MANIFEST
 from gibbs_codegen.version import HEADER_START
-from gibbs_codegen.write import differing_files, write_module
+from gibbs_codegen.write import check_replaceable, differing_files, write_module
 
 HEADER = f"# {HEADER_START}\n"
 FILES = {"__init__.py": HEADER, "numpy_module.py": HEADER + "x = 1\n" * 1000}
@@ -31,12 +36,24 @@ def visible(folder: Path) -> dict[str, list[str]]:
     }
 
 
+def refuse_to_replace_with_new(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a swap fail half-way."""
+    real = os.replace
+
+    def refuse_new(source: Path, destination: Path) -> None:
+        if Path(source).name == "_new":
+            raise OSError(5, "Input/output error")
+        real(source, destination)
+
+    monkeypatch.setattr(os, "replace", refuse_new)
+
+
 def test_writes_and_replaces(tmp_path: Path) -> None:
     target = tmp_path / "a" / "b" / "robot"
     write_module(target, FILES)
     write_module(target, NEWER)
     assert differing_files(target, NEWER) == []
-    assert differing_files(target, FILES) == ["numpy_module.py"]
+    assert differing_files(target, FILES) == ["numpy_module.py", MANIFEST]
     assert os.listdir(target.parent) == ["robot"]
 
 
@@ -61,14 +78,7 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.Mon
 def test_a_swap_that_fails_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = tmp_path / "robot"
     write_module(target, FILES)
-    real = os.replace
-
-    def refuse_new(source: Path, destination: Path) -> None:
-        if Path(source).name == "_new":
-            raise OSError(5, "Input/output error")
-        real(source, destination)
-
-    monkeypatch.setattr(os, "replace", refuse_new)
+    refuse_to_replace_with_new(monkeypatch)
     with pytest.raises(OutputError):
         write_module(target, NEWER)
     assert differing_files(target, FILES) == []
@@ -76,20 +86,13 @@ def test_a_swap_that_fails_is_undone(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_what_an_outright_kill_left_is_removed_and_what_it_took_is_put_back(tmp_path: Path) -> None:
-    gone = subprocess.Popen([sys.executable, "-c", ""])
-    gone.wait()
-    stale = tmp_path / f".gibbs_codegen_{gone.pid}_abc"
-    (stale / "_new").mkdir(parents=True)
-    (stale / "taken").mkdir()
+    stale, young = (tmp_path / f".gibbs_codegen_new_{name}" for name in ("abc", "def"))
+    for folder in (stale / "_new", stale / "taken", young):
+        folder.mkdir(parents=True)
     (stale / "taken" / "__init__.py").write_text("")
-    young = tmp_path / f".gibbs_codegen_{gone.pid}_def"
-    mine = tmp_path / f".gibbs_codegen_{os.getpid()}_abc"
-    for folder in (young, mine):
-        folder.mkdir()
-    for folder in (stale, mine):
-        os.utime(folder, (0, 0))
+    os.utime(stale, (0, 0))
     write_module(tmp_path / "robot", FILES)
-    assert sorted(os.listdir(tmp_path)) == sorted([young.name, mine.name, "robot", "taken"])
+    assert sorted(os.listdir(tmp_path)) == [young.name, "robot", "taken"]
 
 
 def test_foreign_files_are_not_replaced(tmp_path: Path) -> None:
@@ -108,16 +111,126 @@ def test_a_file_where_a_folder_should_be_is_named(tmp_path: Path) -> None:
         write_module(tmp_path / "file" / "robot", FILES)
 
 
-def test_files_of_the_user_are_not_lost(tmp_path: Path) -> None:
+def mine(target: Path, kind: str) -> Path:
+    """Put something of a user's into a module, as new users have done; where it is."""
+    if kind == "edited":
+        path = target / "numpy_module.py"
+    elif kind == "beside Python's cache":
+        path = target / "__pycache__" / "mine.txt"
+        path.parent.mkdir()
+    elif kind == "named like Python's cache":
+        path = target / "__pycache__" / "mine.cpython-311.pyc"
+        path.parent.mkdir()
+    else:
+        path = target / kind
+    path.write_text(f"{HEADER}precious")
+    return path
+
+
+KINDS = ["edited", "beside Python's cache", "named like Python's cache", "copy.c", "robot.toml"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("manifest", [True, False], ids=["manifest", "no manifest"])
+def test_files_of_the_user_are_refused_by_name_and_with_force_kept(
+    kind: str, manifest: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     target = tmp_path / "robot"
     write_module(target, FILES)
-    (target / "__pycache__").mkdir()
+    if not manifest:
+        (target / MANIFEST).unlink()
+    path = mine(target, kind)
+    before = tree(tmp_path)
+    name = path.relative_to(target).as_posix()
+    for refused in (write_module, check_replaceable) if manifest else (write_module,):
+        with pytest.raises(UsageError, match=rf"robot: holds what .*{re.escape(name)}.*--force"):
+            refused(target, NEWER if refused is write_module else "")
+    assert tree(tmp_path) == before
+    assert name in differing_files(target, FILES)
+
+    check_replaceable(target, "", force=True)
+    write_module(target, NEWER, force=True)
+    assert differing_files(target, NEWER) == []
+    assert tree(tmp_path / "robot.old1") == {
+        path.removeprefix("robot/"): what for path, what in before.items() if path != "robot"
+    }
+    assert name in caplog.text
+    assert f"; the folder is kept as {target}.old1" in caplog.text
+
+    (target / "more.txt").write_text("precious, too")
+    write_module(target, FILES, force=True)
+    assert (tmp_path / "robot.old2" / "more.txt").read_text() == "precious, too"
+    assert sorted(os.listdir(tmp_path)) == ["robot", "robot.old1", "robot.old2"]
+
+
+def test_force_replaces_a_module_that_is_as_generated(tmp_path: Path) -> None:
+    write_module(tmp_path / "robot", FILES)
+    write_module(tmp_path / "robot", NEWER, force=True)
+    assert os.listdir(tmp_path) == ["robot"]
+
+
+def test_a_forced_swap_that_fails_is_undone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_module(tmp_path / "robot", FILES)
+    mine(tmp_path / "robot", "thesis.txt")
+    before = tree(tmp_path)
+    refuse_to_replace_with_new(monkeypatch)
+    with pytest.raises(OutputError):
+        write_module(tmp_path / "robot", NEWER, force=True)
+    assert tree(tmp_path) == before
+
+
+def test_what_python_keeps_of_the_module_is_in_nobodys_way(tmp_path: Path) -> None:
+    target = tmp_path / "robot"
+    write_module(target, FILES)
+    command = [sys.executable, "-c", "import robot.numpy_module"]
+    for level in ("", "1"):
+        changed = {
+            "PYTHONOPTIMIZE": level,
+            "PYTHONDONTWRITEBYTECODE": "",
+            "PYTHONPYCACHEPREFIX": "",
+        }
+        subprocess.run(command, cwd=tmp_path, env={**os.environ, **changed}, check=True)
+    assert len(os.listdir(target / "__pycache__")) == 4
+    assert differing_files(target, FILES) == []
     write_module(target, NEWER)
-    (target / "thesis.txt").write_text("precious")
-    with pytest.raises(UsageError, match=r"not generated: thesis\.txt"):
-        write_module(target, FILES)
-    assert (target / "thesis.txt").read_text() == "precious"
-    assert differing_files(target, NEWER) == ["thesis.txt"]
+    assert sorted(os.listdir(target)) == [MANIFEST, *sorted(FILES)]
+
+
+def test_without_a_manifest_a_module_is_replaced_by_its_equal_only(tmp_path: Path) -> None:
+    target = tmp_path / "robot"
+    write_module(target, FILES)
+    (target / MANIFEST).unlink()
+    assert differing_files(target, FILES) == [MANIFEST]
+    check_replaceable(target, "")
+    with pytest.raises(UsageError, match=r"in no MANIFEST of generated files: numpy_module\.py;"):
+        write_module(target, NEWER)
+    write_module(target, FILES)
+    assert differing_files(target, FILES) == []
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda text: text.replace("# Generated", "# generated"),
+        lambda text: text + "a note of mine\n",
+        lambda text: "<<<<<<< ours\n" + text,
+        lambda text: "",
+    ],
+)
+def test_a_manifest_that_was_changed_is_none(spoil: Callable[[str], str], tmp_path: Path) -> None:
+    target = tmp_path / "robot"
+    write_module(target, FILES)
+    (target / MANIFEST).write_text(spoil((target / MANIFEST).read_text()))
+    with pytest.raises(UsageError, match=r"in no MANIFEST of generated files: MANIFEST, numpy_mod"):
+        write_module(target, NEWER)
+
+
+def test_a_manifest_is_read_by_sha256sum(tmp_path: Path) -> None:
+    write_module(tmp_path / "robot", FILES)
+    command = [tool("sha256sum"), "--check", "--strict", MANIFEST]
+    subprocess.run(command, cwd=tmp_path / "robot", check=True)
 
 
 def test_a_path_through_the_module_itself_leads_to_it(
@@ -175,16 +288,17 @@ def test_a_signal_that_is_ignored_stays_ignored(tmp_path: Path) -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-def test_an_edited_robot_file_is_not_lost(tmp_path: Path) -> None:
-    digest = hashlib.sha256(b"gravity = 9.81").hexdigest()
-    files = {"__init__.py": f"{HEADER}# {digest}\n", "robot.toml": "gravity = 9.81"}
+def test_an_edited_robot_file_can_be_generated_from(tmp_path: Path) -> None:
+    files = {**FILES, "robot.toml": "gravity = 9.81"}
+    edited = {**FILES, "robot.toml": "gravity = 1.6"}
     target = tmp_path / "robot"
     write_module(target, files)
-    write_module(target, {**files, "robot.toml": "gravity = 3.7"})
     (target / "robot.toml").write_text("gravity = 1.6")
-    with pytest.raises(UsageError, match="generate from it, or move it"):
+    with pytest.raises(UsageError, match=r"changed since: robot\.toml;"):
         write_module(target, files)
-    write_module(target, {**files, "robot.toml": "gravity = 1.6"})
+    check_replaceable(target, "gravity = 1.6")
+    write_module(target, edited)
+    assert differing_files(target, edited) == []
 
 
 def test_a_name_too_long_for_the_disk_is_wrong_use(tmp_path: Path) -> None:
@@ -192,15 +306,12 @@ def test_a_name_too_long_for_the_disk_is_wrong_use(tmp_path: Path) -> None:
         write_module(tmp_path / ("a" * 300), FILES)
 
 
-def test_odd_entries_do_not_get_in_the_way(tmp_path: Path) -> None:
-    odd = [".gibbs_codegen_99999999999999999999_x", ".gibbs_codegen_²_x"]
-    for name in odd:
-        (tmp_path / name).mkdir()
-        os.utime(tmp_path / name, (0, 0))
-    (tmp_path / ".gibbs_codegen_999999_x").write_text("a file")
-    os.utime(tmp_path / ".gibbs_codegen_999999_x", (0, 0))
+def test_a_file_named_like_what_a_kill_leaves_is_left_alone(tmp_path: Path) -> None:
+    odd = tmp_path / ".gibbs_codegen_new_x"
+    odd.write_text("a file")
+    os.utime(odd, (0, 0))
     write_module(tmp_path / "robot", FILES)
-    assert sorted(os.listdir(tmp_path)) == sorted([*odd, ".gibbs_codegen_999999_x", "robot"])
+    assert sorted(os.listdir(tmp_path)) == [odd.name, "robot"]
 
 
 def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -252,7 +363,7 @@ def test_nothing_is_left_behind_when_ended(
     process.wait(timeout=30)
     left = visible(tmp_path)
     sources = ["quadrotor_2link.c", "quadrotor_2link.h", "quadrotor_2link_casadi.c"]
-    module = ["__init__.py", "numpy_module.py", *sources, "robot.toml"]
+    module = [MANIFEST, "__init__.py", "numpy_module.py", *sources, "robot.toml"]
     whole = {"generated": ["quadrotor_2link"], "generated/quadrotor_2link": module}
     assert left in ({}, whole)
 
@@ -315,24 +426,67 @@ def test_many_processes_write_at_once(tmp_path: Path) -> None:
     assert differing_files(tmp_path / "out" / "robot", FILES) == []
 
 
-def test_a_lock_that_is_never_let_go_is_passed_by(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@contextmanager
+def locked(folder: Path) -> Iterator[int]:
+    """Another process that holds the lock of a folder; its number."""
+    code = "import fcntl, os, sys; fcntl.flock(os.open('.', 0), fcntl.LOCK_EX); print(flush=True)"
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"{code}; sys.stdin.read()"],
+        cwd=folder,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    with process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process.pid
+        process.communicate()
+
+
+def test_a_lock_that_is_never_let_go_is_named_and_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(write, "_STALE_SECONDS", 0.05)
-    held = os.open(tmp_path, os.O_RDONLY)
-    try:
-        fcntl.flock(held, fcntl.LOCK_EX)
-        write_module(tmp_path / "robot", FILES)
-    finally:
-        os.close(held)
-    assert differing_files(tmp_path / "robot", FILES) == []
+    monkeypatch.setattr(folder_lock, "_NOTICE_SECONDS", 0.02)
+    monkeypatch.setattr(folder_lock, "_PATIENCE_SECONDS", 0.2)
+    target = tmp_path / "robot"
+    write_module(target, FILES)
+    with locked(tmp_path) as number:
+        for work in (
+            lambda: check_replaceable(target, ""),
+            lambda: write_module(target, NEWER),
+            lambda: differing_files(target, FILES),
+        ):
+            caplog.clear()
+            with pytest.raises(OutputError, match=rf"process {number} has held .*another --out"):
+                work()
+            assert [record.getMessage() for record in caplog.records] == [
+                f"{tmp_path}: waiting for process {number} to let go"
+            ]
+    assert differing_files(target, FILES) == []
+
+
+def test_a_wait_of_seconds_is_said_where_the_command_runs(tmp_path: Path) -> None:
+    (tmp_path / "generated").mkdir()
+    with locked(tmp_path / "generated") as number:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "gibbs_codegen", "generate", "hexarotor", "--check"],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stderr is not None
+        said = process.stderr.readline()
+        assert said == f"generated: waiting for process {number} to let go\n"
+    assert "is not there yet" in process.communicate(timeout=30)[1]
+    assert process.returncode == 1
 
 
 def test_waiting_for_another_process_can_be_ended(tmp_path: Path) -> None:
     """And then nothing is written."""
     code = (
         "from pathlib import Path; from gibbs_codegen import write\n"
-        "write.check_replaceable = lambda *_: print('ready', flush=True)\n"
+        "write.check_output_folder = lambda _: print('ready', flush=True)\n"
         f"write.write_module(Path('robot'), {FILES!r})"
     )
     held = os.open(tmp_path, os.O_RDONLY)

@@ -40,6 +40,7 @@ Inputs u, in order:
 
 from __future__ import annotations
 
+import difflib
 import inspect
 import math
 import warnings
@@ -67,9 +68,12 @@ POINTS = (
     "joint9", "tip",
 )
 
-# Zero in the robot file and therefore folded away: base_drag_1, base_drag_2, base_drag_3,
-# base_drag_4, base_drag_5, base_drag_6, link1_d, link1_length, link1_mass_per_length,
-# link1_section_inertia_xx, link1_section_inertia_yy, link1_section_inertia_zz, link2_d, link3_d.
+# Zero in the robot file, and therefore built in and no parameters.
+_FOLDED = (
+    "base_drag_1", "base_drag_2", "base_drag_3", "base_drag_4", "base_drag_5", "base_drag_6",
+    "link1_d", "link1_length", "link1_mass_per_length", "link1_section_inertia_xx",
+    "link1_section_inertia_yy", "link1_section_inertia_zz", "link2_d", "link3_d",
+)
 PARAMETERS = {
     "gravity": 9.81,  # m/s^2
     "base_arm_length": 0.5,  # m
@@ -99,14 +103,16 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
     what is no number.
     """
     given = {**PARAMETERS, **parameters}
-    unknown = sorted(map(str, set(given) - set(PARAMETERS)))
+    unknown = [name for name in given if name not in PARAMETERS]
     if unknown:
-        raise ValueError(f"unknown parameters {unknown}; known: {sorted(PARAMETERS)}")
+        raise ValueError("; ".join(map(_unknown, unknown[:5])))
     values = {}
     for name, value in given.items():
         number = _numbers(name, value)
-        if number.ndim != 0 or not math.isfinite(number):
-            raise ValueError(f"{name} must be a finite number, not {value}")
+        if number.ndim != 0:
+            raise ValueError(f"{name} must be one number, not an array of shape {number.shape}")
+        if not math.isfinite(number):
+            raise ValueError(f"{name} must be a finite number, not {number}")
         values[name] = float(number)
     try:
         constants = _constants(values)
@@ -115,6 +121,18 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
     if not all(map(math.isfinite, constants)):
         raise ValueError("these parameters are too large or too small to compute with")
     return constants
+
+
+def _unknown(name):
+    """What to say of a name that is not in PARAMETERS."""
+    if name in _FOLDED:
+        return (
+            f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
+            "gibbs-codegen generate --all-parameters keeps it"
+        )
+    close = difflib.get_close_matches(str(name), PARAMETERS, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else "PARAMETERS has all names"
+    return f"unknown parameter {name!r:.80}: {hint}"
 
 
 def _numbers(name, values):

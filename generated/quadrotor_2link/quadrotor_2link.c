@@ -92,6 +92,8 @@ typedef uint32_t bits;
 #if DBL_MANT_DIG != 53
 #error "double has not 64 bits here: choose single precision, as the header says"
 #endif
+/* No array has a negative size: -fsingle-precision-constant would make floats of all constants. */
+typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
 #define LIBRARY_SIN sin
 #define LIBRARY_COS cos

@@ -39,6 +39,7 @@ typedef struct {
     PyObject *general;
     PyObject *name;
     PyObject *doc;
+    PyObject *weak_references;
 } Caller;
 
 typedef void Two(const void *, double *, double *);
@@ -283,6 +284,7 @@ static void Caller_dealloc(PyObject *object)
 {
     PyTypeObject *type = Py_TYPE(object);
     PyObject_GC_UnTrack(object);
+    PyObject_ClearWeakRefs(object);
     (void)Caller_clear(object);
     type->tp_free(object);
     Py_DECREF(type);
@@ -316,6 +318,7 @@ static PyMethodDef methods[] = {
 
 static PyMemberDef members[] = {
     {"__vectorcalloffset__", T_PYSSIZET, offsetof(Caller, vectorcall), READONLY, NULL},
+    {"__weaklistoffset__", T_PYSSIZET, offsetof(Caller, weak_references), READONLY, NULL},
     {"__wrapped__", T_OBJECT, offsetof(Caller, general), READONLY, NULL},
     {"__name__", T_OBJECT, offsetof(Caller, name), READONLY, NULL},
     {"__doc__", T_OBJECT, offsetof(Caller, doc), READONLY, NULL},

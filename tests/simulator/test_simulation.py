@@ -192,7 +192,7 @@ def test_parameters_reach_the_machine(fast: Load) -> None:
     flight = simulate(fast("hexarotor_3link"), heavy)
     light = simulate(fast("hexarotor_3link"), replace(heavy, parameters={}))
     assert flight.applied[0, :6:2] == pytest.approx(light.applied[0, :6:2] * 20 / 9.81, rel=1e-6)
-    with pytest.raises(UsageError, match="unknown parameters"):
+    with pytest.raises(UsageError, match="did you mean gravity"):
         simulate(fast("hexarotor_3link"), replace(heavy, parameters={"gravitas": 1.0}))
 
 
