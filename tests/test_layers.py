@@ -70,7 +70,7 @@ ROOMS = [
     {"simulator.reference"},
     {"simulator.control"},
     {"simulator.closed_loop"},
-    {"simulator.compiled_loop"},
+    {"simulator.compiled_loop", "simulator.envelope"},
     {"simulator.integrate"},
     {"simulator.scenario"},
     {"simulator.scenario_file"},
