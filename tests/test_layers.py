@@ -67,7 +67,7 @@ ROOMS = [
     {"simulator.snapshots"},
     {"simulator.figures", "simulator.animation", "simulator.allocation"},
     {"simulator.inverse_dynamics", "simulator.inverse_kinematics"},
-    {"simulator.reference"},
+    {"simulator.reference", "simulator.hanging"},
     {"simulator.control"},
     {"simulator.closed_loop"},
     {"simulator.compiled_loop", "simulator.envelope"},

@@ -35,6 +35,7 @@ from gibbs_codegen.simulator.attitude import (
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.hanging import hanging_posture
 from gibbs_codegen.simulator.integrate import Course, integrate
 from gibbs_codegen.simulator.inverse_kinematics import Limits, Motion
 from gibbs_codegen.simulator.orientation import Tangent, heading_error
@@ -44,7 +45,6 @@ from gibbs_codegen.simulator.reference import (
     desired_base,
     desired_with_posture,
     desired_with_tip,
-    hanging_posture,
     knots,
 )
 from gibbs_codegen.simulator.scenario import ArmTask, Scenario, StartOffset
