@@ -76,8 +76,11 @@ class Envelope:
         divergence = f"{self.bounds[coordinate]:.3g} {unit} (integration.divergence)"
         off = f"{excess * self.bounds[place]:.3g} {unit}"
         if is_rate:
-            return f"the rate of {name} is {off}/s off, and would carry it more than {divergence}"
-        return f"{name} is {off} off, which is more than {divergence}"
+            even = "even if control worked from then on"
+            return (
+                f"the rate of {name} is {off}/s off: {even}, {name} would be over {divergence} off"
+            )
+        return f"{name} is {off} off, more than {divergence}"
 
     def _advice(self) -> str:
         loop = self.loop

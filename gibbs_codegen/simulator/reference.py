@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.attitude import SingularAttitudeError
-from gibbs_codegen.simulator.inverse_kinematics import Limits, Motion, arm_motion, base_motion
+from gibbs_codegen.simulator.inverse_kinematics import (
+    OTHER_SCENARIO,
+    Limits,
+    Motion,
+    arm_motion,
+    base_motion,
+)
 from gibbs_codegen.simulator.orientation import Orientation
 from gibbs_codegen.simulator.paths import Path
 from gibbs_codegen.simulator.vehicle import Vehicle
@@ -194,7 +200,10 @@ def desired_with_tip(
     as the path wants, and `UsageError` where not even the most knots keep the tip on its path.
     """
     if vehicle.joints == 0:
-        raise UsageError(f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own")
+        raise UsageError(
+            f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own; "
+            f"{OTHER_SCENARIO}"
+        )
     base = base_at(time)
     while True:
         _bounded(base.time, tip, "path of the tip")
