@@ -76,9 +76,9 @@ class Envelope:
         divergence = f"{self.bounds[coordinate]:.3g} {unit} (integration.divergence)"
         off = f"{excess * self.bounds[place]:.3g} {unit}"
         if is_rate:
-            even = "even if control worked from then on"
             return (
-                f"the rate of {name} is {off}/s off: {even}, {name} would be over {divergence} off"
+                f"the rate of {name} is {off}/s off, which would carry it more than {divergence} "
+                "away even under perfect control"
             )
         return f"{name} is {off} off, more than {divergence}"
 

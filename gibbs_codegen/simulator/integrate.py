@@ -315,7 +315,7 @@ def _acting(loop: ClosedLoop, time: float, state: Array, lag: bool = True) -> st
     found = ""
     rotors = [str(rotor + 1) for rotor in loop.saturated(time, state)]
     if rotors:
-        found += f"; thrusts at their limits: {', '.join(rotors)} (rk4 takes them as they are)"
+        found += f"; thrusts at their limits: {', '.join(rotors)} (rk4 keeps its steps there)"
     if lag and loop.lag:
         found += f"; the motors lag by {loop.lag:g} s"
     return found

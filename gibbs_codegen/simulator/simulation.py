@@ -83,7 +83,7 @@ def simulate(
     if control.law == "computed_torque":
         allocation.require_all_directions(
             f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
-            "free to move in any direction"
+            "fully actuated"
         )
     reference = desired_motion(vehicle, scenario, progress)
     if control.law == "open_loop":
@@ -189,9 +189,9 @@ def _refuse_indefinite(vehicle: Vehicle, q: Array) -> None:
         eigenvalues = np.linalg.eigvalsh(matrix)
         if eigenvalues[0] > -_ROUNDING * eigenvalues[-1]:
             raise UsageError(
-                f"{vehicle.name}: its mass matrix is singular where the flight begins: its joints "
-                "can move nothing there; begin with another posture, or give its links mass and "
-                "thickness"
+                f"{vehicle.name}: its mass matrix is singular where the flight begins: some motion "
+                "of its joints moves no mass there; begin with another posture, or give its links "
+                "mass and thickness"
             ) from None
         raise UsageError(
             f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "

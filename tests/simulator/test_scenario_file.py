@@ -282,7 +282,7 @@ mass = nan
         "s.toml:8: base.path.radius: must be at least 0, not -1",
         "s.toml:10: arm.posture_deg.theta_7: must be a number, not a boolean",
         "s.toml:11: arm.posture_deg.d_8: must be the name of a joint, theta_…, here; the other "
-        "kind of joint stands in the table without _deg",
+        "kind of joint belongs in the table without _deg",
         "s.toml:13: control.law: must be one of 'computed_torque', 'open_loop', 'off', not "
         "'openloop'; did you mean 'open_loop'?",
         "s.toml:14: control.frequency: must be at least 1e-09, not 0",
