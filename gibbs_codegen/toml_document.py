@@ -60,7 +60,7 @@ def checked(
         document = tomllib.loads(text)
     except ValueError as error:
         raise refused(source, [_syntax_fault(text, error)]) from None
-    root = Table(merged(document, changes or {}), "", [])
+    root = Table(merged(document, changes or {}), "", _nothing_to_take(document, changes or {}))
     built = build(root)
     if root.faults or built is None:
         lines = key_lines(text)
@@ -83,12 +83,35 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
         if value is None:
             whole.pop(key, None)
             continue
-        before = whole.get(key)
-        if isinstance(before, Mapping) and isinstance(value, Mapping):
+        if isinstance(value, Mapping):
+            before = _table(whole, key)
             same = value.get("kind", before.get("kind")) == before.get("kind")
             value = merged(before if same else {}, value)
         whole[key] = value
     return whole
+
+
+def _nothing_to_take(
+    document: Mapping[str, Any], changes: Mapping[str, Any], prefix: str = ""
+) -> list[Fault]:
+    """A fault for each entry that `changes` would take away and that the document lacks."""
+    faults = []
+    for key, value in changes.items():
+        path = f"{prefix}{printable(key)}"
+        if isinstance(value, Mapping):
+            faults += _nothing_to_take(_table(document, key), value, f"{path}.")
+        elif value is None and key not in document:
+            what = (
+                "an empty value (None in Python) removes an entry, but the file has no such entry"
+            )
+            faults.append(Fault(path, what))
+    return faults
+
+
+def _table(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """The table of a document by its key; an empty one where there is none."""
+    value = document.get(key)
+    return value if isinstance(value, Mapping) else {}
 
 
 def _paths(changes: Mapping[str, Any], prefix: str = "") -> Iterator[str]:

@@ -65,6 +65,8 @@ def test_options_reach_the_flight(workplace: Path) -> None:
         (["hexarotor_3link", "--set", "duration"], "must be KEY=VALUE"),
         (["hexarotor_3link", "--set", "arm.guess_deg={theta_6=1}"], "has no joint theta_6"),
         (["hexarotor"], "has no arm"),
+        (["hexarotor"], "such as --scenario hover"),
+        (["hexarotor_3link", "--scenario", "hover", "--set", "arm.tip="], "the file has no such"),
         (["quadrotor_2link"], "cannot command force along y and torque about x"),
         (["hexarotor_3link", "--out", "generated/hexarotor/robot.toml"], "is a file"),
         (["hexarotor_3link", "--backend", "rust"], "invalid choice"),

@@ -300,7 +300,7 @@ def test_what_stands_where_results_are_to_be(
         assert code == 0
         return
     assert code == 2
-    assert "folder: holds what no flight has left: " in err
+    assert "folder: holds files that no simulation has written: " in err
     assert name in err
     assert tree(work.parent) == before
 

@@ -36,7 +36,7 @@ typedef struct {
     double most;
     double lag;
     double push[3];              /* force on the tip, world axes */
-    double divergence;
+    const double *bounds;        /* [2][coordinates]: errors beyond which control is lost */
     double largest_theta_0;      /* beyond it angles are singular */
     double begin;                /* of the first piece of the reference */
     double piece;                /* length of a piece */
@@ -273,8 +273,8 @@ static int goes_on(const Loop *f, const double *wanted, const double *state, ptr
             return 0;
         }
     }
-    for (ptrdiff_t i = 0; i < f->coordinates; ++i) {
-        if (fabs(state[i] - wanted[i]) > f->divergence) {
+    for (ptrdiff_t i = 0; i < 2 * f->coordinates; ++i) { /* coordinates, then rates */
+        if (fabs(state[i] - wanted[i]) > f->bounds[i]) {
             return 0;
         }
     }

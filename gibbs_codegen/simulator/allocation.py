@@ -72,7 +72,7 @@ class Allocation:
             raise AllocationError(
                 f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
                 "(arm 1's frame, about the base centre); tilt some thrusts in the robot file, add "
-                "rotors, or fly it in open loop",
+                'rotors, or set control.law to "open_loop"',
                 self.missing,
             )
 

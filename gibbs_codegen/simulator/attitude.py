@@ -94,7 +94,7 @@ def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Arra
     singular = np.ravel(1.0 - sine**2 < SINGULAR_COSINE**2)
     if np.any(singular):
         raise SingularAttitudeError(
-            f"the attitude comes to the singularity of the sequence {sequence} (its second angle "
+            f"the attitude reaches the singularity of the sequence {sequence} (its second angle "
             "to ±90°); choose another sequence in the robot file, or a gentler path",
             int(np.argmax(singular)),
         )

@@ -48,7 +48,7 @@ class ClosedLoop:
 
     def start(self, q: Array, v: Array) -> Array:
         """The state at time 0, with motors that have settled at what is first asked of them."""
-        thrusts = self.commanded(0.0, q, v)[: self.vehicle.rotors] if self.lag else np.zeros(0)
+        thrusts = self._wanted_thrusts(self.commanded(0.0, q, v)) if self.lag else np.zeros(0)
         return np.concatenate([q, v, [0.0], thrusts])
 
     def parts(self, states: Array) -> tuple[Array, Array, Array, Array]:
@@ -68,12 +68,14 @@ class ClosedLoop:
     def applied(self, commanded: Array, thrusts: Array) -> Array:
         """Inputs u (…, nu) that act: thrusts within limits, or those that the motors have."""
         inputs = commanded.copy()
-        rotors = self.vehicle.rotors
-        if self.lag:
-            inputs[..., :rotors] = thrusts
-        elif self.limits:
-            inputs[..., :rotors] = np.clip(inputs[..., :rotors], *self.limits)
+        acting = thrusts if self.lag else self._wanted_thrusts(commanded)
+        inputs[..., : self.vehicle.rotors] = acting
         return inputs
+
+    def _wanted_thrusts(self, commanded: Array) -> Array:
+        """Thrusts (…, N) that the motors aim for: those of inputs (…, nu), within limits."""
+        thrusts = commanded[..., : self.vehicle.rotors]
+        return np.clip(thrusts, *self.limits) if self.limits else thrusts
 
     def saturated(self, time: float, state: Array) -> list[int]:
         """Rotors, from 0, of which a limit is asked for at a time and in a state (size)."""
@@ -123,10 +125,7 @@ class ClosedLoop:
             power += self._generalised_push(q) @ v
         rates: list[Any] = [v, self.acceleration(q, v, inputs, pushed), [power]]
         if self.lag:
-            wanted = commanded[: self.vehicle.rotors]
-            if self.limits:
-                wanted = np.clip(wanted, *self.limits)
-            rates.append((wanted - thrusts) / self.lag)
+            rates.append((self._wanted_thrusts(commanded) - thrusts) / self.lag)
         return np.concatenate(rates)
 
     def breaks(self, duration: float) -> list[float]:

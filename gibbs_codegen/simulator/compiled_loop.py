@@ -51,7 +51,7 @@ class _Loop(ctypes.Structure):
         ("most", ctypes.c_double),
         ("lag", ctypes.c_double),
         ("push", ctypes.c_double * 3),
-        ("divergence", ctypes.c_double),
+        ("bounds", _POINTER),
         ("largest_theta_0", ctypes.c_double),
         ("begin", ctypes.c_double),
         ("piece", ctypes.c_double),
@@ -80,13 +80,13 @@ class CompiledLoop:
 
     @classmethod
     def of(
-        cls, closed: ClosedLoop, step: float, divergence: float, pushed: bool = False
+        cls, closed: ClosedLoop, step: float, bounds: Array, pushed: bool = False
     ) -> CompiledLoop | None:
         """Steps of `step` s, or None where the module is not compiled or the loop cannot be.
 
-        They end where a coordinate is `divergence` (rad or m) off; `pushed` tells whether the force
-        on the tip acts. Nor is there one that controls by rotors that do not command all
-        directions: Python checks every wrench of those.
+        They end where coordinates and rates are farther off than `bounds` (2 nq); `pushed` tells
+        whether the force on the tip acts. Nor is there one that controls by rotors that do not
+        command all directions: Python checks every wrench of those.
         """
         vehicle, controller = closed.vehicle, closed.controller
         library_file = Path(vehicle.module.__file__ or "")
@@ -108,6 +108,7 @@ class CompiledLoop:
         distribution = np.ascontiguousarray(controller.allocation.inverse)
         stiffness = np.array(gains.stiffness)
         damping = np.array(gains.damping)
+        bounds = np.array(bounds)
 
         def address(name: str) -> int | None:
             return ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
@@ -130,7 +131,7 @@ class CompiledLoop:
             most=closed.limits[1] if closed.limits else 0.0,
             lag=closed.lag,
             push=push,
-            divergence=divergence,
+            bounds=bounds.ctypes.data,
             largest_theta_0=LARGEST_THETA_0,
             begin=reference.begin,
             piece=reference.step,
@@ -141,8 +142,8 @@ class CompiledLoop:
         )
         scratch = np.zeros(rk4.gibbs_codegen_rk4_room(ctypes.byref(structure)))
         structure.scratch = scratch.ctypes.data
-        arrays = (library, constants, coefficients, stiffness, damping, distribution, scratch)
-        return cls(rk4.gibbs_codegen_rk4, structure, step, closed.size, arrays)
+        given = (library, constants, bounds, coefficients, stiffness, damping, distribution)
+        return cls(rk4.gibbs_codegen_rk4, structure, step, closed.size, (*given, scratch))
 
     def __call__(
         self, time: float, state: Array, count: int, every: int, number: int

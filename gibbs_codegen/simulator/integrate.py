@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
+from gibbs_codegen.simulator.envelope import Envelope
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
@@ -44,7 +44,8 @@ class Settings:
 
     `rate` samples a second are kept, at whole multiples of 1 / rate, and the last instant.
     Tolerances are 1e-6 and 1e-7 at least while thrusts are at their limits. A coordinate that is
-    `divergence` (rad or m) off its desired value ends the flight, unless nothing is controlled.
+    `divergence` (rad or m) off its desired value, or has a rate that would carry it as far off even
+    under control, ends the flight, unless nothing is controlled.
     """
 
     method: Method = "adaptive"
@@ -77,11 +78,11 @@ def integrate(
     the time reached and the duration, s. Raises `UsageError` for steps of "rk4" that are so long
     that errors under control, or of lagging motors, would grow.
     """
-    fly: Callable[[_Stretch, Array, Callable[[float], None]], _Flown]
-    fly = _Adaptive(loop, settings) if settings.method == "adaptive" else _Fixed(loop, settings)
+    envelope = Envelope(loop, settings.divergence, duration)
+    fly = (_Adaptive if settings.method == "adaptive" else _Fixed)(loop, settings, envelope)
     times, states = [np.zeros(1)], [start[np.newaxis]]
     now, state = 0.0, start
-    stopped = _reason(loop, settings, now, state)
+    stopped = envelope.reason(now, state)
     for begin, end in itertools.pairwise(loop.breaks(duration)):
         if stopped:
             break
@@ -93,18 +94,11 @@ def integrate(
     if now > next(time[-1] for time in reversed(times) if len(time)):
         times.append(np.array([now]))
         states.append(state[np.newaxis])
-    return _without_the_lost(
-        loop, settings, Course(np.concatenate(times), np.concatenate(states), stopped)
-    )
-
-
-def _without_the_lost(loop: ClosedLoop, settings: Settings, course: Course) -> Course:
-    """A course without samples in which control was lost: they would dwarf all others."""
-    error = _errors(loop, course.time, course.states)
-    kept = np.all(error <= _divergence(loop, settings), axis=1)
-    kept &= np.all(np.isfinite(course.states), axis=1)
+    course = Course(np.concatenate(times), np.concatenate(states), stopped)
+    # Samples in which control was lost would dwarf all others.
+    kept = envelope.holds(course.time, course.states)
     kept[0] = True
-    return Course(course.time[kept], course.states[kept], course.stopped)
+    return Course(course.time[kept], course.states[kept], stopped)
 
 
 @dataclass(frozen=True)
@@ -128,8 +122,8 @@ class _Flown:
 class _Adaptive:
     """Dormand and Prince's method of eighth order, sampled by its dense output."""
 
-    def __init__(self, loop: ClosedLoop, settings: Settings) -> None:
-        self.loop, self.settings = loop, settings
+    def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
+        self.loop, self.settings, self.envelope = loop, settings, envelope
         # What may still be spent; a second without work saves up no more than this.
         self.left: float = _EVALUATIONS_AHEAD
 
@@ -156,10 +150,10 @@ class _Adaptive:
                 break
             path = solver.dense_output()
             before, time, state = time, solver.t, solver.y
-            if stopped := _reason(loop, settings, time, state):
-                time = _first_end(loop, settings, path, before, time)
+            if stopped := self.envelope.reason(time, state):
+                time = _first_end(self.envelope, path, before, time)
                 state = path(time)
-                stopped = _reason(loop, settings, time, state)
+                stopped = self.envelope.reason(time, state)
             inside = wanted[(wanted > before) & (wanted <= time)]
             if len(inside):
                 samples.append(path(inside).T)
@@ -209,12 +203,12 @@ def _sample_times(stretch: _Stretch, rate: float) -> Array:
 
 
 def _first_end(
-    loop: ClosedLoop, settings: Settings, path: Callable[[float], Array], good: float, bad: float
+    envelope: Envelope, path: Callable[[float], Array], good: float, bad: float
 ) -> float:
     """The first time in a step, to a millionth of it, at which the flight cannot go on."""
     for _ in range(20):
         middle = 0.5 * (good + bad)
-        if _reason(loop, settings, middle, path(middle)):
+        if envelope.reason(middle, path(middle)):
             bad = middle
         else:
             good = middle
@@ -229,8 +223,8 @@ class _Fixed:
     thrusts meet a limit), are taken in Python.
     """
 
-    def __init__(self, loop: ClosedLoop, settings: Settings) -> None:
-        self.loop, self.settings = loop, settings
+    def __init__(self, loop: ClosedLoop, settings: Settings, envelope: Envelope) -> None:
+        self.loop, self.settings, self.envelope = loop, settings, envelope
         self.every = max(int(np.ceil(1.0 / (settings.rate * settings.step) - _SAME)), 1)
         self.size = 1.0 / (settings.rate * self.every)
         _refuse_growing(loop, self.size)
@@ -239,7 +233,7 @@ class _Fixed:
         self, stretch: _Stretch, start: Array, progress: Callable[[float], None]
     ) -> _Flown:
         loop, size, every = self.loop, self.size, self.every
-        compiled = CompiledLoop.of(loop, size, _divergence(loop, self.settings), stretch.pushed)
+        compiled = CompiledLoop.of(loop, size, self.envelope.bounds, stretch.pushed)
         # Steps are numbered by their ends on the grid; those from `whole` to `cut` are not short.
         number = int(np.floor(stretch.begin / size + _SAME))
         last = int(np.ceil(stretch.end / size - _SAME))
@@ -265,7 +259,7 @@ class _Fixed:
                     samples.append(state[np.newaxis])
             number += taken
             time = stretch.end if number == last else number * size
-            stopped = _reason(loop, self.settings, time, state)
+            stopped = self.envelope.reason(time, state)
             progress(time)
         states = np.concatenate(samples)
         return _Flown(Course(times[: len(states)], states, stopped), time, state)
@@ -321,7 +315,7 @@ def _acting(loop: ClosedLoop, time: float, state: Array, lag: bool = True) -> st
     found = ""
     rotors = [str(rotor + 1) for rotor in loop.saturated(time, state)]
     if rotors:
-        found += f"; thrusts at their limits: {', '.join(rotors)} (rk4 takes them as they are)"
+        found += f"; thrusts at their limits: {', '.join(rotors)} (rk4 keeps its steps there)"
     if lag and loop.lag:
         found += f"; the motors lag by {loop.lag:g} s"
     return found
@@ -333,33 +327,3 @@ def _step(loop: ClosedLoop, time: float, state: Array, size: float, pushed: bool
     third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, pushed)
     fourth = loop.derivative(time + size, state + size * third, pushed)
     return state + size / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
-
-
-def _reason(loop: ClosedLoop, settings: Settings, time: float, state: Array) -> str:
-    """Why a flight cannot go on from a state, or nothing."""
-    if not np.all(np.isfinite(state)):
-        return f"at t = {time:.6g} s the state is no longer finite: control is lost"
-    q = loop.parts(state)[0]
-    error = _errors(loop, time, state)
-    worst = int(np.argmax(error))
-    name = loop.vehicle.coordinates[worst]
-    if error[worst] > _divergence(loop, settings):
-        unit = "rad" if name.startswith("theta_") else "m"
-        return f"at t = {time:.6g} s {name} is {error[worst]:.3g} {unit} off: control is lost"
-    # This also tells a step across, however far.
-    if abs(q[1]) > LARGEST_THETA_0:
-        return (
-            f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
-            f"{loop.vehicle.attitude} (theta_0 = {np.degrees(q[1]):.4g}°)"
-        )
-    return ""
-
-
-def _errors(loop: ClosedLoop, time: float | Array, states: Array) -> Array:
-    """How far coordinates (…, nq) are from what is desired."""
-    error: Array = np.abs(loop.parts(states)[0] - loop.controller.reference(time)[0])
-    return error
-
-
-def _divergence(loop: ClosedLoop, settings: Settings) -> float:
-    return np.inf if loop.controller.law == "off" else settings.divergence

@@ -41,6 +41,8 @@ _NEARLY = 1e-4
 # Shares of the arm's lever: what a singular arm may stay away, and a way worth the name.
 _STUCK = 1e-6
 _GONE = 1e-3
+# What to do where a scenario asks too much of the arm.
+OTHER_SCENARIO = "choose a scenario without a path of the tip, such as --scenario hover"
 
 
 class SingularArmError(UsageError):
@@ -388,4 +390,9 @@ def _refuse_unreached(vehicle: Vehicle, time: Array, q: Array, left: Array) -> N
             f"tip onto its path {where}; lead the path past the axes of joints and the edge of "
             "the arm's reach, or give a guess of the joints"
         )
-    raise UnreachableError(f"the tip cannot reach its path {where}", times, distances)
+    raise UnreachableError(
+        f"the tip cannot reach its path {where}; lead the path within the arm's reach, or "
+        f"{OTHER_SCENARIO}",
+        times,
+        distances,
+    )

@@ -217,7 +217,7 @@ def check_path(path: Path, duration: float, what: str) -> None:
         typical = np.median(np.abs(slope - here[:, 1:])[:, order].max(axis=-1))
         allowed = 1e-3 * (scale[order + 1] + scale[order] / duration) + 1e-6
         if off[order] > allowed and typical > allowed:
-            raise UsageError(f"{what}: its {name} is not the rate of what stands before it")
+            raise UsageError(f"{what}: its {name} is not the derivative of what comes before it")
 
 
 def _plane(normal: Vector) -> tuple[Array, Array]:

@@ -12,12 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.stats import qmc
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.simulator.attitude import SingularAttitudeError
-from gibbs_codegen.simulator.inverse_kinematics import Limits, Motion, arm_motion, base_motion
+from gibbs_codegen.simulator.inverse_kinematics import (
+    OTHER_SCENARIO,
+    Limits,
+    Motion,
+    arm_motion,
+    base_motion,
+)
 from gibbs_codegen.simulator.orientation import Orientation
 from gibbs_codegen.simulator.paths import Path
 from gibbs_codegen.simulator.vehicle import Vehicle
@@ -37,9 +41,6 @@ _MOST_PIECES = 1_000_000
 _AT_A_TIME = 1024
 # Lengths, speeds and so on, in m and s, that no machine comes to.
 _BOUND = 1e12
-# Postures that the search for the one that hangs starts from, and energies that count as equal, J.
-_HANGING_STARTS = 7
-_SAME_ENERGY = 1e-10
 _BASE_TOO_FAST = (
     "the base moves too fast or its attitude jumps",
     "choose a gentler motion, or a shorter one",
@@ -199,7 +200,10 @@ def desired_with_tip(
     as the path wants, and `UsageError` where not even the most knots keep the tip on its path.
     """
     if vehicle.joints == 0:
-        raise UsageError(f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own")
+        raise UsageError(
+            f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own; "
+            f"{OTHER_SCENARIO}"
+        )
     base = base_at(time)
     while True:
         _bounded(base.time, tip, "path of the tip")
@@ -273,74 +277,3 @@ def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Moti
     q = base.q.copy()
     q[:, vehicle.arm] = posture
     return Motion(base.time, q, base.v, base.a)
-
-
-def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
-    """Arm coordinates (n) of least potential energy under a level base.
-
-    Prismatic joints are at 0, and so are revolute ones that make no difference, such as one about
-    the vertical; or where limits leave out 0, as near to it as they allow.
-    """
-    turning = vehicle.is_angle[vehicle.arm]
-    low, high = limits[0][turning], limits[1][turning]
-    places = 3 + np.flatnonzero(turning)
-    rest = np.zeros(len(vehicle.coordinates))
-    rest[vehicle.arm] = np.clip(0.0, *limits)
-    if not np.any(turning):
-        return rest[vehicle.arm]
-
-    def posture(angles: Array) -> Array:
-        q = np.broadcast_to(rest, (*angles.shape[:-1], len(rest))).copy()
-        q[..., places] = angles
-        return q
-
-    def energy(angles: Array) -> float:
-        return float(vehicle.potential_energy(posture(angles)))
-
-    def torques(angles: Array) -> Array:
-        # The forces that hold the arm still are the gradient of its potential energy.
-        q = posture(angles)
-        return vehicle.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[..., places]
-
-    best = rest[places]
-    least = np.inf
-    # First away from 0 and from symmetry, where the energy may be at rest without being least.
-    shares = qmc.Halton(len(places), scramble=False).random(_HANGING_STARTS)
-    ends = np.clip(-np.pi, low, high), np.clip(np.pi, low, high)
-    starts = [-0.3 - 0.1 * np.arange(len(places)), *(ends[0] + shares * (ends[1] - ends[0]))]
-    options = {"ftol": 1e-12, "gtol": 1e-7}
-    for start in starts:
-        found = minimize(
-            energy,
-            np.clip(start, low, high),
-            jac=torques,
-            method="L-BFGS-B",
-            bounds=np.stack([low, high], axis=-1),
-            options=options,
-        )
-        angles = _still(torques, found.x, low, high)
-        if energy(angles) < least - _SAME_ENERGY:
-            best, least = angles, energy(angles)
-    for place, nearest in enumerate(rest[places]):
-        tried = best.copy()
-        tried[place] = nearest
-        if energy(tried) <= least + _SAME_ENERGY:
-            best = tried
-    return posture(_still(torques, best, low, high))[vehicle.arm]
-
-
-def _still(torques: Callable[[Array], Array], angles: Array, low: Array, high: Array) -> Array:
-    """Angles near `angles` where gravity turns no joint but against its limit, by Newton's way."""
-    for _ in range(10):
-        torque = torques(angles)
-        free = ~((angles <= low) & (torque > 0.0)) & ~((angles >= high) & (torque < 0.0))
-        steps = 1e-5 * np.eye(len(angles))
-        stiffness = (torques(angles + steps) - torques(angles - steps)).T / 2e-5
-        # Motions that gravity does not resist, but for rounding, are left alone.
-        stiffness = np.where(np.outer(free, free), stiffness, 0.0)
-        step = np.linalg.pinv(stiffness, rcond=1e-7) @ np.where(free, torque, 0.0)
-        tried = np.clip(angles - step, low, high)
-        if not np.linalg.norm(torques(tried)[free]) < np.linalg.norm(torque[free]):
-            break
-        angles = tried
-    return angles

@@ -91,8 +91,8 @@ def _refuse_foreign(folder: Path) -> None:
     if odd or (present and not is_flight(folder / "flight.npz")):
         names = ", ".join(path.name for path in (odd or present)[:5])
         raise UsageError(
-            f"{printable(folder)}: holds what no flight has left: {names}; "
-            "move it elsewhere, or choose another --out"
+            f"{printable(folder)}: holds files that no simulation has written: {names}; "
+            "move them elsewhere, or choose another --out"
         )
 
 

@@ -291,7 +291,7 @@ def _is_joint(entries: Table, name: str, prefix: str) -> bool:
     other = "in the table without _deg" if prefix == "theta" else "in the table that ends in _deg"
     entries.fault(
         _printable(name),
-        f"must be the name of a joint, {prefix}_…, here; the other kind of joint stands {other}",
+        f"must be the name of a joint, {prefix}_…, here; the other kind of joint belongs {other}",
     )
     return False
 

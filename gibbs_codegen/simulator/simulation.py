@@ -35,6 +35,7 @@ from gibbs_codegen.simulator.attitude import (
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.hanging import hanging_posture
 from gibbs_codegen.simulator.integrate import Course, integrate
 from gibbs_codegen.simulator.inverse_kinematics import Limits, Motion
 from gibbs_codegen.simulator.orientation import Tangent, heading_error
@@ -44,7 +45,6 @@ from gibbs_codegen.simulator.reference import (
     desired_base,
     desired_with_posture,
     desired_with_tip,
-    hanging_posture,
     knots,
 )
 from gibbs_codegen.simulator.scenario import ArmTask, Scenario, StartOffset
@@ -83,7 +83,7 @@ def simulate(
     if control.law == "computed_torque":
         allocation.require_all_directions(
             f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
-            "free to move in any direction"
+            "fully actuated"
         )
     reference = desired_motion(vehicle, scenario, progress)
     if control.law == "open_loop":
@@ -189,9 +189,9 @@ def _refuse_indefinite(vehicle: Vehicle, q: Array) -> None:
         eigenvalues = np.linalg.eigvalsh(matrix)
         if eigenvalues[0] > -_ROUNDING * eigenvalues[-1]:
             raise UsageError(
-                f"{vehicle.name}: its mass matrix is singular where the flight begins: its joints "
-                "can move nothing there; begin with another posture, or give its links mass and "
-                "thickness"
+                f"{vehicle.name}: its mass matrix is singular where the flight begins: some motion "
+                "of its joints moves no mass there; begin with another posture, or give its links "
+                "mass and thickness"
             ) from None
         raise UsageError(
             f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "

@@ -88,8 +88,13 @@ def start_of(closed: ClosedLoop) -> Array:
     return closed.start(q + off, v - 2.0 * off)
 
 
-def loop_of(closed: ClosedLoop, divergence: float = np.inf) -> CompiledLoop:
-    loop = CompiledLoop.of(closed, STEP, divergence)
+def unbounded(closed: ClosedLoop) -> Array:
+    return np.full(2 * len(closed.vehicle.coordinates), np.inf)
+
+
+def loop_of(closed: ClosedLoop, bounds: Array | None = None, pushed: bool = False) -> CompiledLoop:
+    bounds = unbounded(closed) if bounds is None else bounds
+    loop = CompiledLoop.of(closed, STEP, bounds, pushed)
     assert loop is not None
     return loop
 
@@ -117,9 +122,7 @@ def test_every_step_is_that_of_python(
     after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
     pushed = push is not None
-    loop = CompiledLoop.of(closed, STEP, np.inf, pushed)
-    assert loop is not None
-    taken, samples, last = loop(0.0, state, 25, 1, 0)
+    taken, samples, last = loop_of(closed, pushed=pushed)(0.0, state, 25, 1, 0)
     assert taken == len(samples) == 25
     assert np.array_equal(samples[-1], last)
     q, _, work, thrusts = closed.parts(np.ptp(samples, axis=0))
@@ -139,8 +142,7 @@ def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     pushed = replace(closed, tip_force=PUSH)
     _, waiting, _ = loop_of(pushed)(0.0, state, 10, 1, 0)
     assert np.array_equal(waiting, free)
-    loop = CompiledLoop.of(pushed, STEP, np.inf, pushed=True)
-    assert loop is not None
+    loop = loop_of(pushed, pushed=True)
     assert np.abs(loop(0.0, state, 10, 1, 0)[1] - free).max() > 1e-4
 
 
@@ -209,15 +211,19 @@ def test_a_step_that_meets_a_limit_is_handed_back(law: Law, side: int, modules: 
     assert np.array_equal(same, last)
 
 
-def test_a_flight_ends_after_the_step_that_diverges(modules: Load) -> None:
+@pytest.mark.parametrize("place", [0, 4, 8, 9, 13, 17])
+def test_a_flight_ends_after_the_step_that_diverges(place: int, modules: Load) -> None:
+    """Each coordinate and each rate is held to a bound of its own."""
     closed = closed_loop_of(modules("hexarotor_3link"), "off")
     state = start_of(closed)
     _, states, _ = loop_of(closed)(0.0, state, 40, 1, 0)
-    wanted, _, _ = closed.controller.reference(STEP * np.arange(1, 41))
-    error = np.abs(closed.parts(states)[0] - wanted).max(axis=1)
+    wanted = np.concatenate(closed.controller.reference(STEP * np.arange(1, 41))[:2], axis=1)
+    error = np.abs(states[:, : wanted.shape[1]] - wanted)[:, place]
     bound = (error[20] + error[21]) / 2.0
     first = int(np.argmax(error > bound))
-    taken, samples, last = loop_of(closed, divergence=bound)(0.0, state, 40, 4, 0)
+    bounds = unbounded(closed)
+    bounds[place] = bound
+    taken, samples, last = loop_of(closed, bounds)(0.0, state, 40, 4, 0)
     assert 0 < taken == first + 1 < 40
     assert np.array_equal(samples, states[3:taken:4])
     assert np.array_equal(last, states[first])
@@ -260,11 +266,12 @@ def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> No
 def test_python_takes_the_steps_of_numpy_and_of_rotors_that_lack_directions(
     modules: Load, shipped: Load
 ) -> None:
-    assert CompiledLoop.of(closed_loop_of(shipped("hexarotor")), STEP, np.inf) is None
+    plain = closed_loop_of(shipped("hexarotor"))
+    assert CompiledLoop.of(plain, STEP, unbounded(plain)) is None
     for law in LAWS:
         closed = closed_loop_of(modules("quadrotor_2link"), law)
         assert closed.controller.allocation.missing
-        assert (CompiledLoop.of(closed, STEP, np.inf) is None) == (law != "off")
+        assert (CompiledLoop.of(closed, STEP, unbounded(closed)) is None) == (law != "off")
 
 
 def test_without_a_compiler_python_takes_the_steps(
@@ -272,7 +279,7 @@ def test_without_a_compiler_python_takes_the_steps(
 ) -> None:
     closed = closed_loop_of(modules("hexarotor"))
     monkeypatch.setenv("CC", "no_such_compiler")
-    assert CompiledLoop.of(closed, STEP, np.inf) is None
+    assert CompiledLoop.of(closed, STEP, unbounded(closed)) is None
     assert "steps are taken in Python instead of C" in caplog.text
 
 
@@ -382,7 +389,11 @@ int main(void)
         f.least = -1e4;
         f.most = 1e4;
         f.lag = draw(2) ? 0.1 : 0.0;
-        f.divergence = 20.0;
+        double *bounds = filled(2 * n);
+        for (ptrdiff_t j = 0; j < 2 * n; ++j) {
+            bounds[j] = 20.0 + fabs(bounds[j]);
+        }
+        f.bounds = bounds;
         f.largest_theta_0 = 1.56;
         f.begin = value();
         f.piece = 0.05;
@@ -413,6 +424,7 @@ int main(void)
         }
         steps += taken;
         whole += taken == count;
+        free(bounds);
         free(coefficients);
         free(distribution);
         free(stiffness);

@@ -10,6 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from emitted import emitted_module
+from scipy.signal import impulse, lti
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot import ATTITUDES
@@ -20,6 +21,7 @@ from gibbs_codegen.simulator.attitude import rate_matrix
 from gibbs_codegen.simulator.closed_loop import ClosedLoop, TipForce
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains
+from gibbs_codegen.simulator.envelope import Envelope
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.integrate import Settings, _step, integrate
 from gibbs_codegen.simulator.orientation import Tangent
@@ -184,24 +186,141 @@ def stop_time(flight: Flight) -> float:
     return float(found[1])
 
 
+ADAPTIVE = {"method": "adaptive", "relative_tolerance": 1e-7, "absolute_tolerance": 1e-8}
+
+# Flights in which control is lost: a robot, a scenario, and what loses it.
+LOST: list[tuple[str, str, dict[str, object]]] = [
+    ("hexarotor_3link", "paper", {"motors": {"time_constant": 0.02}}),
+    ("decarotor_3link", "paper", {"motors": {"time_constant": 0.02}}),
+    (
+        "octorotor_7link",
+        "line",
+        {
+            "motors": {"time_constant": 0.2},
+            "control": {"frequency": 20},
+            "start": {"offset": [0.3, 0, 0]},
+        },
+    ),
+]
+
+
 @pytest.mark.parametrize("method", ["adaptive", "rk4"])
 @pytest.mark.parametrize("backend", ["numpy", "c"])
+@pytest.mark.parametrize(("robot", "name", "changes"), LOST)
 def test_a_lost_flight_ends_with_its_reason(
-    method: str, backend: str, fast: Load, shipped: Load
+    robot: str,
+    name: str,
+    changes: dict[str, object],
+    method: str,
+    backend: str,
+    fast: Load,
+    shipped: Load,
 ) -> None:
-    scenario = read_scenario(
-        "paper",
-        {"motors": {"time_constant": 0.05}, "duration": 2.0, "integration": {"method": method}},
-    )
-    module = (fast if backend == "c" else shipped)("hexarotor_3link")
+    """As a loss of control, before it runs away from what numbers and steps can follow."""
+    integration = {**ADAPTIVE, "method": method}
+    scenario = read_scenario(name, {**changes, "duration": 0.6, "integration": integration})
+    module = (fast if backend == "c" else shipped)(robot)
     flight = simulate(module, scenario)
-    assert "control is lost" in flight.stopped or "no step is small enough" in flight.stopped
+    assert re.match(
+        r"at t = \S+ s control is lost: (the rate of )?\w+ is \S+ (rad|m)(/s)? off", flight.stopped
+    )
+    assert "try a shorter motors.time_constant, a lower control.frequency" in flight.stopped
     assert abs(stop_time(flight) - flight.time[-1]) <= 1.0 / scenario.integration.rate
     assert len(flight.time) > 1
-    assert flight.time[-1] < 2.0
+    assert flight.time[-1] < 0.6
     assert np.abs(flight.q - flight.q_desired).max() <= scenario.integration.divergence
+    # Errors that are damped critically swing out to rate / (e frequency).
+    rates = np.abs(flight.v - flight.v_desired).max()
+    assert rates <= scenario.integration.divergence * np.e * scenario.control.frequency
+    if method == "adaptive":
+        energy = np.ptp(flight.kinetic_energy) + np.ptp(flight.potential_energy)
+        assert np.abs(flight.energy_error).max() <= 1e-4 * energy
     for series in (flight.a, flight.constraint_torques, flight.work):
         assert np.all(np.isfinite(series))
+
+
+@pytest.mark.parametrize(
+    ("robot", "changes"),
+    [
+        *(
+            (
+                robot,
+                {
+                    "start": {"offset": [0.2, 0, 0], "turn_deg": [0, 10, 0]},
+                    "integration": integration,
+                },
+            )
+            for robot in ("hexarotor_3link", "octorotor_7link")
+            for integration in ({"method": "rk4"}, ADAPTIVE)
+        ),
+        ("hexarotor_3link", {"start": {"offset": [5, -5, 3], "turn_deg": [60, 20, 90]}}),
+        ("octorotor_7link", {"start": {"offset": [3, 2, -2], "turn_deg": [40, 30, 70]}}),
+        ("octorotor_7link", {"motors": {"time_constant": 0.05}, "start": {"offset": [1, 0, 0]}}),
+        ("octorotor_7link", {"motors": {"limits": [-20, 25]}, "start": {"offset": [0.5, 0, 0]}}),
+        ("hexarotor_3link", {"tip_force": {"force": [60, -40, 50], "begin": 0.2, "end": 0.5}}),
+        ("octorotor_7link", {"tip_force": {"force": [20, -10, 15], "begin": 0.2, "end": 0.5}}),
+        ("hexarotor", {"control": {"frequency": 40}, "start": {"offset": [9, 9, 9]}}),
+        ("hexarotor", {"control": {"frequency": 0.01}, "start": {"offset": [9, 9, 9]}}),
+        (
+            "hexarotor",
+            {"control": {"frequency": 20, "damping_ratio": 0}, "start": {"offset": [19, 0, 0]}},
+        ),
+    ],
+)
+def test_a_flight_that_recovers_is_not_lost(
+    robot: str, changes: dict[str, object], fast: Load
+) -> None:
+    more = {"duration": 2.5, "integration": {"method": "rk4"}, **changes}
+    flight = simulate(fast(robot), read_scenario("hover", more))
+    assert not flight.stopped
+    assert flight.time[-1] == 2.5
+    error = np.linalg.norm(flight.q - flight.q_desired, axis=1)
+    assert error.max() > 0.02
+    if "control" not in changes:
+        assert error[-1] < 0.1 * error.max()
+
+
+def test_the_bound_on_rates_is_where_an_error_would_swing_out_too_far(fast: Load) -> None:
+    """An error with such a rate at the start, and no other, comes as far as may be and no farther.
+
+    By SciPy's response to an impulse; for all damping, and in flights too short to swing out.
+    """
+    vehicle = Vehicle(fast("hexarotor"))
+    reference = desired_motion(vehicle, read_scenario("hover"))
+    allocation = Allocation(vehicle.thrust_wrenches())
+    for frequency, ratio, duration in (
+        (5.0, 1.0, 4.0),
+        (5.0, 0.0, 4.0),
+        (2.0, 0.3, 9.0),
+        (3.0, 0.999999, 9.0),
+        (3.0, 4.0, 9.0),
+        (0.01, 1.0, 0.5),
+    ):
+        gains = Gains.of(frequency, ratio, 6)
+        loop = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains))
+        bounds = Envelope(loop, 20.0, duration).bounds
+        assert np.array_equal(bounds[:6], np.full(6, 20.0))
+        system = lti([1.0], [1.0, 2.0 * ratio * frequency, frequency**2])
+        _, response = impulse(system, T=np.linspace(0.0, duration, 100_001))
+        assert bounds[6:] * response.max() == pytest.approx(20.0, rel=0.005)
+        for law, count in (("open_loop", 6), ("off", 0)):
+            free = replace(loop, controller=replace(loop.controller, law=law))
+            assert np.isfinite(Envelope(free, 20.0, duration).bounds).sum() == count
+
+
+@pytest.mark.parametrize("law", ["off", "computed_torque"])
+@pytest.mark.parametrize("method", ["adaptive", "rk4"])
+def test_lagging_thrusts_start_within_their_limits(law: str, method: str, fast: Load) -> None:
+    changes = {
+        "motors": {"limits": [3, 5], "time_constant": 0.05},
+        "control": {"law": law},
+        "duration": 0.2,
+        "integration": {"method": method},
+    }
+    flight = simulate(fast("hexarotor"), read_scenario("hover", changes))
+    thrusts = flight.applied[:, :6]
+    assert np.all((thrusts >= 3.0 - 1e-9) & (thrusts <= 5.0 + 1e-9))
+    assert np.all(np.clip(flight.commanded[0, :6], 3.0, 5.0) == thrusts[0])
 
 
 @pytest.mark.parametrize("method", ["adaptive", "rk4"])

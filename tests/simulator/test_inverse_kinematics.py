@@ -490,7 +490,8 @@ def test_unreachable_points_are_told_with_times_and_distances(hexa: Vehicle, pat
     assert_allclose(error.distances, beyond[far], rtol=0, atol=2e-6)
     said = re.fullmatch(
         r"the tip cannot reach its path at (\d+) of (\d+) instants, from t = (\S+) s to "
-        r"(\S+) s; at t = (\S+) s it stays (\S+) m away",
+        r"(\S+) s; at t = (\S+) s it stays (\S+) m away; lead the path within the arm's reach, or "
+        r"choose a scenario without a path of the tip, such as --scenario hover",
         str(error),
     )
     assert said is not None

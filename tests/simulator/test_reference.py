@@ -22,6 +22,7 @@ from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot_text import robot_text
 from gibbs_codegen.simulator.attitude import SINGULAR_COSINE, SingularAttitudeError
+from gibbs_codegen.simulator.hanging import hanging_posture
 from gibbs_codegen.simulator.inverse_kinematics import Array, Limits, Motion
 from gibbs_codegen.simulator.orientation import Level, Orientation, Tangent
 from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Path, Term
@@ -30,7 +31,6 @@ from gibbs_codegen.simulator.reference import (
     Reference,
     desired_base,
     desired_with_posture,
-    hanging_posture,
     knots,
 )
 from gibbs_codegen.simulator.scenario_file import read_scenario, shipped_scenarios

@@ -282,7 +282,7 @@ mass = nan
         "s.toml:8: base.path.radius: must be at least 0, not -1",
         "s.toml:10: arm.posture_deg.theta_7: must be a number, not a boolean",
         "s.toml:11: arm.posture_deg.d_8: must be the name of a joint, theta_…, here; the other "
-        "kind of joint stands in the table without _deg",
+        "kind of joint belongs in the table without _deg",
         "s.toml:13: control.law: must be one of 'computed_torque', 'open_loop', 'off', not "
         "'openloop'; did you mean 'open_loop'?",
         "s.toml:14: control.frequency: must be at least 1e-09, not 0",
@@ -624,3 +624,22 @@ def test_changes_are_checked_as_the_file_is() -> None:
         read_scenario("hover", changes_of(["duraton=2"]))
     with pytest.raises(ScenarioFileError, match="nested too deeply"):
         read_scenario("hover", {"x": [[[[[[[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]]]]]]})
+
+
+@pytest.mark.parametrize("entry", ["arm.tip", "motors.limits", "motors.time_constant", "arm"])
+def test_what_is_not_there_cannot_be_taken_away(entry: str) -> None:
+    with pytest.raises(ScenarioFileError) as refusal:
+        read_scenario("hover", changes_of([f"{entry}="]))
+    assert str(refusal.value) == (
+        f"hover.toml: {entry}: an empty value (None in Python) removes an entry, but the file has "
+        "no such entry"
+    )
+
+
+def test_what_is_there_can_be_taken_away() -> None:
+    assert read_scenario("paper", changes_of(["arm.tip="])).arm.tip is None
+    assert read_scenario("paper", changes_of(["arm="])).arm.tip is None
+    with pytest.raises(ScenarioFileError, match=r"base\.path\.kind: missing; one of"):
+        read_scenario("hover", changes_of(["base.path.kind="]))
+    with pytest.raises(ScenarioFileError, match=r"hover\.toml: duration: missing: the time to fly"):
+        read_scenario("hover", changes_of(["duration="]))

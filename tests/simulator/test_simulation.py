@@ -291,7 +291,10 @@ def test_a_start_where_the_machine_is_singular_is_refused_as_that() -> None:
         (lambda t: [0.0, 0.0, 0.0], r"must give \(…, 4, 3\)"),
         (lambda t: t["x"], "cannot be evaluated at an array of times"),
         (lambda t: Circle((0, 0, 0), 1, 2)(t)[..., [0, 2, 1, 3], :], "its velocity is not the"),
-        (lambda t: Circle((0, 0, 0), 1, 2)(t)[..., [0, 1, 2, 0], :], "its jerk is not the rate"),
+        (
+            lambda t: Circle((0, 0, 0), 1, 2)(t)[..., [0, 1, 2, 0], :],
+            "its jerk is not the derivative",
+        ),
     ],
 )
 def test_a_path_of_ones_own_is_checked(path: Any, message: str, shipped: Load) -> None:
