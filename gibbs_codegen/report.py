@@ -12,9 +12,9 @@ from rich.text import Text
 from gibbs_codegen.arrangement import arrangement
 from gibbs_codegen.chains import coupling_map, decompose
 from gibbs_codegen.coordinates import Coordinate, hybrid_coordinates, inputs, reduced_coordinates
+from gibbs_codegen.filling import filled_matrix
 from gibbs_codegen.model import Model
 from gibbs_codegen.program import Number, count_operations
-from gibbs_codegen.robot import Robot
 
 # A wider pattern does not fit a terminal; --json has it for any size.
 _WIDEST_PATTERN = 40
@@ -37,7 +37,7 @@ def report(model: Model) -> dict[str, Any]:
         "coordinates": [asdict(c) for c in reduced_coordinates(robot)],
         "inputs": [asdict(c) for c in inputs(robot)],
         "hybrid_rows": _hybrid_rows(model),
-        "hybrid_pattern": hybrid_pattern(robot),
+        "hybrid_pattern": [[list(chains) for chains in row] for row in filled_matrix(robot)],
         "arrangement": {
             "rank": motors.rank,
             "condition": motors.condition if motors.rank == 6 else None,
@@ -49,22 +49,6 @@ def report(model: Model) -> dict[str, Any]:
             for counts in [count_operations(function.nodes())]
         },
     }
-
-
-def hybrid_pattern(robot: Robot) -> list[list[list[int]]]:
-    """For each entry of I_H, the chains that add to it (Figs. 6–9)."""
-    size = len(hybrid_coordinates(robot))
-    pattern: list[list[list[int]]] = [[[] for _ in range(size)] for _ in range(size)]
-    for chain, places in zip(decompose(robot), coupling_map(robot), strict=True):
-        coordinates = places[: len(chain.coordinates)]
-        for i in coordinates:
-            for j in coordinates:
-                pattern[i][j].append(chain.number)
-        if chain.is_constrained:
-            joint, torque = places[3], places[-1]
-            pattern[joint][torque].append(chain.number)
-            pattern[torque][joint].append(chain.number)
-    return pattern
 
 
 def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
@@ -145,10 +129,9 @@ def _ranges(numbers: list[int]) -> str:
 
 
 def _pattern_text(data: dict[str, Any]) -> Text:
-    """I_H as a picture: the chain that fills an entry, Σ where all do, · where none does."""
-    rotors = data["rotors"]
-    width = len(str(rotors))
-    lines = ["\nHybrid matrix: which chain fills an entry (Σ: all, ·: none)"]
+    """I_H as a picture: the chain that fills an entry, Σ where several do, · where none does."""
+    width = len(str(data["rotors"]))
+    lines = ["\nHybrid matrix: which chain fills an entry (Σ: several, ·: none in any posture)"]
     for row, entries in zip(data["hybrid_rows"], data["hybrid_pattern"], strict=True):
         marks = []
         for chains in entries:

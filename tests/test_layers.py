@@ -37,6 +37,7 @@ ROOMS = [
     {"readable", "forms"},
     {"recursion"},
     {"combine", "forward", "geometry", "closed_form"},
+    {"filling"},
     {"show"},
     {"layout"},
     {"lower"},
