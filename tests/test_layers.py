@@ -20,7 +20,7 @@ ROOMS = [
     {"toml_depth", "toml_lines", "toml_reader", "toml_document"},
     {"robot", "names", "magnitude", "rigid_body", "templating"},
     {"robot_file", "family", "coordinates", "robot_text"},
-    {"chains", "arrangement", "frames", "undetermined"},
+    {"chains", "arrangement", "balance", "frames", "undetermined"},
     {"structural", "tape"},
     {"vectors", "gibbs", "ldlt"},
     {"inertia", "kinematics"},
