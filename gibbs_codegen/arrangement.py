@@ -84,6 +84,17 @@ class TiltHint:
     motors: tuple[int, ...]
     condition: float
 
+    def text(self) -> str:
+        """The hint in words."""
+        which = f"motor {self.motors[0]}" if len(self.motors) == 1 else "motors "
+        if len(self.motors) > 1:
+            which += f"{', '.join(map(str, self.motors[:-1]))} and {self.motors[-1]}"
+        return (
+            f"with the thrust of {which} tilted to the other side (x and y of opposite sign) the "
+            f"condition number would be {self.condition:.4g}; arm 1's x axis runs to the base "
+            "centre, those of the others away from it"
+        )
+
 
 def tilt_hint(robot: Robot) -> TiltHint | None:
     """Signs of the tilts that condition the arrangement far better, if there are such.

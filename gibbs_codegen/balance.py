@@ -6,6 +6,7 @@ All of it is in the base's frame: arm 1's axes, from the base centre O₂.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from gibbs_codegen.robot import RigidBody, Robot, as_rigid_body
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
 _LOPSIDED = 0.01
 _ROUNDING = 1e-12
+# Of more rotors the least and the largest thrust are told.
+_MOST_LISTED = 12
 
 Array = NDArray[np.float64]
 
@@ -74,6 +77,24 @@ def _hover(robot: Robot, moment: Array) -> Array | None:
     return _rounded(thrusts, size)
 
 
+def balance_lines(found: Balance) -> list[str]:
+    """Mass, centre of mass, inertia and hover thrusts in words."""
+    x, y, z = map(_number, found.com)
+    pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
+    how = "of least norm, level, the arm's centre of mass beneath the base centre"
+    hover = f"none carry the weight ({how})"
+    if found.hover is not None and len(found.hover) > _MOST_LISTED:
+        hover = f"{_number(min(found.hover))} to {_number(max(found.hover))} N, {how}"
+    elif found.hover is not None:
+        hover = f"{', '.join(map(_number, found.hover))} N, {how}"
+    return [
+        f"base: {_number(found.mass)} kg, centre of mass {x}, {y}, {z} m from the base centre in "
+        "arm 1's axes",
+        f"inertia about it: {', '.join(f'{a} {_number(v)}' for a, v in pairs)} kg m²",
+        f"hover thrusts: {hover}",
+    ]
+
+
 def lopsided(robot: Robot, found: Balance) -> str | None:
     """What is wrong with a base whose centre of mass is off its axis, and a remedy; or None."""
     base = robot.base
@@ -93,7 +114,7 @@ def lopsided(robot: Robot, found: Balance) -> str | None:
         )
     arm = as_rigid_body(base.arm(1))
     x, y, z = arm.com
-    first = [_number(v) for v in (arm.length - x, -y, z)]
+    first = [f"{v + 0.0:.9g}" for v in (arm.length - x, -y, z)]
     text = (
         "base.arm is one table for all arms, and its com counts from the motor on arm 1, whose x "
         "axis runs to the base centre, and from the centre on the others; if all arms are alike, "
@@ -106,7 +127,7 @@ def lopsided(robot: Robot, found: Balance) -> str | None:
 
 
 def _number(value: float) -> str:
-    return f"{value + 0.0:.9g}"
+    return f"{value:.4g}"
 
 
 def _matrix(body: RigidBody) -> Array:
@@ -120,7 +141,7 @@ def _about_origin(place: Array) -> Array:
     return matrix
 
 
-def _rounded(values: Array, size: float) -> Array:
+def _rounded(values: NDArray[np.floating[Any]], size: float) -> Array:
     """The values with what is rounding set to zero."""
     rounded: Array = np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)
     return rounded

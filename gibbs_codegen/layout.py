@@ -21,8 +21,8 @@ from gibbs_codegen.typeset import LATEX, TEXT, Dialect, Writer, filled, text_wid
 
 # So many symbols of one meaning are all named in the legend; of more, the first and the last.
 _MOST_NAMED = 12
-# What every terminal shows.
-TEXT_WIDTH = 80
+# What every terminal shows, and what is still read with ease.
+TEXT_WIDTH, MOST_WIDTH = 80, 100
 
 
 def as_text(*equations: ChainEquation, width: int = TEXT_WIDTH) -> str:

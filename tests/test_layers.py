@@ -79,6 +79,7 @@ ROOMS = [
     {"coupling_figures", "machine_figures"},
     {"chains_figures"},
     {"pipeline"},
+    {"robot_source"},
     {"cli"},
     {"__main__", "__init__"},
 ]
