@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from gibbs_codegen.model import Progress
     from gibbs_codegen.robot import Robot
 
-_COLUMNS, _FEWEST_COLUMNS = 80, 60
 _ROBOT = (
     "robot file, the name of a robot that ships, or a generated module: its folder, or its name "
     "in generated/"
@@ -337,7 +336,7 @@ def _info(options: argparse.Namespace) -> int:
 
 def _show(options: argparse.Namespace) -> int:
     robot, _ = _robot(options)
-    from gibbs_codegen.layout import MOST_WIDTH, as_latex, as_text
+    from gibbs_codegen.layout import LEAST_WIDTH, MOST_WIDTH, as_latex, as_text
     from gibbs_codegen.show import SHORT, chain_equation
 
     with _progress() as progress:
@@ -349,7 +348,7 @@ def _show(options: argparse.Namespace) -> int:
         if options.format == "latex":
             laid_out = as_latex(*equations)
         else:
-            laid_out = as_text(*equations, width=min(_width(), MOST_WIDTH))
+            laid_out = as_text(*equations, width=min(max(_width(), LEAST_WIDTH), MOST_WIDTH))
     print(laid_out, end="")
     return 0
 
@@ -434,7 +433,7 @@ def _new(options: argparse.Namespace) -> int:
 
     path = Path(options.file)
     name = name_from(path.stem)
-    write_new_file(path, robot_text(paper_family(6, 3), name))
+    write_new_file(path, robot_text(paper_family(6, 3), name, to_start_from=True))
     # What begins with a minus sign would be taken for an option.
     words = ["gibbs-codegen", "generate", *(["--"] if str(path).startswith("-") else []), str(path)]
     command = printable(shlex.join(words), 4000)
@@ -444,8 +443,7 @@ def _new(options: argparse.Namespace) -> int:
 
 def _width() -> int:
     """Columns of the terminal, or those of every terminal where the output goes elsewhere."""
-    columns = shutil.get_terminal_size().columns if sys.stdout.isatty() else _COLUMNS
-    return max(columns, _FEWEST_COLUMNS)
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 80
 
 
 @contextmanager

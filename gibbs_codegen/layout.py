@@ -21,11 +21,11 @@ from gibbs_codegen.typeset import LATEX, TEXT, Dialect, Writer, filled, text_wid
 
 # So many symbols of one meaning are all named in the legend; of more, the first and the last.
 _MOST_NAMED = 12
-# What every terminal shows, and what is still read with ease.
-TEXT_WIDTH, MOST_WIDTH = 80, 100
+# The matrices of eq. 15 need the one; wider than the other lines are hard to read.
+LEAST_WIDTH, MOST_WIDTH = 80, 100
 
 
-def as_text(*equations: ChainEquation, width: int = TEXT_WIDTH) -> str:
+def as_text(*equations: ChainEquation, width: int = LEAST_WIDTH) -> str:
     """Equations of one chain as plain text, at most `width` letters wide, with a legend."""
     return _document(equations, lambda names: _TextPage(names, width))
 
