@@ -19,11 +19,15 @@ from gibbs_codegen.load import load as load
 from gibbs_codegen.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from gibbs_codegen.chains_figures import chains_figure as chains_figure
     from gibbs_codegen.closed_form import chain_closed_form as chain_closed_form
+    from gibbs_codegen.coupling_figures import coupling_figure as coupling_figure
+    from gibbs_codegen.coupling_figures import hybrid_pattern_figure as hybrid_pattern_figure
     from gibbs_codegen.family import paper_family as paper_family
     from gibbs_codegen.layout import as_latex as as_latex
     from gibbs_codegen.layout import as_markdown as as_markdown
     from gibbs_codegen.layout import as_text as as_text
+    from gibbs_codegen.machine_figures import machine_figure as machine_figure
     from gibbs_codegen.model import derive as derive
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot_file import parse_robot as parse_robot
@@ -49,8 +53,12 @@ _LAZY = {
     "as_text": "layout",
     "chain_closed_form": "closed_form",
     "chain_equation": "show",
+    "chains_figure": "chains_figures",
+    "coupling_figure": "coupling_figures",
     "derive": "model",
     "generate": "pipeline",
+    "hybrid_pattern_figure": "coupling_figures",
+    "machine_figure": "machine_figures",
     "paper_family": "family",
     "parse_robot": "robot_file",
     "read_flight": "simulator.flight",
@@ -81,9 +89,13 @@ __all__ = [
     "as_text",
     "chain_closed_form",
     "chain_equation",
+    "chains_figure",
+    "coupling_figure",
     "derive",
     "generate",
+    "hybrid_pattern_figure",
     "load",
+    "machine_figure",
     "paper_family",
     "parse_robot",
     "read_flight",

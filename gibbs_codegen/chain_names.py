@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 import sympy as sp
 
 from gibbs_codegen.chains import Chain
-from gibbs_codegen.coordinates import constrained_coordinate, hybrid_coordinates, inputs
+from gibbs_codegen.coordinates import (
+    Coordinate,
+    constrained_coordinate,
+    hybrid_coordinates,
+    inputs,
+)
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.notation import Kind, Name, coordinate_names, name, parameter_name
 from gibbs_codegen.robot import Robot
@@ -16,26 +22,27 @@ from gibbs_codegen.robot import Robot
 FIXED = "fixed_"
 
 
-def unknown_meanings(robot: Robot) -> dict[str, str]:
-    """Meaning of each hybrid unknown by its name, with its unit and, if it is held, its value."""
-    meanings = {c.name: f"{c.meaning} ({c.unit})" for c in hybrid_coordinates(robot)}
+def _explained_unknowns(robot: Robot) -> dict[str, Coordinate]:
+    """The hybrid unknowns by name; those that are held have their value in their meaning."""
+    unknowns = {c.name: c for c in hybrid_coordinates(robot)}
     for k in range(2, robot.rotors + 1):
-        coordinate = constrained_coordinate(k)
+        held = constrained_coordinate(k)
         value = f"{float(robot.base.arm_angle_deg(k)):.6g}".replace("-", "−")
-        meanings[coordinate.name] = f"{coordinate.meaning}, held at {value}° (rad)"
-    return meanings
+        unknowns[held.name] = replace(held, meaning=f"{held.meaning}, held at {value}°")
+    return unknowns
 
 
 def chain_names(machine: Machine, chain: Chain) -> dict[sp.Symbol, Name]:
     """Names of coordinates, inputs and parameters."""
     robot, number = machine.robot, chain.number
-    meanings = unknown_meanings(robot)
-    names = dict(coordinate_names(number, [(c, meanings[c]) for c in chain.coordinates]))
+    unknowns = _explained_unknowns(robot)
+    explained = [(c, unknowns[c].meaning, unknowns[c].unit) for c in chain.coordinates]
+    names = dict(coordinate_names(number, explained))
     names |= _fixed_angle_names(robot)
     if chain.is_constrained:
-        names[sp.Symbol(chain.unknowns[-1])] = name(
-            "tau", f"{number},4", Kind.INPUT, meanings[chain.unknowns[-1]], prime=True
-        )
+        torque = unknowns[chain.unknowns[-1]]
+        meaning = f"{torque.meaning} ({torque.unit})"
+        names[sp.Symbol(torque.name)] = name("tau", f"{number},4", Kind.INPUT, meaning, prime=True)
     acting = {k: ("F", 3 if k == 1 else 5) for k in chain.motors}
     if not chain.is_constrained:
         acting = {robot.rotors + i: ("tau", 3 + i) for i in range(1, machine.joints + 1)}

@@ -13,9 +13,10 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import sys
-import tempfile
+import textwrap
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -29,6 +30,10 @@ if TYPE_CHECKING:
     from gibbs_codegen.model import Progress
     from gibbs_codegen.robot import Robot
 
+_ROBOT = (
+    "robot file, the name of a robot that ships, or a generated module: its folder, or its name "
+    "in generated/"
+)
 _FAMILY = "the paper's family: base arms and links as in its Table 1"
 
 
@@ -174,12 +179,7 @@ def _add_verify(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="check a module against formulations that share no code with the derivation",
         allow_abbrev=False,
     )
-    verify.add_argument(
-        "module",
-        metavar="NAME|DIR|ROBOT.toml",
-        help="a module in generated/ by its name, or its folder; or a robot, whose module is then "
-        "made and not kept",
-    )
+    _add_module(verify)
     verify.add_argument(
         "--states", type=int, default=20, metavar="K", help="random states (default: 20)"
     )
@@ -200,9 +200,7 @@ def _add_simulate(commands: argparse._SubParsersAction[_Parser]) -> None:
         help="fly a scenario with a generated module: time series and figures",
         allow_abbrev=False,
     )
-    simulate.add_argument(
-        "module", metavar="NAME|DIR", help="a module in generated/ by its name, or its folder"
-    )
+    _add_module(simulate)
     simulate.add_argument(
         "--scenario",
         default="paper",
@@ -234,8 +232,8 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "robot",
         nargs="?",
-        metavar="ROBOT.toml",
-        help="robot file, or the name of a robot that ships with the package",
+        metavar="ROBOT",
+        help=f"{_ROBOT}; of a name that is both, the robot that ships is taken",
     )
     parser.add_argument(
         "--rotors", type=int, metavar="N", help=f"with --links: {_FAMILY}; 2 to 256 rotors"
@@ -243,16 +241,25 @@ def _add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--links", type=int, metavar="n", help="links of the arm, 0 to 64")
 
 
+def _add_module(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help=f"{_ROBOT}; of a name that is both, the module is taken; a robot's is made for this "
+        "and not kept",
+    )
+
+
 def _robot(options: argparse.Namespace) -> tuple[Robot, str]:
     """The robot that the options ask for, and the text of its file."""
-    from gibbs_codegen.robot_file import read_robot
+    from gibbs_codegen.robot_source import find_robot
 
     if options.robot is not None:
         if options.rotors is not None or options.links is not None:
-            raise UsageError("give a robot file, or --rotors and --links, not both")
-        return read_robot(options.robot)
+            raise UsageError("give ROBOT, or --rotors and --links, not both")
+        return find_robot(options.robot)
     if options.rotors is None or options.links is None:
-        raise UsageError("give a robot file, or both --rotors and --links")
+        raise UsageError("give ROBOT, or both --rotors and --links")
     from gibbs_codegen.family import paper_family
     from gibbs_codegen.robot_text import robot_text
 
@@ -292,7 +299,19 @@ def _generate(options: argparse.Namespace) -> int:
         f"in {time.perf_counter() - start:.1f} s; mass matrix and residual take {counts.total} "
         f"operations and {counts.sine_cosine_pairs} sine-cosine pairs"
     )
+    _print_balance(robot)
     return 0
+
+
+def _print_balance(robot: Robot) -> None:
+    """How the base is balanced, and a warning where it is lopsided."""
+    from gibbs_codegen.balance import balance, balance_lines, lopsided
+
+    found = balance(robot)
+    for line in balance_lines(found):
+        print(textwrap.fill(line, _width(), subsequent_indent="  "))
+    if warning := lopsided(robot, found):
+        print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
 
 
 def _report_check(folder: Path, differing: list[str]) -> int:
@@ -318,13 +337,13 @@ def _info(options: argparse.Namespace) -> int:
     if options.json:
         print(json.dumps(report(model), indent=2))
     else:
-        print_report(model, Console(width=None if sys.stdout.isatty() else 120, highlight=False))
+        print_report(model, Console(width=_width(), highlight=False))
     return 0
 
 
 def _show(options: argparse.Namespace) -> int:
     robot, _ = _robot(options)
-    from gibbs_codegen.layout import as_latex, as_text
+    from gibbs_codegen.layout import LEAST_WIDTH, MOST_WIDTH, as_latex, as_text
     from gibbs_codegen.show import SHORT, chain_equation
 
     with _progress() as progress:
@@ -333,39 +352,22 @@ def _show(options: argparse.Namespace) -> int:
             progress(f"equation {number}")
             equations.append(chain_equation(robot, options.chain, number))
         progress("setting the equations")
-        laid_out = (as_latex if options.format == "latex" else as_text)(*equations)
+        if options.format == "latex":
+            laid_out = as_latex(*equations)
+        else:
+            laid_out = as_text(*equations, width=min(max(_width(), LEAST_WIDTH), MOST_WIDTH))
     print(laid_out, end="")
     return 0
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from gibbs_codegen.load import find_module
+    from gibbs_codegen.robot_source import found_module
 
-    path = Path(options.module)
-    with _ended_by_signals():
-        # A folder is a module, or what is left of one; anything else is a robot's file or name.
-        if os.path.isdir(path) or os.path.isdir(Path("generated") / path):
-            return _verify_folder(options, find_module(path))
-        return _verify_robot(options)
+    with _ended_by_signals(), found_module(options.robot, _progress()) as (folder, kept):
+        return _verify_folder(options, folder, kept)
 
 
-def _verify_robot(options: argparse.Namespace) -> int:
-    """Verify the module of a robot that has none here: one that is made for it and not kept."""
-    from gibbs_codegen.robot_file import read_robot
-
-    try:
-        robot, text = read_robot(options.module)
-    except UsageError as error:
-        raise UsageError(f"{error}; nor is there a module of that name in generated/") from None
-    from gibbs_codegen.pipeline import generate_robot
-
-    with tempfile.TemporaryDirectory() as out:
-        with _progress() as progress:
-            _, folder = generate_robot(robot, text, out, progress=progress, verify=False)
-        return _verify_folder(options, folder, kept=False)
-
-
-def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool = True) -> int:
+def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int:
     from rich.console import Console
 
     from gibbs_codegen.verification.modules import verify
@@ -408,10 +410,11 @@ def _fly(options: argparse.Namespace) -> int:
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, options.animate or "")
     from gibbs_codegen.load import load
+    from gibbs_codegen.robot_source import found_module
     from gibbs_codegen.simulator.simulation import simulate
 
-    module = load(options.module, options.backend)
-    with _progress_bar() as progress:
+    with found_module(options.robot, _progress()) as (folder, _), _progress_bar() as progress:
+        module = load(folder, options.backend)
         start = time.perf_counter()
         flight = simulate(module, scenario, progress)
         seconds = time.perf_counter() - start
@@ -437,12 +440,17 @@ def _new(options: argparse.Namespace) -> int:
 
     path = Path(options.file)
     name = name_from(path.stem)
-    write_new_file(path, robot_text(paper_family(6, 3), name))
+    write_new_file(path, robot_text(paper_family(6, 3), name, to_start_from=True))
     # What begins with a minus sign would be taken for an option.
     words = ["gibbs-codegen", "generate", *(["--"] if str(path).startswith("-") else []), str(path)]
     command = printable(shlex.join(words), 4000)
     print(f"{printable(path)}: written, for a robot named {name}; edit it, then run: {command}")
     return 0
+
+
+def _width() -> int:
+    """Columns of the terminal, or those of every terminal where the output goes elsewhere."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() else 80
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from gibbs_codegen.equations import (
     generalised_inertia_forces,
     mass_matrix,
 )
-from gibbs_codegen.forces import input_matrix, motor_columns, motor_torque_about_arm_joint
+from gibbs_codegen.forces import input_matrix, motor_column, motor_torque_about_arm_joint
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.serial import SerialChain, joint_columns, link_wrench
 
@@ -120,6 +120,17 @@ def constraint_torques(machine: Machine) -> list[sp.Expr]:
     return torques
 
 
+def chain_matrix(machine: Machine, number: int) -> Matrix:
+    """Mass matrix I_j of chain 1 … N, bordered with ±ζ where the chain is constrained (eq. 15)."""
+    chain, serial = machine.open_chains[number - 1]
+    matrix = mass_matrix(machine.tape, machine.root, serial)
+    if not chain.is_constrained:
+        return matrix
+    zero, one = sp.S.Zero, sp.S.One
+    zeta = [one if i == 3 else zero for i in range(len(matrix))]
+    return [*([*row, -z] for row, z in zip(matrix, zeta, strict=True)), [*zeta, zero]]
+
+
 def chain_system(machine: Machine, number: int) -> LinearSystem:
     """Chain 1 … N in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
 
@@ -127,12 +138,15 @@ def chain_system(machine: Machine, number: int) -> LinearSystem:
     """
     tape, root = machine.tape, machine.root
     chain, serial = machine.open_chains[number - 1]
-    matrix = mass_matrix(tape, root, serial)
+    matrix = chain_matrix(machine, number)
     rates = _chain_values(machine, chain, machine.v)
     state = State(rates, [sp.S.Zero] * len(rates), machine.parameters.gravity)
     residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
-    system = LinearSystem(matrix, residual, _chain_inputs(machine, chain))
-    return _bordered(system) if chain.is_constrained else system
+    thrust = _chain_inputs(machine, chain)
+    if chain.is_constrained:  # The last row is ζᵀθ̈_j = 0.
+        residual.append(sp.S.Zero)
+        thrust.append([sp.S.Zero] * len(machine.u))
+    return LinearSystem(matrix, residual, thrust)
 
 
 def hybrid_from_chains(machine: Machine) -> LinearSystem:
@@ -165,9 +179,8 @@ def _chain_inputs(machine: Machine, chain: Chain) -> Matrix:
     zero, one = sp.S.Zero, sp.S.One
     names = list(chain.coordinates)
     matrix: Matrix = [[zero] * len(machine.u) for _ in names]
-    columns = motor_columns(machine)
     for motor in chain.motors:
-        for name, entry in zip((*ATTITUDE, *POSITION), columns[motor - 1], strict=True):
+        for name, entry in zip((*ATTITUDE, *POSITION), motor_column(machine, motor), strict=True):
             matrix[names.index(name)][motor - 1] = entry
         if motor > 1:
             matrix[3][motor - 1] = motor_torque_about_arm_joint(machine, motor)
@@ -176,14 +189,3 @@ def _chain_inputs(machine: Machine, chain: Chain) -> Matrix:
         for i in range(machine.joints):
             matrix[3 + i][first + i] = one
     return matrix
-
-
-def _bordered(system: LinearSystem) -> LinearSystem:
-    """Eq. 15: the unknown τ'_j with −ζ beside the mass matrix, and the row ζᵀθ̈_j = 0 below."""
-    zero, one = sp.S.Zero, sp.S.One
-    size = len(system.residual)
-    zeta = [one if i == 3 else zero for i in range(size)]
-    matrix = [[*row, -z] for row, z in zip(system.matrix, zeta, strict=True)]
-    matrix.append([*zeta, zero])
-    width = len(system.inputs[0])
-    return LinearSystem(matrix, [*system.residual, zero], [*system.inputs, [zero] * width])

@@ -7,8 +7,7 @@ symbols keep the size in which they can be read.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import accumulate
 
 from matplotlib.axes import Axes
@@ -17,15 +16,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 
-from gibbs_codegen.chains import Chain, coupling_map, decompose
-from gibbs_codegen.combine import chain_system
+from gibbs_codegen.chains import Chain, decompose
 from gibbs_codegen.coordinates import hybrid_coordinates, inputs
-from gibbs_codegen.machine import Machine
+from gibbs_codegen.filling import Filling, filled_entries
 from gibbs_codegen.notation import Name, accelerated, hybrid_name
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.show import chain_equation
 from gibbs_codegen.simulator.figure_style import DARK, style
-from gibbs_codegen.tape import Tape
 
 # Okabe and Ito (2008) without yellow and black, then four of Tol's muted colours. They repeat after
 # ten chains.
@@ -33,8 +30,6 @@ CHAIN_COLOURS = (
     *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"),
     *("#332288", "#882255", "#999933", "#777777"),
 )
-
-Filling = tuple[tuple[tuple[int, ...], ...], ...]
 
 # Fig. 6, in units of a row: distance between rows and between chains, and where things stand.
 _ROW, _CHAIN_GAP, _PADDING = 0.187, 1.1, 0.25
@@ -45,37 +40,9 @@ _CELL = 0.22
 _LABELS, _GAP, _HEAD, _FOOT = 2.6, 2.0, 2.4, 1.9
 
 
-@dataclass(frozen=True)
-class FilledEntries:
-    """For each entry of I_H, R_H and B_H, the chains that add something to it (Figs. 7–9).
-
-    `matrix` and `inputs` are by rows and columns; `residual` has one column.
-    """
-
-    matrix: Filling
-    residual: Filling
-    inputs: Filling
-
-
 def chain_colour(number: int) -> str:
     """The colour of chain `number` = 1 … N in every drawing."""
     return CHAIN_COLOURS[(number - 1) % len(CHAIN_COLOURS)]
-
-
-def filled_entries(robot: Robot) -> FilledEntries:
-    """Where each chain's own system (eq. 15) has entries other than zero, by the coupling map."""
-    machine = Machine.of(robot, Tape())
-    size, width = len(hybrid_coordinates(robot)), len(inputs(robot))
-    matrix, residual, thrust = (_no_entries(size, columns) for columns in (size, 1, width))
-    for number, places in enumerate(coupling_map(robot), start=1):
-        system = chain_system(machine, number)
-        for i, row in enumerate(places):
-            for entry, column in zip(system.matrix[i], places, strict=True):
-                _note(matrix[row][column], number, entry != 0)
-            _note(residual[row][0], number, system.residual[i] != 0)
-            for entry, chains in zip(system.inputs[i], thrust[row], strict=True):
-                _note(chains, number, entry != 0)
-    return FilledEntries(*map(_frozen, (matrix, residual, thrust)))
 
 
 def coupling_figure(robot: Robot) -> Figure:
@@ -161,19 +128,6 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
             _symbol(axes, joint + 0.5, row + 0.5, "1", "white", 7)
         _legend(axes, decompose(robot), size + 0.7, input_left + width)
     return figure
-
-
-def _no_entries(rows: int, columns: int) -> list[list[list[int]]]:
-    return [[[] for _ in range(columns)] for _ in range(rows)]
-
-
-def _note(chains: list[int], number: int, adds: bool) -> None:
-    if adds:
-        chains.append(number)
-
-
-def _frozen(entries: Sequence[Sequence[Iterable[int]]]) -> Filling:
-    return tuple(tuple(tuple(chains) for chains in row) for row in entries)
 
 
 def _row_number(place: int) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -37,7 +38,11 @@ class GibbsCodegenError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong with a file: its key path, the line where it can be had, and why."""
+    """One thing wrong with a file: its key path, the line where it can be had, and why.
+
+    A path counts as Python does, `link[0].mass`; its text counts from 1, as PARAMETERS and the
+    comments of robot files do: `link 1: mass`.
+    """
 
     path: str
     message: str
@@ -46,7 +51,19 @@ class Fault:
     def text(self, source: str) -> str:
         """The fault as `source:line: key: message`."""
         place = source if self.line is None else f"{source}:{self.line}"
-        return f"{place}: {self.path}: {self.message}" if self.path else f"{place}: {self.message}"
+        where = f"{place}: {_counted(self.path)}" if self.path else place
+        return f"{where}: {self.message}"
+
+
+def _counted(path: str) -> str:
+    """A key path as a person counts; what stands in quotes is a key of the file as it is."""
+
+    def number(found: re.Match[str]) -> str:
+        if found[1] is None:
+            return found[0]
+        return f" {int(found[1]) + 1}" + (": " if found[2] else "")
+
+    return re.sub(r"""\[(\d+)\](\.)?|['"].*""", number, path)
 
 
 class RefusedFileError(GibbsCodegenError):

@@ -62,13 +62,10 @@ def motor_torque_about_arm_joint(machine: Machine, k: int) -> sp.Expr:
     return machine.tape.let(parameters.arm_length(k) * y + parameters.drag(k) * z)
 
 
-def motor_columns(machine: Machine) -> list[tuple[sp.Expr, ...]]:
-    """For each motor, its generalised forces on θ₋₁, θ₀, θ₁, x, y, z per unit thrust (eq. 13)."""
+def motor_column(machine: Machine, k: int) -> tuple[sp.Expr, ...]:
+    """Generalised forces of motor k on θ₋₁, θ₀, θ₁, x, y, z per unit of thrust (eq. 13)."""
     tape, root = machine.tape, machine.root
-    return [
-        root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
-        for k in range(1, machine.robot.rotors + 1)
-    ]
+    return root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
 
 
 def total_thrust_wrench(machine: Machine) -> Wrench:
@@ -86,9 +83,10 @@ def input_matrix(machine: Machine) -> list[list[sp.Expr]]:
     n, rotors = machine.joints, machine.robot.rotors
     zero, one = sp.S.Zero, sp.S.One
     matrix = [[zero] * (rotors + n) for _ in range(6 + n)]
-    for column, rows in enumerate(motor_columns(machine)):
+    for k in range(1, rotors + 1):
+        rows = motor_column(machine, k)
         for row, entry in zip((0, 1, 2, n + 3, n + 4, n + 5), rows, strict=True):
-            matrix[row][column] = entry
+            matrix[row][k - 1] = entry
     for i in range(n):
         matrix[3 + i][rotors + i] = one
     return matrix

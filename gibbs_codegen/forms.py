@@ -11,6 +11,7 @@ import sympy as sp
 
 from gibbs_codegen.notation import Name
 from gibbs_codegen.shown_equation import ChainEquation
+from gibbs_codegen.typeset import text_width
 
 # A wider matrix does not fit a page; its entries are listed in any case.
 _WIDEST = 12
@@ -185,6 +186,5 @@ def _text(names: dict[sp.Symbol, Name], entry: sp.Expr) -> str:
 
 
 def padded(text: str, width: int) -> str:
-    """Text filled with spaces by the letters that are seen: dots above take no room."""
-    seen = sum(not 0x300 <= ord(letter) <= 0x36F for letter in text)
-    return text + " " * (width - seen)
+    """Text filled with spaces to a width."""
+    return text + " " * (width - text_width(text))

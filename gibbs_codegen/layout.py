@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import sympy as sp
 
@@ -17,15 +17,17 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.forms import AT_REST, FORMS, WHY_DEFINITIONS, motion_latex, motion_text, padded
 from gibbs_codegen.notation import Kind, Name
 from gibbs_codegen.shown_equation import ChainEquation
-from gibbs_codegen.typeset import LATEX, TEXT, Dialect, Writer, filled
+from gibbs_codegen.typeset import LATEX, TEXT, Dialect, Writer, filled, text_width
 
 # So many symbols of one meaning are all named in the legend; of more, the first and the last.
 _MOST_NAMED = 12
+# The matrices of eq. 15 need the one; wider than the other lines are hard to read.
+LEAST_WIDTH, MOST_WIDTH = 80, 100
 
 
-def as_text(*equations: ChainEquation) -> str:
-    """Equations of one chain as plain text, at most 100 letters wide, with a legend."""
-    return _document(equations, _TextPage)
+def as_text(*equations: ChainEquation, width: int = LEAST_WIDTH) -> str:
+    """Equations of one chain as plain text, at most `width` letters wide, with a legend."""
+    return _document(equations, lambda names: _TextPage(names, width))
 
 
 def as_latex(*equations: ChainEquation) -> str:
@@ -38,7 +40,9 @@ def as_markdown(*equations: ChainEquation) -> str:
     return _document(equations, _MarkdownPage)
 
 
-def _document(equations: Sequence[ChainEquation], page_of: type[_Page]) -> str:
+def _document(
+    equations: Sequence[ChainEquation], page_of: Callable[[dict[sp.Symbol, Name]], _Page]
+) -> str:
     if len({(equation.robot, equation.chain) for equation in equations}) != 1:
         raise UsageError("equations of one chain of one robot can be laid out together")
     names: dict[sp.Symbol, Name] = {}
@@ -124,8 +128,12 @@ class _Page:
         """Left side of a definition, and its right side in lines with their depths."""
         left = self.dialect.symbol(self.names[symbol])
         room = self.width - self.dialect.visible(left) - 3
-        terms = self.writer.terms(value)
+        terms = [self.cut(term) for term in self.writer.terms(value)]
         return left, filled(terms, room, self.width - 8, self.dialect.visible)
+
+    def cut(self, term: list[str]) -> list[str]:
+        """A term in pieces that fit on a line, where its own may be too long for that."""
+        return term
 
     def entries(
         self, names: Sequence[Name], more: Sequence[tuple[str, str, str]]
@@ -159,7 +167,23 @@ class _Page:
 
 class _TextPage(_Page):
     dialect = TEXT
-    width = 100
+
+    def __init__(self, names: dict[sp.Symbol, Name], width: int) -> None:
+        super().__init__(names)
+        self.width = width
+
+    def cut(self, term: list[str]) -> list[str]:
+        """Products that are too long are cut before a multiplication sign."""
+        pieces = []
+        for piece in term:
+            first, *factors = piece.split(TEXT.times)
+            pieces.append(first)
+            for factor in (TEXT.times + factor for factor in factors):
+                if text_width(pieces[-1] + factor) <= self.width - 9:
+                    pieces[-1] += factor
+                else:
+                    pieces.append(factor)
+        return pieces
 
     def opening(self, head: str) -> list[str]:
         return [head]
@@ -197,7 +221,13 @@ class _TextPage(_Page):
         self.written += ["", "Symbols", "-------"]
         for symbols, meaning in self.entries(names, more):
             text = re.sub(r"B_(\d)", r"B\1", f"{', '.join(symbols)}: {meaning}")
-            self.written += textwrap.wrap(text, self.width, subsequent_indent="    ")
+            self.written += textwrap.wrap(
+                text,
+                self.width,
+                subsequent_indent="    ",
+                break_long_words=False,
+                break_on_hyphens=False,
+            )
 
 
 class _LatexPage(_Page):

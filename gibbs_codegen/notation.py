@@ -95,23 +95,29 @@ def text_index(index: str) -> str:
 
 
 _LINEAR = ("x", "y", "z")
-_DOTS = (("", "", Kind.COORDINATE), ("v_", "dot", Kind.RATE), ("a_", "ddot", Kind.ACCELERATION))
+_DOTS = (
+    # How a symbol begins, its mark, its kind, what it is of its coordinate, and its unit per that.
+    ("", "", Kind.COORDINATE, "", ""),
+    ("v_", "dot", Kind.RATE, ": its rate", "/s"),
+    ("a_", "ddot", Kind.ACCELERATION, ": its acceleration", "/s²"),
+)
 
 
 def coordinate_names(
-    chain: int, coordinates: Iterable[tuple[str, str]]
+    chain: int, coordinates: Iterable[tuple[str, str, str]]
 ) -> Iterator[tuple[sp.Symbol, Name]]:
     """Names of the coordinates of a chain, with their rates and accelerations.
 
-    `coordinates` gives the derivation's name and the meaning of each, in order.
+    `coordinates` gives the derivation's name, the meaning and the unit of each, in order.
     """
-    for item, (internal, meaning) in enumerate(coordinates, start=1):
+    for item, (internal, meaning, unit) in enumerate(coordinates, start=1):
         if internal in _LINEAR:
             letter, index = internal, f"o_{{{chain},3}}"
         else:
             letter, index = internal.split("_")[0], f"{chain},{item}"
-        for prefix, mark, kind in _DOTS:
-            yield sp.Symbol(f"{prefix}{internal}"), name(letter, index, kind, meaning, mark)
+        for prefix, mark, kind, what, per_time in _DOTS:
+            explained = f"{meaning}{what} ({unit}{per_time})"
+            yield sp.Symbol(f"{prefix}{internal}"), name(letter, index, kind, explained, mark)
 
 
 _PARAMETERS = (

@@ -9,20 +9,26 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from gibbs_codegen.arrangement import arrangement
+from gibbs_codegen.arrangement import arrangement, tilt_hint
+from gibbs_codegen.balance import balance, balance_lines, lopsided
 from gibbs_codegen.chains import coupling_map, decompose
 from gibbs_codegen.coordinates import Coordinate, hybrid_coordinates, inputs, reduced_coordinates
+from gibbs_codegen.filling import filled_matrix
 from gibbs_codegen.model import Model
 from gibbs_codegen.program import Number, count_operations
 from gibbs_codegen.robot import Robot
 
-# A wider pattern does not fit a terminal; --json has it for any size.
-_WIDEST_PATTERN = 40
-
 
 def report(model: Model) -> dict[str, Any]:
-    """Everything that `info` prints, as values that JSON can hold."""
-    robot, motors = model.robot, arrangement(model.robot)
+    """Everything that `info` tells, as values that JSON can hold."""
+    return _facts(model) | {"hybrid_pattern": _pattern(model.robot)}
+
+
+def _facts(model: Model) -> dict[str, Any]:
+    """All but the pattern of the hybrid system, which takes long for very many rotors."""
+    robot, motors, hint = model.robot, arrangement(model.robot), tilt_hint(model.robot)
+    base = balance(robot)
+    warning = lopsided(robot, base)
     return {
         "name": robot.name,
         "rotors": robot.rotors,
@@ -30,6 +36,8 @@ def report(model: Model) -> dict[str, Any]:
         "attitude": robot.base.attitude,
         "origin": robot.base.origin,
         "mass": robot.total_mass,
+        "base": asdict(base),
+        "warnings": [warning] if warning else [],
         "chains": [
             {**asdict(chain), "constrained": chain.is_constrained, "places": list(places)}
             for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
@@ -37,11 +45,11 @@ def report(model: Model) -> dict[str, Any]:
         "coordinates": [asdict(c) for c in reduced_coordinates(robot)],
         "inputs": [asdict(c) for c in inputs(robot)],
         "hybrid_rows": _hybrid_rows(model),
-        "hybrid_pattern": hybrid_pattern(robot),
         "arrangement": {
             "rank": motors.rank,
             "condition": motors.condition if motors.rank == 6 else None,
             "missing": motors.missing_texts(),
+            "tilt_hint": asdict(hint) | {"text": hint.text()} if hint else None,
         },
         "operations": {
             function.name: {"total": counts.total, **asdict(counts)}
@@ -51,20 +59,9 @@ def report(model: Model) -> dict[str, Any]:
     }
 
 
-def hybrid_pattern(robot: Robot) -> list[list[list[int]]]:
+def _pattern(robot: Robot) -> list[list[list[int]]]:
     """For each entry of I_H, the chains that add to it (Figs. 6–9)."""
-    size = len(hybrid_coordinates(robot))
-    pattern: list[list[list[int]]] = [[[] for _ in range(size)] for _ in range(size)]
-    for chain, places in zip(decompose(robot), coupling_map(robot), strict=True):
-        coordinates = places[: len(chain.coordinates)]
-        for i in coordinates:
-            for j in coordinates:
-                pattern[i][j].append(chain.number)
-        if chain.is_constrained:
-            joint, torque = places[3], places[-1]
-            pattern[joint][torque].append(chain.number)
-            pattern[torque][joint].append(chain.number)
-    return pattern
+    return [[list(chains) for chains in row] for row in filled_matrix(robot)]
 
 
 def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
@@ -85,17 +82,23 @@ def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
 
 def print_report(model: Model, console: Console) -> None:
     """The report in a readable layout."""
-    data = report(model)
+    data = _facts(model)
     console.print(
         f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "
         f"{data['mass']:.6g} kg, attitude {data['attitude']}, origin {data['origin']}"
     )
+    for line in balance_lines(balance(model.robot)):
+        console.print(line)
+    for warning in data["warnings"]:
+        console.print(f"warning: {warning}", style="bold", markup=False)
     console.print(_chain_table(data))
     console.print(_coordinate_table("Coordinates q", reduced_coordinates(model.robot)))
     console.print(_coordinate_table("Inputs u", inputs(model.robot)))
     console.print(_row_table(data))
-    if len(data["hybrid_rows"]) <= _WIDEST_PATTERN:
-        console.print(_pattern_text(data))
+    if _pattern_width(data) <= console.width:
+        console.print(_pattern_text(data, _pattern(model.robot)))
+    else:
+        console.print("\nHybrid matrix: too wide for this page; --json has its pattern")
     _print_arrangement(data["arrangement"], console)
     console.print(_operation_table(data))
 
@@ -109,16 +112,16 @@ def _table(title: str, *columns: str) -> Table:
 
 def _chain_table(data: dict[str, Any]) -> Table:
     table = _table(
-        "\nOpen chains (eq. 1)", "chain", "arms", "mass of", "thrust of", "equations", "constrained"
+        "\nOpen chains (eq. 1)", "chain", "arms", "mass of", "thrust of", "equations", "held by"
     )
     for chain in data["chains"]:
         table.add_row(
             str(chain["number"]),
             " → ".join(map(str, chain["links"])),
-            ", ".join(f"arm {k}" for k in chain["massive"]) or "-",
-            ", ".join(f"motor {k}" for k in chain["motors"]) or "-",
+            f"arm {', '.join(map(str, chain['massive']))}" if chain["massive"] else "-",
+            f"motor {', '.join(map(str, chain['motors']))}" if chain["motors"] else "-",
             str(len(chain["coordinates"])),
-            f"by {chain['unknowns'][-1]}" if chain["constrained"] else "-",
+            chain["unknowns"][-1] if chain["constrained"] else "-",
         )
     return table
 
@@ -144,12 +147,16 @@ def _ranges(numbers: list[int]) -> str:
     return f"{numbers[0]} … {numbers[-1]}" if len(numbers) > 1 else str(numbers[0])
 
 
-def _pattern_text(data: dict[str, Any]) -> Text:
-    """I_H as a picture: the chain that fills an entry, Σ where all do, · where none does."""
-    rotors = data["rotors"]
-    width = len(str(rotors))
-    lines = ["\nHybrid matrix: which chain fills an entry (Σ: all, ·: none)"]
-    for row, entries in zip(data["hybrid_rows"], data["hybrid_pattern"], strict=True):
+def _pattern_width(data: dict[str, Any]) -> int:
+    """Letters of a line of the pattern: row, unknown, and a mark for each column."""
+    return 18 + len(data["hybrid_rows"]) * (len(str(data["rotors"])) + 1)
+
+
+def _pattern_text(data: dict[str, Any], pattern: list[list[list[int]]]) -> Text:
+    """I_H as a picture: the chain that fills an entry, Σ where several do, · where none does."""
+    width = len(str(data["rotors"]))
+    lines = ["\nHybrid matrix: which chain fills an entry (Σ: several, ·: none in any posture)"]
+    for row, entries in zip(data["hybrid_rows"], pattern, strict=True):
         marks = []
         for chains in entries:
             mark = "·" if not chains else str(chains[0]) if len(chains) == 1 else "Σ"
@@ -164,10 +171,14 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
             f"\nMotor arrangement: rank 6 of 6, condition number {motors['condition']:.4g} "
             "(N and N m about the base centre)"
         )
-        return
-    console.print(f"\nMotor arrangement: rank {motors['rank']} of 6; the thrusts cannot push along")
-    for direction in motors["missing"]:
-        console.print(f"  {direction}", highlight=False)
+    else:
+        console.print(
+            f"\nMotor arrangement: rank {motors['rank']} of 6; the thrusts cannot push along"
+        )
+        for direction in motors["missing"]:
+            console.print(f"  {direction}", highlight=False)
+    if motors["tilt_hint"]:
+        console.print(f"Hint: {motors['tilt_hint']['text']}")
 
 
 def _operation_table(data: dict[str, Any]) -> Table:

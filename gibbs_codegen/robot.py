@@ -62,6 +62,16 @@ class RigidBody:
 Body = Rod | RigidBody
 
 
+def as_rigid_body(body: Body) -> RigidBody:
+    """The same body by mass, centre of mass and inertia about it."""
+    if isinstance(body, RigidBody):
+        return body
+    mass, (xx, yy, zz) = body.total_mass, body.section_inertia
+    slender = mass * body.length**2 / 12
+    inertia = (xx, yy + slender, zz + slender, 0.0, 0.0, 0.0)
+    return RigidBody(body.length, mass, (body.length / 2, 0.0, 0.0), inertia)
+
+
 @dataclass(frozen=True)
 class Link:
     """A link of the arm with the joint that carries it (modified Denavit–Hartenberg, Craig).

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
-from gibbs_codegen.robot import AXES, Body, Link, Robot, Rod, Vector3
+from gibbs_codegen.robot import AXES, Body, Link, RigidBody, Robot, Rod, Vector3, as_rigid_body
 from gibbs_codegen.templating import render
 
 
-def robot_text(robot: Robot, name: str | None = None) -> str:
-    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given."""
+def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
+    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
+
+    `to_start_from` adds, as comments, the arm and the last link in the other form of a body.
+    """
     base = robot.base
     arms = [_inline_table(arm) for arm in base.arms]
     context = {
@@ -21,7 +25,14 @@ def robot_text(robot: Robot, name: str | None = None) -> str:
         "thrust": _lines([_direction(direction) for direction in base.thrust]),
         "drag": _lines([repr(float(value)) for value in base.drag]),
         "arm": arms[0] if base.shares_one_arm else "[\n    " + ",\n    ".join(arms) + ",\n]",
+        "rigid_arm": _inline_table(_rigid(base.arm(1))) if to_start_from else "",
         "links": [_link(robot, i) for i in range(1, len(robot.links) + 1)],
+        "rigid_link": [
+            line
+            for link in robot.links[-1:]
+            for line in _lines_of(_rigid(link.body))[1:]
+            if to_start_from
+        ],
     }
     return render("robot.toml.jinja", context)
 
@@ -40,12 +51,23 @@ def _link(robot: Robot, i: int) -> dict[str, object]:
         "d": repr(link.d),
         "theta_deg": _degrees(link.theta_deg),
         "joint": link.joint,
-        "body": [f"{key} = {value}" for key, value in _body(link.body).items()],
+        "body": _lines_of(link.body),
     }
 
 
+def _rigid(body: Body) -> RigidBody:
+    """A body as a rigid one, in numbers that are short enough to be changed by hand."""
+    rigid = as_rigid_body(body)
+    xx, yy, zz, xy, xz, yz = (float(f"{value:.6g}") for value in rigid.inertia)
+    return replace(rigid, inertia=(xx, yy, zz, xy, xz, yz))
+
+
+def _lines_of(body: Body) -> list[str]:
+    return [f"{key} = {value}" for key, value in _body(body).items()]
+
+
 def _inline_table(body: Body) -> str:
-    return "{ " + ", ".join(f"{key} = {value}" for key, value in _body(body).items()) + " }"
+    return "{ " + ", ".join(_lines_of(body)) + " }"
 
 
 def _body(body: Body) -> dict[str, str]:

@@ -16,7 +16,6 @@ from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
-from gibbs_codegen.chain_names import unknown_meanings
 from gibbs_codegen.chains import coupling_map
 from gibbs_codegen.closed_form import closed_system
 from gibbs_codegen.coordinates import hybrid_coordinates, inputs
@@ -238,12 +237,11 @@ def _coupling(robot: Robot, chain: int) -> ChainEquation:
     """Where the chain's unknowns and inputs stand among those of the hybrid system."""
     readable = readable_chain(robot, chain)
     names, unknowns = readable.names, hybrid_coordinates(robot)
-    meanings = unknown_meanings(robot)
     places = []
     for item, place in enumerate(coupling_map(robot)[chain - 1], start=1):
         internal = unknowns[place].name
         own = names.get(sp.Symbol(f"a_{internal}")) or names[sp.Symbol(internal)]
-        hybrid = accelerated(hybrid_name(internal, meanings[internal]))
+        hybrid = accelerated(hybrid_name(internal, own.meaning))
         places.append(Place(item, own, hybrid, place - 1))
     acting = tuple(
         (names[sp.Symbol(entry.name)], hybrid_name(entry.name, f"{entry.meaning} ({entry.unit})"))

@@ -87,8 +87,16 @@ class Table:
         return self._checked(key, self.values.get(key, default), default, least)
 
     def angle(self, key: str) -> Fraction:
-        """Optional angle in degrees, as the shortest decimal of its double; 0 where missing."""
-        return Fraction(repr(self.number(key, 0.0)))
+        """Optional angle in degrees, at most one turn, as the shortest decimal of its double.
+
+        0 where missing. In radians huge angles lose the part of a turn that they end in.
+        """
+        degrees = self.number(key, 0.0)
+        if abs(degrees) > 360.0:
+            what = f"must be from -360 to 360 degrees, not {degrees:g}"
+            self.fault(key, f"{what}; leave out whole turns")
+            return Fraction(0)
+        return Fraction(repr(degrees))
 
     def numbers(self, key: str, length: int, default: tuple[float, ...]) -> tuple[float, ...]:
         """Optional list of `length` finite numbers."""

@@ -8,6 +8,7 @@ cos(θ_{2,3} + θ_{2,4}). A node that has no rule here, or a symbol that has no 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -43,6 +44,11 @@ def _latex_width(text: str) -> int:
     return len(re.sub(r"\\[a-zA-Z]+ ?|[{}^_\\ ]", "", text)) + text.count(r"\tfrac")
 
 
+def text_width(text: str) -> int:
+    """As many letters as are seen: dots above take no room."""
+    return sum(not unicodedata.combining(letter) for letter in text)
+
+
 LATEX = Dialect(
     symbol=lambda name: name.latex,
     index=latex_index,
@@ -65,7 +71,7 @@ TEXT = Dialect(
     opening="(",
     closing=")",
     pi="π",
-    visible=len,
+    visible=text_width,
 )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from random_robots import random_robot
 
-from gibbs_codegen.arrangement import arrangement, wrench_matrix
+from gibbs_codegen.arrangement import TiltHint, arrangement, tilt_hint, wrench_matrix
 from gibbs_codegen.family import paper_family
 from gibbs_codegen.robot import AXES, Base, Robot, Rod
 
@@ -57,3 +57,42 @@ def test_a_missing_direction_is_shown_by_its_positive_end_and_without_rounding()
     assert np.all(wrenches[:, :2] == 0.0)
     for name in ("force along z", "moment about x", "moment about y", "moment about z"):
         assert any(name in text for text in found.missing_texts())
+
+
+def tilted(rotors: int, signs: list[int], drag: float = 0.02) -> Robot:
+    """Rotors tilted by 20 degrees about their arms, to the sides that signs give."""
+    s, c = np.sin(np.deg2rad(20)), np.cos(np.deg2rad(20))
+    thrust = tuple((0.0, float(sign * s), float(c)) for sign in signs)
+    drags = tuple((-1) ** k * drag for k in range(rotors))
+    return Robot("tilted", Base(rotors, (Rod(0.3, 1.0),), thrust, drags))
+
+
+def test_alternating_tilts_want_the_other_sign_on_arm_1() -> None:
+    """One rule for all arms gives arm 1, whose axes point the other way, the wrong sign."""
+    one_rule = [(-1) ** k for k in range(6)]
+    hint = tilt_hint(tilted(6, one_rule))
+    assert hint is not None
+    assert hint.motors == (1,)
+    right = tilted(6, [-one_rule[0], *one_rule[1:]])
+    assert hint.condition == pytest.approx(arrangement(right).condition)
+    assert hint.condition < arrangement(tilted(6, one_rule)).condition / 3
+    assert tilt_hint(right) is None
+    assert "thrust of motor 1 tilted to the other side" in hint.text()
+
+
+def test_tilts_that_do_not_alternate_are_told_to() -> None:
+    hint = tilt_hint(tilted(6, [-1, 1, 1, 1, 1, 1], drag=0.0))
+    assert hint is not None
+    assert hint.motors == (2, 4, 6)
+    assert "motors 2, 4 and 6" in hint.text()
+    assert np.isfinite(hint.condition)
+
+
+@pytest.mark.parametrize("rotors", [4, 6])
+def test_no_hint_where_no_signs_would_help(rotors: int) -> None:
+    upright = Robot(
+        "upright", Base(rotors, (Rod(0.5, 1.0),), (AXES["z"],) * rotors, (0.0,) * rotors)
+    )
+    assert tilt_hint(upright) is None
+    assert tilt_hint(paper_family(rotors, 0)) is None
+    assert TiltHint((1, 3), 5.0).text().startswith("with the thrust of motors 1 and 3 tilted")

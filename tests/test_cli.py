@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import pty
+import struct
 import subprocess
 import sys
+import termios
 from pathlib import Path
 
+import numpy as np
 import pytest
 from conftest import ROOT
+
+from gibbs_codegen.load import load
+from gibbs_codegen.robot import RigidBody, as_rigid_body
+from gibbs_codegen.robot_file import parse_robot
+from gibbs_codegen.typeset import text_width
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
 
@@ -100,7 +110,7 @@ def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
     [
         ([], "required"),
         (["fly"], "invalid choice"),
-        (["generate"], "give a robot file, or both --rotors and --links"),
+        (["generate"], "give ROBOT, or both --rotors and --links"),
         (["generate", "--rotors", "6"], "both --rotors and --links"),
         (["generate", "hexarotor", "--rotors", "6", "--links", "1"], "not both"),
         (["generate", "--rotors", "1", "--links", "1"], "rotors must be from 2"),
@@ -110,7 +120,7 @@ def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
         (["generate", "hexarotor", "--target", "cobol"], "known targets: numpy"),
         (["info", "nowhere"], "no such robot file"),
         (["show", "hexarotor"], "required: --chain"),
-        (["show", "--chain", "1"], "give a robot file, or both --rotors and --links"),
+        (["show", "--chain", "1"], "give ROBOT, or both --rotors and --links"),
         (["show", "hexarotor", "--chain", "7"], "chain 7: hexarotor has chains 1 to 6"),
         (["show", "hexarotor", "--chain", "0"], "chain 0: hexarotor has chains 1 to 6"),
         (["show", "hexarotor", "--chain", "1", "--equation", "3"], "known: 2, 5, 6, 15, 18"),
@@ -171,13 +181,38 @@ def test_new_writes_a_file_that_generates(tmp_path: Path) -> None:
     assert (tmp_path / "my_uav.toml").read_text() == text
 
 
+def test_new_shows_both_forms_of_a_body(tmp_path: Path) -> None:
+    """What stands in comments is the same machine in the other form."""
+    assert run("new", "my_uav.toml", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "my_uav.toml").read_text()
+    rods = parse_robot(text)
+    head, _, last = text.rpartition("mass_per_length = 1.0\nsection_inertia")
+    last = last.partition("\n")[2]
+    kept = [line for line in head.splitlines() if not line.startswith("arm = ")]
+    lines = [*kept, *last.splitlines()]
+    for key in ("arm", "mass", "com", "inertia"):
+        lines = [
+            line.removeprefix("# ") if line.startswith(f"# {key} =") else line for line in lines
+        ]
+    rigid = parse_robot("\n".join(lines))
+    pairs = [(rods.base.arm(1), rigid.base.arm(1)), (rods.links[-1].body, rigid.links[-1].body)]
+    for rod, body in pairs:
+        expected = as_rigid_body(rod)
+        assert isinstance(body, RigidBody)
+        assert (body.length, body.mass, body.com) == (expected.length, expected.mass, expected.com)
+        assert body.inertia == pytest.approx(expected.inertia, rel=1e-5)
+
+
 def test_info_is_readable(tmp_path: Path) -> None:
     done = run("info", "hexarotor_3link", cwd=tmp_path)
     assert done.returncode == 0
     assert "-1 → 0 → 1 → 7 → 8 → 9" in done.stdout
     assert "rank 6 of 6" in done.stdout
     assert "17   tau_prime_6  5" in done.stdout
-    assert max(map(len, done.stdout.splitlines())) <= 120
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "hover thrusts: 29.43, 0, 29.43, 0, 29.43, 0 N" in done.stdout
+    assert "warning" not in done.stdout
+    assert "Hint" not in done.stdout
 
 
 def test_info_for_machines(tmp_path: Path) -> None:
@@ -200,6 +235,127 @@ def test_info_for_machines(tmp_path: Path) -> None:
     pattern = data["hybrid_pattern"]
     assert pattern[0][0] == [1, 2, 3, 4, 5, 6]
     assert pattern[3][4] == []
+    assert data["base"]["mass"] == 3.0
+    assert data["base"]["com"] == [0.0, 0.0, 0.0]
+    assert data["base"]["hover"] == pytest.approx([29.43, 0.0] * 3)
+    assert data["warnings"] == []
+    assert data["arrangement"]["tilt_hint"] is None
+
+
+def test_the_pattern_of_info_is_that_of_the_emitted_matrix(tmp_path: Path) -> None:
+    """Its blank entries, such as (theta_-1, x), are zero in every posture, and no others."""
+    data = json.loads(run("info", "hexarotor_3link", "--json", cwd=tmp_path).stdout)
+    module = load(ROOT / "generated" / "hexarotor_3link")
+    states = np.random.default_rng(3).normal(size=(20, 9))
+    emitted = (np.abs(module.hybrid_mass_matrix(states)) > 1e-12).any(axis=0)
+    filled = np.array([[bool(chains) for chains in row] for row in data["hybrid_pattern"]])
+    np.testing.assert_array_equal(filled, emitted)
+    assert not filled[0, 11]
+
+
+LOPSIDED = """name = "lop"
+[base]
+rotors = 6
+thrust = [[0, 3, 9], [0, -3, 9], [0, 3, 9], [0, -3, 9], [0, 3, 9], [0, -3, 9]]
+drag = [0.02, -0.02, 0.02, -0.02, 0.02, -0.02]
+arm = { length = 0.3, mass = 0.4, com = [0.23, 0, 0], inertia = [1e-4, 1e-3, 1e-3, 0, 0, 0] }
+"""
+
+
+def test_a_lopsided_base_and_wrong_tilts_are_spoken_of(tmp_path: Path) -> None:
+    (tmp_path / "lop.toml").write_text(LOPSIDED)
+    made = run("generate", "lop.toml", cwd=tmp_path)
+    assert made.returncode == 0
+    assert "warning: the base is lopsided: its centre of mass is 0.0267 m off" in made.stderr
+    assert "base: 2.4 kg, centre of mass 0.02667, 0, 0 m from the base centre" in made.stdout
+    shown = " ".join(run("info", "lop.toml", cwd=tmp_path).stdout.split())
+    assert "warning: the base is lopsided" in shown
+    assert "the first with com = [0.07, 0, 0]" in shown
+    assert "Hint: with the thrust of motor 1 tilted to the other side" in shown
+    data = json.loads(run("info", "lop.toml", "--json", cwd=tmp_path).stdout)
+    assert data["base"]["offset"] == pytest.approx(0.16 / 6)
+    assert data["warnings"][0].startswith("the base is lopsided")
+    assert data["arrangement"]["tilt_hint"]["motors"] == [1]
+
+
+@pytest.mark.parametrize("word", ["own", "generated/own", "own.toml"])
+def test_every_command_takes_every_kind_of_robot(word: str, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(LOPSIDED.replace("lop", "own").replace("0.23", "0.15"))
+    assert run("generate", "own.toml", cwd=tmp_path).returncode == 0
+    for arguments in (
+        ("info", word),
+        ("show", word, "--chain", "2", "--equation", "18"),
+        ("generate", word, "--check"),
+        ("verify", word, "--states", "1", "--backend", "numpy"),
+        (
+            *("simulate", word, "--scenario", "hover", "--backend", "numpy", "--no-figures"),
+            *("--set", "duration=0.05"),
+        ),
+    ):
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, (arguments, done.stderr)
+        assert "own" in done.stdout
+
+
+def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> None:
+    """A module in generated/ that has the name of a robot that ships, but is another."""
+    text = (ROOT / "gibbs_codegen" / "robots" / "hexarotor.toml").read_text()
+    (tmp_path / "other.toml").write_text(text.replace("gravity = 9.81", "gravity = 3.71"))
+    assert "gravity = 3.71" in (tmp_path / "other.toml").read_text()
+    assert run("generate", "other.toml", cwd=tmp_path).returncode == 0
+    taken = {
+        "info": "the robot that ships is taken",
+        "show": "the robot that ships is taken",
+        "generate": "the robot that ships is taken",
+        "verify": "the module is taken",
+        "simulate": "the module is taken",
+    }
+    for command, words in taken.items():
+        assert words in " ".join(run(command, "--help", cwd=tmp_path).stdout.split())
+    hover = json.loads(run("info", "hexarotor", "--json", cwd=tmp_path).stdout)["base"]["hover"]
+    assert hover[0] == pytest.approx(9.81)
+    done = run("verify", "hexarotor", "--states", "1", "--backend", "numpy", cwd=tmp_path)
+    assert "made for this" not in done.stdout
+    assert f"{tmp_path}/generated/hexarotor: all" in done.stdout
+
+
+@pytest.mark.parametrize("command", ["", "generate", "info", "show", "verify", "simulate", "new"])
+def test_help_fits_into_eighty_columns(command: str, tmp_path: Path) -> None:
+    words = [command, "--help"] if command else ["--help"]
+    done = subprocess.run(
+        [sys.executable, "-m", "gibbs_codegen", *words],
+        env={**ENVIRONMENT, "COLUMNS": "80"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0
+    assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_a_terminal_is_filled_and_not_overrun(columns: int, tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    environment = {k: v for k, v in ENVIRONMENT.items() if k != "COLUMNS"}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gibbs_codegen", "show", "hexarotor_3link", "--chain", "2"],
+        env={**environment, "PYTHONIOENCODING": "utf-8"},
+        cwd=tmp_path,
+        stdout=theirs,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(theirs)
+    seen = b""
+    try:
+        while part := os.read(ours, 65536):
+            seen += part
+    except OSError:  # The other end has closed.
+        pass
+    assert process.wait(timeout=60) == 0
+    os.close(ours)
+    widest = max(map(text_width, seen.decode().replace("\r", "").splitlines()))
+    assert min(columns, 100) - 20 < widest <= min(columns, 100)
 
 
 def test_show_prints_the_equations_of_a_chain(tmp_path: Path) -> None:

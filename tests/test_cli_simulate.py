@@ -57,7 +57,8 @@ def test_options_reach_the_flight(workplace: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nothing"], "nothing: no generated module there, nor in generated/"),
+        (["nothing"], "nothing: no such robot file, and no robot of that name ships"),
+        (["nothing"], "nor is there a module of that name in generated/"),
         (["hexarotor_3link", "--scenario", "papr"], "no such scenario file"),
         (["hexarotor_3link", "--set", "duration=-1"], "paper.toml: duration: must be "),
         (["hexarotor_3link", "--set", "start.offset=[1,2]"], "start.offset: must have 3 numbers"),

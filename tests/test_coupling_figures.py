@@ -20,10 +20,10 @@ from gibbs_codegen.coordinates import hybrid_coordinates
 from gibbs_codegen.coupling_figures import (
     chain_colour,
     coupling_figure,
-    filled_entries,
     hybrid_pattern_figure,
 )
 from gibbs_codegen.family import paper_family
+from gibbs_codegen.filling import filled_entries, filled_matrix
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.robot_file import read_robot
 
@@ -70,6 +70,11 @@ def test_what_is_not_filled_is_zero_in_the_emitted_arrays(robot: Robot) -> None:
     """The other way does not hold: what chains add up to may be zero by symmetry."""
     for ours, theirs in zip(filled_patterns(robot), emitted_patterns(robot), strict=True):
         assert not (theirs & ~ours).any()
+
+
+@pytest.mark.parametrize("robot", MACHINES, ids=named)
+def test_info_has_the_matrix_of_the_figure(robot: Robot) -> None:
+    assert filled_matrix(robot) == filled_entries(robot).matrix
 
 
 @pytest.mark.parametrize("robot", MACHINES, ids=named)

@@ -191,8 +191,8 @@ com = [0.1, 0, 0]
         ("length", "1e200", "5: base.arm.length"),
         ("length", "1e-200", "5: base.arm.length"),
         ("density", "1e150", "5: base.arm.mass_per_length"),
-        ("drag", "-1e99", "4: base.drag[2]"),
-        ("d", "1e-51", "7: link[0].d"),
+        ("drag", "-1e99", "4: base.drag 3"),
+        ("d", "1e-51", "7: link 1: d"),
     ],
 )
 def test_sizes_that_overflow_or_vanish_are_refused_in_their_place(

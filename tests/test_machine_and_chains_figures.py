@@ -19,11 +19,11 @@ from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from random_robots import robots
 
 from gibbs_codegen.chains import decompose
-from gibbs_codegen.chains_figure import CONSTRAINT, TORQUE, chains_figure
+from gibbs_codegen.chains_figures import CONSTRAINT, TORQUE, chains_figure
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.family import paper_family
 from gibbs_codegen.frames import machine_frames
-from gibbs_codegen.machine_figure import (
+from gibbs_codegen.machine_figures import (
     THRUST,
     X_AXIS,
     Z_AXIS,

@@ -11,11 +11,13 @@ from random_robots import robots
 
 from gibbs_codegen.errors import RobotFileError, UsageError
 from gibbs_codegen.family import paper_family
+from gibbs_codegen.pipeline import module_files
 from gibbs_codegen.rigid_body import inertia_fault
 from gibbs_codegen.robot import AXES, RigidBody, Robot, Rod
 from gibbs_codegen.robot_file import parse_robot, read_robot, shipped_robots
 from gibbs_codegen.robot_text import robot_text
 from gibbs_codegen.toml_document import MAX_BYTES
+from gibbs_codegen.verification.modules import refuse_wrong
 
 BASE = """
 name = "test"
@@ -111,9 +113,40 @@ lenght = 1.0
         "not 'yaw'",
         "robot.toml:6: base.arm.length: must be at least 0, not -1.0",
         "robot.toml:6: base.arm.mass: must be a number, not a boolean",
-        "robot.toml:10: link[0].inertia: violates the triangle inequality: no principal moment may "
-        "exceed the sum of the other two",
-        "robot.toml:13: link[1].lenght: unknown key; did you mean length?",
+        "robot.toml:10: link 1: inertia: violates the triangle inequality: no principal moment "
+        "may exceed the sum of the other two",
+        "robot.toml:13: link 2: lenght: unknown key; did you mean length?",
+    ]
+
+
+@pytest.mark.parametrize("key", ["alpha_deg", "theta_deg"])
+@pytest.mark.parametrize("angle", ["1e10", "-360.5", "361"])
+def test_angles_beyond_a_turn_are_refused(key: str, angle: str) -> None:
+    (line,) = faults(BASE + f"[[link]]\nmass = 1\n[[link]]\nmass = 1\n{key} = {angle}\n")
+    assert line.startswith(f"robot.toml:10: link 2: {key}: must be from -360 to 360 degrees, not ")
+    assert line.endswith("leave out whole turns")
+
+
+@pytest.mark.parametrize("angle", ["360", "-360", "359.9999999999", "1e-30", "-1e-300"])
+def test_angles_within_a_turn_make_a_module(angle: str) -> None:
+    """Its functions agree with formulations in plain numbers."""
+    text = BASE + f"[[link]]\nalpha_deg = {angle}\ntheta_deg = {angle}\nlength = 1\nmass = 1\n"
+    robot = parse_robot(text + "inertia = [1, 1, 1, 0, 0, 0]\n")
+    _, files = module_files(robot, text, ["numpy"], False, lambda _: None)
+    refuse_wrong(robot, files["numpy_module.py"])
+
+
+def test_places_count_from_one_and_keys_in_quotes_stay_as_they_are() -> None:
+    arms = "arm = [{ length = 1, mass = 1 }, { length = 1, mass = 1, com = [0, 0, nan] }, {}]"
+    lines = faults(
+        BASE.replace("arm = { length = 0.5, mass_per_length = 1.0 }", arms)
+        + "[[link]]\nmass = 1\n'x[1].y' = 2\n"
+    )
+    assert [line.partition(": ")[2] for line in lines] == [
+        "base.arm 2: com 3: must be a finite number, not nan",
+        "base.arm 3: length: missing: the distance from the base centre to the motor, in m",
+        "link 1: 'x[1].y': unknown key; known keys: alpha_deg, a, d, theta_deg, joint, length, "
+        "mass_per_length, section_inertia, mass, com, inertia",
     ]
 
 
@@ -144,7 +177,7 @@ lenght = 1.0
             "is not zero although the body has no mass",
         ),
         ("arm = {", "drag = [1]\narm = {", "base.drag: must have 3 numbers, not 1"),
-        ("arm = {", 'thrust = ["z", "y", "w"]\narm = {', "base.thrust[2]: must be"),
+        ("arm = {", 'thrust = ["z", "y", "w"]\narm = {', "base.thrust 3: must be"),
         ("arm = {", 'thrust = ["z", "y", [0, 0, 0]]\narm = {', "direction of length zero"),
         ("arm = {", 'origin = "center"\narm = {', "did you mean 'centre'?"),
         (
@@ -163,7 +196,7 @@ lenght = 1.0
         ('name = "test"', "", "name: missing"),
         ('name = "test"', "name = 3", "name: must be a string"),
         ('name = "test"', 'name = "test"\nlink = 3', "must be an array of tables"),
-        ('name = "test"', 'name = "test"\nlink = [3]', "link[0]: must be a table"),
+        ('name = "test"', 'name = "test"\nlink = [3]', "link 1: must be a table"),
     ],
 )
 def test_refusals(replaced: str, by: str, message: str) -> None:
@@ -261,4 +294,4 @@ arm = { length = -1 }
 \"link\" = 3
 """
     lines = {line.split(": ")[1]: int(line.split(":")[1]) for line in faults(text)}
-    assert lines == {"base.thrust[1]": 4, "base.drag[2]": 9, "base.arm.length": 11, "base.link": 12}
+    assert lines == {"base.thrust 2": 4, "base.drag 3": 9, "base.arm.length": 11, "base.link": 12}

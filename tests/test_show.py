@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import unicodedata
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from functools import cache
@@ -30,10 +31,11 @@ from gibbs_codegen.gibbs import skew
 from gibbs_codegen.layout import as_latex, as_markdown, as_text
 from gibbs_codegen.machine import Machine
 from gibbs_codegen.robot import ATTITUDES, ORIGINS, Base, Link, Origin, Robot, Rod
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot_file import parse_robot, read_robot
 from gibbs_codegen.show import EQUATIONS, MOST_TERMS, chain_equation
 from gibbs_codegen.shown_equation import ChainEquation
 from gibbs_codegen.tape import InlineTape
+from gibbs_codegen.typeset import text_width
 
 PAPER = read_robot("hexarotor_3link")[0]
 
@@ -198,6 +200,31 @@ def test_places_of_chain_five_are_the_papers() -> None:
     assert [(own.text, whole.text) for own, whole in equation.inputs] == [("F_{5,5}", "F_6")]
 
 
+@pytest.mark.parametrize("make", [as_text, as_latex])
+def test_the_legend_gives_rates_and_accelerations_their_own_units(
+    make: Callable[..., str],
+) -> None:
+    robot = parse_robot(
+        'name = "slide"\n[base]\nrotors = 2\narm = { length = 1, mass = 1 }\n'
+        '[[link]]\njoint = "prismatic"\nmass = 1\n'
+    )
+    legend = make(shown(PAPER, 5, 15), shown(PAPER, 5, 18)).split("Symbols")[1]
+    legend += make(shown(robot, 2, 15), shown(robot, 2, 18)).split("Symbols")[1]
+    legend = " ".join(legend.replace("$^2$", "²").split())
+    for meaning in (
+        "first attitude angle, about x (rad)",
+        "first attitude angle, about x: its rate (rad/s)",
+        "first attitude angle, about x: its acceleration (rad/s²)",
+        "world z of motor 1 (O1): its acceleration (m/s²)",
+        "travel of joint 3: its acceleration (m/s²)",
+        "constraint torque on base arm 6 (N m)",
+    ):
+        assert meaning in legend
+    for entry in re.split(r"[;\n]", make(shown(PAPER, 5, 18)).split("Symbols")[1]):
+        accelerates = r"\ddot" in entry or "\u0308" in unicodedata.normalize("NFD", entry)
+        assert not (accelerates and re.search(r"\((m|rad)\)", entry)), entry
+
+
 def read_back(text: str, equation: ChainEquation, values: dict[sp.Symbol, float]) -> dict:
     """The definitions of a text, computed from their letters alone."""
     known = {equation.names[s].text: x for s, x in values.items() if s in equation.names}
@@ -236,6 +263,7 @@ CASES = [
     (random_robot(4, 5, 3), 5, 3000),
     (random_robot(5, 4, 4), 4, MOST_TERMS),
     (random_robot(6, 4, 0), 1, 3000),
+    (paper_family(20, 1), 12, MOST_TERMS),  # Products that are longer than a line.
 ]
 
 
@@ -246,7 +274,7 @@ def test_text_read_back_gives_the_same_numbers(
 ) -> None:
     equation = shown(robot, chain, number, most)
     text = as_text(equation)
-    assert max(map(len, text.splitlines())) <= 110
+    assert max(map(text_width, text.splitlines())) <= 80
     values = given_values(robot, 11)
     expected = evaluated(equation, values)
     found = read_back(text, equation, values)

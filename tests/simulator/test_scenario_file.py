@@ -348,7 +348,7 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("arm.limits_deg", {"theta_9": 9}, "theta_9: must be a list of 2 numbers, not a number"),
         ("arm", {"guess_deg": {"theta_7": 1}}, "arm.guess_deg: is where the search for a tip path"),
         ("start.offset", [0, 0], "must have 3 numbers, not 2"),
-        ("start.turn_deg", [0, 0, "x"], "turn_deg[2]: must be a number, not a string"),
+        ("start.turn_deg", [0, 0, "x"], "turn_deg 3: must be a number, not a string"),
         ("control.frequency", 1e300, "must be at most 1e+12 in size, not 1e+300"),
         ("control.frequency", 1e5, "must be at most 10000, not 100000.0"),
         ("control.damping_ratio", -0.1, "must be at least 0, not -0.1"),

@@ -18,7 +18,7 @@ from matplotlib.patheffects import withStroke
 from gibbs_codegen.chains import Chain, decompose
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.frames import Array
-from gibbs_codegen.machine_figure import FONT_SIZE, THRUST, arrow_key
+from gibbs_codegen.machine_figures import FONT_SIZE, THRUST, arrow_key
 from gibbs_codegen.robot import Robot
 from gibbs_codegen.simulator.figure_style import DARK, FULL, GOLD, style
 

@@ -1,0 +1,44 @@
+"""What `gibbs_codegen` exports is what its name says, whichever submodule was imported before."""
+
+from __future__ import annotations
+
+import pkgutil
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+from conftest import ROOT
+
+import gibbs_codegen
+
+SUBMODULES = [
+    found.name for found in pkgutil.iter_modules(gibbs_codegen.__path__) if found.name != "__main__"
+]
+
+
+@pytest.mark.parametrize("name", gibbs_codegen.__all__)
+def test_every_export_is_a_function_or_a_class_of_its_name(name: str) -> None:
+    exported = getattr(gibbs_codegen, name)
+    assert not isinstance(exported, ModuleType)
+    assert name == "__version__" or exported.__name__ == name
+
+
+def test_no_submodule_hides_an_export_by_its_import() -> None:
+    """Python sets a submodule as an attribute of its package when it imports it."""
+    code = (
+        "import importlib, types, gibbs_codegen as g\n"
+        f"for name in {SUBMODULES!r}:\n"
+        "    importlib.import_module('gibbs_codegen.' + name)\n"
+        "hidden = [n for n in g.__all__ if isinstance(getattr(g, n), types.ModuleType)]\n"
+        "assert not hidden, hidden"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT)
+
+
+@pytest.mark.parametrize(
+    "name", ["machine_figure", "chains_figure", "coupling_figure", "hybrid_pattern_figure"]
+)
+def test_figures_are_functions_at_the_package_itself(name: str) -> None:
+    draw = getattr(gibbs_codegen, name)
+    assert draw(gibbs_codegen.paper_family(3, 1)).axes
