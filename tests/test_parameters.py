@@ -13,7 +13,7 @@ from gibbs_codegen.robot import Robot
 
 @pytest.mark.parametrize("keep_zeros", [False, True])
 def test_a_length_that_changes_nothing_is_no_parameter(keep_zeros: bool) -> None:
-    """A rigid link has its length for the next joint and the tip; `a` may say where that joint is."""
+    """A rigid link needs its length for the tip, and for the next joint unless that has an `a`."""
     robot = random_robot(2, 5, 2)
     bodies = [replace(link.body, length=0.4) for link in robot.links]
     first, last = (replace(x, body=b, a=0.2) for x, b in zip(robot.links, bodies, strict=True))
