@@ -15,58 +15,58 @@ from gibbs_codegen.errors import ScenarioFileError as ScenarioFileError
 from gibbs_codegen.errors import SingularRobotError as SingularRobotError
 from gibbs_codegen.errors import UsageError as UsageError
 from gibbs_codegen.errors import WrongModuleError as WrongModuleError
-from gibbs_codegen.load import load as load
+from gibbs_codegen.runtime.load import load as load
 from gibbs_codegen.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from gibbs_codegen.chains_figures import chains_figure as chains_figure
-    from gibbs_codegen.closed_form import chain_closed_form as chain_closed_form
-    from gibbs_codegen.coupling_figures import coupling_figure as coupling_figure
-    from gibbs_codegen.coupling_figures import hybrid_pattern_figure as hybrid_pattern_figure
-    from gibbs_codegen.family import paper_family as paper_family
-    from gibbs_codegen.layout import as_latex as as_latex
-    from gibbs_codegen.layout import as_markdown as as_markdown
-    from gibbs_codegen.layout import as_text as as_text
-    from gibbs_codegen.machine_figures import machine_figure as machine_figure
-    from gibbs_codegen.model import derive as derive
+    from gibbs_codegen.derivation.derive import derive as derive
+    from gibbs_codegen.equations.chain_equation import ChainEquation as ChainEquation
+    from gibbs_codegen.equations.closed_form import chain_closed_form as chain_closed_form
+    from gibbs_codegen.equations.layout import as_latex as as_latex
+    from gibbs_codegen.equations.layout import as_markdown as as_markdown
+    from gibbs_codegen.equations.layout import as_text as as_text
+    from gibbs_codegen.equations.show import chain_equation as chain_equation
+    from gibbs_codegen.figures.chains import chains_figure as chains_figure
+    from gibbs_codegen.figures.coupling import coupling_figure as coupling_figure
+    from gibbs_codegen.figures.coupling import hybrid_pattern_figure as hybrid_pattern_figure
+    from gibbs_codegen.figures.machine import machine_figure as machine_figure
+    from gibbs_codegen.figures.results import write_results as write_results
     from gibbs_codegen.pipeline import generate as generate
-    from gibbs_codegen.robot_file import parse_robot as parse_robot
-    from gibbs_codegen.robot_file import read_robot as read_robot
-    from gibbs_codegen.show import chain_equation as chain_equation
-    from gibbs_codegen.shown_equation import ChainEquation as ChainEquation
+    from gibbs_codegen.robot.family import paper_family as paper_family
+    from gibbs_codegen.robot.file import parse_robot as parse_robot
+    from gibbs_codegen.robot.file import read_robot as read_robot
+    from gibbs_codegen.scenario.file import read_scenario as read_scenario
+    from gibbs_codegen.scenario.scenario import Scenario as Scenario
     from gibbs_codegen.simulator.flight import Flight as Flight
     from gibbs_codegen.simulator.flight import read_flight as read_flight
-    from gibbs_codegen.simulator.results import write_results as write_results
-    from gibbs_codegen.simulator.scenario import Scenario as Scenario
-    from gibbs_codegen.simulator.scenario_file import read_scenario as read_scenario
     from gibbs_codegen.simulator.simulation import simulate as simulate
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
 
 _LAZY = {
-    "ChainEquation": "shown_equation",
+    "ChainEquation": "equations.chain_equation",
     "Flight": "simulator.flight",
-    "Scenario": "simulator.scenario",
+    "Scenario": "scenario.scenario",
     "Verification": "verification.verify",
-    "as_latex": "layout",
-    "as_markdown": "layout",
-    "as_text": "layout",
-    "chain_closed_form": "closed_form",
-    "chain_equation": "show",
-    "chains_figure": "chains_figures",
-    "coupling_figure": "coupling_figures",
-    "derive": "model",
+    "as_latex": "equations.layout",
+    "as_markdown": "equations.layout",
+    "as_text": "equations.layout",
+    "chain_closed_form": "equations.closed_form",
+    "chain_equation": "equations.show",
+    "chains_figure": "figures.chains",
+    "coupling_figure": "figures.coupling",
+    "derive": "derivation.derive",
     "generate": "pipeline",
-    "hybrid_pattern_figure": "coupling_figures",
-    "machine_figure": "machine_figures",
-    "paper_family": "family",
-    "parse_robot": "robot_file",
+    "hybrid_pattern_figure": "figures.coupling",
+    "machine_figure": "figures.machine",
+    "paper_family": "robot.family",
+    "parse_robot": "robot.file",
     "read_flight": "simulator.flight",
-    "read_robot": "robot_file",
-    "read_scenario": "simulator.scenario_file",
+    "read_robot": "robot.file",
+    "read_scenario": "scenario.file",
     "simulate": "simulator.simulation",
     "verify": "verification.modules",
-    "write_results": "simulator.results",
+    "write_results": "figures.results",
 }
 
 

@@ -2,7 +2,7 @@
 
 import sys
 
-from gibbs_codegen.cli import console
+from gibbs_codegen.cli.app import console
 
 if __name__ == "__main__":
     sys.exit(console())

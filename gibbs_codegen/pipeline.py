@@ -20,13 +20,13 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from gibbs_codegen.emit import TARGETS, find_targets, render_module
-from gibbs_codegen.model import Model, Progress, derive
-from gibbs_codegen.output_folder import check_output_folder
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.derivation.derive import Model, Progress, derive
+from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
+from gibbs_codegen.files.output_folder import check_output_folder
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
 from gibbs_codegen.verification.modules import refuse_wrong
-from gibbs_codegen.write import check_replaceable, differing_files, write_module
 
 StrPath = str | os.PathLike[str]
 

@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 from pinocchio_oracle import Oracle, spatial_inertia
 
-from gibbs_codegen.robot import Body, Robot
+from gibbs_codegen.robot.model import Body, Robot
 
 Array = np.ndarray
 # Largest error that rounding leaves, of the size of the terms.

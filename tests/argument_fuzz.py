@@ -20,8 +20,9 @@ from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gibbs_codegen import c_backend, load
+from gibbs_codegen import load
 from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.runtime import c_backend
 
 Array = NDArray[np.float64]
 

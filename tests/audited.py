@@ -104,7 +104,7 @@ def watch(event: str, arguments: tuple[Any, ...]) -> None:
 
 def plant(text: str) -> None:
     """Let the package run `text` when a robot's name is looked at."""
-    from gibbs_codegen import robot_file
+    from gibbs_codegen.robot.model import file as robot_file
 
     lines = ["def rename(name):", *(f"    {line}" for line in text.split("; "))]
     lines += ["    class Unused: pass", "    return None"]
@@ -119,7 +119,7 @@ if __name__ == "__main__":
     if sys.argv[1] == "--plant":
         plant(PLANTS[sys.argv[2]])
         del sys.argv[1:3]
-    from gibbs_codegen.cli import main
+    from gibbs_codegen.cli.app import main
 
     sys.addaudithook(watch)
     sys.exit(main())

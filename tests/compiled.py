@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from random_robots import random_robot
 from tools import run, tool
 
-from gibbs_codegen.emit import TARGETS, render_module
+from gibbs_codegen.derivation.derive import Model, derive
 from gibbs_codegen.interface import LANES, Signature, signatures
-from gibbs_codegen.load import load
-from gibbs_codegen.model import Model, derive
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.targets.registry import TARGETS, render_module
 
 WARNINGS = [
     *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion"),
@@ -99,15 +99,15 @@ def emit_labelled(label: str, folder: Path) -> Emitted:
     """Emit a robot that ships, or one of RANDOM or CUT, or the one with loops."""
     if label == ROLLED:
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("gibbs_codegen.c_function._FEWEST_ROLLED", 1)
-            patch.setattr("gibbs_codegen.runs._FEWEST_STEPS", 12)
+            patch.setattr("gibbs_codegen.targets.c.function._FEWEST_ROLLED", 1)
+            patch.setattr("gibbs_codegen.program.repeated_blocks._FEWEST_STEPS", 12)
             return emit(replace(benchmark_robot(9), name=label), folder)
     if label not in RANDOM and label not in CUT:
         robot, text = read_robot(label)
         return emit(robot, folder, text)
     with pytest.MonkeyPatch.context() as patch:
         if label in CUT:
-            patch.setattr("gibbs_codegen.c_function._MAX_REFERENCES", CUT[label])
+            patch.setattr("gibbs_codegen.targets.c.function._MAX_REFERENCES", CUT[label])
         robot = random_robot(*RANDOM[WHOLE if label in CUT else label])
         return emit(replace(robot, name=label), folder)
 

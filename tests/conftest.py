@@ -10,10 +10,10 @@ from types import ModuleType
 import pytest
 from hypothesis import HealthCheck, settings
 
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate, generate_robot
-from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
 
 settings.register_profile(
     "project",

@@ -14,7 +14,7 @@ import numpy as np
 from hypothesis import strategies as st
 from random_robots import ANGLES, link, random_robot, rigid_body, rod
 
-from gibbs_codegen.robot import Body, Link, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import Body, Link, RigidBody, Robot, Rod
 
 # Rarely more than one of them in one robot, so that about half of the robots are regular.
 RARE, OFTEN = 0.12, 0.3

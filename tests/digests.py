@@ -18,8 +18,8 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout
 from pathlib import Path
 
-from gibbs_codegen.cli import main
-from gibbs_codegen.robot_file import shipped_robots
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.robot.file import shipped_robots
 
 
 def commands(robot_files: Sequence[Path]) -> list[str]:

@@ -7,10 +7,10 @@ import tempfile
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.emit import TARGETS, render_module
-from gibbs_codegen.load import load
-from gibbs_codegen.model import derive
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.targets.registry import TARGETS, render_module
 
 NUMPY = {"numpy": TARGETS["numpy"]}
 

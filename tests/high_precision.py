@@ -14,7 +14,7 @@ from typing import Any
 
 import mpmath
 
-from gibbs_codegen.program import (
+from gibbs_codegen.program.nodes import (
     Call,
     Function,
     Name,

@@ -14,8 +14,8 @@ from agreement import root_sizes
 from degenerate_robots import sized
 from pinocchio_oracle import Oracle
 
-from gibbs_codegen.coordinates import reduced_coordinates
-from gibbs_codegen.robot import Body, Robot
+from gibbs_codegen.robot.coordinates import reduced_coordinates
+from gibbs_codegen.robot.model import Body, Robot
 
 # Of the mass matrix by the sizes of its terms: rounding leaves 1e-15 where nothing resists, while
 # the least of a thousand regular machines was 8e-10.

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from gibbs_codegen.coordinates import hybrid_coordinates, reduced_coordinates
-from gibbs_codegen.robot import Body, Robot, Rod
+from gibbs_codegen.robot.coordinates import hybrid_coordinates, reduced_coordinates
+from gibbs_codegen.robot.model import Body, Robot, Rod
 
 Array = np.ndarray
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from gibbs_codegen.robot import (
+from gibbs_codegen.robot.model import (
     ATTITUDES,
     AXES,
     JOINT_KINDS,
@@ -22,7 +22,7 @@ from gibbs_codegen.robot import (
     Rod,
     Vector3,
 )
-from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.robot.text import robot_text
 
 ANGLES = ("0", "0", "0", "90", "-90", "180", "30", "45", "37.25", "-120", "60")
 

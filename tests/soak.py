@@ -32,11 +32,11 @@ from random_robots import random_robot
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from gibbs_codegen.emit import TARGETS, render_module
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import SingularRobotError
-from gibbs_codegen.load import load
-from gibbs_codegen.model import derive
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.targets.registry import TARGETS, render_module
 from gibbs_codegen.verification.comparison import failure_text
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.tree import Tree

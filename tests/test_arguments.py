@@ -14,9 +14,10 @@ import pytest
 from conftest import ROOT
 from tools import tool
 
-from gibbs_codegen import c_backend, load
-from gibbs_codegen.arguments import common_batch, state_array
+from gibbs_codegen import load
 from gibbs_codegen.interface import signatures
+from gibbs_codegen.runtime import c_backend
+from gibbs_codegen.runtime.arguments import common_batch, state_array
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
 

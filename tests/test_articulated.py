@@ -14,17 +14,16 @@ from benchmarks.family import benchmark_robot
 from pinocchio_oracle import Oracle
 from random_robots import random_robot, rigid_body
 
-from gibbs_codegen.articulated_inertia import ArticulatedInertia
+from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.errors import SingularRobotError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.forward import articulated_dynamics, factorised_dynamics
-from gibbs_codegen.inertia import Inertia
-from gibbs_codegen.ldlt import ZeroPivotError, minimum_degree, operations_to_solve, solve_symmetric
-from gibbs_codegen.lower import Slice, lower
-from gibbs_codegen.machine import Machine
-from gibbs_codegen.model import derive
-from gibbs_codegen.program import Program, count_operations
-from gibbs_codegen.robot import (
+from gibbs_codegen.program.lower import Slice, lower
+from gibbs_codegen.program.nodes import Program, count_operations
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import (
     ATTITUDES,
     JOINT_KINDS,
     ORIGINS,
@@ -34,8 +33,14 @@ from gibbs_codegen.robot import (
     Rod,
     alternating_thrust,
 )
-from gibbs_codegen.tape import InlineTape, Stage, Tape
-from gibbs_codegen.vectors import Rotation
+from gibbs_codegen.symbolic.ldlt import (
+    ZeroPivotError,
+    minimum_degree,
+    operations_to_solve,
+    solve_symmetric,
+)
+from gibbs_codegen.symbolic.tape import InlineTape, Stage, Tape
+from gibbs_codegen.symbolic.vectors import Rotation
 
 TOLERANCE = 1e-10
 WAYS = ("articulated", "factorised")

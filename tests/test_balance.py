@@ -10,10 +10,10 @@ import pytest
 from emitted import emitted_module
 from random_robots import random_robot
 
-from gibbs_codegen.balance import Balance, balance, balance_lines, lopsided
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.robot import RigidBody, Robot, Rod, as_rigid_body
-from gibbs_codegen.robot_file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.balance import Balance, balance, balance_lines, lopsided
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.model import RigidBody, Robot, Rod, as_rigid_body
 
 ARM = "length = 0.3, mass = 0.4, com = [{com}], inertia = [1e-4, 1e-3, 1e-3, 1e-5, 2e-5, 3e-5]"
 

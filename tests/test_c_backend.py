@@ -24,13 +24,14 @@ import pytest
 from conftest import ROOT
 from tools import tool
 
-from gibbs_codegen import c_backend, load
-from gibbs_codegen.compiler import find_compiler
+from gibbs_codegen import load
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import Signature, signatures
-from gibbs_codegen.model import derive
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.runtime import c_backend
+from gibbs_codegen.runtime.compiler import find_compiler
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
 STATES = 10_000
@@ -509,7 +510,7 @@ def test_a_compiler_that_hangs_is_given_up_with_all_it_started(
     script.chmod(0o755)
     monkeypatch.setenv("CC", str(script))
     monkeypatch.setenv("GIBBS_CODEGEN_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr("gibbs_codegen.compiler._TIMEOUT_SECONDS", 0.5)
+    monkeypatch.setattr("gibbs_codegen.runtime.compiler._TIMEOUT_SECONDS", 0.5)
     assert load(ROBOT, backend="c").__file__.endswith(".py")
     assert "did not finish" in said.records[0].getMessage()
     commands = [

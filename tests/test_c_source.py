@@ -35,13 +35,13 @@ from numpy.typing import NDArray
 from random_robots import random_robot
 from tools import run, tool
 
-from gibbs_codegen.coordinates import inputs, reduced_coordinates
-from gibbs_codegen.describe import DESCRIPTIONS
-from gibbs_codegen.program import Function, count_operations
-from gibbs_codegen.robot import JOINT_KINDS, RigidBody, Robot
-from gibbs_codegen.robot_file import read_robot, shipped_robots
-from gibbs_codegen.stack import stack_bytes
-from gibbs_codegen.trigonometry import gathered
+from gibbs_codegen.program.nodes import Function, count_operations
+from gibbs_codegen.program.stack import stack_bytes
+from gibbs_codegen.program.trigonometry import gathered
+from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
+from gibbs_codegen.targets.documentation import DESCRIPTIONS
 
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gibbs_codegen.cache import CacheError, cache_folder, cached_library
+from gibbs_codegen.runtime.cache import CacheError, cache_folder, cached_library
 
 
 @pytest.fixture(autouse=True)

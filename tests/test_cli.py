@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from gibbs_codegen.load import load
-from gibbs_codegen.robot import RigidBody, as_rigid_body
-from gibbs_codegen.robot_file import parse_robot
-from gibbs_codegen.typeset import text_width
+from gibbs_codegen.equations.typeset import text_width
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.model import RigidBody, as_rigid_body
+from gibbs_codegen.runtime.load import load
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "120"}
 
@@ -377,7 +377,7 @@ def test_show_prints_the_equations_of_a_chain(tmp_path: Path) -> None:
 
 def test_help_does_not_import_what_it_does_not_need(tmp_path: Path) -> None:
     code = (
-        "import sys\nfrom gibbs_codegen.cli import main\n"
+        "import sys\nfrom gibbs_codegen.cli.app import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
         "assert not {'sympy', 'numpy', 'jinja2', 'rich', 'scipy'} & set(sys.modules)"
     )
@@ -390,7 +390,7 @@ def test_help_does_not_import_what_it_does_not_need(tmp_path: Path) -> None:
 def test_refusal_does_not_import_sympy(tmp_path: Path) -> None:
     (tmp_path / "bad.toml").write_text("name = 3")
     code = (
-        "import sys\nfrom gibbs_codegen.cli import main\n"
+        "import sys\nfrom gibbs_codegen.cli.app import main\n"
         "assert main(['info', 'bad.toml']) == 2\nassert 'sympy' not in sys.modules"
     )
     done = subprocess.run(
@@ -466,7 +466,7 @@ def test_new_names_the_robot_after_the_file(tmp_path: Path) -> None:
 
 def test_new_does_not_import_sympy(tmp_path: Path) -> None:
     code = (
-        "import sys\nfrom gibbs_codegen.cli import main\n"
+        "import sys\nfrom gibbs_codegen.cli.app import main\n"
         "assert main(['new', 'a.toml']) == 0\nassert 'sympy' not in sys.modules"
     )
     done = subprocess.run(

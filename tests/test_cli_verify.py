@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT
 
-from gibbs_codegen.cli import main
-from gibbs_codegen.printers import InfixPrinter
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.targets.printers import InfixPrinter
 
 COMMAND = [sys.executable, "-m", "gibbs_codegen"]
 
@@ -114,7 +114,7 @@ def test_what_is_left_of_a_module_is_not_taken_for_a_robot(
 
 def test_verifying_a_module_imports_no_sympy() -> None:
     run = (
-        "import sys; from gibbs_codegen.cli import main; "
+        "import sys; from gibbs_codegen.cli.app import main; "
         "code = main(['verify', 'hexarotor_3link', '--states', '1', '--backend', 'numpy']); "
         "assert 'sympy' not in sys.modules; sys.exit(code)"
     )

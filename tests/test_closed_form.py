@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import robots
 
-from gibbs_codegen.closed_form import chain_closed_form
+from gibbs_codegen.equations.closed_form import chain_closed_form
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
 
 
 def assert_partials_are_derivatives(robot: Robot, number: int) -> None:

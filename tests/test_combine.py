@@ -10,15 +10,15 @@ from emitted import emitted_module
 from hypothesis import given, settings
 from random_robots import robots
 
-from gibbs_codegen.chains import coupling_map, decompose
-from gibbs_codegen.combine import LinearSystem, chain_system, hybrid_from_chains
-from gibbs_codegen.coordinates import hybrid_coordinates
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.lower import Slice, lower
-from gibbs_codegen.machine import Machine
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import read_robot
-from gibbs_codegen.tape import Tape
+from gibbs_codegen.derivation.hybrid import LinearSystem, chain_system, hybrid_from_chains
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.program.lower import Slice, lower
+from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.coordinates import hybrid_coordinates
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.symbolic.tape import Tape
 
 
 def numbers(machine: Machine, system: LinearSystem, q: np.ndarray, v: np.ndarray) -> list:

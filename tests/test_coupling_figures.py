@@ -15,17 +15,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch
 from random_robots import robots
 
-from gibbs_codegen.chains import coupling_map, decompose
-from gibbs_codegen.coordinates import hybrid_coordinates
-from gibbs_codegen.coupling_figures import (
+from gibbs_codegen.derivation.filling import filled_entries, filled_matrix
+from gibbs_codegen.figures.coupling import (
     chain_colour,
     coupling_figure,
     hybrid_pattern_figure,
 )
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.filling import filled_entries, filled_matrix
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.chains import coupling_map, decompose
+from gibbs_codegen.robot.coordinates import hybrid_coordinates
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
 
 PAPER = read_robot("hexarotor_3link")[0]
 MACHINES = [PAPER, paper_family(2, 0), paper_family(12, 5), read_robot("octorotor_7link")[0]]

@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from gibbs_codegen.describe import DESCRIPTIONS, Description, attitude_text, output_text
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.model import derive
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.targets.documentation import (
+    DESCRIPTIONS,
+    Description,
+    attitude_text,
+    output_text,
+)
 
 
 def test_every_function_and_no_other_is_described() -> None:

@@ -16,15 +16,15 @@ from hypothesis import given, settings
 from null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
 from tools import tool
 
-from gibbs_codegen.determinacy import refuse_uncomputable
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.derivation.regularity import refuse_uncomputable
 from gibbs_codegen.errors import RobotFileError, SingularRobotError, UsageError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.load import load
-from gibbs_codegen.model import derive
-from gibbs_codegen.program import Function, Name, Output, Program, Reciprocal, Statement, Sum
-from gibbs_codegen.robot import Link, RigidBody, Robot, Rod
-from gibbs_codegen.robot_file import parse_robot
-from gibbs_codegen.undetermined import undetermined_motions
+from gibbs_codegen.program.nodes import Function, Name, Output, Program, Reciprocal, Statement, Sum
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.massless_motions import undetermined_motions
+from gibbs_codegen.robot.model import Link, RigidBody, Robot, Rod
+from gibbs_codegen.runtime.load import load
 
 BASE = paper_family(4, 0).base
 HOLLOW = replace(BASE, arms=(Rod(0.5),))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tools import missing, run, tool
 
 from gibbs_codegen.interface import Signature, signatures
-from gibbs_codegen.robot_file import shipped_robots
+from gibbs_codegen.robot.file import shipped_robots
 
 EMBEDDED = Path(__file__).parent / "embedded"
 STRICT = (

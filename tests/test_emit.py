@@ -13,15 +13,15 @@ import jinja2
 import pytest
 from conftest import ROOT
 
-from gibbs_codegen.describe import DESCRIPTIONS
-from gibbs_codegen.emit import TARGETS, Target, find_targets, render_module
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.model import derive
-from gibbs_codegen.printers import InfixPrinter
-from gibbs_codegen.robot_file import read_robot, shipped_robots
-from gibbs_codegen.robot_text import robot_text
-from gibbs_codegen.templating import render
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.targets.documentation import DESCRIPTIONS
+from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.targets.registry import TARGETS, Target, find_targets, render_module
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_a_toy_target_is_a_printer_a_context_and_a_template(
         },
         {"toy.jinja": "{name}.toy"},
     )
-    monkeypatch.setattr("gibbs_codegen.templating.template_folder", lambda: tmp_path)
+    monkeypatch.setattr("gibbs_codegen.files.templating.template_folder", lambda: tmp_path)
     text = render_module(derive(paper_family(4, 1)), "", {"toy": target})["quadrotor_1link.toy"]
     assert "COS[theta_0]" in text
 

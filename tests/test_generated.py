@@ -6,9 +6,9 @@ import pytest
 from conftest import ROOT
 from test_pinocchio import compare
 
-from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import check_robot
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
 
 COMMITTED = ["hexarotor_3link", "quadrotor_2link"]
 

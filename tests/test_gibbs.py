@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gibbs_codegen.gibbs import (
+from gibbs_codegen.derivation.gibbs import (
     ACCELERATION,
     GRADIENT,
     MASS,

@@ -14,20 +14,20 @@ import pytest
 from mutations import mutant
 from random_robots import random_robot
 
-from gibbs_codegen.emit import TARGETS, render_module
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import (
     GibbsCodegenError,
     RefusedFileError,
     RobotFileError,
     ScenarioFileError,
 )
-from gibbs_codegen.model import derive
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import parse_robot, read_robot, shipped_robots
-from gibbs_codegen.robot_text import robot_text
-from gibbs_codegen.simulator.scenario import Scenario
-from gibbs_codegen.simulator.scenario_file import parse_scenario, read_scenario, shipped_scenarios
-from gibbs_codegen.toml_document import MAX_BYTES
+from gibbs_codegen.files.toml import MAX_BYTES
+from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_scenarios
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.targets.registry import TARGETS, render_module
 
 ROBOTS = [read_robot(name)[1] for name in shipped_robots()]
 ROBOTS += [robot_text(random_robot(seed, 2 + seed % 4, seed % 4)) for seed in range(20)]

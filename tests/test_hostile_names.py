@@ -13,15 +13,15 @@ import pytest
 from hostile_text import INJECTIONS, NAMES, TERMINAL
 from tools import run, tool
 
-from gibbs_codegen.cli import main
-from gibbs_codegen.emit import TARGETS, render_module
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.derivation.derive import Model, derive
 from gibbs_codegen.errors import Fault, RobotFileError, ScenarioFileError, UsageError, printable
-from gibbs_codegen.model import Model, derive
-from gibbs_codegen.names import name_fault, name_from
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.robot_file import parse_robot
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.names import name_fault, name_from
+from gibbs_codegen.scenario.file import changes_of, parse_scenario
 from gibbs_codegen.simulator.flight import read_flight
-from gibbs_codegen.simulator.scenario_file import changes_of, parse_scenario
+from gibbs_codegen.targets.registry import TARGETS, render_module
 
 ROBOT = """name = NAME
 [base]

@@ -17,13 +17,13 @@ from typing import Any
 import pytest
 
 from gibbs_codegen import pipeline
-from gibbs_codegen.cli import main
-from gibbs_codegen.emit import TARGETS
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.figures.results import FIGURE_NAMES
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.simulator import simulation
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.results import FIGURE_NAMES
-from gibbs_codegen.simulator.scenario_file import read_scenario
+from gibbs_codegen.targets.registry import TARGETS
 
 Tree = dict[str, str]
 

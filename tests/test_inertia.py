@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gibbs_codegen.gibbs import (
+from gibbs_codegen.derivation.gibbs import (
     ACCELERATION,
     MASS,
     MOMENT,
@@ -14,9 +14,9 @@ from gibbs_codegen.gibbs import (
     acceleration_gradient,
     link_gibbs_function,
 )
-from gibbs_codegen.inertia import Inertia, split_prismatic, split_revolute
-from gibbs_codegen.tape import InlineTape
-from gibbs_codegen.vectors import Rotation
+from gibbs_codegen.derivation.inertia import Inertia, split_prismatic, split_revolute
+from gibbs_codegen.symbolic.tape import InlineTape
+from gibbs_codegen.symbolic.vectors import Rotation
 
 TAPE = InlineTape()
 BODY = Inertia(MASS, MOMENT, SECOND)

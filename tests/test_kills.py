@@ -36,7 +36,7 @@ import os, shutil
 from pathlib import Path
 from outright import killed_at_every_step
 from gibbs_codegen.version import HEADER_START
-from gibbs_codegen.write import differing_files, write_module
+from gibbs_codegen.files.module_writer import differing_files, write_module
 
 head = f"# {HEADER_START}\\n"
 old = {"__init__.py": head, "numpy_module.py": head + "x = 1\\n"}
@@ -82,7 +82,7 @@ CACHING = """
 import hashlib, os, shutil
 from pathlib import Path
 from outright import killed_at_every_step
-from gibbs_codegen.cache import cached_library
+from gibbs_codegen.runtime.cache import cached_library
 
 def make(output):
     output.write_bytes(b"library")

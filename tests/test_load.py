@@ -13,7 +13,7 @@ from tools import tool
 from gibbs_codegen import load
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.file import read_robot
 
 
 @pytest.fixture(scope="module")

@@ -18,21 +18,21 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
 from random_robots import robots
 
-from gibbs_codegen.chains import decompose
-from gibbs_codegen.chains_figures import CONSTRAINT, TORQUE, chains_figure
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.frames import machine_frames
-from gibbs_codegen.machine_figures import (
+from gibbs_codegen.figures.chains import CONSTRAINT, TORQUE, chains_figure
+from gibbs_codegen.figures.machine import (
     THRUST,
     X_AXIS,
     Z_AXIS,
     default_posture,
     machine_figure,
 )
-from gibbs_codegen.robot import Link, Robot, Rod
-from gibbs_codegen.robot_file import read_robot
-from gibbs_codegen.simulator.figure_style import DARK, GOLD
+from gibbs_codegen.figures.style import DARK, GOLD
+from gibbs_codegen.robot.chains import decompose
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Link, Robot, Rod
+from gibbs_codegen.robot.posture import machine_frames
 
 SHIPPED = ("hexarotor_3link", "quadrotor_2link", "octorotor_7link", "decarotor_3link", "hexarotor")
 PAPER = read_robot("hexarotor_3link")[0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from gibbs_codegen.interface import signatures
-from gibbs_codegen.names import name_fault, name_from
+from gibbs_codegen.robot.names import name_fault, name_from
 
 HOSTILE = [
     "",

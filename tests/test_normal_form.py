@@ -7,7 +7,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gibbs_codegen.normal_form import TooLongError, collected, count_terms
+from gibbs_codegen.equations.normal_form import TooLongError, collected, count_terms
 
 A, B, P, Q, V, W = sp.symbols("a b p q v w")
 LEAVES = (A, B, V, W, sp.sin(P), sp.cos(P), sp.sin(P + Q), sp.cos(P + Q), sp.sqrt(6) / 4)

@@ -15,9 +15,9 @@ from compiled import emit
 from tools import tool
 
 from gibbs_codegen.interface import Signature, signatures
-from gibbs_codegen.load import load
-from gibbs_codegen.robot import Link, Rod
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Link, Rod
+from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
 

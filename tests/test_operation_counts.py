@@ -6,9 +6,9 @@ import pytest
 from benchmarks.family import benchmark_robot
 from random_robots import random_robot
 
-from gibbs_codegen.model import derive
-from gibbs_codegen.program import count_operations
-from gibbs_codegen.robot import Origin, Robot
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.program.nodes import count_operations
+from gibbs_codegen.robot.model import Origin, Robot
 
 REDUCED = (
     "mass_matrix_and_residual",

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from random_robots import random_robot
 
-from gibbs_codegen.model import derive
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.robot.model import Robot
 
 
 @pytest.mark.parametrize("keep_zeros", [False, True])

@@ -10,7 +10,7 @@ from random_robots import robots
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from gibbs_codegen.robot import ATTITUDES, Base, Robot, Rod, alternating_thrust
+from gibbs_codegen.robot.model import ATTITUDES, Base, Robot, Rod, alternating_thrust
 
 STEP = 1e-6
 

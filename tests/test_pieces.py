@@ -19,8 +19,7 @@ from test_trigonometry import (
     values,
 )
 
-from gibbs_codegen.pieces import Step, Store, cut, interleaved
-from gibbs_codegen.program import (
+from gibbs_codegen.program.nodes import (
     Function,
     Name,
     Node,
@@ -31,8 +30,9 @@ from gibbs_codegen.program import (
     names_in,
     node_value,
 )
-from gibbs_codegen.slots import Piece, laid_out
-from gibbs_codegen.trigonometry import GatheredFunction, gathered
+from gibbs_codegen.program.scratch import Piece, laid_out
+from gibbs_codegen.program.steps import Step, Store, cut, interleaved
+from gibbs_codegen.program.trigonometry import GatheredFunction, gathered
 
 X, Y, Z, P, ZERO = Name("x"), Name("y"), Name("z"), Name("p"), Number(0.0)
 T1, T2, T3 = (Name(f"t{i}") for i in range(1, 4))

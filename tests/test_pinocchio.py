@@ -17,9 +17,9 @@ from hypothesis import given, settings
 from pinocchio_oracle import Oracle
 from random_robots import random_robot, rigid_body, robots
 
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.robot import Base, Link, Robot, alternating_thrust
-from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.model import Base, Link, Robot, alternating_thrust
 
 TOLERANCE = 1e-10
 SHARDS, ROBOTS = 8, 144

@@ -6,8 +6,7 @@ from math import sin
 
 import pytest
 
-from gibbs_codegen.printers import CPrinter, InfixPrinter
-from gibbs_codegen.program import (
+from gibbs_codegen.program.nodes import (
     Call,
     Name,
     Node,
@@ -17,6 +16,7 @@ from gibbs_codegen.program import (
     Sum,
     node_value,
 )
+from gibbs_codegen.targets.printers import CPrinter, InfixPrinter
 
 A, B, C = Name("a"), Name("b"), Name("c")
 

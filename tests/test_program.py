@@ -6,8 +6,8 @@ import math
 
 import sympy as sp
 
-from gibbs_codegen.lower import Slice, lower
-from gibbs_codegen.program import (
+from gibbs_codegen.program.lower import Slice, lower
+from gibbs_codegen.program.nodes import (
     Call,
     Name,
     Number,
@@ -19,7 +19,7 @@ from gibbs_codegen.program import (
     count_operations,
     names_in,
 )
-from gibbs_codegen.tape import Stage, Tape
+from gibbs_codegen.symbolic.tape import Stage, Tape
 
 X, Y = Name("x"), Name("y")
 

@@ -10,10 +10,10 @@ import pytest
 from conftest import ROOT
 from tools import run, tool
 
-from gibbs_codegen.cli import argument_parser
-from gibbs_codegen.describe import DESCRIPTIONS
-from gibbs_codegen.robot_file import parse_robot
-from gibbs_codegen.simulator.scenario_file import TABLES, parse_scenario
+from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.scenario.file import TABLES, parse_scenario
+from gibbs_codegen.targets.documentation import DESCRIPTIONS
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 

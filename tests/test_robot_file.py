@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from random_robots import robots
 
 from gibbs_codegen.errors import RobotFileError, UsageError
-from gibbs_codegen.family import paper_family
+from gibbs_codegen.files.toml import MAX_BYTES
 from gibbs_codegen.pipeline import module_files
-from gibbs_codegen.rigid_body import inertia_fault
-from gibbs_codegen.robot import AXES, RigidBody, Robot, Rod
-from gibbs_codegen.robot_file import parse_robot, read_robot, shipped_robots
-from gibbs_codegen.robot_text import robot_text
-from gibbs_codegen.toml_document import MAX_BYTES
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.model import AXES, RigidBody, Robot, Rod
+from gibbs_codegen.robot.rigid_body import inertia_fault
+from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.modules import refuse_wrong
 
 BASE = """

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from benchmarks.family import benchmark_robot
 
-from gibbs_codegen.model import derive
-from gibbs_codegen.pieces import Item, Loop, Step, Store, interleaved
-from gibbs_codegen.program import Name, Node, Product, Statement, Sum, names_in, node_value
-from gibbs_codegen.rolling import rolled
-from gibbs_codegen.slots import Layout, laid_out
-from gibbs_codegen.trigonometry import gathered
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.program.loops import rolled
+from gibbs_codegen.program.nodes import Name, Node, Product, Statement, Sum, names_in, node_value
+from gibbs_codegen.program.scratch import Layout, laid_out
+from gibbs_codegen.program.steps import Item, Loop, Step, Store, interleaved
+from gibbs_codegen.program.trigonometry import gathered
 
 Values = dict[str, float]
 Stored = dict[tuple[int, int], float]

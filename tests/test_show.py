@@ -24,18 +24,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_robots import random_robot, robots
 
-from gibbs_codegen.closed_form import chain_closed_form
+from gibbs_codegen.derivation.gibbs import skew
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.equations.chain_equation import ChainEquation
+from gibbs_codegen.equations.closed_form import chain_closed_form
+from gibbs_codegen.equations.layout import as_latex, as_markdown, as_text
+from gibbs_codegen.equations.show import EQUATIONS, MOST_TERMS, chain_equation
+from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.gibbs import skew
-from gibbs_codegen.layout import as_latex, as_markdown, as_text
-from gibbs_codegen.machine import Machine
-from gibbs_codegen.robot import ATTITUDES, ORIGINS, Base, Link, Origin, Robot, Rod
-from gibbs_codegen.robot_file import parse_robot, read_robot
-from gibbs_codegen.show import EQUATIONS, MOST_TERMS, chain_equation
-from gibbs_codegen.shown_equation import ChainEquation
-from gibbs_codegen.tape import InlineTape
-from gibbs_codegen.typeset import text_width
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.model import ATTITUDES, ORIGINS, Base, Link, Origin, Robot, Rod
+from gibbs_codegen.symbolic.tape import InlineTape
 
 PAPER = read_robot("hexarotor_3link")[0]
 

@@ -22,7 +22,7 @@ from compiled import compile_only, emit
 from numpy.typing import NDArray
 from tools import run, tool
 
-from gibbs_codegen.family import paper_family
+from gibbs_codegen.robot.family import paper_family
 
 Array = NDArray[np.floating]
 

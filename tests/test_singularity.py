@@ -23,11 +23,11 @@ from high_precision import DIGITS, accelerations, evaluated, prepared
 from random_robots import random_robot
 from tools import tool
 
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import Signature
-from gibbs_codegen.load import load
-from gibbs_codegen.model import derive
-from gibbs_codegen.robot import ATTITUDES, Robot
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import ATTITUDES, Robot
+from gibbs_codegen.runtime.load import load
 
 RIGHT = math.pi / 2
 # The double, of all that there are, that comes nearest to an odd multiple of 90°, in proportion.

@@ -11,10 +11,10 @@ import pytest
 from compiled import Emitted, Library, emit
 from high_precision import DIGITS, evaluated, prepared
 
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.model import derive
-from gibbs_codegen.program import Program
-from gibbs_codegen.robot import Link, RigidBody, Robot, Rod
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.program.nodes import Program
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import Link, RigidBody, Robot, Rod
 from gibbs_codegen.verification.tree import WORLD, Tree
 
 Array = np.ndarray

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import sympy as sp
 
-from gibbs_codegen.tape import InlineTape, Stage, Tape
+from gibbs_codegen.symbolic.tape import InlineTape, Stage, Tape
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gibbs_codegen.program import (
+from gibbs_codegen.program.nodes import (
     Call,
     Function,
     Name,
@@ -24,7 +24,7 @@ from gibbs_codegen.program import (
     names_in,
     node_value,
 )
-from gibbs_codegen.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
+from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
 
 INPUTS = ("x", "y", "z")
 CONSTANTS = ("p", "r")

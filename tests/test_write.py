@@ -18,11 +18,12 @@ from conftest import ROOT
 from test_hostile_paths import tree
 from tools import tool
 
-from gibbs_codegen import folder_lock, write
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.manifest import MANIFEST
+from gibbs_codegen.files import folder_lock
+from gibbs_codegen.files import module_writer as write
+from gibbs_codegen.files.manifest import MANIFEST
+from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
 from gibbs_codegen.version import HEADER_START
-from gibbs_codegen.write import check_replaceable, differing_files, write_module
 
 HEADER = f"# {HEADER_START}\n"
 FILES = {"__init__.py": HEADER, "numpy_module.py": HEADER + "x = 1\n" * 1000}
@@ -318,7 +319,7 @@ def test_a_disk_that_fills_up_leaves_nothing_behind(tmp_path: Path) -> None:
     """A limit on the size of files stands in for a full disk."""
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))"
     code = (
-        f"{limit}\nimport sys\nfrom gibbs_codegen.cli import main\n"
+        f"{limit}\nimport sys\nfrom gibbs_codegen.cli.app import main\n"
         "sys.exit(main(['generate', 'hexarotor']))"
     )
     done = subprocess.run(
@@ -394,7 +395,7 @@ def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
 WRITE_MANY = """
 import multiprocessing, sys
 from pathlib import Path
-from gibbs_codegen.write import check_replaceable, differing_files, write_module
+from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
 
 FILES = {FILES!r}
 

@@ -5,8 +5,13 @@ Figures and animation (`figures`, `snapshots`, `animation`) are imported by name
 takes long to import.
 """
 
+from gibbs_codegen.figures.results import write_results
+from gibbs_codegen.scenario.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.file import parse_scenario, read_scenario
+from gibbs_codegen.scenario.orientation import Level, Tangent
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term, Waypoints
+from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, StartOffset
 from gibbs_codegen.simulator.allocation import Allocation, AllocationError
-from gibbs_codegen.simulator.attitude import SingularAttitudeError
 from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.flight import Flight, read_flight
 from gibbs_codegen.simulator.integrate import Settings
@@ -15,11 +20,6 @@ from gibbs_codegen.simulator.inverse_dynamics import (
     required_inputs,
 )
 from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
-from gibbs_codegen.simulator.orientation import Level, Tangent
-from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Sum, Term, Waypoints
-from gibbs_codegen.simulator.results import write_results
-from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario, StartOffset
-from gibbs_codegen.simulator.scenario_file import parse_scenario, read_scenario
 from gibbs_codegen.simulator.simulation import desired_motion, simulate
 from gibbs_codegen.simulator.vehicle import Vehicle
 

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.c_library import NATIVE
-from gibbs_codegen.cache import CacheError, cached_library
-from gibbs_codegen.compiler import Compiler, CompilerError, find_compiler
-from gibbs_codegen.simulator.attitude import LARGEST_THETA_0
+from gibbs_codegen.runtime.c_library import NATIVE
+from gibbs_codegen.runtime.cache import CacheError, cached_library
+from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
+from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.simulator.attitude import LARGEST_THETA_0
+from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Gains
 

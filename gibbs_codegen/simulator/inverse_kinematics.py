@@ -16,8 +16,8 @@ from scipy.optimize import lsq_linear
 from scipy.stats import qmc
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.attitude import Turning, attitude_angles
-from gibbs_codegen.simulator.paths import Path
+from gibbs_codegen.scenario.attitude import Turning, attitude_angles
+from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]

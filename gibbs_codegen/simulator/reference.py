@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.orientation import Orientation
+from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.simulator.inverse_kinematics import (
     OTHER_SCENARIO,
     Limits,
@@ -22,8 +24,6 @@ from gibbs_codegen.simulator.inverse_kinematics import (
     arm_motion,
     base_motion,
 )
-from gibbs_codegen.simulator.orientation import Orientation
-from gibbs_codegen.simulator.paths import Path
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]

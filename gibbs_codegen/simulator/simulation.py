@@ -24,22 +24,24 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.load import load
-from gibbs_codegen.simulator.allocation import Allocation, AllocationError
-from gibbs_codegen.simulator.attitude import (
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.attitude import (
     SingularAttitudeError,
     Turning,
     attitude_angles,
     rotation_matrix,
 )
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Tangent, heading_error
+from gibbs_codegen.scenario.paths import check_path
+from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
+from gibbs_codegen.simulator.allocation import Allocation, AllocationError
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.hanging import hanging_posture
 from gibbs_codegen.simulator.integrate import Course, integrate
 from gibbs_codegen.simulator.inverse_kinematics import Limits, Motion
-from gibbs_codegen.simulator.orientation import Tangent, heading_error
-from gibbs_codegen.simulator.paths import check_path
 from gibbs_codegen.simulator.reference import (
     Reference,
     desired_base,
@@ -47,8 +49,6 @@ from gibbs_codegen.simulator.reference import (
     desired_with_tip,
     knots,
 )
-from gibbs_codegen.simulator.scenario import ArmTask, Scenario, StartOffset
-from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 # Of the largest eigenvalue: what rounding may leave, on either side of it, of one that is zero.

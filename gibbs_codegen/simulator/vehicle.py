@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.attitude import rate_matrix, rotation_matrix
+from gibbs_codegen.scenario.attitude import rate_matrix, rotation_matrix
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.errors import printable
-from gibbs_codegen.robot import Robot, Rod
+from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
+from gibbs_codegen.robot.model import Robot, Rod
 from gibbs_codegen.verification.comparison import Comparison, compared
 from gibbs_codegen.verification.parameters import parameter_values
 

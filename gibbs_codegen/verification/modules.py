@@ -11,14 +11,14 @@ from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen.c_backend import c_module
-from gibbs_codegen.c_library import c_files
-from gibbs_codegen.cache import CacheError
-from gibbs_codegen.compiler import CompilerError, find_compiler
 from gibbs_codegen.errors import UsageError, WrongModuleError, printable
-from gibbs_codegen.load import BACKENDS, find_module, load
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.c_backend import c_module
+from gibbs_codegen.runtime.c_library import c_files
+from gibbs_codegen.runtime.cache import CacheError
+from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
+from gibbs_codegen.runtime.load import BACKENDS, find_module, load
 from gibbs_codegen.verification.comparison import Comparison, failure_text
 from gibbs_codegen.verification.contents import compare_c_defaults, compare_robot_file
 from gibbs_codegen.verification.newton_euler import NewtonEuler

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gibbs_codegen.robot import Body, Link, Robot, Rod
+from gibbs_codegen.robot.model import Body, Link, Robot, Rod
 
 _FACTORS = (0.8, 1.25)
 

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.coordinates import hybrid_coordinates, points, reduced_coordinates
-from gibbs_codegen.robot import Body, Robot, Rod
+from gibbs_codegen.robot.coordinates import hybrid_coordinates, points, reduced_coordinates
+from gibbs_codegen.robot.model import Body, Robot, Rod
 
 # Real or complex: the Lagrangian formulation differentiates by complex steps.
 Array = NDArray[Any]

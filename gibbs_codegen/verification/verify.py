@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, worst
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.equations import compare_equations

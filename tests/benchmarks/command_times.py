@@ -16,7 +16,7 @@ sys.path[:0] = [str(Path(__file__).parent)]
 
 from family import benchmark_robot  # noqa: E402
 
-from gibbs_codegen.robot_text import robot_text  # noqa: E402
+from gibbs_codegen.robot.text import robot_text  # noqa: E402
 
 RUNS = 5
 

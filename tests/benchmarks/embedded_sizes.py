@@ -17,10 +17,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from gibbs_codegen.model import Model
+from gibbs_codegen.derivation.derive import Model
 from gibbs_codegen.pipeline import generate_robot
-from gibbs_codegen.program import count_operations
-from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.program.nodes import count_operations
+from gibbs_codegen.robot.file import read_robot, shipped_robots
 
 FUNCTIONS = ("mass_matrix_and_residual", "forward_dynamics")
 TOOLS = "arm-none-eabi-"

@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.robot import Link, Origin, Robot, Rod
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import Link, Origin, Robot, Rod
 
 
 def benchmark_robot(links: int, rotors: int = 6, origin: Origin = "centre") -> Robot:

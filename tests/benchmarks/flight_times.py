@@ -39,19 +39,19 @@ from peers.mujoco_peer import model_text  # noqa: E402
 from peers.timing import Timer, timer  # noqa: E402
 from peers.tree import tree_of  # noqa: E402
 
-from gibbs_codegen.emit import TARGETS, render_module  # noqa: E402
-from gibbs_codegen.load import load  # noqa: E402
-from gibbs_codegen.model import derive  # noqa: E402
-from gibbs_codegen.robot import Robot  # noqa: E402
+from gibbs_codegen.derivation.derive import derive  # noqa: E402
+from gibbs_codegen.robot.model import Robot  # noqa: E402
+from gibbs_codegen.runtime.load import load  # noqa: E402
+from gibbs_codegen.scenario.file import read_scenario  # noqa: E402
+from gibbs_codegen.scenario.scenario import ArmTask, Scenario  # noqa: E402
 from gibbs_codegen.simulator.allocation import Allocation  # noqa: E402
 from gibbs_codegen.simulator.closed_loop import ClosedLoop  # noqa: E402
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop  # noqa: E402
 from gibbs_codegen.simulator.control import Controller, Gains, Law  # noqa: E402
 from gibbs_codegen.simulator.reference import Reference  # noqa: E402
-from gibbs_codegen.simulator.scenario import ArmTask, Scenario  # noqa: E402
-from gibbs_codegen.simulator.scenario_file import read_scenario  # noqa: E402
 from gibbs_codegen.simulator.simulation import desired_motion  # noqa: E402
 from gibbs_codegen.simulator.vehicle import Vehicle  # noqa: E402
+from gibbs_codegen.targets.registry import TARGETS, render_module  # noqa: E402
 
 SHIPPED = Path(__file__).parents[2] / "generated" / "hexarotor_3link"
 STEP = 1e-3

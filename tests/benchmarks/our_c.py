@@ -19,10 +19,10 @@ from peers.contender import (
     States,
 )
 
-from gibbs_codegen.emit import TARGETS, render_module
-from gibbs_codegen.load import load
-from gibbs_codegen.model import derive
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.targets.registry import TARGETS, render_module
 
 ONE, BATCH = "gibbs_codegen", "gibbs_codegen, batch"
 

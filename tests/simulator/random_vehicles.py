@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from random_robots import random_robot
 
-from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
-from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 # Seeds whose robots have each attitude sequence but x-y-z, both origins, and arms of three or four

@@ -14,7 +14,7 @@ from PIL import Image
 from synthetic_flight import synthetic_flight
 
 from gibbs_codegen.errors import OutputError, UsageError
-from gibbs_codegen.simulator.animation import write_animation
+from gibbs_codegen.figures.animation import write_animation
 from gibbs_codegen.simulator.flight import Flight
 
 

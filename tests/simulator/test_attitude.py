@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from gibbs_codegen.robot import ATTITUDES
-from gibbs_codegen.simulator.attitude import (
+from gibbs_codegen.robot.model import ATTITUDES
+from gibbs_codegen.scenario.attitude import (
     SINGULAR_COSINE,
     Array,
     SingularAttitudeError,

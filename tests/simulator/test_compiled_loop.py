@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from random_robots import random_robot
 from tools import missing, run
 
-from gibbs_codegen.c_library import NATIVE
-from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
-from gibbs_codegen.robot_text import robot_text
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.c_library import NATIVE
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.allocation import Allocation
-from gibbs_codegen.simulator.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop, TipForce
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains, Law

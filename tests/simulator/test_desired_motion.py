@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.attitude import SingularAttitudeError
-from gibbs_codegen.simulator.orientation import Level
-from gibbs_codegen.simulator.paths import Fixed
+from gibbs_codegen.scenario.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Level
+from gibbs_codegen.scenario.paths import Fixed
+from gibbs_codegen.scenario.scenario import ArmTask, Scenario
 from gibbs_codegen.simulator.reference import KNOT_SPACING
-from gibbs_codegen.simulator.scenario import ArmTask, Scenario
-from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.simulation import desired_motion, starting_state
 from gibbs_codegen.simulator.vehicle import Vehicle
 

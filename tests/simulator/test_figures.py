@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from synthetic_flight import names, synthetic_flight
 
 from gibbs_codegen.errors import OutputError
-from gibbs_codegen.load import load
+from gibbs_codegen.figures import flight as figures
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.simulator import figures
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.simulator.flight import Flight
 
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.simulator.flight import Flight, coordinate_unit, input_unit, read_flight
-from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.simulation import simulate
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from pinocchio_oracle import Oracle
 
-from gibbs_codegen.robot_file import read_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.simulator.allocation import Allocation, AllocationError
 from gibbs_codegen.simulator.inverse_dynamics import (
     inputs_and_constraint_torques,
     required_inputs,
 )
-from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.simulation import desired_motion, simulate
 from gibbs_codegen.simulator.vehicle import Vehicle
 

@@ -16,19 +16,22 @@ from numpy.testing import assert_allclose, assert_array_equal
 from random_vehicles import SEEDS, random_vehicle
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
-from gibbs_codegen.robot import Link, RigidBody
-from gibbs_codegen.robot_text import robot_text
-from gibbs_codegen.simulator import inverse_kinematics
-from gibbs_codegen.simulator.attitude import (
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import Link, RigidBody
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.attitude import (
     SingularAttitudeError,
     Turning,
     angular_velocity,
     bias_acceleration,
     rotation_matrix,
 )
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term, Waypoints
+from gibbs_codegen.simulator import inverse_kinematics
 from gibbs_codegen.simulator.inverse_kinematics import (
     REACHED,
     Array,
@@ -41,10 +44,7 @@ from gibbs_codegen.simulator.inverse_kinematics import (
     first_posture,
     reach,
 )
-from gibbs_codegen.simulator.orientation import Level, Orientation, Tangent
-from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term, Waypoints
 from gibbs_codegen.simulator.reference import Reference, desired_base, desired_with_tip, knots
-from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 CENTRE = Fixed((0.0, 0.0, 5.0))

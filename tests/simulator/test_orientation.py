@@ -11,10 +11,10 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.attitude import Array
-from gibbs_codegen.simulator.orientation import Level, Orientation, Tangent, heading_error
-from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Path, Term
-from gibbs_codegen.simulator.scenario_file import read_scenario
+from gibbs_codegen.scenario.attitude import Array
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent, heading_error
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
 
 TIME = np.linspace(0.0, 12.0, 37)
 STEP = 0.002  # of differences: some paths turn sharply

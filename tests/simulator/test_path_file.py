@@ -10,9 +10,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gibbs_codegen.errors import Fault
-from gibbs_codegen.simulator.path_file import read_path
-from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
-from gibbs_codegen.toml_reader import Table
+from gibbs_codegen.files.toml_table import Table
+from gibbs_codegen.scenario.path_file import read_path
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
 
 KINDS = {
     "fixed": "position = [1, 2, 3]",

@@ -13,7 +13,8 @@ from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.paths import (
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.paths import (
     Array,
     Circle,
     Fixed,
@@ -24,7 +25,6 @@ from gibbs_codegen.simulator.paths import (
     Term,
     Waypoints,
 )
-from gibbs_codegen.simulator.scenario_file import read_scenario
 
 SPIRAL = Harmonic(
     x=(Term(2.0, -0.05, 1.0), Term(0.3, 0.0, 2.5, 0.7)), y=(Term(1.0, 0.2),), z=(Term(-1.5),)

@@ -17,15 +17,16 @@ from numpy.testing import assert_allclose, assert_array_equal
 from random_vehicles import SEEDS, random_vehicle
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.load import load
 from gibbs_codegen.pipeline import generate_robot
-from gibbs_codegen.robot_text import robot_text
-from gibbs_codegen.simulator.attitude import SINGULAR_COSINE, SingularAttitudeError
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.attitude import SINGULAR_COSINE, SingularAttitudeError
+from gibbs_codegen.scenario.file import read_scenario, shipped_scenarios
+from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
 from gibbs_codegen.simulator.hanging import hanging_posture
 from gibbs_codegen.simulator.inverse_kinematics import Array, Limits, Motion
-from gibbs_codegen.simulator.orientation import Level, Orientation, Tangent
-from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Path, Term
 from gibbs_codegen.simulator.reference import (
     KNOT_SPACING,
     Reference,
@@ -33,7 +34,6 @@ from gibbs_codegen.simulator.reference import (
     desired_with_posture,
     knots,
 )
-from gibbs_codegen.simulator.scenario_file import read_scenario, shipped_scenarios
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 

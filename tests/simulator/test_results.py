@@ -9,9 +9,9 @@ from types import ModuleType
 import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.figures.results import FIGURE_NAMES, check_results, write_results
+from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.simulator.flight import Flight, read_flight
-from gibbs_codegen.simulator.results import FIGURE_NAMES, check_results, write_results
-from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.simulation import simulate
 
 
@@ -32,7 +32,7 @@ def test_everything_is_written_and_named(flight: Flight, tmp_path: Path) -> None
 
 
 def test_figures_are_known_by_their_names() -> None:
-    from gibbs_codegen.simulator.figures import FIGURES
+    from gibbs_codegen.figures.flight import FIGURES
 
     assert tuple(figure.__name__ for figure in FIGURES) == FIGURE_NAMES
 

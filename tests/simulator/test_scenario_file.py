@@ -15,18 +15,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError
-from gibbs_codegen.simulator.closed_loop import TipForce
-from gibbs_codegen.simulator.integrate import Settings
-from gibbs_codegen.simulator.orientation import Level, Tangent
-from gibbs_codegen.simulator.paths import Circle, Fixed, Harmonic, Line, Sum, Term
-from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario, StartOffset
-from gibbs_codegen.simulator.scenario_file import (
+from gibbs_codegen.scenario.file import (
     MAX_DURATION,
     changes_of,
     parse_scenario,
     read_scenario,
     shipped_scenarios,
 )
+from gibbs_codegen.scenario.orientation import Level, Tangent
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
+from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, StartOffset
+from gibbs_codegen.simulator.closed_loop import TipForce
+from gibbs_codegen.simulator.integrate import Settings
 
 LEAST = """
 name = "test"

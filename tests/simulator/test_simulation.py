@@ -14,18 +14,18 @@ import pytest
 from emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.family import paper_family
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.robot import Link, RigidBody, Rod
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import Link, RigidBody, Rod
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Level
+from gibbs_codegen.scenario.paths import Circle, Fixed
+from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario
 from gibbs_codegen.simulator.allocation import AllocationError
 from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
-from gibbs_codegen.simulator.orientation import Level
-from gibbs_codegen.simulator.paths import Circle, Fixed
-from gibbs_codegen.simulator.scenario import ArmTask, Control, Motors, Scenario
-from gibbs_codegen.simulator.scenario_file import read_scenario
 from gibbs_codegen.simulator.simulation import simulate
 
 Load = Callable[[str], ModuleType]

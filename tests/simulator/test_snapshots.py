@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from synthetic_flight import names, synthetic_flight
 
-from gibbs_codegen.simulator.figure_style import FULL, GOLD
+from gibbs_codegen.figures.snapshots import snapshots, snapshots_panels
+from gibbs_codegen.figures.style import FULL, GOLD
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.snapshots import snapshots, snapshots_panels
 
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]

@@ -9,9 +9,9 @@ import pytest
 from emitted import NUMPY, emitted_module
 from planted_faults import planted
 
-from gibbs_codegen.emit import render_module
-from gibbs_codegen.model import derive
-from gibbs_codegen.robot import Base, Link, RigidBody, Robot, alternating_thrust
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, alternating_thrust
+from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import failure_text
 from gibbs_codegen.verification.modules import _from_text
 from gibbs_codegen.verification.newton_euler import NewtonEuler

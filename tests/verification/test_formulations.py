@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from pinocchio_oracle import Oracle
 from random_robots import random_robot, robots
 
-from gibbs_codegen.family import paper_family
-from gibbs_codegen.robot import Base, Robot, Rod, alternating_thrust
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import Base, Robot, Rod, alternating_thrust
 from gibbs_codegen.verification.formulation import EVERYTHING, Formulation, NotApplicableError
 from gibbs_codegen.verification.lagrange import Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler

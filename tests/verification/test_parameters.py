@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from random_robots import random_robot, robots
 
-from gibbs_codegen.model import derive
-from gibbs_codegen.rigid_body import inertia_fault
-from gibbs_codegen.robot import RigidBody, Robot
-from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.model import RigidBody, Robot
+from gibbs_codegen.robot.rigid_body import inertia_fault
 from gibbs_codegen.verification.parameters import parameter_values, varied
 
 

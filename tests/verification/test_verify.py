@@ -20,8 +20,8 @@ from tools import tool
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate
-from gibbs_codegen.robot import Robot
-from gibbs_codegen.robot_file import read_robot, shipped_robots
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.contents import compare_c_defaults
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler

@@ -36,7 +36,7 @@ from peers.timing import Timer, timer  # noqa: E402
 from peers.tree import tree_of  # noqa: E402
 from pinocchio_oracle import Oracle  # noqa: E402
 
-from gibbs_codegen.robot import Robot  # noqa: E402
+from gibbs_codegen.robot.model import Robot  # noqa: E402
 
 LINKS = (3, 7, 30)
 STATES = 1024

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from pinocchio_oracle import Oracle
 
-from gibbs_codegen.robot import Robot
+from gibbs_codegen.robot.model import Robot
 
 Array = np.ndarray
 

@@ -1,0 +1,56 @@
+"""What ROBOT may be in every command: a robot file, a robot that ships, or a generated module."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.runtime.load import find_module
+
+if TYPE_CHECKING:
+    from gibbs_codegen.derivation.derive import Progress
+    from gibbs_codegen.robot.model import Robot
+
+
+def find_robot(word: str) -> tuple[Robot, str]:
+    """The robot that a word names, and the text of its file.
+
+    A robot that ships comes first, then a file or the folder of a module, then a module in
+    generated/. Raises `RobotFileError` for a refused file and `UsageError` where there is none.
+    """
+    if word in shipped_robots() or os.path.isfile(word):
+        return read_robot(word)
+    for folder in (word, os.path.join("generated", word)):
+        if os.path.isfile(file := os.path.join(folder, "robot.toml")):
+            return read_robot(file)
+    try:
+        return read_robot(word)
+    except UsageError as error:
+        raise UsageError(f"{error}; nor is there a module of that name in generated/") from None
+
+
+@contextmanager
+def found_module(
+    word: str, progress: AbstractContextManager[Progress]
+) -> Iterator[tuple[Path, bool]]:
+    """Folder of the module that a word names, and whether it is kept.
+
+    A folder of that path, or of that name in generated/, comes first: it is a module, or what is
+    left of one. Of any other robot a module is made for the occasion. Raises as `find_robot`.
+    """
+    if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
+        yield find_module(Path(word)), True
+        return
+    robot, text = find_robot(word)
+    from gibbs_codegen.pipeline import generate_robot  # It imports SymPy, which modules do without.
+
+    with tempfile.TemporaryDirectory() as out:
+        with progress as step:
+            _, folder = generate_robot(robot, text, out, progress=step, verify=False)
+        yield folder, False

@@ -1,0 +1,1 @@
+"""The Gibbs–Appell equations of a robot, in SymPy, on a tape."""

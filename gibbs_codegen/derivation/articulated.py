@@ -1,0 +1,229 @@
+"""Forward dynamics by articulated bodies, in O(n), from the Gibbs function.
+
+∂S/∂θ̈ = τ (eqs. 4–6) is solved joint by joint from the tip inwards. A joint with all it carries has
+the Gibbs function ½aᵀÂa − aᵀp in its acceleration a = (r̈, ω̇), counted from the motion that the
+rates alone would make. The joint's own equation gives its own component of a by the others; with
+that put in, the rest is what its parent feels. The root's system is solved, and then outwards each
+joint's. It is the recursion of Featherstone, Rigid Body Dynamics Algorithms, ch. 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.articulated_inertia import NO_ARTICULATED_INERTIA, ArticulatedInertia
+from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR
+from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.serial_chain import Segment, SerialChain, link_wrench
+from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    NO_WRENCH,
+    Rotation,
+    Vector,
+    Wrench,
+    X,
+    Z,
+    add,
+    axis_vector,
+    cross,
+    scale,
+)
+
+
+@dataclass(frozen=True)
+class Acceleration:
+    """r̈ and ω̇ of a frame."""
+
+    linear: Vector
+    angular: Vector
+
+    @classmethod
+    def of(cls, entries: Sequence[sp.Expr]) -> Acceleration:
+        """An acceleration by its six components."""
+        x, y, z, p, q, r = entries
+        return cls((x, y, z), (p, q, r))
+
+    @property
+    def entries(self) -> list[sp.Expr]:
+        """The six components."""
+        return [*self.linear, *self.angular]
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> Acceleration:
+        """The same acceleration in the frame turned from."""
+        return Acceleration(rotation.vector(tape, self.linear), rotation.vector(tape, self.angular))
+
+    def passed_out(self, tape: Scalars, way: Sequence[Rotation | Vector]) -> Acceleration:
+        """The acceleration at the beginning of a way of rotations and shifts, rigid all along."""
+        here = self
+        for step in reversed(way):
+            if isinstance(step, Rotation):
+                here = here.rotated(tape, step.inverse)
+            else:
+                gain = cross(tape, here.angular, step)
+                here = Acceleration(add(tape, here.linear, gain), here.angular)
+        return here
+
+
+@dataclass(frozen=True)
+class _Body:
+    """Â and p of ½aᵀÂa − aᵀp: a link, or a joint with all it carries."""
+
+    inertia: ArticulatedInertia
+    load: Wrench
+
+    def plus(self, tape: Scalars, other: _Body) -> _Body:
+        return _Body(self.inertia.plus(tape, other.inertia), self.load.plus(tape, other.load))
+
+    def passed_in(self, tape: Scalars, way: Sequence[Rotation | Vector]) -> _Body:
+        """The body about the end of a way of rotations and shifts."""
+        inertia, load = self.inertia, self.load
+        for step in way:
+            if isinstance(step, Rotation):
+                inertia, load = inertia.rotated(tape, step), load.rotated(tape, step)
+            else:
+                inertia, load = inertia.shifted(tape, step), load.shifted(tape, step)
+        return _Body(inertia, load)
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """A joint's equation, solved for its own component of a: a_d = share − Σ ratios·(the rest)."""
+
+    direction: int
+    ratios: tuple[sp.Expr, ...]
+    share: sp.Expr
+
+    def accelerated(self, tape: Scalars, parent: Acceleration) -> tuple[sp.Expr, Acceleration]:
+        """θ̈, and the acceleration of what the joint moves, from that of what it hangs on."""
+        entries = parent.entries
+        rest = [
+            tape.let(ratio * entry)
+            for i, (ratio, entry) in enumerate(zip(self.ratios, entries, strict=True))
+            if i != self.direction
+        ]
+        own = tape.let(self.share - sp.Add(*rest))
+        relative = tape.let(own - entries[self.direction])
+        entries[self.direction] = own
+        return relative, Acceleration.of(entries)
+
+
+def articulated_accelerations(
+    tape: Scalars,
+    chain: SerialChain,
+    motions: Sequence[Motion],
+    thrust: Wrench,
+    efforts: Sequence[sp.Expr],
+) -> tuple[list[sp.Expr], Acceleration]:
+    """θ̈ of the chain's joints, and the root's acceleration in its carrier.
+
+    `motions` are those that the rates alone make, `thrust` is a wrench about the root in its own
+    frame, `efforts` are the joints' torques or forces. Raises `ZeroPivotError` where one
+    acceleration has no inertia to it; unknowns are numbered joints first, then ω̇ and r̈ of the root.
+    """
+    ways = [_way_in(tape, chain, k) for k in range(1, len(chain.segments))]
+    joints: list[_Joint] = []
+    carried = _Body(NO_ARTICULATED_INERTIA, NO_WRENCH)
+    for k in range(len(chain.segments) - 1, 0, -1):
+        body = carried.plus(tape, _link(tape, chain, k, motions[k]))
+        joint, freed = _freed(tape, chain, k, body, efforts[k - 1])
+        joints.append(joint)
+        carried = freed.passed_in(tape, ways[k - 1])
+    own = chain.segments[0].rotation
+    turn = _root_turn(chain)
+    if not chain.works_in_own_frame(0):
+        thrust = thrust.rotated(tape, own)
+    base = _link(tape, chain, 0, motions[0], thrust).passed_in(tape, [turn.inverse])
+    root = _solved(tape, base.plus(tape, carried), len(joints))
+    accelerations = []
+    moving = root
+    for joint, way in zip(reversed(joints), ways, strict=True):
+        relative, moving = joint.accelerated(tape, moving.passed_out(tape, way))
+        accelerations.append(relative)
+    root = root.rotated(tape, turn)
+    if chain.works_in_own_frame(0):
+        root = root.rotated(tape, own)
+    return accelerations, root
+
+
+def _freed(
+    tape: Scalars, chain: SerialChain, k: int, body: _Body, effort: sp.Expr
+) -> tuple[_Joint, _Body]:
+    """Solve joint k's equation, ∂S/∂θ̈ = τ, and put its acceleration in.
+
+    Of its joint's direction the body then keeps nothing but the effort, which the parent bears.
+    """
+    direction = _direction(chain.segments[k])
+    column = body.inertia.rows[direction]
+    if column[direction] == 0:
+        raise ZeroPivotError(k - 1)
+    inverse = tape.let(1 / column[direction])
+    load = [*body.load.force, *body.load.moment]
+    share = tape.let(tape.let(effort + load[direction]) * inverse)
+    ratios = tuple(tape.let(entry * inverse) for entry in column)
+    x, y, z, p, q, r = (
+        -effort if i == direction else tape.let(entry - tape.let(column[i] * share))
+        for i, entry in enumerate(load)
+    )
+    inertia = body.inertia.without(tape, direction, ratios)
+    return _Joint(direction, ratios, share), _Body(inertia, Wrench((x, y, z), (p, q, r)))
+
+
+def _direction(segment: Segment) -> int:
+    """The component of (r̈, ω̇) that the joint's acceleration adds to."""
+    return ANGULAR + Z if segment.joint == "revolute" else LINEAR + Z
+
+
+def _solved(tape: Scalars, root: _Body, joints: int) -> Acceleration:
+    """The root's acceleration, nothing holding it: Âa = p."""
+    rows = root.inertia.rows
+    load = [*root.load.force, *root.load.moment]
+    try:
+        return Acceleration.of(solve_symmetric(tape, rows, load, minimum_degree(rows)))
+    except ZeroPivotError as error:
+        raise ZeroPivotError(joints + (error.unknown + 3) % 6) from None
+
+
+def _link(
+    tape: Scalars, chain: SerialChain, k: int, motion: Motion, applied: Wrench = NO_WRENCH
+) -> _Body:
+    """Segment k by itself, in its working frame: what is applied to it less its 𝒮 and ℛ (eq. 6)."""
+    inertia = ArticulatedInertia.rigid(tape, chain.working_inertia(tape, k))
+    inertial = link_wrench(tape, chain, k, motion)
+    force, moment = (scale(tape, sp.S.NegativeOne, v) for v in (inertial.force, inertial.moment))
+    return _Body(inertia, applied.plus(tape, Wrench(force, moment)))
+
+
+def _root_turn(chain: SerialChain) -> Rotation:
+    """Rotation to the root's working frame from that in which the root's system is solved.
+
+    Where the first joint turns the arm about the base normal through the origin, it is cheaper to
+    turn the base against it than the arm's articulated inertia: a base of equal arms does not
+    notice, and an arm in a plane keeps its zeros.
+    """
+    if len(chain.segments) > 1 and chain.works_in_own_frame(1):
+        first = chain.segments[1]
+        if not first.leads and first.a == 0:
+            return first.rotation
+    return NO_ROTATION
+
+
+def _way_in(tape: Scalars, chain: SerialChain, k: int) -> list[Rotation | Vector]:
+    """Rotations and shifts that take a body about joint k, in its working frame, to joint k − 1.
+
+    It ends in the working frame of segment k − 1 or, at the root, where the system is solved.
+    """
+    segment, parent = chain.segments[k], chain.segments[k - 1]
+    held = _root_turn(chain) if k == 1 else NO_ROTATION
+    way: list[Rotation | Vector] = []
+    if chain.works_in_own_frame(k) and held.is_identity:
+        way.append(segment.rotation)
+    way.append(axis_vector(Z, segment.d))
+    step = axis_vector(X, segment.a)
+    if segment.leads:
+        return [*way, segment.twist, step]
+    return [*way, parent.rotation.vector(tape, step)]

@@ -1,0 +1,146 @@
+"""The articulated inertia: what a frame feels of all it carries while the joints there are free.
+
+Like the ten numbers of a rigid body it is a Gibbs function, ½aᵀÂa in a = (r̈, ω̇), and moves by the
+same rules; but a free joint takes its direction out of it, so Â is any symmetric 6×6 matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.gibbs import link_mass_block, skew
+from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, PAIRS, Inertia
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Vector
+
+Block = tuple[Vector, Vector, Vector]
+
+
+@dataclass(frozen=True)
+class ArticulatedInertia:
+    """The blocks of Â by rows: r̈ with r̈, r̈ with ω̇, ω̇ with ω̇."""
+
+    linear: Block
+    coupling: Block
+    angular: Block
+
+    @classmethod
+    def rigid(cls, tape: Scalars, inertia: Inertia) -> ArticulatedInertia:
+        """A rigid body's: the Hessian of its Gibbs function (eq. 2)."""
+        hessian, values = link_mass_block(), inertia.values
+        return cls.of_entries(lambda i, j: tape.let(hessian[i, j].xreplace(values)))
+
+    @classmethod
+    def of_entries(cls, entry: Callable[[int, int], sp.Expr]) -> ArticulatedInertia:
+        """Â by its entries on and above the diagonal."""
+        return cls(
+            _symmetric(lambda i, j: entry(LINEAR + i, LINEAR + j)),
+            _block(lambda i, j: entry(LINEAR + i, ANGULAR + j)),
+            _symmetric(lambda i, j: entry(ANGULAR + i, ANGULAR + j)),
+        )
+
+    @property
+    def rows(self) -> list[list[sp.Expr]]:
+        """The whole matrix."""
+        upper = [[*self.linear[i], *self.coupling[i]] for i in range(3)]
+        transposed = zip(*self.coupling, strict=True)
+        return upper + [[*c, *a] for c, a in zip(transposed, self.angular, strict=True)]
+
+    def plus(self, tape: Scalars, other: ArticulatedInertia) -> ArticulatedInertia:
+        """Both together about their common point."""
+        mine, theirs = self.rows, other.rows
+        return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
+
+    def without(
+        self, tape: Scalars, direction: int, ratios: tuple[sp.Expr, ...]
+    ) -> ArticulatedInertia:
+        """The Schur complement Â − U·Uᵀ/D, given the `ratios` U/D of column U to its pivot D.
+
+        Row and column of the eliminated direction vanish exactly.
+        """
+        rows = self.rows
+        column = rows[direction]
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if direction in (i, j):
+                return sp.S.Zero
+            return tape.let(rows[i][j] - tape.let(ratios[i] * column[j]))
+
+        return self.of_entries(entry)
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedInertia:
+        """Â in the frame turned from: each block M is RMRᵀ there."""
+        if rotation.is_identity:
+            return self
+        linear, coupling, angular = (
+            _rotated(tape, rotation, block) for block in (self.linear, self.coupling, self.angular)
+        )
+        return ArticulatedInertia(linear, coupling, angular)
+
+    def shifted(self, tape: Scalars, arm: Vector) -> ArticulatedInertia:
+        """Â about a point from which its old point is at `arm`.
+
+        With H the coupling, H' = H − Lr̃ and J' = J + r̃H' + (r̃H)ᵀ.
+        """
+        if arm == ZERO:
+            return self
+        lever = skew(arm)
+        old = self.coupling
+        new = _block(
+            lambda i, j: tape.let(
+                old[i][j] - sp.Add(*(tape.let(self.linear[i][k] * lever[k, j]) for k in range(3)))
+            )
+        )
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if i == j:
+                gain = sp.Add(*(lever[i, k] * (old[k][i] + new[k][i]) for k in range(3)))
+            else:  # Of J'_ij and J'_ji the shorter, since joints eliminate the last direction, z.
+                k = 3 - i - j
+                gain = lever[j, i] * (new[i][i] - old[j][j])
+                gain += lever[j, k] * new[k][i] + lever[i, k] * old[k][j]
+            return tape.let(self.angular[i][j] + gain)
+
+        return ArticulatedInertia(self.linear, new, _symmetric(entry))
+
+
+NO_ARTICULATED_INERTIA = ArticulatedInertia((ZERO,) * 3, (ZERO,) * 3, (ZERO,) * 3)
+
+
+def _block(entry: Callable[[int, int], sp.Expr]) -> Block:
+    x, y, z = ((entry(i, 0), entry(i, 1), entry(i, 2)) for i in range(3))
+    return (x, y, z)
+
+
+def _symmetric(entry: Callable[[int, int], sp.Expr]) -> Block:
+    entries = {(i, j): entry(i, j) for i, j in PAIRS}
+    return _block(lambda i, j: entries[min(i, j), max(i, j)])
+
+
+def _rotated(tape: Scalars, rotation: Rotation, block: Block) -> Block:
+    r = rotation.axis
+    p, q = (r + 1) % 3, (r + 2) % 3
+    c, s = rotation.cos, rotation.sin
+    pp, pq, qp, qq = block[p][p], block[p][q], block[q][p], block[q][q]
+    turned = {(r, r): block[r][r]}
+    turned[r, p], turned[r, q] = _turned(tape, rotation, block[r][p], block[r][q])
+    turned[p, r], turned[q, r] = _turned(tape, rotation, block[p][r], block[q][r])
+    if c == 0:  # A quarter turn swaps and signs, a half turn leaves the rest as it is.
+        turned |= {(p, p): qq, (q, q): pp, (p, q): -qp, (q, p): -pq}
+    elif s == 0:
+        turned |= {(p, p): pp, (q, q): qq, (p, q): pq, (q, p): qp}
+    else:
+        # With w = s(M_pp − M_qq) + c(M_pq + M_qp) it takes four products instead of sixteen.
+        w = tape.let(s * tape.let(pp - qq) + c * tape.let(pq + qp))
+        sine, cosine = tape.let(s * w), tape.let(c * w)
+        turned[p, p], turned[q, q] = tape.let(pp - sine), tape.let(qq + sine)
+        turned[p, q], turned[q, p] = tape.let(cosine - qp), tape.let(cosine - pq)
+    return _block(lambda i, j: turned[i, j])
+
+
+def _turned(tape: Scalars, rotation: Rotation, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    c, s = rotation.cos, rotation.sin
+    return tape.let(c * p - s * q), tape.let(s * p + c * q)

@@ -1,0 +1,92 @@
+"""Generalised forces of thrusts and joint torques (Fig. 3, eqs. 7–13).
+
+A thrust F at o_{j,i} along a direction ε gives Ψ·F with Ψ = Jᵀ·R·ε. The transposed Jacobian is
+applied by moving the thrust, as a wrench, to the root and to the joints it passes: a motor's wrench
+about the origin is constant in arm 1's frame.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.symbolic.exact_angles import structural_number
+from gibbs_codegen.symbolic.vectors import (
+    NO_WRENCH,
+    Rotation,
+    Vector,
+    Wrench,
+    add,
+    axis_vector,
+    cross,
+    scale,
+)
+
+
+def thrust_direction(machine: Machine, k: int) -> Vector:
+    """Unit direction ε of motor k's thrust in the frame of its arm."""
+    x, y, z = (structural_number(sp.Float(e)) for e in machine.robot.base.thrust[k - 1])
+    return (x, y, z)
+
+
+def motor_position(machine: Machine, k: int) -> Vector:
+    """Seat of motor k from the origin of the coordinates, in arm 1's frame."""
+    tape, base = machine.tape, machine.robot.base
+    centre = axis_vector(0, machine.centre_offset)
+    if k == 1:
+        return add(tape, centre, axis_vector(0, -machine.parameters.arm_length(1)))
+    arm = Rotation.degrees(2, base.arm_angle_deg(k))
+    reach = axis_vector(0, machine.parameters.arm_length(k))
+    return add(tape, centre, arm.vector(tape, reach))
+
+
+def motor_wrench(machine: Machine, k: int) -> Wrench:
+    """Wrench of motor k per unit of thrust about the origin, in arm 1's frame.
+
+    The drag torque acts about the thrust's own direction.
+    """
+    tape = machine.tape
+    direction = thrust_direction(machine, k)
+    if k > 1:
+        arm = Rotation.degrees(2, machine.robot.base.arm_angle_deg(k))
+        direction = arm.vector(tape, direction)
+    lever = cross(tape, motor_position(machine, k), direction)
+    drag = scale(tape, machine.parameters.drag(k), direction)
+    return Wrench(direction, add(tape, lever, drag))
+
+
+def motor_torque_about_arm_joint(machine: Machine, k: int) -> sp.Expr:
+    """Row of the constrained joint of arm k = 2 … N in Ψ of motor k: torque about z at O₂."""
+    _, y, z = thrust_direction(machine, k)
+    parameters = machine.parameters
+    return machine.tape.let(parameters.arm_length(k) * y + parameters.drag(k) * z)
+
+
+def motor_column(machine: Machine, k: int) -> tuple[sp.Expr, ...]:
+    """Generalised forces of motor k on θ₋₁, θ₀, θ₁, x, y, z per unit of thrust (eq. 13)."""
+    tape, root = machine.tape, machine.root
+    return root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
+
+
+def total_thrust_wrench(machine: Machine) -> Wrench:
+    """Wrench of all motors about the origin for the inputs u, in arm 1's frame."""
+    tape, total = machine.tape, NO_WRENCH
+    for k, thrust in enumerate(machine.u[: machine.robot.rotors], start=1):
+        unit = motor_wrench(machine, k)
+        force, moment = (scale(tape, thrust, v) for v in (unit.force, unit.moment))
+        total = total.plus(tape, Wrench(force, moment))
+    return total
+
+
+def input_matrix(machine: Machine) -> list[list[sp.Expr]]:
+    """B of M a = R + B u: rows in the order of q, columns in that of u."""
+    n, rotors = machine.joints, machine.robot.rotors
+    zero, one = sp.S.Zero, sp.S.One
+    matrix = [[zero] * (rotors + n) for _ in range(6 + n)]
+    for k in range(1, rotors + 1):
+        rows = motor_column(machine, k)
+        for row, entry in zip((0, 1, 2, n + 3, n + 4, n + 5), rows, strict=True):
+            matrix[row][k - 1] = entry
+    for i in range(n):
+        matrix[3 + i][rotors + i] = one
+    return matrix

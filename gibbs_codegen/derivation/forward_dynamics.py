@@ -1,0 +1,175 @@
+"""Forward dynamics in two ways, by articulated bodies and by M: each robot gets the shorter one.
+
+The recursion's operations grow with n, those of factors of M with n³. Either way the unknowns are
+the joint accelerations, the root's angular acceleration Ω (the sum of θ̈ times their axes) and the
+base centre's acceleration, in the root's carrier, where nothing has to be projected. About its
+centre the base is balanced, whatever the origin of the coordinates. A flying machine falls freely,
+so gravity enters once, at the end: accelerations are relative to free fall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import sympy as sp
+
+from gibbs_codegen.derivation.articulated import Acceleration, articulated_accelerations
+from gibbs_codegen.derivation.chain_dynamics import Matrix, free_motions, unprojected_mass_matrix
+from gibbs_codegen.derivation.forces import total_thrust_wrench
+from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.serial_chain import inward
+from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.robot.coordinates import coordinate_text
+from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot, scale
+
+
+def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
+    """Accelerations a of M a = R + B u, in the order of q, by articulated bodies.
+
+    Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
+    """
+    centred = _about_base_centre(machine)
+    with _refused_as_singular(machine):
+        joints, root = articulated_accelerations(
+            machine.tape,
+            centred.reduced_chain,
+            _free_motions(centred),
+            total_thrust_wrench(centred),
+            _efforts(machine),
+        )
+    return _in_coordinates(machine, joints, root)
+
+
+def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
+    """The same from M: translation eliminated first, since its block is m·1₃, then LDLᵀ.
+
+    Returns nothing where LDLᵀ alone takes `most` operations or more. Raises `SingularRobotError`
+    like the other way.
+    """
+    tape, n = machine.tape, machine.joints
+    centred = _about_base_centre(machine)
+    chain = centred.reduced_chain
+    composite, wrenches, block = unprojected_mass_matrix(tape, chain)
+    lightness = tape.let(1 / composite.mass)
+    centre = scale(tape, lightness, composite.moment)
+    light = [scale(tape, lightness, wrench.force) for wrench in wrenches]
+    matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
+    for (i, j), entry in block.items():
+        if i >= j:
+            coupled = _minus_dot(tape, entry, wrenches[i].force, light[j])
+            matrix[i][j] = matrix[j][i] = coupled
+    for i, wrench in enumerate(wrenches):
+        for k, entry in enumerate(_about(tape, wrench, centre)):
+            matrix[i][n + k] = matrix[n + k][i] = entry
+    about_centre = _about_centre_of_mass(tape, composite, centre)
+    for k in range(3):
+        for m, entry in enumerate(about_centre.response(tape, ANGULAR + k).moment):
+            matrix[n + k][n + m] = entry
+    # Tip first: the last joint couples to all others, the root is left for the end.
+    order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
+    if operations_to_solve(matrix, order) >= most:
+        return None
+    drive, efforts = _driving_forces(centred)
+    right = [_minus_dot(tape, effort, light[i], drive.force) for i, effort in enumerate(efforts)]
+    right.extend(_about(tape, drive, centre))
+    with _refused_as_singular(machine):
+        solution = solve_symmetric(tape, matrix, right, order)
+    angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
+    spin = cross(tape, angular, centre)
+    shares = [[light[i][k] * solution[i] for i in range(n)] for k in range(3)]
+    x, y, z = (
+        tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares[k])) for k in range(3)
+    )
+    return _in_coordinates(machine, solution[:n], Acceleration((x, y, z), angular))
+
+
+@contextmanager
+def _refused_as_singular(machine: Machine) -> Iterator[None]:
+    """Name the coordinate of an unknown: the joints come first, then Ω, then the position."""
+    n = machine.joints
+    places = [*range(3, n + 3), 0, 1, 2, *range(n + 3, n + 6)]
+    try:
+        yield
+    except ZeroPivotError as error:
+        unresisted = coordinate_text(machine.robot, places[error.unknown])
+        raise SingularRobotError(machine.robot.name, [(unresisted,)]) from None
+
+
+def _about_base_centre(machine: Machine) -> Machine:
+    base = machine.robot.base
+    if base.origin == "centre":
+        return machine
+    return replace(machine, robot=replace(machine.robot, base=replace(base, origin="centre")))
+
+
+def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration) -> list[sp.Expr]:
+    """Accelerations in the order of q, from those of the joints and the base centre."""
+    tape, turns = machine.tape, machine.root
+    x, y, z = turns.world(tape, _at_origin(machine, root))
+    return [
+        *turns.angle_accelerations(tape, root.angular),
+        *joints,
+        x,
+        y,
+        tape.let(z - machine.parameters.gravity),
+    ]
+
+
+def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
+    """Acceleration of the origin of the coordinates, from that of the base centre."""
+    tape, root = machine.tape, machine.root
+    zeros = [sp.S.Zero] * 3
+    still = root.carrier_motion(tape, machine.v[:3], zeros, ZERO)
+    still = still.spun(tape, root.segment_spin(machine.v), sp.S.Zero)
+    omega_dot = add(tape, still.omega_dot, centre.angular)
+    base = Motion.of(tape, still.omega, omega_dot, centre.linear)
+    return base.displaced_along(tape, root.segment_rotation, -machine.centre_offset).acceleration
+
+
+def _free_motions(machine: Machine) -> list[Motion]:
+    """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero."""
+    return free_motions(machine.tape, machine.root, machine.reduced_chain, machine.v)
+
+
+def _efforts(machine: Machine) -> tuple[sp.Symbol, ...]:
+    """Torques and forces of the joints."""
+    return machine.u[machine.robot.rotors :]
+
+
+def _driving_forces(machine: Machine) -> tuple[Wrench, list[sp.Expr]]:
+    """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
+    tape = machine.tape
+    bias, joints = inward(tape, machine.reduced_chain, _free_motions(machine))
+    thrust = total_thrust_wrench(machine).rotated(tape, machine.root.segment_rotation)
+    efforts = [tape.let(u - row) for u, row in zip(_efforts(machine), joints, strict=True)]
+    return Wrench(
+        _difference(tape, thrust.force, bias.force), _difference(tape, thrust.moment, bias.moment)
+    ), efforts
+
+
+def _about(tape: Scalars, wrench: Wrench, centre: Vector) -> Vector:
+    """Moment of a wrench about `centre`."""
+    return wrench.shifted(tape, (-centre[0], -centre[1], -centre[2])).moment
+
+
+def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> Inertia:
+    """Second moments about the centre of mass: E − B₀ccᵀ, without mass or first moment."""
+    xx, yy, zz, xy, xz, yz = (
+        tape.let(composite.entry(i, j) - centre[i] * composite.moment[j]) for i, j in PAIRS
+    )
+    return Inertia(sp.S.Zero, ZERO, (xx, yy, zz, xy, xz, yz))
+
+
+def _difference(tape: Scalars, a: Vector, b: Vector) -> Vector:
+    x, y, z = (tape.let(p - q) for p, q in zip(a, b, strict=True))
+    return (x, y, z)
+
+
+def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:
+    return tape.let(value - dot(tape, a, b))

@@ -1,0 +1,191 @@
+"""The combiner: chains into the hybrid system, constraints and their torques (eqs. 14–19).
+
+Two ways lead to the hybrid system and must agree. `hybrid_from_chains` is the paper's: each chain
+in its constrained form (eq. 15), added entry by entry where the coupling map says (eq. 18). The
+other is what the emitted code uses: the chains' inertia is summed at the root before it is
+projected, so the free rows are those of the reduced system, and each constrained joint adds its own
+row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.chain_dynamics import (
+    Matrix,
+    State,
+    chain_motions,
+    generalised_inertia_forces,
+    mass_matrix,
+)
+from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_torque_about_arm_joint
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.serial_chain import SerialChain, joint_columns, link_wrench
+from gibbs_codegen.robot.chains import Chain, coupling_map
+from gibbs_codegen.robot.coordinates import ATTITUDE, POSITION, hybrid_coordinates
+
+
+@dataclass(frozen=True)
+class LinearSystem:
+    """matrix · unknowns = residual + inputs · u."""
+
+    matrix: Matrix
+    residual: list[sp.Expr]
+    inputs: Matrix
+
+
+def unaccelerated_state(machine: Machine) -> State:
+    """The state with θ̈ = 0, whose generalised inertia forces are −R."""
+    zeros = [sp.S.Zero] * len(machine.q)
+    return State(machine.v, zeros, machine.parameters.gravity)
+
+
+def reduced_system(machine: Machine) -> LinearSystem:
+    """M a = R + B u."""
+    tape, root, chain = machine.tape, machine.root, machine.reduced_chain
+    minus_r = generalised_inertia_forces(tape, root, chain, unaccelerated_state(machine))
+    return LinearSystem(
+        mass_matrix(tape, root, chain), [-row for row in minus_r], input_matrix(machine)
+    )
+
+
+def constrained_joint_column(
+    machine: Machine, serial: SerialChain
+) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
+    """Column of I_H for a constrained joint: its entries at θ₋₁, θ₀, θ₁, x, y, z and its own."""
+    tape = machine.tape
+    _, wrenches, entries = joint_columns(tape, serial)
+    return machine.root.rows(tape, wrenches[0]), entries[1, 1]
+
+
+def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -> sp.Expr:
+    """∂S/∂θ̈ of a constrained joint at the given rates and accelerations of the free coordinates."""
+    zero = sp.S.Zero
+    own = State(
+        [*state.rates[:3], zero, *state.rates[-3:]],
+        [*state.accelerations[:3], zero, *state.accelerations[-3:]],
+        state.gravity,
+    )
+    motions = chain_motions(machine.tape, machine.root, serial, own)
+    return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
+
+
+def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
+    """I_H a_H = R_H + B_H u (eqs. 18–19): free rows from the reduced system, the rest by chain.
+
+    Where a chain's own joint, its constraint torque and its root coordinates stand among the hybrid
+    unknowns is what the coupling map says.
+    """
+    names = [coordinate.name for coordinate in hybrid_coordinates(machine.robot)]
+    free = [names.index(symbol.name) for symbol in machine.q]
+    zero, one = sp.S.Zero, sp.S.One
+    matrix: Matrix = [[zero] * len(names) for _ in names]
+    residual = [zero] * len(names)
+    thrust: Matrix = [[zero] * len(machine.u) for _ in names]
+    for i, row in enumerate(free):
+        for j, column in enumerate(free):
+            matrix[row][column] = reduced.matrix[i][j]
+        residual[row] = reduced.residual[i]
+        thrust[row] = list(reduced.inputs[i])
+    state = unaccelerated_state(machine)
+    maps = coupling_map(machine.robot)
+    for (chain, serial), places in zip(machine.open_chains, maps, strict=True):
+        if not chain.is_constrained:
+            continue
+        *attitude, here, x, y, z, torque = places
+        entries, own = constrained_joint_column(machine, serial)
+        for row, entry in zip((*attitude, x, y, z), entries, strict=True):
+            matrix[row][here] = matrix[here][row] = entry
+        matrix[here][here] = own
+        matrix[here][torque], matrix[torque][here] = -one, one
+        residual[here] = -constrained_joint_row(machine, serial, state)
+        arm = chain.links[-1]
+        thrust[here][arm - 1] = motor_torque_about_arm_joint(machine, arm)
+    return LinearSystem(matrix, residual, thrust)
+
+
+def constraint_torques(machine: Machine) -> list[sp.Expr]:
+    """τ'_k for k = 2 … N, given the free coordinates' accelerations and the inputs (eq. 14)."""
+    state = State(machine.v, machine.a, machine.parameters.gravity)
+    torques = []
+    for chain, serial in machine.open_chains:
+        if chain.is_constrained:
+            arm = chain.links[-1]
+            inertia_force = constrained_joint_row(machine, serial, state)
+            lever = motor_torque_about_arm_joint(machine, arm)
+            active = machine.tape.let(lever * machine.u[arm - 1])
+            torques.append(machine.tape.let(inertia_force - active))
+    return torques
+
+
+def chain_matrix(machine: Machine, number: int) -> Matrix:
+    """Mass matrix I_j of chain 1 … N, bordered with ±ζ where the chain is constrained (eq. 15)."""
+    chain, serial = machine.open_chains[number - 1]
+    matrix = mass_matrix(machine.tape, machine.root, serial)
+    if not chain.is_constrained:
+        return matrix
+    zero, one = sp.S.Zero, sp.S.One
+    zeta = [one if i == 3 else zero for i in range(len(matrix))]
+    return [*([*row, -z] for row, z in zip(matrix, zeta, strict=True)), [*zeta, zero]]
+
+
+def chain_system(machine: Machine, number: int) -> LinearSystem:
+    """Chain 1 … N in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
+
+    A constrained chain has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
+    """
+    tape, root = machine.tape, machine.root
+    chain, serial = machine.open_chains[number - 1]
+    matrix = chain_matrix(machine, number)
+    rates = _chain_values(machine, chain, machine.v)
+    state = State(rates, [sp.S.Zero] * len(rates), machine.parameters.gravity)
+    residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
+    thrust = _chain_inputs(machine, chain)
+    if chain.is_constrained:  # The last row is ζᵀθ̈_j = 0.
+        residual.append(sp.S.Zero)
+        thrust.append([sp.S.Zero] * len(machine.u))
+    return LinearSystem(matrix, residual, thrust)
+
+
+def hybrid_from_chains(machine: Machine) -> LinearSystem:
+    """The hybrid system by adding up the chains' systems where the coupling map places them."""
+    size, width = len(hybrid_coordinates(machine.robot)), len(machine.u)
+    zero = sp.S.Zero
+    matrix: Matrix = [[zero] * size for _ in range(size)]
+    residual = [zero] * size
+    thrust: Matrix = [[zero] * width for _ in range(size)]
+    let = machine.tape.let
+    maps = coupling_map(machine.robot)
+    for number, places in enumerate(maps, start=1):
+        system = chain_system(machine, number)
+        for i, row in enumerate(places):
+            residual[row] = let(residual[row] + system.residual[i])
+            for j, column in enumerate(places):
+                matrix[row][column] = let(matrix[row][column] + system.matrix[i][j])
+            for j in range(width):
+                thrust[row][j] = let(thrust[row][j] + system.inputs[i][j])
+    return LinearSystem(matrix, residual, thrust)
+
+
+def _chain_values(machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
+    """Rates or accelerations in the order of the chain's coordinates; a held joint has zero."""
+    by_name = {symbol.name: value for symbol, value in zip(machine.q, values, strict=True)}
+    return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
+
+
+def _chain_inputs(machine: Machine, chain: Chain) -> Matrix:
+    zero, one = sp.S.Zero, sp.S.One
+    names = list(chain.coordinates)
+    matrix: Matrix = [[zero] * len(machine.u) for _ in names]
+    for motor in chain.motors:
+        for name, entry in zip((*ATTITUDE, *POSITION), motor_column(machine, motor), strict=True):
+            matrix[names.index(name)][motor - 1] = entry
+        if motor > 1:
+            matrix[3][motor - 1] = motor_torque_about_arm_joint(machine, motor)
+    if not chain.is_constrained:
+        first = machine.robot.rotors
+        for i in range(machine.joints):
+            matrix[3 + i][first + i] = one
+    return matrix

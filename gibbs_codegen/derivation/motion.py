@@ -1,0 +1,113 @@
+"""Motion of a link and how it passes from one link to the next.
+
+A motion is the angular velocity ω, the acceleration r̈ of the joint, and the acceleration gradient
+A = dω/dt~ + ω̃ω̃, all in one frame: a point at ρ from the joint has the acceleration r̈ + Aρ.
+Spinning about z leaves Az alone, since points on the axis do not notice the spin; that is why links
+on parallel axes, whose motions are kept in one frame, share most of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import Rotation, Vector, add, scale
+
+Gradient = tuple[Vector, Vector, Vector]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """ω, dω/dt, the acceleration r̈ of the joint, and A by columns, in one frame."""
+
+    omega: Vector
+    omega_dot: Vector
+    acceleration: Vector
+    gradient: Gradient
+
+    @classmethod
+    def of(cls, tape: Scalars, omega: Vector, omega_dot: Vector, acceleration: Vector) -> Motion:
+        """Motion with the gradient that belongs to ω and dω/dt."""
+        products = [[tape.let(p * q) for q in omega] for p in omega]
+        columns = []
+        for j in range(3):
+            column = []
+            for i in range(3):
+                if i == j:
+                    k, m = (j + 1) % 3, (j + 2) % 3
+                    column.append(tape.let(-products[k][k] - products[m][m]))
+                else:
+                    sign = 1 if (i - j) % 3 == 1 else -1
+                    column.append(tape.let(products[i][j] + sign * omega_dot[3 - i - j]))
+            columns.append((column[0], column[1], column[2]))
+        return cls(omega, omega_dot, acceleration, (columns[0], columns[1], columns[2]))
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> Motion:
+        """The same motion in the frame turned from."""
+        if rotation.is_identity:
+            return self
+        return Motion.of(
+            tape,
+            rotation.vector(tape, self.omega),
+            rotation.vector(tape, self.omega_dot),
+            rotation.vector(tape, self.acceleration),
+        )
+
+    def displaced(self, tape: Scalars, step: Vector) -> Motion:
+        """Motion of the point at `step` of the same link."""
+        columns = [
+            tuple(step[j] * entry for entry in self.gradient[j]) for j in range(3) if step[j] != 0
+        ]
+        x, y, z = (
+            tape.let(sp.Add(r, *(tape.let(column[i]) for column in columns)))
+            for i, r in enumerate(self.acceleration)
+        )
+        return Motion(self.omega, self.omega_dot, (x, y, z), self.gradient)
+
+    def displaced_along(self, tape: Scalars, rotation: Rotation, length: sp.Expr) -> Motion:
+        """Motion of the point at `length` along the x axis of a frame that `rotation` gives."""
+        if length == 0:
+            return self
+        step = scale(tape, length, self.along_x(tape, rotation))
+        return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient)
+
+    def along_x(self, tape: Scalars, rotation: Rotation) -> Vector:
+        """A applied to the x axis of the frame that `rotation` (about z) gives."""
+        first, second, _ = self.gradient
+        x, y, z = (
+            tape.let(rotation.cos * p + rotation.sin * q)
+            for p, q in zip(first, second, strict=True)
+        )
+        return (x, y, z)
+
+    def spun(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:
+        """Motion of a link that turns about z on this one, in this one's frame."""
+        if rate == 0 and acceleration == 0:
+            return self
+        let = tape.let
+        (x, y, z), (_, _, z_dot) = self.omega, self.omega_dot
+        xz, yz, zz = self.gradient[2]
+        spin = let(z + rate)
+        spin_dot = let(z_dot + acceleration)
+        omega_dot = (let(let(y * spin) - yz), let(xz - let(x * spin)), spin_dot)
+        product, square = let(x * y), let(spin * spin)
+        first = (
+            let(-let(y * y) - square),
+            let(product + spin_dot),
+            let(let(2 * x) * spin - xz),
+        )
+        second = (
+            let(product - spin_dot),
+            let(-let(x * x) - square),
+            let(let(2 * y) * spin - yz),
+        )
+        return Motion((x, y, spin), omega_dot, self.acceleration, (first, second, (xz, yz, zz)))
+
+    def slid(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:
+        """Motion of a link that moves along z on this one: r̈ gains 2ω×żz + z̈z."""
+        x, y, _ = self.omega
+        twice = tape.let(2 * rate)
+        gain = (tape.let(twice * y), -tape.let(twice * x), acceleration)
+        return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, gain), self.gradient)

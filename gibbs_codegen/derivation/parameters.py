@@ -1,0 +1,148 @@
+"""Parameters of a robot: symbols named after the keys of its file, and inertias made of them.
+
+A value that is exactly zero in the file is structural: it is folded away and is no parameter,
+unless all are kept. Inertias are plain polynomials in the parameters, which no tape has named yet,
+so that sums over arms that vanish by symmetry can be seen to vanish.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.robot.model import Body, RigidBody, Robot, Rod
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
+
+
+@dataclass(frozen=True)
+class BodySymbols:
+    """Length of a body, and its inertia about its joint in its own frame."""
+
+    length: sp.Expr
+    inertia: Inertia
+
+
+@dataclass(frozen=True)
+class LinkSymbols:
+    """Denavit–Hartenberg a (by default the length of the link before) and d of a link; its body."""
+
+    a: sp.Expr
+    d: sp.Expr
+    body: BodySymbols
+
+
+class Parameters:
+    """Symbols for the numbers of a robot file, with their defaults in `defaults`, units in `units`.
+
+    `folded` names those that are zero in the file and therefore structural.
+    """
+
+    def __init__(self, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> None:
+        self.defaults: dict[str, float] = {}
+        self.units: dict[str, str] = {}
+        self.folded: list[str] = []
+        self._robot = robot
+        self._tape = tape
+        self._keep_zeros = keep_zeros
+        # All at once, in the order of the file, whatever the derivation asks for first.
+        self.gravity = self._value("gravity", robot.gravity, "m/s^2")
+        arms = range(1, robot.rotors + 1)
+        self._drags = [self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms]
+        self._arms = {
+            prefix: self._body(prefix, robot.base.arm(k))
+            for k in arms
+            for prefix in [self._arm_prefix(k)]
+        }
+        self._links = [self._link(i) for i in range(1, len(robot.links) + 1)]
+
+    def arm_length(self, k: int) -> sp.Expr:
+        """Length of base arm k = 1 … N."""
+        return self._arms[self._arm_prefix(k)].length
+
+    def arm_inertia(self, k: int) -> Inertia:
+        """Inertia of base arm k about its start, in its own frame."""
+        return self._arms[self._arm_prefix(k)].inertia
+
+    def drag(self, k: int) -> sp.Expr:
+        """Reaction torque of motor k per unit of thrust."""
+        return self._drags[k - 1]
+
+    def link(self, i: int) -> LinkSymbols:
+        """Symbols of the arm's link i = 1 … n."""
+        return self._links[i - 1]
+
+    def _arm_prefix(self, k: int) -> str:
+        return "base_arm" if self._robot.base.shares_one_arm else f"base_arm{k}"
+
+    def _value(self, name: str, default: float, unit: str) -> sp.Expr:
+        if default == 0.0 and not self._keep_zeros:
+            if name not in self.folded:
+                self.folded.append(name)
+            return sp.S.Zero
+        self.defaults[name] = default
+        self.units[name] = unit
+        return self._tape.symbol(name, Stage.PARAMETER)
+
+    def _link(self, i: int) -> LinkSymbols:
+        link = self._robot.links[i - 1]
+        if link.a is not None:
+            a = self._value(f"link{i}_a", link.a, "m")
+        elif i > 1:
+            a = self._value(f"link{i - 1}_length", self._robot.links[i - 2].body.length, "m")
+        else:
+            a = sp.S.Zero
+        d = self._value(f"link{i}_d", link.d, "m")
+        return LinkSymbols(a, d, self._body(f"link{i}", link.body))
+
+    def _body(self, prefix: str, body: Body) -> BodySymbols:
+        length = self._value(f"{prefix}_length", body.length, "m")
+        if isinstance(body, Rod):
+            return BodySymbols(length, self._rod(prefix, body, length))
+        return BodySymbols(length, self._rigid_body(prefix, body))
+
+    def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
+        """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃."""
+        density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
+        x, y, z = (
+            self._value(f"{prefix}_section_inertia_{axis}", value, "kg m^2")
+            for axis, value in zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
+        )
+        zero = sp.S.Zero
+        excess = self._half_excess
+        along = self._tape.let(density * length**3 / 3 + excess(y, z, x))
+        second = (along, excess(z, x, y), excess(x, y, z))
+        moment = density * length**2 / 2
+        return Inertia(density * length, (moment, zero, zero), (*second, zero, zero, zero))
+
+    def _rigid_body(self, prefix: str, body: RigidBody) -> Inertia:
+        """The parallel-axis rule on a body given about its centre of mass."""
+        mass = self._value(f"{prefix}_mass", body.mass, "kg")
+        com = [
+            self._value(f"{prefix}_com_{axis}", value, "m")
+            for axis, value in zip("xyz", body.com, strict=True)
+        ]
+        xx, yy, zz, xy, xz, yz = (
+            self._value(f"{prefix}_inertia_{name}", value, "kg m^2")
+            for name, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
+        )
+        zero = sp.S.Zero
+        excess = self._half_excess
+        second = (excess(yy, zz, xx), excess(zz, xx, yy), excess(xx, yy, zz), -xy, -xz, -yz)
+        about_com = Inertia(mass, (zero, zero, zero), second)
+        return about_com.shifted(InlineTape(), (com[0], com[1], com[2]))
+
+    def _half_excess(self, first: sp.Expr, second: sp.Expr, whole: sp.Expr) -> sp.Expr:
+        """½(first + second − whole), which is E_xx for the moments of inertia I_yy, I_zz, I_xx.
+
+        The mass matrix adds second moments up to moments of inertia again, so E_xx must be exact to
+        a rounding of the smaller of I_yy and I_zz, however slender or flat the body is. No moment
+        of inertia is larger than the sum of the other two. So where the rounding of first − whole
+        is too large for that, `first` is less than half of `whole`, and the rounding can be
+        computed exactly and added (Dekker's sum of two numbers).
+        """
+        let = self._tape.let
+        difference = let(first - whole)
+        rounding = let(first - let(difference + whole))
+        return let(let(let(difference + second) + rounding) / 2)

@@ -1,0 +1,1 @@
+"""How the base moves: attitude and position, behind one protocol."""

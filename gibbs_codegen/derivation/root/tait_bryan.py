@@ -1,0 +1,157 @@
+"""The root's parametrisation: how attitude and position move arm 1, and take forces back.
+
+The chains know only the root's carrier frame and what moves in it. This module knows the Tait–Bryan
+angles: R₁ = R_a(θ₋₁)·R_b(θ₀)·R_c(θ₁), intrinsic. Where the last rotation is about z, the base
+normal, it is left to the root segment, because the arm's first joint may turn about the same axis:
+the carrier is then the frame before that rotation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
+from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    ZERO,
+    Rotation,
+    Vector,
+    Wrench,
+    add,
+    axis_vector,
+    cross,
+    scale,
+)
+
+Rows = tuple[sp.Expr, ...]
+
+
+@dataclass(frozen=True)
+class TaitBryanRoot:
+    """Attitude by three intrinsic rotations, position in world axes."""
+
+    axes: tuple[int, int, int]
+    rotations: tuple[Rotation, Rotation, Rotation]
+    angle: sp.Expr
+
+    @classmethod
+    def make(cls, tape: Scalars, sequence: str, angles: Sequence[sp.Expr]) -> TaitBryanRoot:
+        """Root of an attitude sequence such as "xyz", with its three angles."""
+        a, b, c = ("xyz".index(letter) for letter in sequence)
+        first, second, third = (
+            Rotation.angle(tape, axis, angle) for axis, angle in zip((a, b, c), angles, strict=True)
+        )
+        return cls((a, b, c), (first, second, third), angles[2])
+
+    @property
+    def spins_about_normal(self) -> bool:
+        """Whether the last rotation is about z and therefore belongs to the root segment."""
+        return self.axes[2] == 2
+
+    @property
+    def segment_angle(self) -> sp.Expr:
+        """Angle of the root segment against its carrier."""
+        return self.angle if self.spins_about_normal else sp.S.Zero
+
+    @property
+    def segment_rotation(self) -> Rotation:
+        """Rotation of the root segment against its carrier."""
+        return self.rotations[2] if self.spins_about_normal else NO_ROTATION
+
+    @property
+    def _outer(self) -> int:
+        """Number of rotations between the world and the carrier."""
+        return 2 if self.spins_about_normal else 3
+
+    def carrier_motion(
+        self,
+        tape: Scalars,
+        rates: Sequence[sp.Expr],
+        accelerations: Sequence[sp.Expr],
+        linear: Vector,
+    ) -> Motion:
+        """Motion of the carrier, given the angles' rates and accelerations and r̈ in world axes."""
+        omega, omega_dot, acceleration = ZERO, ZERO, linear
+        for i in range(self._outer):
+            back, axis = self.rotations[i].inverse, self.axes[i]
+            omega = back.vector(tape, omega)
+            gain = scale(tape, rates[i], cross(tape, omega, axis_vector(axis)))
+            omega_dot = add(
+                tape,
+                back.vector(tape, omega_dot),
+                gain,
+                axis_vector(axis, accelerations[i]),
+            )
+            omega = add(tape, omega, axis_vector(axis, rates[i]))
+            acceleration = back.vector(tape, acceleration)
+        return Motion.of(tape, omega, omega_dot, acceleration)
+
+    def segment_spin(self, values: Sequence[sp.Expr]) -> sp.Expr:
+        """The one of three rates or accelerations that the root segment has to itself."""
+        return values[2] if self.spins_about_normal else sp.S.Zero
+
+    def rows(self, tape: Scalars, wrench: Wrench) -> Rows:
+        """Generalised forces on θ₋₁, θ₀, θ₁, x, y, z of a wrench in the carrier at the origin."""
+        rows = [sp.S.Zero] * 3
+        for i in (2, 1, 0):
+            rows[i] = wrench.moment[self.axes[i]]
+            if i < self._outer:
+                wrench = wrench.rotated(tape, self.rotations[i])
+        return (*rows, *wrench.force)
+
+    def world(self, tape: Scalars, vector: Vector) -> Vector:
+        """World components of a vector given in the carrier."""
+        for i in range(self._outer - 1, -1, -1):
+            vector = self.rotations[i].vector(tape, vector)
+        return vector
+
+    def world_axes(self, tape: Scalars) -> tuple[Vector, Vector, Vector]:
+        """Axes of θ₋₁, θ₀, θ₁ in the world."""
+        axes = []
+        for i, axis in enumerate(self.axes):
+            vector = axis_vector(axis)
+            for j in range(i - 1, -1, -1):
+                vector = self.rotations[j].vector(tape, vector)
+            axes.append(vector)
+        return (axes[0], axes[1], axes[2])
+
+    def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
+        """The 6×6 block of the mass matrix for θ₋₁, θ₀, θ₁, x, y, z.
+
+        `composite` is the inertia of the whole machine about the origin, in the carrier.
+        """
+        block: list[list[sp.Expr]] = [[sp.S.Zero] * 6 for _ in range(6)]
+        for k in range(3):
+            block[3 + k][3 + k] = composite.mass
+        for i in (2, 1, 0):
+            axis = self.axes[i]
+            moment = composite.response(tape, ANGULAR + axis).moment
+            if i < self._outer:
+                # The force comes from the turned composite: that saves turning the force.
+                moment = self.rotations[i].vector(tape, moment)
+                composite = composite.rotated(tape, self.rotations[i])
+            wrench = Wrench(composite.response(tape, ANGULAR + axis).force, moment)
+            block[i][i] = moment[axis]
+            for j in range(i - 1, -1, -1):
+                block[i][j] = block[j][i] = wrench.moment[self.axes[j]]
+                wrench = wrench.rotated(tape, self.rotations[j])
+            for k, force in enumerate(wrench.force):
+                block[i][3 + k] = block[3 + k][i] = force
+        return block
+
+    def angle_accelerations(self, tape: Scalars, angular: Vector) -> Vector:
+        """θ̈₋₁, θ̈₀, θ̈₁ whose axes add up to the vector `angular`, given in the carrier.
+
+        Divides by cos θ₀, which is zero where the sequence is singular.
+        """
+        a, b, c = self.axes
+        if not self.spins_about_normal:
+            angular = self.rotations[2].vector(tape, angular)
+        first_axis = self.rotations[1].inverse.vector(tape, axis_vector(a))
+        first = tape.let(angular[a] * tape.let(1 / first_axis[a]))
+        return (first, angular[b], tape.let(angular[c] - first_axis[c] * first))

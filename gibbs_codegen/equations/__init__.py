@@ -1,0 +1,1 @@
+"""The paper's equations in print: what `show` and the closed forms need."""

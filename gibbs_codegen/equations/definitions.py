@@ -1,0 +1,103 @@
+"""A tape read as a list of definitions: what a reader can follow, instead of one long expression.
+
+Closed forms grow about threefold with every link, a tape grows in proportion to the links and to
+the entries wanted. Statements that are short, or read only once, are put in place of their names;
+the rest become numbered quantities, in order. Quantities with a meaning, such as the components of
+ω, keep their own names wherever they are read.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import sympy as sp
+
+from gibbs_codegen.symbolic.tape import Tape, signed
+
+Definition = tuple[sp.Symbol, sp.Expr]
+
+# Leaves of a statement that is repeated wherever it is read, and of one that is read once.
+_SHORT = 2
+_LONG = 16
+
+
+class Definitions:
+    """Definitions made from a tape for `outputs`, the expressions that are wanted in the end.
+
+    `made` holds them in an order in which each reads earlier ones only.
+    """
+
+    def __init__(self, tape: Tape, outputs: Iterable[sp.Expr]) -> None:
+        self.made: list[Definition] = []
+        self._tape = tape
+        self._values: dict[sp.Symbol, sp.Expr] = {}
+        self._readers = _readers(tape, outputs)
+        self._numbered = 0
+
+    def name(self, symbol: sp.Symbol, value: sp.Expr) -> None:
+        """Define `symbol` as what the tape has for `value`, and read it in its place from now on.
+
+        A value that is a number, a symbol or already has a name is defined, but read by that.
+        """
+        sign, original = signed(value)
+        if original in self._values or original not in self._tape.statements:
+            self.made.append((symbol, self.expression(value)))
+            return
+        expression = self.expression(self._tape.statements[original])
+        self.made.append((symbol, sign * expression))
+        if not signed(expression)[1].is_Symbol:
+            self._values[original] = sign * symbol
+
+    def expression(self, value: sp.Expr) -> sp.Expr:
+        """What the tape has for a value, in the names that are defined so far."""
+        leaves = {symbol: self._value(symbol) for symbol in _symbols(value)}
+        return value.xreplace(leaves)
+
+    def _value(self, symbol: sp.Symbol) -> sp.Expr:
+        if symbol not in self._tape.statements:
+            return symbol
+        if symbol not in self._values:
+            self._values[symbol] = self._read(symbol)
+        return self._values[symbol]
+
+    def _read(self, symbol: sp.Symbol) -> sp.Expr:
+        statement = self._tape.statements[symbol]
+        if isinstance(statement, (sp.sin, sp.cos)):
+            return self._angle(statement)
+        expression = self.expression(statement)
+        leaves = _count_leaves(expression)
+        if leaves <= _SHORT or (self._readers[symbol] < 2 and leaves <= _LONG):
+            return expression
+        self._numbered += 1
+        numbered = sp.Symbol(f"h_{self._numbered}")
+        self.made.append((numbered, expression))
+        return numbered
+
+    def _angle(self, expression: sp.Expr) -> sp.Expr:
+        """A sine or cosine, whose angle is never a numbered quantity."""
+        statements = self._tape.statements
+        inner = {s: self._angle(statements[s]) for s in _symbols(expression) if s in statements}
+        return expression.xreplace(inner)
+
+
+def _symbols(expression: sp.Expr) -> Sequence[sp.Symbol]:
+    """Symbols of an expression in the order in which they stand in it, which is always the same."""
+    return [node for node in sp.preorder_traversal(expression) if node.is_Symbol]
+
+
+def _readers(tape: Tape, outputs: Iterable[sp.Expr]) -> Counter[sp.Symbol]:
+    """How often each statement that the outputs need is read."""
+    readers: Counter[sp.Symbol] = Counter()
+    for output in outputs:
+        readers.update(_symbols(output))
+    for symbol, expression in reversed(tape.statements.items()):
+        if readers[symbol]:
+            readers.update(set(_symbols(expression)))
+    return readers
+
+
+def _count_leaves(expression: sp.Expr) -> int:
+    if not expression.args or isinstance(expression, (sp.sin, sp.cos)):
+        return 1
+    return sum(map(_count_leaves, expression.args))

@@ -1,0 +1,190 @@
+"""The paper's own forms of the equations that `show` prints, in LaTeX and text.
+
+An @ stands for the number of the chain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.equations.chain_equation import ChainEquation
+from gibbs_codegen.equations.notation import Name
+from gibbs_codegen.equations.typeset import text_width
+
+# A wider matrix does not fit a page; its entries are listed in any case.
+_WIDEST = 12
+
+WHY_DEFINITIONS = (
+    "Written out, these expressions would be too long to be read: they grow about threefold with "
+    "every link. They are given as definitions instead, each by those before it, and vectors in "
+    "the frames of their own items. Components that are not listed are zero."
+)
+AT_REST = (
+    "Angular accelerations, and accelerations of joints, are those without accelerations of the "
+    "coordinates."
+)
+
+
+@dataclass(frozen=True)
+class Form:
+    """An equation as the paper has it, and its symbols: LaTeX, text and meaning."""
+
+    latex: str = ""
+    text: str = ""
+    legend: tuple[tuple[str, str, str], ...] = ()
+
+
+_LINK_LEGEND = (
+    (r"\ddot{r}", "r̈", "acceleration of a link's joint, gravity included"),
+    (r"\omega", "ω", "angular velocity of a link"),
+    (r"\dot{\omega}", "ω̇", "angular acceleration of a link"),
+    ("B_0", "B0", "mass of a link"),
+    ("B_1", "B1", "skew matrix of a link's first moment of mass about its joint"),
+    ("B_2 + B_3", "B2 + B3", "inertia matrix of a link about its joint"),
+)
+_SKEW = ((r"\tilde{\omega}", "ω̃", "skew matrix of the angular velocity"),)
+_VECTORS = (
+    (r"\mathcal{S}", "𝒮", "partial derivatives of a link's Gibbs function by its acceleration"),
+    (
+        r"\mathcal{R}",
+        "ℛ",
+        "partial derivatives of a link's Gibbs function by its angular acceleration",
+    ),
+)
+
+FORMS = {
+    2: Form(
+        r"""S_{@} &= \sum_i \bigl[\tfrac{1}{2} B_0 \ddot{r}^T \ddot{r} - \ddot{r}^T B_1 \dot{\omega}
+- \ddot{r}^T \tilde{\omega} B_1 \omega \\
+&\quad {}+ \tfrac{1}{2} \dot{\omega}^T (B_2 + B_3) \dot{\omega}
++ \dot{\omega}^T \tilde{\omega} (B_2 + B_3) \omega\bigr]_i
+\quad\text{up to terms free of accelerations}""",
+        "S_@ = Σ_i [1/2·B0·r̈ᵀr̈ - r̈ᵀB1ω̇ - r̈ᵀω̃B1ω + 1/2·ω̇ᵀ(B2 + B3)ω̇ + ω̇ᵀω̃(B2 + B3)ω]_i\n"
+        "    up to terms free of accelerations",
+        (*_LINK_LEGEND, *_SKEW),
+    ),
+    5: Form(
+        r"""\frac{\partial S_{@}}{\partial \ddot{\theta}_{@,i}} &=
+\sum_{k>i} \Bigl(\frac{\partial \ddot{r}_k}{\partial \ddot{\theta}_{@,i}}\Bigr)^T \mathcal{S}_k
++ \sum_{k\ge i} \Bigl(\frac{\partial \dot{\omega}_k}{\partial \ddot{\theta}_{@,i}}\Bigr)^T
+\mathcal{R}_k""",
+        "∂S_@/∂θ̈_{@,i} = Σ_{k>i} (∂r̈_k/∂θ̈_{@,i})ᵀ𝒮_k + Σ_{k≥i} (∂ω̇_k/∂θ̈_{@,i})ᵀℛ_k",
+        (*_LINK_LEGEND[:3], *_VECTORS),
+    ),
+    6: Form(
+        r"""\mathcal{S} &= B_0 \ddot{r} - B_1 \dot{\omega} - \tilde{\omega} B_1 \omega \\
+\mathcal{R} &= B_1 \ddot{r} + (B_2 + B_3) \dot{\omega} + \tilde{\omega} (B_2 + B_3) \omega""",
+        "𝒮 = B0·r̈ - B1ω̇ - ω̃B1ω\nℛ = B1r̈ + (B2 + B3)ω̇ + ω̃(B2 + B3)ω",
+        (*_LINK_LEGEND, *_SKEW, *_VECTORS),
+    ),
+    15: Form(
+        legend=(
+            ("I_{@}", "I_@", "mass matrix of the chain; entries (a,b) and (b,a) are equal"),
+            ("R_{@}", "R_@", "what is left without accelerations: velocity terms and gravity"),
+            ("F_{@}", "F_@", "generalised forces of thrusts and joint torques"),
+            (r"\zeta_{@,4}", "ζ_{@,4}", "unit column with a 1 in row 4, for a constrained joint"),
+        ),
+    ),
+    18: Form(
+        r"I_H \ddot{\theta}_H &= R_H + F_H",
+        "I_H·θ̈_H = R_H + F_H",
+        (
+            (
+                "I_H",
+                "I_H",
+                "sum of the chains' bordered mass matrices, in the rows and columns of the table",
+            ),
+            (
+                "R_H",
+                "R_H",
+                "sum of what they have without accelerations, in the table's rows, counted from −1",
+            ),
+            ("F_H", "F_H", "sum of their generalised forces, in the same rows"),
+            (r"\ddot{\theta}_H", "θ̈_H", "unknowns of the hybrid system"),
+        ),
+    ),
+}
+
+
+def motion_latex(equation: ChainEquation) -> list[str]:
+    """Eq. 15 in blocks and, where that fits a page, entry by entry."""
+    j = equation.chain
+    if equation.torque is None:
+        rows = [f"I_{{{j}}} \\ddot{{\\theta}}_{{{j}}} &= R_{{{j}}} + F_{{{j}}}"]
+    else:
+        torque, zeta = equation.names[equation.torque].latex, f"\\zeta_{{{j},4}}"
+        rows = [
+            f"\\begin{{bmatrix}} I_{{{j}}} & -{zeta} \\\\ {zeta}^T & 0 \\end{{bmatrix}}\n"
+            f"\\begin{{Bmatrix}} \\ddot{{\\theta}}_{{{j}}} \\\\ {torque} \\end{{Bmatrix}} &=\n"
+            f"\\begin{{Bmatrix}} R_{{{j}}} \\\\ 0 \\end{{Bmatrix}} +\n"
+            f"\\begin{{Bmatrix}} F_{{{j}}} \\\\ 0 \\end{{Bmatrix}}"
+        ]
+    matrix, *vectors = _entries(equation)
+    if len(matrix) > _WIDEST:
+        return rows
+    written = [[_latex(equation.names, entry) for entry in row] for row in matrix]
+    columns = "c" * len(equation.residual) + ("|c" if equation.torque else "")
+    lines = [" & ".join(row) for row in written]
+    if equation.torque:
+        lines[-1] = f"\\hline {lines[-1]}"
+    body = " \\\\\n".join(lines)
+    unknowns, residual, forces = (
+        "\\begin{Bmatrix} "
+        + " \\\\ ".join(_latex(equation.names, entry) for entry in vector)
+        + " \\end{Bmatrix}"
+        for vector in vectors
+    )
+    array = f"\\left[\\begin{{array}}{{{columns}}}\n{body}\n\\end{{array}}\\right]"
+    return [*rows, f"&{array}\n{unknowns}", f"&\\quad = {residual} + {forces}"]
+
+
+def motion_text(equation: ChainEquation) -> list[str]:
+    """Eq. 15 in blocks and, where that fits a page, entry by entry."""
+    j = equation.chain
+    if equation.torque is None:
+        lines = [f"I_{j}·θ̈_{j} = R_{j} + F_{j}"]
+    else:
+        torque = equation.names[equation.torque].text
+        lines = [f"I_{j}·θ̈_{j} - ζ_{{{j},4}}·{torque} = R_{j} + F_{j}", f"ζ_{{{j},4}}ᵀ·θ̈_{j} = 0"]
+    matrix, *vectors = _entries(equation)
+    if len(matrix) > _WIDEST:
+        return lines
+    pattern = [
+        " ".join("0" if e == 0 else str(e) if e.is_Number else "I" for e in row) for row in matrix
+    ]
+    names = equation.names
+    columns = [[_text(names, entry) for entry in vector] for vector in vectors]
+    for row, unknown, residual, force in zip(pattern, *columns, strict=True):
+        cells = " ".join(f"{cell:>2}" for cell in row.split())
+        lines.append(
+            f"[{cells} ] {{ {padded(unknown, 10)} }} = {{ {residual:<8} }} + {{ {force:<8} }}"
+        )
+    return lines
+
+
+def _entries(equation: ChainEquation) -> list[list[list[sp.Expr]]]:
+    """Matrix, unknowns, R and F of eq. 15, bordered where the chain is constrained."""
+    zero, one = sp.S.Zero, sp.S.One
+    matrix = [list(row) for row in equation.matrix]
+    vectors = [list(equation.accelerations), list(equation.residual), list(equation.forces)]
+    if equation.torque is not None:
+        zeta = [one if i == 3 else zero for i in range(len(matrix))]
+        matrix = [[*row, -z] for row, z in zip(matrix, zeta, strict=True)] + [[*zeta, zero]]
+        for vector, last in zip(vectors, (equation.torque, zero, zero), strict=True):
+            vector.append(last)
+    return [matrix, *vectors]
+
+
+def _latex(names: dict[sp.Symbol, Name], entry: sp.Expr) -> str:
+    return names[entry].latex if entry.is_Symbol else str(entry)
+
+
+def _text(names: dict[sp.Symbol, Name], entry: sp.Expr) -> str:
+    return names[entry].text if entry.is_Symbol else str(entry)
+
+
+def padded(text: str, width: int) -> str:
+    """Text filled with spaces to a width."""
+    return text + " " * (width - text_width(text))

@@ -1,0 +1,81 @@
+"""The motions of a chain's items, each in its own frame, as named quantities of a tape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import sympy as sp
+
+from gibbs_codegen.derivation.chain_dynamics import State, chain_motions
+from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT
+from gibbs_codegen.equations.definitions import Definition, Definitions
+from gibbs_codegen.equations.notation import Kind, name
+from gibbs_codegen.equations.readable_chain import ReadableChain, own_frames
+from gibbs_codegen.symbolic.tape import Tape
+
+_VECTORS = (
+    (OMEGA, "omega", "", "angular velocity of the item, in its own frame (rad/s)"),
+    (OMEGA_DOT, "omega", "dot", "angular acceleration of the item, in its own frame (rad/s²)"),
+    (
+        ACCELERATION,
+        "r",
+        "ddot",
+        "acceleration of the item's joint, gravity included, in its own frame (m/s²)",
+    ),
+)
+
+
+class ItemMotions:
+    """Motions of a chain's items in their own frames, by name; `tape` is the chain's."""
+
+    def __init__(self, readable: ReadableChain, tape: Tape, state: State) -> None:
+        self._tape = tape
+        self.serial = own_frames(readable)
+        self.names = dict(readable.names)
+        self.state = replace(
+            state,
+            rates=[*state.rates[:-3], sp.S.Zero, *state.rates[-3:]],
+            accelerations=[*state.accelerations[:-3], sp.S.Zero, *state.accelerations[-3:]],
+        )
+        self._named: list[tuple[sp.Symbol, sp.Symbol, int, sp.Expr]] = []
+        motions = chain_motions(tape, readable.machine.root, self.serial, self.state)[:-1]
+        for k, motion in enumerate(motions):
+            vectors = (motion.omega, motion.omega_dot, motion.acceleration)
+            for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):
+                for old, axis, value in zip(generic, "xyz", vector, strict=True):
+                    symbol = sp.Symbol(f"{old.name}_{3 + k}")
+                    index = f"{readable.chain.number},{3 + k},{axis}"
+                    self.names[symbol] = name(letter, index, Kind.MOTION, meaning, mark)
+                    self._named.append((symbol, old, k, value))
+
+    @property
+    def values(self) -> list[sp.Expr]:
+        """What the tape has for the components."""
+        return [value for *_, value in self._named]
+
+    def define(self, definitions: Definitions) -> None:
+        """Define the components that are not zero."""
+        for symbol, _, _, value in self._named:
+            if value != 0:
+                definitions.name(symbol, value)
+
+    def symbols(self, k: int, definitions: Definitions) -> dict[sp.Symbol, sp.Expr]:
+        """Components of segment k by the symbols that the Gibbs function of a link has for them."""
+        return {
+            old: definitions.expression(value)
+            for _, old, segment, value in self._named
+            if segment == k
+        }
+
+    def rows(self, values: Sequence[sp.Expr]) -> tuple[list[sp.Expr], list[Definition]]:
+        """Values in terms of definitions, and these."""
+        definitions = Definitions(self._tape, [*self.values, *values])
+        self.define(definitions)
+        rows = [definitions.expression(value) for value in values]
+        return rows, definitions.made
+
+
+def without_last(rows: Sequence[sp.Expr]) -> list[sp.Expr]:
+    """Without the segment that has no inertia: its joint comes before x, y, z."""
+    return [*rows[:-4], *rows[-3:]]

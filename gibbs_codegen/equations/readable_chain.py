@@ -1,0 +1,262 @@
+"""One open chain on symbols that read well: the derivation's own recursions, with other leaves.
+
+Structural angles and inertias are numbers and polynomials to the derivation of code, which decides
+by them which terms exist. To a reader they are θ_{j,4}, B₀, B₁ and B₂ + B₃. Here the chain is
+made of these, and everything downstream is the same: the Gibbs function, its partials, the mass
+matrix and the residual come from the functions that code is derived from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import sympy as sp
+
+from gibbs_codegen.derivation.chain_dynamics import State
+from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.serial_chain import Segment, SerialChain
+from gibbs_codegen.equations.chain_names import FIXED, chain_names
+from gibbs_codegen.equations.definitions import Definition
+from gibbs_codegen.equations.notation import Kind, Name, name
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.chains import Chain
+from gibbs_codegen.robot.model import AXES, Robot
+from gibbs_codegen.symbolic.exact_angles import radians
+from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    Rotation,
+    Vector,
+    Wrench,
+    X,
+    Z,
+    add,
+    axis_vector,
+    cross,
+    scale,
+)
+
+
+@dataclass(frozen=True)
+class ReadableChain:
+    """Chain `chain` of a robot in symbols, and their names.
+
+    `serial` has the named inertias, which `inertias` defines by the parameters; `state` holds the
+    rates, zero where a joint is held, and the accelerations, in the order of the coordinates.
+    """
+
+    machine: Machine
+    chain: Chain
+    serial: SerialChain
+    state: State
+    inertias: tuple[Definition, ...]
+    names: dict[sp.Symbol, Name]
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the chain is of."""
+        return self.machine.robot
+
+    @property
+    def unaccelerated(self) -> State:
+        """The state with θ̈ = 0, whose generalised inertia forces are −R_j."""
+        return replace(self.state, accelerations=[sp.S.Zero] * len(self.state.rates))
+
+
+def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> ReadableChain:
+    """Chain `number` = 1 … N of a robot, on a tape that names nothing unless another is given.
+
+    Raises `UsageError` where there is no such chain.
+    """
+    if not 1 <= number <= robot.rotors:
+        raise UsageError(f"chain {number}: {robot.name} has chains 1 to {robot.rotors}")
+    tape = tape or InlineTape()
+    machine = Machine.of(robot, tape)
+    chain, serial = machine.open_chains[number - 1]
+    names = chain_names(machine, chain)
+    # What the symbols of inertia stand for is written in the parameters themselves.
+    plain = Machine.of(robot, InlineTape())
+    root, *carried = serial.segments
+    if chain.is_constrained:
+        angle = tape.symbol(chain.coordinates[3], Stage.CONFIGURATION)
+        carried = [_readable_arm(machine, carried[0], angle)]
+    else:
+        carried = _readable_links(machine, tuple(carried))
+    segments, inertias = [], []
+    for k, (segment, arm) in enumerate(zip((root, *carried), chain.links[2:], strict=True)):
+        inertia = _defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
+        named, definitions = _named_inertia(tape, chain.number, 3 + k, inertia, names)
+        segments.append(replace(segment, inertia=named))
+        inertias += definitions
+    state = _state(machine, chain)
+    return ReadableChain(
+        machine, chain, SerialChain(tuple(segments)), state, tuple(inertias), names
+    )
+
+
+def own_frames(readable: ReadableChain) -> SerialChain:
+    """The chain with each segment in its own frame, and one more, without inertia, at its end.
+
+    The derivation keeps segments on parallel axes in one frame, and a last segment in the frame of
+    what carries it, which saves operations and takes explaining.
+    """
+    machine, serial = readable.machine, readable.serial
+    segments = [serial.segments[0]]
+    if readable.chain.is_constrained:
+        rotation = Rotation.angle(machine.tape, Z, sp.Symbol(readable.chain.coordinates[3]))
+        segments.append(replace(serial.segments[1], rotation=rotation, leads=True))
+    else:
+        for i, (link, segment) in enumerate(
+            zip(machine.robot.links, serial.segments[1:], strict=True)
+        ):
+            angle = machine.q[3 + i] if link.joint == "revolute" else sp.S.Zero
+            rotation = _turned(machine.tape, angle, link.theta_deg)
+            segments.append(replace(segment, rotation=rotation, leads=True))
+    return SerialChain((*segments, Segment(NO_INERTIA, NO_ROTATION)))
+
+
+def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
+    """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13)."""
+    chain, root, tape = readable.chain, readable.machine.root, readable.machine.tape
+    u, segments = readable.machine.u, readable.serial.segments
+    forces = [sp.S.Zero] * len(chain.coordinates)
+    for k in chain.motors:
+        wrench = _motor_wrench(readable, k)
+        joint = sp.S.Zero
+        if k == 1:
+            wrench = wrench.rotated(tape, root.segment_rotation)
+        else:
+            wrench = wrench.rotated(tape, segments[1].rotation)
+            joint = segments[1].row(wrench)
+            wrench = readable.serial.passed_in(tape, 1, wrench)
+            wrench = readable.serial.to_carrier(tape, 0, wrench)
+        rows = root.rows(tape, wrench)
+        rows = (*rows[:3], joint, *rows[3:])
+        forces = [force + row * u[k - 1] for force, row in zip(forces, rows, strict=True)]
+    if not chain.is_constrained:
+        forces[3:-3] = u[readable.robot.rotors :]
+    return forces
+
+
+def _motor_wrench(readable: ReadableChain, k: int) -> Wrench:
+    """Wrench of motor k per unit of thrust in its arm's frame, about the arm's joint.
+
+    For motor 1 it is about the origin of the coordinates, at its seat or one arm from it.
+    """
+    machine, tape = readable.machine, readable.machine.tape
+    length = machine.parameters.arm_length(k)
+    lever = axis_vector(X, length if k > 1 else machine.centre_offset - length)
+    direction = _thrust_direction(readable, k)
+    drag = scale(tape, machine.parameters.drag(k), direction)
+    return Wrench(direction, add(tape, cross(tape, lever, direction), drag))
+
+
+def _thrust_direction(readable: ReadableChain, k: int) -> Vector:
+    """ε of motor k: an axis, or its components as symbols, those that are zero left out."""
+    direction = readable.robot.base.thrust[k - 1]
+    if direction in AXES.values():
+        return axis_vector(direction.index(1.0))
+    x, y, z = (
+        sp.Symbol(f"epsilon_{k}_{axis}") if entry else sp.S.Zero
+        for axis, entry in zip("xyz", direction, strict=True)
+    )
+    return (x, y, z)
+
+
+def _readable_arm(machine: Machine, segment: Segment, angle: sp.Symbol) -> Segment:
+    """A base arm with its angle θ_{j,4} as a symbol.
+
+    Where θ_{j,3} turns about the base normal as well, their sum turns the arm, as in an arm's
+    links.
+    """
+    root = machine.root
+    rotation = Rotation.angle(machine.tape, Z, root.segment_angle + angle)
+    return replace(segment, rotation=rotation, leads=not root.spins_about_normal)
+
+
+def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Segment]:
+    """The arm's links, with fixed angles as exact multiples of π."""
+    angle, fixed = machine.root.segment_angle, Fraction(0)
+    readable = []
+    for link, joint, segment in zip(machine.robot.links, machine.q[3:-3], segments, strict=True):
+        if segment.leads:
+            angle, fixed = sp.S.Zero, Fraction(0)
+        angle += joint if link.joint == "revolute" else 0
+        fixed += link.theta_deg
+        rotation = _turned(machine.tape, angle, fixed)
+        twist = _fixed(machine.tape, X, link.alpha_deg)
+        readable.append(replace(segment, rotation=rotation, twist=twist))
+    return readable
+
+
+def _turned(tape: Scalars, angle: sp.Expr, fixed: Fraction) -> Rotation:
+    """Rotation about z by a varying angle and a fixed one in degrees."""
+    if angle == 0:
+        return _fixed(tape, Z, fixed)
+    return Rotation.angle(tape, Z, angle + radians(fixed % 360))
+
+
+def _fixed(tape: Scalars, axis: int, degrees: Fraction) -> Rotation:
+    """Rotation by a fixed angle in degrees: exact, or with the angle as a symbol."""
+    degrees %= 360
+    if degrees % 30 == 0 or degrees % 45 == 0:
+        return Rotation.degrees(axis, degrees)
+    symbol = tape.symbol(f"{FIXED}{float(degrees):.10g}", Stage.PARAMETER)
+    return Rotation.angle(tape, axis, symbol)
+
+
+def _defined_inertia(machine: Machine, arm: int) -> Inertia:
+    """Inertia of an arm about its joint, in the parameters."""
+    rotors = machine.robot.rotors
+    if arm == 1:
+        return machine.arm_1_inertia()
+    if arm <= rotors:
+        return machine.parameters.arm_inertia(arm)
+    return machine.parameters.link(arm - rotors).body.inertia
+
+
+def _named_inertia(
+    tape: Scalars, chain: int, item: int, inertia: Inertia, names: dict[sp.Symbol, Name]
+) -> tuple[Inertia, list[Definition]]:
+    """The inertia in symbols, those that are zero left out, and what they stand for."""
+    definitions: list[Definition] = []
+    known: dict[sp.Expr, sp.Symbol] = {}
+
+    def named(letter: str, axes: str, value: sp.Expr, meaning: str) -> sp.Expr:
+        value = sp.expand(value)
+        if value == 0:
+            return value
+        index = f"{chain},{item}" + (f",{axes}" if axes else "")
+        symbol = tape.symbol(f"{letter}_{item}{axes}", Stage.PARAMETER)
+        names[symbol] = name(letter, index, Kind.INERTIA, meaning.format(item))
+        same = known.setdefault(value, symbol) if letter == "J" else symbol
+        definitions.append((symbol, value if same is symbol else same))
+        return same
+
+    mass = named("B_0", "", inertia.mass, "mass of item {} (kg)")
+    b_x, b_y, b_z = (
+        named("b", axis, value, "first moment of mass of item {}, whose skew matrix is B_1 (kg m)")
+        for axis, value in zip("xyz", inertia.moment, strict=True)
+    )
+    e_xx, e_yy, e_zz, e_xy, e_xz, e_yz = inertia.second
+    entries = (e_yy + e_zz, e_xx + e_zz, e_xx + e_yy, -e_xy, -e_xz, -e_yz)
+    xx, yy, zz, xy, xz, yz = (
+        named("J", axes, value, "inertia matrix B_2 + B_3 of item {} about its joint (kg m²)")
+        for axes, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), entries, strict=True)
+    )
+    second = ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
+    s_xx, s_yy, s_zz, s_xy, s_xz, s_yz = map(tape.let, second)
+    named_inertia = Inertia(mass, (b_x, b_y, b_z), (s_xx, s_yy, s_zz, s_xy, s_xz, s_yz))
+    return named_inertia, definitions
+
+
+def _state(machine: Machine, chain: Chain) -> State:
+    free = {symbol.name for symbol in machine.q}
+    rates, accelerations = [], []
+    for coordinate in chain.coordinates:
+        rate = machine.tape.symbol(f"v_{coordinate}", Stage.MOTION)
+        rates.append(rate if coordinate in free else sp.S.Zero)
+        accelerations.append(machine.tape.symbol(f"a_{coordinate}", Stage.MOTION))
+    return State(rates, accelerations, machine.parameters.gravity)

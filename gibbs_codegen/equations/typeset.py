@@ -1,0 +1,236 @@
+"""Expressions in the symbols of the paper, in LaTeX or plain text, in pieces that fit on lines.
+
+Products are written parameters first and accelerations last, sums by their accelerations, then
+rates. Sines and cosines are written s and c with the index of their angle: c_{2,3+4} is
+cos(θ_{2,3} + θ_{2,4}). A node that has no rule here, or a symbol that has no name, is an error.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.equations.notation import Kind, Name, latex_index, text_index
+
+Names = Mapping[sp.Symbol, Name]
+
+_GROUPED = (Kind.ACCELERATION, Kind.RATE, Kind.INPUT)
+_SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How symbols, numbers and powers are put in writing."""
+
+    symbol: Callable[[Name], str]
+    index: Callable[[str], str]
+    fraction: Callable[[int, int], str]
+    root: Callable[[str], str]
+    power: Callable[[str, int], str]
+    times: str
+    opening: str
+    closing: str
+    pi: str
+    visible: Callable[[str], int]
+
+
+def _latex_width(text: str) -> int:
+    """About as many letters as are seen; subscripts are small."""
+    text = re.sub(r"_\{((?:[^{}]|\{[^{}]*\})*)\}", lambda m: m[1][: (len(m[1]) + 1) // 2], text)
+    return len(re.sub(r"\\[a-zA-Z]+ ?|[{}^_\\ ]", "", text)) + text.count(r"\tfrac")
+
+
+def text_width(text: str) -> int:
+    """As many letters as are seen: dots above take no room."""
+    return sum(not unicodedata.combining(letter) for letter in text)
+
+
+LATEX = Dialect(
+    symbol=lambda name: name.latex,
+    index=latex_index,
+    fraction=lambda p, q: f"\\tfrac{{{p}}}{{{q}}}",
+    root=lambda radicand: f"\\sqrt{{{radicand}}}",
+    power=lambda base, exponent: f"{base}^{{{exponent}}}",
+    times=" ",
+    opening=r"\bigl(",
+    closing=r"\bigr)",
+    pi=r"\pi",
+    visible=_latex_width,
+)
+TEXT = Dialect(
+    symbol=lambda name: name.text,
+    index=text_index,
+    fraction=lambda p, q: f"{p}/{q}",
+    root=lambda radicand: f"√{radicand}",
+    power=lambda base, exponent: base + str(exponent).translate(_SUPERSCRIPTS),
+    times="·",
+    opening="(",
+    closing=")",
+    pi="π",
+    visible=text_width,
+)
+
+
+class Writer:
+    """Writes expressions in the names of their symbols; `angles` are those it wrote s and c of."""
+
+    def __init__(self, names: Names, dialect: Dialect) -> None:
+        self._names = names
+        self._dialect = dialect
+        self._places = {symbol: place for place, symbol in enumerate(names)}
+        self.angles: dict[str, sp.Expr] = {}
+
+    def line(self, expression: sp.Expr) -> str:
+        """An expression on one line."""
+        return " ".join(self.pieces(expression))
+
+    def pieces(self, expression: sp.Expr) -> list[str]:
+        """An expression cut where a line may end: before the signs of its sums."""
+        return [piece for term in self.terms(expression) for piece in term]
+
+    def terms(self, expression: sp.Expr) -> list[list[str]]:
+        """Terms of an expression, each cut where a line may end within it."""
+        terms: list[list[str]] = []
+        for term in sorted(sp.Add.make_args(expression), key=self._term_key):
+            number, factors = term.as_coeff_mul()
+            if number.is_negative:
+                number, sign = -number, "- " if terms else "-"
+            else:
+                sign = "+ " if terms else ""
+            first, *rest = self._product(number, factors)
+            terms.append([sign + first, *rest])
+        return terms
+
+    def _product(self, number: sp.Expr, factors: Sequence[sp.Expr]) -> list[str]:
+        """A positive number times factors, cut within sums."""
+        dialect = self._dialect
+        pieces = [] if number == 1 and factors else [self._number(number)]
+        for factor in sorted(factors, key=self._factor_key):
+            base, exponent = factor.as_base_exp()
+            if base.is_Add:
+                inner = self.pieces(base)
+                inner[0] = dialect.opening + inner[0]
+                inner[-1] = self._raised(inner[-1] + dialect.closing, exponent)
+            elif base.is_Integer:
+                inner = [dialect.root(str(base))]
+                exponent = 2 * exponent
+            else:
+                inner = [self._raised(self._atom(base), exponent)]
+            if pieces:
+                pieces[-1] = f"{pieces[-1]}{dialect.times}{inner[0]}"
+                pieces += inner[1:]
+            else:
+                pieces = inner
+        return pieces
+
+    def _raised(self, base: str, exponent: sp.Expr) -> str:
+        if exponent == 1:
+            return base
+        if not exponent.is_Integer or exponent < 0:
+            raise TypeError(f"no way to write the power {exponent} of {base}")
+        return self._dialect.power(base, int(exponent))
+
+    def _number(self, number: sp.Expr) -> str:
+        if number.is_Integer:
+            return str(number)
+        if number.is_Rational:
+            return self._dialect.fraction(number.p, number.q)
+        raise TypeError(f"no way to write the number {number}")
+
+    def _atom(self, base: sp.Expr) -> str:
+        if base.is_Symbol:
+            return self._dialect.symbol(self._names[base])
+        if isinstance(base, (sp.sin, sp.cos)):
+            letter = "s" if isinstance(base, sp.sin) else "c"
+            index = self.angle_index(base.args[0])
+            self.angles[index] = base.args[0]
+            return letter + self._dialect.index(index)
+        raise TypeError(f"no way to write {type(base).__name__}: {base}")
+
+    def angle_index(self, angle: sp.Expr) -> str:
+        """The index of s and c: that of the angle, sums as j,3+4, fixed parts in degrees."""
+        fixed, moving = angle.as_independent(*angle.free_symbols, as_Add=True)
+        symbols = sp.Add.make_args(moving) if moving != 0 else ()
+        indices = [self._names[s].index for s in sorted(symbols, key=self._places.__getitem__)]
+        first, *others = indices or [""]
+        text = "+".join([first, *(index.split(",")[-1] for index in others)])
+        if fixed != 0:
+            degrees = f"{float(sp.N(fixed * 180 / sp.pi)):.6g}°"
+            plus = "" if not text or degrees.startswith("-") else "+"
+            text += plus + degrees
+        return text
+
+    def angle(self, angle: sp.Expr) -> str:
+        """An angle itself, for a legend."""
+        fixed, symbols = angle.as_independent(*angle.free_symbols, as_Add=True)
+        ordered = sorted(sp.Add.make_args(symbols), key=lambda s: self._places.get(s, 0))
+        parts = [self._dialect.symbol(self._names[s]) for s in ordered if s.is_Symbol]
+        if fixed != 0:
+            turn = sp.Rational(fixed / sp.pi)
+            sign = "-" if turn < 0 else ""
+            over = f"/{turn.q}" if turn.q != 1 else ""
+            times = "" if abs(turn.p) == 1 else str(abs(turn.p))
+            parts.append(f"{sign}{times}{self._dialect.pi}{over}")
+        return " + ".join(parts).replace("+ -", "- ")
+
+    def _factor_key(self, factor: sp.Expr) -> tuple[int, int, str]:
+        base = factor.as_base_exp()[0]
+        if base.is_Symbol:
+            return (self._names[base].kind, self._places[base], "")
+        if base.is_Add:
+            return (Kind.SUM, 0, str(sp.default_sort_key(base)))
+        if base.is_Integer:
+            return (-1, int(base), "")
+        if not isinstance(base, (sp.sin, sp.cos)):
+            raise TypeError(f"no way to write {type(base).__name__}: {base}")
+        index = self.angle_index(base.args[0])
+        return (Kind.SINE_OR_COSINE, len(index), f"{index} {base.func.__name__}")
+
+    def _term_key(self, term: sp.Expr) -> tuple[object, ...]:
+        """Quadratic terms before linear ones, each by their accelerations, then rates, inputs."""
+        factors = term.as_coeff_mul()[1]
+        key: list[object] = []
+        grouped: set[sp.Expr] = set()
+        for kind in _GROUPED:
+            places: list[int] = []
+            for factor in factors:
+                base, exponent = factor.as_base_exp()
+                if base.is_Symbol and self._names[base].kind is kind:
+                    places += [self._places[base]] * int(exponent)
+                    grouped.add(factor)
+            key += [-len(places), sorted(places)]
+        rest = sorted(self._factor_key(f) for f in factors if f not in grouped)
+        return (*key, len(rest), rest)
+
+
+def filled(
+    terms: Sequence[Sequence[str]], first: int, width: int, visible: Callable[[str], int]
+) -> list[tuple[int, str]]:
+    """Terms put on lines of at most `width` letters, `first` on the first, with their depths.
+
+    A line begins a term (depth 0) or goes on within one (depth 1). Terms that are longer than a
+    line, and what follows them, begin lines of their own; within a piece no line ends.
+    """
+    lines: list[tuple[int, str]] = []
+    room, broken = first, False
+    for term in terms:
+        whole = " ".join(term)
+        length = visible(whole)
+        if not lines or broken or length + 1 > room:
+            lines.append((0, ""))
+            room = width if len(lines) > 1 else first
+        broken = length > room
+        for piece in term if broken else [whole]:
+            size = visible(piece) + 1
+            depth, text = lines[-1]
+            if text and size > room:
+                lines.append((1, piece))
+                room = width - size
+            else:
+                lines[-1] = (depth, f"{text} {piece}".strip())
+                room -= size
+    return lines

@@ -1,0 +1,112 @@
+"""The machine flying, in three dimensions and in real time, as a film."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.figure import Figure
+
+from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.figures.machine_drawing import (
+    MachineDrawing,
+    PathDrawing,
+    bounds,
+    fit,
+    samples_at,
+    set_scene,
+)
+from gibbs_codegen.figures.style import add_legend, style
+from gibbs_codegen.simulator.flight import Flight
+
+_FRAME_SIZE, _FRAME_DPI = (6.4, 4.8), 100
+
+
+def write_animation(
+    flight: Flight,
+    path: Path,
+    fps: int = 20,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> None:
+    """Write the flight in real time, `fps` frames per second, to a `.gif` or `.mp4` file.
+
+    `progress` is told how many frames of how many are done. GIF counts in 1/100 s: where 100 is no
+    multiple of `fps`, it runs a little fast. Raises `UsageError` for another suffix or no frames,
+    `OutputError` where the file cannot be written or `.mp4` lacks ffmpeg; then nothing is written.
+    """
+    writer = _writer(path, fps)
+    # Beside it, so that only what is whole takes its place; the suffix tells the format.
+    temporary = path.with_name(f".{path.stem}-{os.getpid()}{path.suffix}")
+    try:
+        # A folder that cannot hold it is found out before the work.
+        temporary.touch()
+        with style():
+            _film(flight, writer, temporary, _frames(flight, fps), progress)
+        os.replace(temporary, path)
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(f"{printable(path)}: cannot be written: {reason}") from None
+    except subprocess.CalledProcessError as error:
+        raise OutputError(f"{printable(path)}: ffmpeg failed: {error.stderr.strip()}") from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _writer(path: Path, fps: int) -> AbstractMovieWriter:
+    """What writes the format that the suffix of `path` tells."""
+    if fps < 1:
+        raise UsageError(f"{fps} frames per second: give 1 or more")
+    suffix = path.suffix.lower()
+    if suffix == ".gif":
+        return PillowWriter(fps=fps)
+    if suffix != ".mp4":
+        raise UsageError(f"{printable(path)}: an animation is a .gif or .mp4 file")
+    if not FFMpegWriter.isAvailable():
+        raise OutputError(
+            f"{printable(path)}: .mp4 needs ffmpeg, which is not on the path; "
+            ".gif needs nothing more"
+        )
+    return FFMpegWriter(fps=fps)
+
+
+def _film(
+    flight: Flight,
+    writer: AbstractMovieWriter,
+    path: Path,
+    samples: list[int],
+    progress: Callable[[int, int], None],
+) -> None:
+    figure = Figure(figsize=_FRAME_SIZE)
+    axes: Any = figure.add_subplot(projection="3d")
+    set_scene(axes, bounds(flight))
+    paths = PathDrawing(axes, flight, desired="0.65")
+    machine = MachineDrawing(axes, flight)
+    fit(axes, *add_legend(axes, flight))
+    clock = figure.text(0.98, 0.02, "", fontsize=11, horizontalalignment="right")
+    writer.setup(figure, str(path), _FRAME_DPI)
+    try:
+        for done, sample in enumerate(samples, start=1):
+            paths.show(sample)
+            machine.show(sample)
+            clock.set_text(f"{flight.time[sample]:.2f} s")
+            writer.grab_frame()
+            progress(done, len(samples))
+    except BaseException:
+        # ffmpeg must end before its file can go; what it says of half a film is of no use.
+        if isinstance(writer, FFMpegWriter):
+            with suppress(Exception):
+                writer.finish()
+        raise
+    writer.finish()
+
+
+def _frames(flight: Flight, fps: int) -> list[int]:
+    count = int((flight.time[-1] - flight.time[0]) * fps + 1e-9) + 1
+    return samples_at(flight, flight.time[0] + np.arange(count) / fps)

@@ -1,0 +1,217 @@
+"""Drawings of how the chains couple: the paper's Figs. 6 to 9 for any robot.
+
+Each is a Matplotlib `Figure` that belongs to nobody: no window, no pyplot, no backend. The caller
+saves it, shows it in a notebook or changes it. Sizes follow from the number of unknowns, so that
+symbols keep the size in which they can be read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import accumulate
+
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
+from matplotlib.path import Path
+
+from gibbs_codegen.derivation.filling import Filling, filled_entries
+from gibbs_codegen.equations.notation import Name, accelerated, hybrid_name
+from gibbs_codegen.equations.show import chain_equation
+from gibbs_codegen.figures.style import DARK, style
+from gibbs_codegen.robot.chains import Chain, decompose
+from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
+from gibbs_codegen.robot.model import Robot
+
+# Okabe and Ito (2008) without yellow and black, then four of Tol's muted colours. They repeat after
+# ten chains.
+CHAIN_COLOURS = (
+    *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"),
+    *("#332288", "#882255", "#999933", "#777777"),
+)
+
+# Fig. 6, in units of a row: distance between rows and between chains, and where things stand.
+_ROW, _CHAIN_GAP, _PADDING = 0.187, 1.1, 0.25
+_LEFT_WIDTH, _RIGHT_WIDTH, _BETWEEN = 6.5, 8.0, 22.0
+
+# Figs. 7–9: inches of a cell, and cells that labels and gaps between the arrays take.
+_CELL = 0.22
+_LABELS, _GAP, _HEAD, _FOOT = 2.6, 2.0, 2.4, 1.9
+
+
+def chain_colour(number: int) -> str:
+    """The colour of chain `number` = 1 … N in every drawing."""
+    return CHAIN_COLOURS[(number - 1) % len(CHAIN_COLOURS)]
+
+
+def coupling_figure(robot: Robot) -> Figure:
+    """Fig. 6: each chain's unknowns, and which of the hybrid system's unknowns each of them is.
+
+    The hybrid unknowns are numbered by their rows, from −1. Arrows and boxes have the colours of
+    the chains.
+    """
+    chains = decompose(robot)
+    tops = list(accumulate(chains, lambda y, c: y + len(c.unknowns) + _CHAIN_GAP, initial=0.0))
+    height = tops[-1] - _CHAIN_GAP
+    with style():
+        figure, axes = _canvas(
+            (-1.6, _LEFT_WIDTH + _BETWEEN + _RIGHT_WIDTH + 0.2), (-2.2, height + 0.6), _ROW
+        )
+        step = _draw_hybrid_unknowns(axes, robot, height)
+        _heading(axes, _LEFT_WIDTH / 2, -1.0, "unknowns of the chains")
+        for chain, top in zip(chains, tops, strict=False):
+            _draw_chain(axes, robot, chain, top, step)
+    return figure
+
+
+def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
+    """The column of the hybrid unknowns with their rows; returns the distance between them."""
+    left, unknowns = _LEFT_WIDTH + _BETWEEN, hybrid_coordinates(robot)
+    step = height / len(unknowns)
+    _heading(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$")
+    for place, unknown in enumerate(unknowns):
+        y = (place + 0.5) * step
+        _box(axes, left, y - 0.42 * step, _RIGHT_WIDTH, 0.84 * step, "0.35", "0.97")
+        _symbol(axes, left + 0.2 * _RIGHT_WIDTH, y, _row_number(place), "0.45")
+        symbol = _math(_unknown(unknown.name, unknown.meaning))
+        _symbol(axes, left + 0.62 * _RIGHT_WIDTH, y, symbol, size=11)
+    return step
+
+
+def _draw_chain(axes: Axes, robot: Robot, chain: Chain, top: float, step: float) -> None:
+    """The unknowns of a chain, and arrows to the hybrid unknowns, which are `step` apart."""
+    colour, length = chain_colour(chain.number), len(chain.unknowns)
+    _box(axes, 0.0, top - _PADDING, _LEFT_WIDTH, length + 2 * _PADDING, colour, _tint(colour))
+    text = axes.text(-0.8, top + length / 2, _title(chain), ha="center", va="center", rotation=90)
+    text.set(color=colour, fontweight="bold")
+    # Arrows that come to the same unknown end beside each other.
+    aside = 0.6 * ((chain.number - 0.5) / robot.rotors - 0.5)
+    for item, place in enumerate(chain_equation(robot, chain.number, 18).places):
+        y = top + item + 0.5
+        _symbol(axes, _LEFT_WIDTH / 2, y, _math(place.unknown))
+        end = (place.row + 1.5 + aside) * step
+        _arrow(axes, (_LEFT_WIDTH, y), (_LEFT_WIDTH + _BETWEEN, end), colour)
+
+
+def hybrid_pattern_figure(robot: Robot) -> Figure:
+    """Figs. 7–9: I_H, R_H and B_H of F_H = B_H u, each entry in the colours of its chains.
+
+    An entry to which several chains add is split among their colours. Rows and columns are labelled
+    with the unknowns and the inputs, rows also with their numbers from −1. The constraint rows and
+    columns of eq. 15 hold 1 and −1. Blank entries are zero in every posture.
+    """
+    filled = filled_entries(robot)
+    names = [_unknown(c.name, c.meaning) for c in hybrid_coordinates(robot)]
+    acting = [hybrid_name(c.name, c.meaning) for c in inputs(robot)]
+    size, width = len(names), len(acting)
+    residual_left = size + _GAP
+    input_left = residual_left + 1 + _GAP
+    with style():
+        figure, axes = _canvas((-_LABELS, input_left + width + 0.3), (-_HEAD, size + _FOOT), _CELL)
+        parts: tuple[tuple[Filling, float, str, list[Name]], ...] = (
+            (filled.matrix, 0.0, "$I_H$ (Fig. 7)", names),
+            (filled.residual, residual_left, "$R_H$ (Fig. 8)", []),
+            (filled.inputs, input_left, "$B_H$ (Fig. 9)", acting),
+        )
+        for entries, left, title, columns in parts:
+            _draw_filling(axes, entries, left)
+            _heading(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title)
+            for column, name in enumerate(columns):
+                _symbol(axes, left + column + 0.5, -0.7, _math(name), size=8)
+        for row, name in enumerate(names):
+            _symbol(axes, -2.0, row + 0.5, _row_number(row), "0.45", 7)
+            _symbol(axes, -0.8, row + 0.5, _math(name), size=8)
+        for row in range(size - robot.rotors + 1, size):
+            joint = row - size + robot.rotors + 2
+            _symbol(axes, row + 0.5, joint + 0.5, "−1", "white", 7)
+            _symbol(axes, joint + 0.5, row + 0.5, "1", "white", 7)
+        _legend(axes, decompose(robot), size + 0.7, input_left + width)
+    return figure
+
+
+def _row_number(place: int) -> str:
+    """The number of the row at a place: the method counts from −1."""
+    return f"{place - 1}".replace("-", "−")
+
+
+def _math(symbol: Name) -> str:
+    """A symbol in Matplotlib's mathematics, which sets a prime apart unless it is a letter."""
+    return f"${symbol.latex}$".replace("'", r"\prime")
+
+
+def _unknown(internal: str, meaning: str) -> Name:
+    return accelerated(hybrid_name(internal, meaning))
+
+
+def _title(chain: Chain) -> str:
+    return f"chain {chain.number}"
+
+
+def _canvas(x: tuple[float, float], y: tuple[float, float], unit: float) -> tuple[Figure, Axes]:
+    """Axes that fill a figure, with `unit` inches to one of their units, y downwards."""
+    figure = Figure(figsize=((x[1] - x[0]) * unit, (y[1] - y[0]) * unit))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=x, ylim=y[::-1])
+    axes.set_axis_off()
+    return figure, axes
+
+
+def _heading(axes: Axes, x: float, y: float, text: str) -> None:
+    axes.text(x, y, text, ha="center", va="center", color=DARK)
+
+
+def _symbol(
+    axes: Axes, x: float, y: float, text: str, colour: str = DARK, size: float = 9.5
+) -> None:
+    axes.text(x, y, text, ha="center", va="center", color=colour, fontsize=size)
+
+
+def _box(
+    axes: Axes, left: float, top: float, width: float, height: float, edge: str, face: str
+) -> None:
+    box = FancyBboxPatch((left, top), width, height, boxstyle="round,pad=0,rounding_size=0.3")
+    box.set(edgecolor=edge, facecolor=face, linewidth=0.7)
+    axes.add_patch(box)
+
+
+def _tint(colour: str) -> str:
+    """A colour with nine parts of white."""
+    parts = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+    return "#" + "".join(f"{round(0.9 * 255 + 0.1 * part):02x}" for part in parts)
+
+
+def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
+    """An arrow that leaves and arrives level."""
+    bend = 0.5 * (end[0] - start[0])
+    points = [start, (start[0] + bend, start[1]), (end[0] - bend, end[1]), end]
+    path = Path(points, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
+    arrow = FancyArrowPatch(path=path, arrowstyle="-|>", mutation_scale=5, color=colour)
+    arrow.set(linewidth=0.8)
+    axes.add_patch(arrow)
+
+
+def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
+    """Cells of one array, split into stripes, one a chain, on a grid."""
+    cells, colours = [], []
+    for y, row in enumerate(entries):
+        for x, chains in enumerate(row):
+            for place, number in enumerate(chains):
+                from_x, to_x = (left + x + (place + i) / len(chains) for i in (0, 1))
+                cells.append([(from_x, y), (to_x, y), (to_x, y + 1), (from_x, y + 1)])
+                colours.append(chain_colour(number))
+    axes.add_collection(PolyCollection(cells, facecolors=colours, edgecolors="none"))
+    height, width = len(entries), len(entries[0])
+    axes.hlines(range(height + 1), left, left + width, colors="0.75", linewidth=0.4)
+    columns = [left + x for x in range(width + 1)]
+    axes.vlines(columns, 0, height, colors="0.75", linewidth=0.4)
+
+
+def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> None:
+    """A coloured cell and a name for each chain, in rows."""
+    in_row = max(int(width // 4), 1)
+    for place, chain in enumerate(chains):
+        x, y = 4 * (place % in_row), top + 1.2 * (place // in_row)
+        colour = chain_colour(chain.number)
+        _box(axes, x, y, 0.7, 0.7, colour, colour)
+        axes.text(x + 1.0, y + 0.35, _title(chain), va="center", fontsize=8, color=DARK)

@@ -1,0 +1,124 @@
+"""What a flight leaves on disk: time series, figures, an animation; whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.files.output_folder import check_output_folder
+from gibbs_codegen.simulator.flight import Flight, is_flight
+
+ANIMATIONS = ("gif", "mp4")
+# Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.
+FIGURE_NAMES = (
+    "coordinates",
+    "snapshots",
+    "snapshots_panels",
+    "inputs",
+    "constraint_torques",
+    "tracking_error",
+    "energy",
+)
+_NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
+_NAMES |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
+_STAGING_PREFIX = ".gibbs_codegen_flight_"
+
+
+def write_results(
+    flight: Flight,
+    folder: str | os.PathLike[str],
+    figures: bool = True,
+    animation: str = "",
+    progress: Callable[[str, float], None] = lambda what, share: None,
+) -> list[Path]:
+    """Write `flight.npz`, `flight.csv`, figures as PNG and PDF, and `flight.gif` or `flight.mp4`.
+
+    `animation` is "gif", "mp4" or empty for none. Results of an earlier flight in `folder` give way
+    once all new ones are complete; other files are left alone. Returns the paths written.
+    Raises `UsageError` or `OutputError`, and then has changed nothing.
+    """
+    check_results(folder, animation)
+    folder = Path(folder)
+    with _staged(folder) as staging:
+        progress("time series", 0.0)
+        flight.write_npz(staging / "flight.npz")
+        flight.write_csv(staging / "flight.csv")
+        if figures:
+            # Matplotlib takes a second to import, which a flight without figures need not.
+            from gibbs_codegen.figures.flight import write_figures
+
+            progress("figures", 0.0)
+            write_figures(flight, staging)
+        if animation:
+            from gibbs_codegen.figures.animation import write_animation
+
+            write_animation(
+                flight,
+                staging / f"flight.{animation}",
+                progress=lambda done, total: progress("animation", done / total),
+            )
+        names = sorted(path.name for path in staging.iterdir())
+    for name in _NAMES - set(names):
+        (folder / name).unlink(missing_ok=True)
+    return [folder / name for name in names]
+
+
+def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
+    """Refuse what cannot be written, before the work of a flight.
+
+    Raises `UsageError` for a path that cannot become a folder and for an unknown animation, and
+    `OutputError` where nothing can be written there or the animation lacks its program.
+    """
+    check_output_folder(folder)
+    if animation and animation not in ANIMATIONS:
+        raise UsageError(f"animation {animation!r}: unknown; known: {', '.join(ANIMATIONS)}")
+    if animation == "mp4" and shutil.which("ffmpeg") is None:
+        raise OutputError(".mp4 needs ffmpeg, which is not on the path; .gif needs nothing more")
+    _refuse_foreign(Path(folder))
+    with _staged(Path(folder)):
+        pass
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """Raise `UsageError` for files of the names of results that no earlier flight has left."""
+    present = [folder / name for name in sorted(_NAMES) if os.path.lexists(folder / name)]
+    odd = [path for path in present if path.is_symlink() or not path.is_file()]
+    if odd or (present and not is_flight(folder / "flight.npz")):
+        names = ", ".join(path.name for path in (odd or present)[:5])
+        raise UsageError(
+            f"{printable(folder)}: holds files that no simulation has written: {names}; "
+            "move them elsewhere, or choose another --out"
+        )
+
+
+@contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not.
+
+    Folders that had to be made, and hold nothing in the end, go again.
+    """
+    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        staging = Path(tempfile.mkdtemp(prefix=_STAGING_PREFIX, dir=folder))
+    except OSError as error:
+        raise OutputError(f"{printable(folder)}: cannot be written: {error.strerror}") from None
+    try:
+        yield staging
+        # The series first: by them the folder is known for one of results from then on.
+        for path in sorted(staging.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
+            os.replace(path, folder / path.name)
+    except OSError as error:
+        raise OutputError(f"{printable(folder)}: cannot be written: {error.strerror}") from None
+    except OutputError as error:
+        raise OutputError(str(error).replace(printable(staging), printable(folder))) from None
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        for path in made:
+            with suppress(OSError):  # Not empty: then it is wanted.
+                path.rmdir()

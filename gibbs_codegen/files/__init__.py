@@ -1,0 +1,1 @@
+"""The disk: TOML with line numbers, templates, and folders that are written whole."""

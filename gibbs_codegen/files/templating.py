@@ -1,0 +1,29 @@
+"""The Jinja environment. Templates hold layout; what they are given is text, numbers and lists."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+
+def render(template: str, context: Mapping[str, Any]) -> str:
+    """Text of one template. A name that the context lacks is an error."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(template_folder()),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # noqa: S701 - what is rendered is source code, not HTML
+    )
+    return environment.get_template(template).render(context)
+
+
+def template_folder() -> Path:
+    """The templates: inside the package in a wheel, beside it in a checkout."""
+    here = Path(__file__).parent.parent
+    inside = here / "templates"
+    return inside if inside.is_dir() else here.parent / "templates"

@@ -1,0 +1,1 @@
+"""The program that every target prints: straight lines in six kinds of node."""

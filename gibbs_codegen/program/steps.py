@@ -1,0 +1,121 @@
+"""A straight-line function as a row of steps, cut into pieces that a vectorising compiler takes.
+
+A step computes a name or stores an entry; each entry is stored as soon as its value is known, so
+that few values are alive at once. Compilers give up on loops with too many memory references, so a
+long row is cut. Among the steps may be loops, each a piece by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from gibbs_codegen.program.nodes import Node, Number, Output, Statement, names_in
+
+
+@dataclass(frozen=True)
+class Store:
+    """Entry `place` of output `output` becomes `value`."""
+
+    output: int
+    place: int
+    value: Node
+
+
+Step = Statement | Store
+
+
+@dataclass(frozen=True)
+class Loop:
+    """`body` done `count` times, which is the same as `straight`.
+
+    Its names are those of one of the blocks of steps: `operands` and `results` have, for each that
+    is not the same in every block, the row of its names, one a block; results are only those that
+    are read elsewhere. The stores of the first block go to `places`, which move on by `pitches`
+    from block to block.
+    """
+
+    count: int
+    body: tuple[Step, ...]
+    operands: Mapping[str, tuple[str, ...]]
+    results: Mapping[str, tuple[str, ...]]
+    places: tuple[int, ...]
+    pitches: tuple[int, ...]
+    straight: tuple[Step, ...]
+
+    @property
+    def shared(self) -> list[str]:
+        """Names that every block reads."""
+        own = {*self.operands, *(s.name for s in self.body if isinstance(s, Statement))}
+        read = [name for step in self.body for name in names_in(step.value)]
+        return [name for name in dict.fromkeys(read) if name not in own]
+
+
+Item = Step | Loop
+
+
+def names_read(item: Item) -> list[str]:
+    """Names that a step or a loop reads and, if it is a loop, does not make."""
+    if not isinstance(item, Loop):
+        return names_in(item.value)
+    return [*item.shared, *(name for row in item.operands.values() for name in row)]
+
+
+def names_made(item: Item) -> list[str]:
+    """Names that a step or a loop makes for others."""
+    if isinstance(item, Loop):
+        return [name for row in item.results.values() for name in row]
+    return [item.name] if isinstance(item, Statement) else []
+
+
+def interleaved(
+    statements: Sequence[Statement], outputs: Sequence[Output], zeros_stored: Sequence[bool]
+) -> list[Step]:
+    """Statements in order, each followed by the stores of the entries that it completes.
+
+    Zero entries of an output are left out unless `zeros_stored` says so for it.
+    """
+    places = {statement.name: i for i, statement in enumerate(statements)}
+    ready: dict[int, list[Store]] = {}
+    for number, output in enumerate(outputs):
+        for entry, value in enumerate(output.entries):
+            if zeros_stored[number] or value != Number(0.0):
+                last = max((places.get(name, -1) for name in names_in(value)), default=-1)
+                ready.setdefault(last, []).append(Store(number, entry, value))
+    steps: list[Step] = list(ready.get(-1, []))
+    for i, statement in enumerate(statements):
+        steps.append(statement)
+        steps.extend(ready.get(i, []))
+    return steps
+
+
+def cut(items: Sequence[Item], limit: int) -> list[tuple[Item, ...]]:
+    """Cut steps into pieces in a row that refer to memory at most `limit` times each.
+
+    Each goes on until the next step would be too much; a step that is too much by itself is a piece
+    by itself, and so is a loop. Whatever a piece reads that no step defines counts as a reference,
+    whether it is an input or a constant.
+    """
+    defined = {name: i for i, item in enumerate(items) for name in names_made(item)}
+    last_use: dict[str, int] = {}
+    for i, item in enumerate(items):
+        last_use.update(dict.fromkeys(names_read(item), i))
+    starts = [0]
+    read: set[str] = set()
+    alive = stores = 0
+    for i, item in enumerate(items):
+        names = set(names_read(item))
+        outside = {name for name in names if defined.get(name, -1) < starts[-1]}
+        ended = sum(last_use[name] == i for name in names - outside)
+        begun = sum(last_use.get(name, -1) > i for name in names_made(item))
+        stored = int(isinstance(item, Store))
+        full = len(read | outside) + alive - ended + begun + stores + stored > limit
+        if i > starts[-1] and (full or isinstance(item, Loop) or isinstance(items[i - 1], Loop)):
+            starts.append(i)
+            read, alive, stores = names, begun, stored
+        else:
+            read |= outside
+            alive += begun - ended
+            stores += stored
+    ends = [*starts[1:], len(items)]
+    return [tuple(items[start:end]) for start, end in zip(starts, ends, strict=True)]

@@ -1,0 +1,79 @@
+"""Decomposition into open chains (eq. 1, Fig. 2) and their numbering, as plain data.
+
+The machine with N rotors and n links falls into N open chains, each starting at the virtual links:
+chain j = 1 … N−1 is arm −1 → arm 0 → arm 1 → arm j+1, chain N is arm −1 → arm 0 → arm 1 → arm N+1
+→ … → arm N+n. *Mass once*: arm 1 has its mass in chain 1 only. *Thrust once*: motor 1 acts in
+chain 1 only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gibbs_codegen.robot.coordinates import (
+    ATTITUDE,
+    POSITION,
+    constrained_coordinate,
+    constraint_torque,
+    hybrid_coordinates,
+    joint_coordinate,
+)
+from gibbs_codegen.robot.model import Robot
+
+
+@dataclass(frozen=True)
+class Chain:
+    """One open chain: its links by arm number, its unknowns in order, and what acts in it.
+
+    `massive` holds the links that have their mass in this chain, `motors` those that push in it.
+    `unknowns` are the accelerations of the chain's coordinates and, where it is constrained, its
+    constraint torque: the seven coordinates and eight unknowns of eq. 15.
+    """
+
+    number: int
+    links: tuple[int, ...]
+    massive: tuple[int, ...]
+    motors: tuple[int, ...]
+    coordinates: tuple[str, ...]
+    unknowns: tuple[str, ...]
+
+    @property
+    def is_constrained(self) -> bool:
+        """Whether the chain ends in a base arm that is held against arm 1."""
+        return len(self.unknowns) > len(self.coordinates)
+
+
+def decompose(robot: Robot) -> tuple[Chain, ...]:
+    """The robot's N open chains, in order (eq. 1)."""
+    base = tuple(_base_chain(j) for j in range(1, robot.rotors))
+    return (*base, _arm_chain(robot))
+
+
+def _base_chain(j: int) -> Chain:
+    arm = j + 1
+    coordinates = (*ATTITUDE, constrained_coordinate(arm).name, *POSITION)
+    return Chain(
+        number=j,
+        links=(-1, 0, 1, arm),
+        massive=(1, arm) if j == 1 else (arm,),
+        motors=(1, arm) if j == 1 else (arm,),
+        coordinates=coordinates,
+        unknowns=(*coordinates, constraint_torque(arm).name),
+    )
+
+
+def _arm_chain(robot: Robot) -> Chain:
+    n = len(robot.links)
+    arms = tuple(robot.rotors + i for i in range(1, n + 1))
+    joints = tuple(joint_coordinate(robot, i).name for i in range(1, n + 1))
+    coordinates = (*ATTITUDE, *joints, *POSITION)
+    return Chain(robot.rotors, (-1, 0, 1, *arms), arms, (), coordinates, coordinates)
+
+
+def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
+    """For each chain, the place of each of its unknowns among the hybrid ones (eq. 18, Figs. 6–9).
+
+    Places count from 0; the method counts its rows from −1.
+    """
+    place = {unknown.name: i for i, unknown in enumerate(hybrid_coordinates(robot))}
+    return tuple(tuple(place[name] for name in chain.unknowns) for chain in decompose(robot))

@@ -1,0 +1,102 @@
+"""Names, order and units of coordinates, inputs and points, as section 7 of the method orders them.
+
+Reduced coordinates: θ₋₁, θ₀, θ₁, θ_{N+1} … θ_{N+n}, x, y, z. Hybrid unknowns have the constrained
+angles θ₂ … θ_N after θ₁ and the constraint torques τ'₂ … τ'_N at the end. A prismatic joint's
+coordinate is a travel and is called d instead of θ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gibbs_codegen.robot.model import Robot
+
+ATTITUDE = ("theta_m1", "theta_0", "theta_1")
+POSITION = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One entry of q, v, a, u or of the hybrid unknowns: its name, unit and meaning."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+def joint_coordinate(robot: Robot, i: int) -> Coordinate:
+    """Coordinate of the arm's joint i = 1 … n, numbered N + i as in the method."""
+    number = robot.rotors + i
+    if robot.links[i - 1].joint == "prismatic":
+        return Coordinate(f"d_{number}", "m", f"travel of joint {number}")
+    return Coordinate(f"theta_{number}", "rad", f"angle of joint {number}")
+
+
+def attitude_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
+    """θ₋₁, θ₀, θ₁: the intrinsic rotations that turn the world's axes into those of base arm 1."""
+    places = ("first", "second", "third")
+    return tuple(
+        Coordinate(name, "rad", f"{place} attitude angle, about {axis}")
+        for name, place, axis in zip(ATTITUDE, places, robot.base.attitude, strict=True)
+    )
+
+
+def position_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
+    """World position of the origin of the coordinates: motor 1 or the base centre."""
+    point = "motor 1 (O1)" if robot.base.origin == "motor1" else "the base centre (O2)"
+    return tuple(Coordinate(name, "m", f"world {name} of {point}") for name in POSITION)
+
+
+def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
+    """Entries of q, in order; length 6 + n."""
+    joints = tuple(joint_coordinate(robot, i) for i in range(1, len(robot.links) + 1))
+    return attitude_coordinates(robot) + joints + position_coordinates(robot)
+
+
+def coordinate_text(robot: Robot, place: int) -> str:
+    """The coordinate at a place of q by its name and the link that it moves, for a message."""
+    name, link = reduced_coordinates(robot)[place].name, place - 2
+    return f"{name} (the joint of link {link})" if 1 <= link <= len(robot.links) else name
+
+
+def constrained_coordinate(k: int) -> Coordinate:
+    """θ_k, k = 2 … N: the angle of base arm k against base arm 1, held constant."""
+    return Coordinate(f"theta_{k}", "rad", f"constrained angle of base arm {k}")
+
+
+def constraint_torque(k: int) -> Coordinate:
+    """τ'_k, k = 2 … N: the torque that keeps base arm k from turning against base arm 1."""
+    return Coordinate(f"tau_prime_{k}", "N m", f"constraint torque on base arm {k}")
+
+
+def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
+    """Hybrid unknowns, in order; length 6 + n + 2(N − 1)."""
+    reduced = reduced_coordinates(robot)
+    arms = range(2, robot.rotors + 1)
+    return (
+        reduced[:3]
+        + tuple(constrained_coordinate(k) for k in arms)
+        + reduced[3:]
+        + tuple(constraint_torque(k) for k in arms)
+    )
+
+
+def inputs(robot: Robot) -> tuple[Coordinate, ...]:
+    """Entries of u: thrusts F₁ … F_N, then the joint torques (forces where prismatic)."""
+    thrusts = tuple(
+        Coordinate(f"F_{k}", "N", f"thrust of motor {k}") for k in range(1, robot.rotors + 1)
+    )
+    joints = []
+    for i, link in enumerate(robot.links, start=1):
+        kind, unit = ("force", "N") if link.joint == "prismatic" else ("torque", "N m")
+        joints.append(
+            Coordinate(f"tau_{robot.rotors + i}", unit, f"{kind} of joint {robot.rotors + i}")
+        )
+    return thrusts + tuple(joints)
+
+
+def points(robot: Robot) -> tuple[str, ...]:
+    """Named points of the machine, in the order of `positions`."""
+    motors = tuple(f"motor{k}" for k in range(1, robot.rotors + 1))
+    joints = tuple(f"joint{robot.rotors + i}" for i in range(1, len(robot.links) + 1))
+    return ("O1", "O2", *motors, *joints, "tip")

@@ -1,0 +1,39 @@
+"""The paper's family of machines, for any number of rotors and links (Table 1)."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.file import MAX_LINKS, MAX_ROTORS
+from gibbs_codegen.robot.model import Base, Link, Robot, Rod, Vector3, alternating_thrust
+
+_SECTION_INERTIA: Vector3 = (212e-8, 21.2e-8, 190.8e-8)
+_BASE_ARM = Rod(0.5, 1.0, _SECTION_INERTIA)
+_ARM_LINK = Rod(3.0, 1.0, _SECTION_INERTIA)
+
+_GREEK = {4: "quadrotor", 6: "hexarotor", 8: "octorotor", 10: "decarotor"}
+
+
+def paper_family(rotors: int, links: int) -> Robot:
+    """Table 1 with N = `rotors` and n = `links`.
+
+    The arm's first link has no length or mass and turns about the base normal; n − 1 parallel
+    links (α = 90°, then 0) of 3 m and 1 kg/m follow. A single link is one such 3 m link with
+    α = 90°. Raises `UsageError` outside 2 ≤ N ≤ 256, 0 ≤ n ≤ 64.
+    """
+    if not 2 <= rotors <= MAX_ROTORS:
+        raise UsageError(f"rotors must be from 2 to {MAX_ROTORS}, not {rotors}")
+    if not 0 <= links <= MAX_LINKS:
+        raise UsageError(f"links must be from 0 to {MAX_LINKS}, not {links}")
+    base = Base(rotors, (_BASE_ARM,), alternating_thrust(rotors), (0.0,) * rotors)
+    return Robot(f"{_GREEK.get(rotors, f'rotor{rotors}')}_{links}link", base, _arm(links))
+
+
+def _arm(links: int) -> tuple[Link, ...]:
+    if links == 0:
+        return ()
+    upright = Link(_ARM_LINK, alpha_deg=Fraction(90))
+    if links == 1:
+        return (upright,)
+    return (Link(Rod(0.0)), upright, *(Link(_ARM_LINK) for _ in range(links - 2)))

@@ -1,0 +1,106 @@
+"""Where a machine and its frames are at one configuration, in numbers: what drawings start from.
+
+Plain composition of the frames that a robot file fixes, with no part in the derivation, which the
+emitted `positions` come from; a test compares the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.thrusters import wrench_matrix
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Origin (3) and axes (3, 3), a column each, of a link's frame in world axes; m."""
+
+    origin: Array
+    axes: Array
+
+    def point(self, x: float) -> Array:
+        """The point (3) at `x` along the x axis, m."""
+        place: Array = self.origin + x * self.axes[:, 0]
+        return place
+
+
+@dataclass(frozen=True)
+class MachineFrames:
+    """Frames of arm 1, of base arms 2 … N and of the arm's links, in world axes.
+
+    `motors` (N, 3) are the seats of the motors in m, `thrusts` (N, 3) the unit vectors of their
+    thrusts. The frame of arm 1 has its origin at O₁, those of the other base arms at O₂. `centre`
+    is O₂, `tip` the end of the last link, or O₂ where there is none.
+    """
+
+    arm_1: Frame
+    base_arms: tuple[Frame, ...]
+    links: tuple[Frame, ...]
+    motors: Array
+    thrusts: Array
+    centre: Array
+    tip: Array
+
+    @property
+    def points(self) -> Array:
+        """Positions in the order of the emitted POINTS: O1, O2, motors, joints, tip."""
+        joints = [frame.origin for frame in self.links]
+        return np.array([self.motors[0], self.centre, *self.motors, *joints, self.tip])
+
+
+def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
+    """Frames of a robot at q = θ₋₁, θ₀, θ₁, the arm's joints, x, y, z (rad, m).
+
+    Raises `UsageError` where q has another length.
+    """
+    base, size = robot.base, 6 + len(robot.links)
+    if np.shape(q) != (size,):
+        raise UsageError(f"{robot.name} has {size} coordinates, not {np.shape(q)}")
+    attitude = np.eye(3)
+    for letter, angle in zip(base.attitude, q[:3], strict=True):
+        attitude = attitude @ _turn("xyz".index(letter), angle)
+    length = base.arm(1).length
+    origin = np.array(q[-3:]) - (0.0 if base.origin == "motor1" else length) * attitude[:, 0]
+    arm_1 = Frame(origin, attitude)
+    centre = arm_1.point(length)
+    angles = [np.deg2rad(float(base.arm_angle_deg(k))) for k in range(2, base.rotors + 1)]
+    arms = tuple(Frame(centre, attitude @ _turn(2, angle)) for angle in angles)
+    motors = [origin, *(frame.point(base.arm(k).length) for k, frame in enumerate(arms, start=2))]
+    links = _links(robot, Frame(centre, attitude), q[3:-3])
+    tip = links[-1].point(robot.links[-1].body.length) if links else centre
+    thrusts = (attitude @ wrench_matrix(robot)[:3]).T
+    return MachineFrames(arm_1, arms, links, np.array(motors), thrusts, centre, tip)
+
+
+def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tuple[Frame, ...]:
+    """Frames of the arm's links: Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d), one after another."""
+    frames: list[Frame] = []
+    before = 0.0
+    for link, joint in zip(robot.links, joints, strict=True):
+        turns = link.joint == "revolute"
+        origin = carrier.point(before if link.a is None else link.a)
+        axes = carrier.axes @ _turn(0, np.deg2rad(float(link.alpha_deg)))
+        origin = origin + (link.d + (0.0 if turns else joint)) * axes[:, 2]
+        axes = axes @ _turn(2, np.deg2rad(float(link.theta_deg)) + (joint if turns else 0.0))
+        carrier = Frame(origin, axes)
+        frames.append(carrier)
+        before = link.body.length
+    return tuple(frames)
+
+
+def _turn(axis: int, angle: float) -> Array:
+    """Rotation matrix about a coordinate axis."""
+    c, s = np.cos(angle), np.sin(angle)
+    p, q = (axis + 1) % 3, (axis + 2) % 3
+    matrix: Array = np.eye(3)
+    matrix[p, p] = matrix[q, q] = c
+    matrix[p, q], matrix[q, p] = -s, s
+    return matrix

@@ -1,0 +1,116 @@
+"""A robot as the text of a robot file, with comments that explain the keys."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.robot.model import (
+    AXES,
+    Body,
+    Link,
+    RigidBody,
+    Robot,
+    Rod,
+    Vector3,
+    as_rigid_body,
+)
+
+
+def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
+    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
+
+    `to_start_from` adds, as comments, the arm and the last link in the other form of a body.
+    """
+    base = robot.base
+    arms = [_inline_table(arm) for arm in base.arms]
+    context = {
+        "name": name or robot.name,
+        "gravity": repr(robot.gravity),
+        "rotors": base.rotors,
+        "attitude": base.attitude,
+        "origin": base.origin,
+        "thrust": _lines([_direction(direction) for direction in base.thrust]),
+        "drag": _lines([repr(float(value)) for value in base.drag]),
+        "arm": arms[0] if base.shares_one_arm else "[\n    " + ",\n    ".join(arms) + ",\n]",
+        "rigid_arm": _inline_table(_rigid(base.arm(1))) if to_start_from else "",
+        "links": [_link(robot, i) for i in range(1, len(robot.links) + 1)],
+        "rigid_link": [
+            line
+            for link in robot.links[-1:]
+            for line in _lines_of(_rigid(link.body))[1:]
+            if to_start_from
+        ],
+    }
+    return render("robot.toml.jinja", context)
+
+
+def _link(robot: Robot, i: int) -> dict[str, object]:
+    link: Link = robot.links[i - 1]
+    default = "# a: distance along x of the frame before; here"
+    if link.a is not None:
+        a = f"a         = {link.a!r}  # distance along x of the frame before"
+    else:
+        a = f"{default} {'0' if i == 1 else 'the length of the link before'}"
+    return {
+        "joint_number": robot.rotors + i,
+        "alpha_deg": _degrees(link.alpha_deg),
+        "a": a,
+        "d": repr(link.d),
+        "theta_deg": _degrees(link.theta_deg),
+        "joint": link.joint,
+        "body": _lines_of(link.body),
+    }
+
+
+def _rigid(body: Body) -> RigidBody:
+    """A body as a rigid one, in numbers that are short enough to be changed by hand."""
+    rigid = as_rigid_body(body)
+    xx, yy, zz, xy, xz, yz = (float(f"{value:.6g}") for value in rigid.inertia)
+    return replace(rigid, inertia=(xx, yy, zz, xy, xz, yz))
+
+
+def _lines_of(body: Body) -> list[str]:
+    return [f"{key} = {value}" for key, value in _body(body).items()]
+
+
+def _inline_table(body: Body) -> str:
+    return "{ " + ", ".join(_lines_of(body)) + " }"
+
+
+def _body(body: Body) -> dict[str, str]:
+    if isinstance(body, Rod):
+        return {
+            "length": repr(body.length),
+            "mass_per_length": repr(body.mass_per_length),
+            "section_inertia": f"[{_numbers(body.section_inertia)}]",
+        }
+    return {
+        "length": repr(body.length),
+        "mass": repr(body.mass),
+        "com": f"[{_numbers(body.com)}]",
+        "inertia": f"[{_numbers(body.inertia)}]",
+    }
+
+
+def _direction(direction: Vector3) -> str:
+    for letter, unit in AXES.items():
+        if direction == unit:
+            return f'"{letter}"'
+    return f"[{_numbers(direction)}]"
+
+
+def _lines(entries: list[str]) -> str:
+    """Entries of a list, over several lines where one would be too long."""
+    return ("," + "\n" + " " * 12).join(
+        ", ".join(entries[i : i + 10]) for i in range(0, len(entries), 10)
+    )
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    return ", ".join(repr(float(value)) for value in values)
+
+
+def _degrees(angle: Fraction) -> str:
+    return str(angle.numerator) if angle.denominator == 1 else repr(float(angle))

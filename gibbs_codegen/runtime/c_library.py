@@ -1,0 +1,72 @@
+"""The shared library of a generated module: its C files, compiled once and kept in the cache."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.runtime.cache import cached_library
+from gibbs_codegen.runtime.compiler import Compiler
+
+NATIVE = Path(__file__).parent / "native"
+
+
+def compiled_library(folder: Path, name: str, compiler: Compiler) -> Path:
+    """The shared library of a generated module, from the cache or compiled now.
+
+    It exports the module's C functions, those of its CasADi adapter, and those of `rows.c`.
+    """
+    # Read once: what is compiled is what the key was made of, whatever happens to the files.
+    texts = {file: (folder / file).read_bytes() for file in c_files(name)}
+    texts["rows.c"] = (NATIVE / "rows.c").read_bytes()
+    _check_of_one_make(folder, texts)
+    digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
+
+    def make(output: Path) -> None:
+        sources = output.parent / "source"
+        sources.mkdir()
+        for file, text in texts.items():
+            (sources / file).write_bytes(text)
+        with _announced(f"compiling {name}"):
+            compiler.library([sources / file for file in texts if file.endswith(".c")], output)
+        shutil.rmtree(sources)
+
+    return cached_library("\n".join([compiler.identity, name, *digests]), make)
+
+
+@contextmanager
+def _announced(what: str) -> Iterator[None]:
+    """Say what takes long, on a terminal; nothing in a pipe."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
+
+
+def _check_of_one_make(folder: Path, texts: Mapping[str, bytes]) -> None:
+    """Refuse C that was not generated together with the module's Python. Raises `UsageError`."""
+    made = _make_of((folder / "numpy_module.py").read_bytes())
+    for file, text in texts.items():
+        if file != "rows.c" and _make_of(text) != made:
+            raise UsageError(
+                f"{printable(folder / file)}: was not generated together with numpy_module.py; "
+                f"generate the module again"
+            )
+
+
+def _make_of(text: bytes) -> list[bytes]:
+    """Version, robot and digest of the robot file that an emitted file names in its header."""
+    return [line.strip(b"#/* \r") for line in text.split(b"\n", 4)[:4]]
+
+
+def c_files(name: str) -> list[str]:
+    """Names of the files that the C target of a module consists of."""
+    return [f"{name}.h", f"{name}.c", f"{name}_casadi.c"]

@@ -1,0 +1,116 @@
+"""Loading a generated module by name or path, without putting its folder on the import path.
+
+The back end is a choice of the caller's: the functions and constants are the same. What compiles is
+imported when first used, since it needs NumPy, which the command line mostly does not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import logging
+import os
+import sys
+import threading
+from pathlib import Path
+from types import ModuleType
+
+from gibbs_codegen.errors import UsageError, printable
+
+BACKENDS = ("numpy", "c")
+
+_log = logging.getLogger("gibbs_codegen")
+_importing = threading.Lock()
+
+
+def load(
+    name_or_path: str | os.PathLike[str], backend: str = "numpy", threads: int = 1
+) -> ModuleType:
+    """Load a generated module: an object with its functions and constants.
+
+    `name_or_path` is the folder of the module, or a name, which is looked for in `generated/` of
+    the working directory. `backend` "c" compiles the module's C source once, with CC or the
+    machine's compiler, and keeps it in a cache; `__file__` is then the shared library. Where it
+    cannot be compiled or kept, NumPy serves and the log of `gibbs_codegen` says so in a line.
+    `threads` is the number of threads that the C back end shares large batches among.
+
+    Raises `UsageError` where there is no such module, C source or back end.
+    """
+    if backend not in BACKENDS:
+        raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
+    if not isinstance(threads, int) or threads < 1:
+        raise UsageError(f"threads: a whole number, at least 1, not {threads!r}")
+    folder = find_module(Path(name_or_path))
+    with _importing:
+        module = _import(folder)
+    return module if backend == "numpy" else _compiled(module, folder, threads)
+
+
+def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
+    from gibbs_codegen.runtime.c_backend import c_module
+    from gibbs_codegen.runtime.c_library import c_files
+    from gibbs_codegen.runtime.cache import CacheError
+    from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
+
+    missing = [n for n in c_files(module.NAME) if not (folder / n).is_file()]
+    if missing:
+        raise UsageError(
+            f"{printable(folder)}: has no {', '.join(missing)}; "
+            "generate the module with the C target"
+        )
+    try:
+        return c_module(module, folder, find_compiler(os.environ.get("CC") or None), threads)
+    except (CompilerError, CacheError) as error:
+        _log.warning("%s: NumPy serves instead of C: %s", module.NAME, printable(error, 400))
+        return module
+
+
+def _import(folder: Path) -> ModuleType:
+    digest = hashlib.sha256(os.fsencode(folder)).hexdigest()[:16]
+    module_name = f"_gibbs_codegen_{digest}_{folder.name}"
+    for name in (module_name, f"{module_name}.numpy_module"):
+        sys.modules.pop(name, None)
+    spec = importlib.util.spec_from_file_location(
+        module_name, folder / "__init__.py", submodule_search_locations=[str(folder)]
+    )
+    if spec is None or spec.loader is None:
+        raise UsageError(f"{printable(folder)}: cannot be imported")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:  # Whatever stands in a file that was damaged.
+        del sys.modules[module_name]
+        raise UsageError(
+            f"{printable(folder)}: cannot be imported, generate it again: {printable(error)}"
+        ) from None
+    except BaseException:
+        del sys.modules[module_name]
+        raise
+    if not hasattr(getattr(module, "numpy_module", None), "report_not_finite"):
+        raise UsageError(f"{printable(folder)}: was made by an older version; generate it again")
+    # What help() and repr() show; it is imported under a name that no other folder's module has.
+    module.__name__ = spec.name = module.NAME
+    module.__doc__ = module.numpy_module.__doc__
+    return module
+
+
+def find_module(path: Path) -> Path:
+    """Folder of a generated module, by its path or its name. Raises `UsageError` for none."""
+    folders = (path, Path("generated") / path)
+    try:
+        for folder in folders:
+            if all((folder / name).is_file() for name in ("__init__.py", "numpy_module.py")):
+                return folder.resolve()
+        only_c = [f for f in folders if (f / f"{Path(os.path.realpath(f)).name}.h").is_file()]
+    except OSError as error:
+        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
+    if only_c:
+        raise UsageError(
+            f"{printable(only_c[0])}: has the C target only; generate the module with the NumPy "
+            "target too, which says what its functions take"
+        )
+    raise UsageError(
+        f"{printable(path)}: no generated module there, nor in generated/; "
+        f"make it with: gibbs-codegen generate {printable(path.name)}"
+    )

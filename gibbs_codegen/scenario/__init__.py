@@ -1,0 +1,1 @@
+"""What is flown, as plain data: paths, orientations, and the scenario file."""

@@ -1,0 +1,168 @@
+"""Desired attitude of the base: along the tangent of its path, or level with a heading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.attitude import Turning
+from gibbs_codegen.scenario.paths import Path
+
+Array = NDArray[np.float64]
+
+_VERTICAL = np.array([0.0, 0.0, 1.0])
+# Speed under which a path has no direction to follow, m/s.
+_STANDSTILL = 1e-6
+# Sine of the angle to the vertical under which the base normal has no side to lean to.
+_UPRIGHT = 1e-3
+
+
+class Orientation(Protocol):
+    """Anything that gives the attitude of arm 1 at times (s), for a base on a path.
+
+    `arm_angles` (N) are the angles of the base arms against arm 1, rad.
+    """
+
+    def __call__(self, path: Path, time: Array, arm_angles: Array, /) -> Turning:
+        """Rotation, angular velocity and angular acceleration at `time`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Level:
+    """Base normal vertical, arm 1 turned from the world's X by a heading that grows steadily.
+
+    rad and rad/s.
+    """
+
+    heading: float = 0.0
+    rate: float = 0.0
+
+    def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
+        """Rotation, angular velocity and angular acceleration at times (s)."""
+        heading = self.heading + self.rate * np.asarray(time, dtype=np.float64)
+        rotation = np.zeros((*heading.shape, 3, 3))
+        rotation[..., 0, 0] = rotation[..., 1, 1] = np.cos(heading)
+        rotation[..., 1, 0] = np.sin(heading)
+        rotation[..., 0, 1] = -rotation[..., 1, 0]
+        rotation[..., 2, 2] = 1.0
+        velocity = np.zeros((*heading.shape, 3))
+        velocity[..., 2] = self.rate
+        return Turning(rotation, velocity, np.zeros_like(velocity))
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The paper's attitude (section 4): one base arm along the path, the normal nearest to Z.
+
+    `arm` is the number of that arm, from 1 to N.
+    """
+
+    arm: int = 2
+
+    def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
+        """Rotation, angular velocity and angular acceleration at times (s).
+
+        Raises `UsageError` where there is no such arm, and where the path stands still or goes
+        straight up or down.
+        """
+        if not 1 <= self.arm <= len(arm_angles):
+            raise UsageError(f"base arm {self.arm}: there are arms 1 to {len(arm_angles)}")
+        angle = arm_angles[self.arm - 1]
+        time = np.asarray(time, dtype=np.float64)
+        derivatives = path(time)
+        along = _unit(*(derivatives[..., order, :] for order in (1, 2, 3)))
+        _check_direction(time, derivatives[..., 1, :], along[0])
+        # Of the vertical, what is at right angles to the tangent.
+        height, climb, turn = (t[..., 2:] for t in along)
+        up = _unit(
+            _VERTICAL - height * along[0],
+            -climb * along[0] - height * along[1],
+            -turn * along[0] - 2.0 * climb * along[1] - height * along[2],
+        )
+        side = _cross_derivatives(up, along)
+        # Columns: the tangent, what lies left of it, the normal; then arm 1 in their place.
+        cosine, sine = np.cos(angle), np.sin(angle)
+        frames = [
+            np.stack([cosine * t - sine * s, sine * t + cosine * s, u], axis=-1)
+            for t, s, u in zip(along, side, up, strict=True)
+        ]
+        return turning_of(*frames)
+
+
+def turning_of(rotation: Array, rate: Array, second: Array) -> Turning:
+    """ω and dω/dt of a rotation R(t), from R, dR/dt and d²R/dt² (…, 3, 3)."""
+    transposed = np.swapaxes(rotation, -1, -2)
+    spin = rate @ transposed
+    # d(Ṙ Rᵀ)/dt; what is symmetric in it cancels in `_axis`.
+    spin_rate = second @ transposed + rate @ np.swapaxes(rate, -1, -2)
+    return Turning(rotation, _axis(spin), _axis(spin_rate))
+
+
+def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
+    """Angles (s), rad, between unit vectors `direction` (s, 3) and the tangent of a path."""
+    velocity = path(time)[..., 1, :]
+    tangent = velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
+    # By the chord: the cosine cannot tell angles below 1e-8.
+    half = np.linalg.norm(direction - tangent, axis=-1) / 2.0
+    angle: Array = 2.0 * np.arcsin(np.minimum(half, 1.0))
+    return angle
+
+
+def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
+    still = np.linalg.norm(velocity, axis=-1) < _STANDSTILL
+    if np.any(still):
+        raise UsageError(
+            f"the path of the base stands still at t = {time[still][0]:.6g} s, where it has no "
+            "tangent for an arm to follow; let it move, or choose a level attitude"
+        )
+    upright = np.linalg.norm(tangent[..., :2], axis=-1) < _UPRIGHT
+    if np.any(upright):
+        raise UsageError(
+            f"the path of the base is vertical at t = {time[upright][0]:.6g} s, where no attitude "
+            "along it is nearest to level; bend it, or choose a level attitude"
+        )
+
+
+def _unit(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Array]:
+    """The unit vector along `vector`, and its first two derivatives in time."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / np.linalg.norm(vector, axis=-1, keepdims=True)
+        unit = vector * inverse
+        growth = np.sum(unit * rate, axis=-1, keepdims=True) * inverse
+        unit_rate = rate * inverse - unit * growth
+        growth_rate = (
+            np.sum(unit_rate * rate + unit * second, axis=-1, keepdims=True) * inverse - growth**2
+        )
+        unit_second = (
+            second * inverse - rate * inverse * growth - unit_rate * growth - unit * growth_rate
+        )
+    return unit, unit_rate, unit_second
+
+
+def _cross_derivatives(
+    a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]
+) -> tuple[Array, Array, Array]:
+    """Of a × b: the product and its first two derivatives."""
+    return (
+        np.cross(a[0], b[0]),
+        np.cross(a[1], b[0]) + np.cross(a[0], b[1]),
+        np.cross(a[2], b[0]) + 2.0 * np.cross(a[1], b[1]) + np.cross(a[0], b[2]),
+    )
+
+
+def _axis(matrix: Array) -> Array:
+    """The vector of the skew part of a matrix."""
+    axis: Array = 0.5 * np.stack(
+        [
+            matrix[..., 2, 1] - matrix[..., 1, 2],
+            matrix[..., 0, 2] - matrix[..., 2, 0],
+            matrix[..., 1, 0] - matrix[..., 0, 1],
+        ],
+        axis=-1,
+    )
+    return axis

@@ -1,0 +1,110 @@
+"""A scenario: what is to be flown, from where, under which control, and how it is integrated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import get_args
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.orientation import Level, Tangent
+from gibbs_codegen.scenario.paths import Path, Vector
+from gibbs_codegen.simulator.closed_loop import TipForce
+from gibbs_codegen.simulator.control import Law
+from gibbs_codegen.simulator.integrate import Settings
+
+
+def _require(right: bool, otherwise: str) -> None:
+    if not right:
+        raise UsageError(otherwise)
+
+
+@dataclass(frozen=True)
+class ArmTask:
+    """What the arm is to do: bring the tip along a path, or keep a posture.
+
+    With a `tip` path the joints follow from it, from `guess` on (many postures are tried where
+    there is none). Without one, `posture` is held; None is the posture in which the arm hangs at
+    rest. `posture`, `guess` and `limits` map names of joint coordinates to rad or m; a joint left
+    out of `posture` is at 0, one left out of `limits` has none.
+    """
+
+    tip: Path | None = None
+    posture: Mapping[str, float] | None = None
+    guess: Mapping[str, float] | None = None
+    limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.tip is not None and self.posture is not None:
+            raise UsageError("arm: a tip path and a posture: give one of them")
+        if self.tip is None and self.guess is not None:
+            raise UsageError("arm: a guess is where the search for a tip path begins; give a tip")
+        for joint, (low, high) in self.limits.items():
+            _require(low < high, f"arm: limits of {joint}: the lower must be below the upper")
+
+
+@dataclass(frozen=True)
+class StartOffset:
+    """What is off at the start: base centre, m; attitude, a rotation vector, rad; world axes."""
+
+    position: Vector = (0.0, 0.0, 0.0)
+    rotation: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Control:
+    """The control law, and for computed torque the errors' natural frequency and damping ratio.
+
+    `frequency` is in rad/s.
+    """
+
+    law: Law = "computed_torque"
+    frequency: float = 5.0
+    damping_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        laws = get_args(Law)
+        _require(self.law in laws, f"control: law {self.law!r}: one of {', '.join(laws)}")
+        _require(0.0 < self.frequency < math.inf, "control: the frequency must be above 0 rad/s")
+        _require(0.0 <= self.damping_ratio < math.inf, "control: damping ratio: 0 or more")
+
+
+@dataclass(frozen=True)
+class Motors:
+    """Least and greatest thrust of every motor, N, and the time constant of its lag, s; 0: none."""
+
+    limits: tuple[float, float] | None = None
+    time_constant: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.limits is not None:
+            least, most = self.limits
+            _require(least < most, "motors: the least thrust must be below the greatest")
+        _require(0.0 <= self.time_constant < math.inf, "motors: time constant: 0 s or more")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A flight of `duration` s with the base centre on a path; SI units, rad, world axes.
+
+    Like its parts it raises `UsageError` for values that mean nothing.
+
+    `parameters` are given to the module's `prepare`.
+    """
+
+    name: str
+    duration: float
+    base: Path
+    attitude: Level | Tangent = field(default_factory=Level)
+    arm: ArmTask = ArmTask()
+    start: StartOffset = StartOffset()
+    control: Control = Control()
+    motors: Motors = Motors()
+    tip_force: TipForce | None = None
+    integration: Settings = field(default_factory=Settings)
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        _require(0.0 < self.duration < math.inf, f"duration: above 0 s, not {self.duration}")

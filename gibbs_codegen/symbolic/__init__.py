@@ -1,0 +1,1 @@
+"""Scalars with names: the tape, vectors and rotations, and exact structural angles."""

@@ -1,0 +1,1 @@
+"""Languages that a program is printed in."""

@@ -1,0 +1,344 @@
+"""One function in C: its helpers, one state, a block of states, any number, and its comment."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import Any
+
+from gibbs_codegen.derivation.derive import Model
+from gibbs_codegen.program.loops import rolled
+from gibbs_codegen.program.nodes import (
+    Function,
+    Number,
+    Output,
+    Statement,
+    count_operations,
+    names_in,
+)
+from gibbs_codegen.program.scratch import Layout, Piece, laid_out
+from gibbs_codegen.program.stack import stack_bytes
+from gibbs_codegen.program.steps import Loop, Step, Store, interleaved
+from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
+from gibbs_codegen.targets.documentation import (
+    DESCRIPTIONS,
+    argument_meaning,
+    argument_text,
+    output_text,
+)
+from gibbs_codegen.targets.printers import InfixPrinter
+
+WIDTH = 100
+# gcc vectorises no loop with more than 1000 memory references, and does smaller ones better.
+_MAX_REFERENCES = 250
+# Fewer steps in loops are not faster than straight on. Blocks of states never are faster in loops,
+# which have to hold in memory what fits into registers if each column goes straight on.
+_FEWEST_ROLLED = 200
+# Angles whose sines and cosines are computed at once in a call for one state.
+_AT_ONCE = 4
+
+
+class CFunction:
+    """Lines of one function: its helpers, one state, a block of states, and any number of them."""
+
+    def __init__(self, model: Model, function: Function, printer: InfixPrinter) -> None:
+        self._model = model
+        self._function = function
+        self._printer = printer
+        self._parts: GatheredFunction = gathered(function)
+        self._outputs = DESCRIPTIONS[function.name].outputs
+        self._sparse = [_is_sparse(output) for output in function.outputs]
+        steps = interleaved(
+            self._parts.statements, self._parts.outputs, [not sparse for sparse in self._sparse]
+        )
+        self._block = laid_out(steps, {}, _MAX_REFERENCES)
+        looped = laid_out(*rolled(steps), _MAX_REFERENCES)
+        self._one = looped if _goes_in_loops(looped) else self._block
+
+    def context(self) -> dict[str, Any]:
+        """What the templates need of the function."""
+        prefix = f"{self._model.robot.name}_"
+        return {
+            "name": self._function.name,
+            "public_name": prefix + self._function.name,
+            "doc_lines": self._doc_lines(),
+            "helpers": self._helpers(),
+            "inputs": [
+                {"name": name, "width": len(self._model.program.inputs[name])}
+                for name in self._function.arguments
+            ],
+            "parameters": ",\n    ".join(self._array_parameters("RESTRICT ", "real")),
+            "declared": ",\n    ".join(self._array_parameters("", f"{prefix}real")),
+            "one": self._call_lines("1", ""),
+            "block": self._call_lines("LANES", " + lane"),
+            "advanced": self._advanced("block"),
+            "last": self._advanced_last(),
+            **self._casadi(),
+        }
+
+    def _casadi(self) -> dict[str, Any]:
+        """What the CasADi adapter needs: outputs one after the other in its work array."""
+        outputs, start = [], 0
+        for name, output in zip(self._outputs, self._function.outputs, strict=True):
+            rows, columns = (*output.shape, 1, 1)[:2]
+            outputs.append({"name": name, "rows": rows, "columns": columns, "start": start})
+            start += rows * columns
+        return {
+            "casadi_outputs": ", ".join(f"w + {output['start']}" for output in outputs),
+            "outputs": outputs,
+            "work": start,
+        }
+
+    def _array_parameters(self, qualifier: str, real: str) -> list[str]:
+        arrays = [f"const {real} *{qualifier}{name}" for name in self._function.arguments]
+        return arrays + [f"{real} *{qualifier}{name}" for name in self._outputs]
+
+    def _width(self, name: str) -> int:
+        if name in self._function.arguments:
+            return len(self._model.program.inputs[name])
+        return len(self._function.outputs[self._outputs.index(name)].entries)
+
+    def _advanced(self, block: str) -> str:
+        """Arrays of a function at a block, as arguments of a call."""
+        names = [*self._function.arguments, *self._outputs]
+        return ",\n            ".join(f"{n} + {block} * ({self._width(n)} * LANES)" for n in names)
+
+    def _advanced_last(self) -> str:
+        """Arrays of a function at a last block that is not whole: inputs come from a copy."""
+        copies = [f"last_{name}" for name in self._function.arguments]
+        outputs = [f"{n} + whole * ({self._width(n)} * LANES)" for n in self._outputs]
+        return ",\n            ".join(copies + outputs)
+
+    def _helpers(self) -> list[dict[str, Any]]:
+        helpers = []
+        name = self._function.name
+        if self._parts.angles:
+            helpers.append(self._angle_helper(f"{name}_angles"))
+        for layout in dict.fromkeys([self._one, self._block]):
+            for piece, piece_name in zip(layout.pieces, self._piece_names(layout), strict=True):
+                helpers.append(self._piece_helper(piece_name, piece, layout))
+        return helpers
+
+    def _piece_names(self, layout: Layout) -> list[str]:
+        name = self._function.name + ("_lane" if layout is self._block else "_state")
+        if len(layout.pieces) == 1:
+            return [name]
+        return [f"{name}_{number}" for number, _ in enumerate(layout.pieces, start=1)]
+
+    def _angle_helper(self, name: str) -> dict[str, Any]:
+        parts = self._parts
+        nodes = [*(s.value for s in parts.angle_statements), *parts.angles]
+        lines, unused = self._loads({n for node in nodes for n in names_in(node)})
+        lines += statement_lines(parts.angle_statements, self._printer)
+        for i, angle in enumerate(parts.angles):
+            lines += _wrapped(f"angle[{i} * stride] = ", self._printer.expression(angle))
+        inputs = [f"const real *RESTRICT {a}" for a in self._function.arguments]
+        return {
+            "name": name,
+            "parameters": ",\n    ".join([*inputs, "real *RESTRICT angle"]),
+            "lines": [*unused, *lines],
+        }
+
+    def _piece_helper(self, name: str, piece: Piece, layout: Layout) -> dict[str, Any]:
+        if isinstance(piece.part, Loop):
+            steps, read = piece.part.body, set(piece.part.shared)
+        else:
+            steps = piece.part
+            read = {name for step in steps for name in names_in(step.value)}
+        lines, unused = self._loads(read)
+        if isinstance(piece.part, Loop):
+            lines += self._loop_lines(piece.part, piece, layout)
+        else:
+            lines += self._straight_lines(piece.part, piece, layout)
+        stored = {step.output for step in steps if isinstance(step, Store)}
+        unused += [f"(void){o};" for i, o in enumerate(self._outputs) if i not in stored]
+        return {
+            "name": name,
+            "parameters": ",\n    ".join(
+                [*self._scratch_parameters(layout), *self._array_parameters("RESTRICT ", "real")]
+            ),
+            "lines": [*self._unused_scratch(piece, read, layout), *unused, *lines],
+        }
+
+    def _straight_lines(self, steps: tuple[Step, ...], piece: Piece, layout: Layout) -> list[str]:
+        lines = []
+        for name, slot in piece.taken.items():
+            lines.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
+        for step in steps:
+            text = self._printer.expression(step.value)
+            if isinstance(step, Store):
+                output = self._outputs[step.output]
+                lines += _wrapped(f"{output}[{step.place} * stride] = ", text)
+                continue
+            lines += _wrapped(f"const real {step.name} = ", text)
+            if step.name in piece.held:
+                slot = piece.held[step.name]
+                lines.append(f"held[{slot} * stride] = {layout.sign(step.name)}{step.name};")
+        return lines
+
+    def _loop_lines(self, loop: Loop, piece: Piece, layout: Layout) -> list[str]:
+        before, lines = [], []
+        for name, slot in piece.taken.items():
+            if name in loop.operands:
+                lines.append(f"const real {name} = held[({slot} + i) * stride];")
+            else:
+                before.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
+        places = iter(zip(loop.places, loop.pitches, strict=True))
+        for step in loop.body:
+            text = self._printer.expression(step.value)
+            if isinstance(step, Store):
+                first, pitch = next(places)
+                place = f"({first} + {pitch} * i) * stride"
+                lines += _wrapped(f"{self._outputs[step.output]}[{place}] = ", text, 4)
+                continue
+            lines += _wrapped(f"const real {step.name} = ", text, 4)
+            if step.name in piece.held:
+                lines.append(f"held[({piece.held[step.name]} + i) * stride] = {step.name};")
+        head = ["VECTORISE", f"for (int i = 0; i < {loop.count}; ++i) {{"]
+        return [*before, *head, *(f"    {line}" for line in lines), "}"]
+
+    def _scratch_parameters(self, layout: Layout) -> list[str]:
+        scratch = []
+        if self._parts.angles:
+            scratch += ["const real *RESTRICT sine", "const real *RESTRICT cosine"]
+        if layout.slots:
+            scratch.append("real *RESTRICT held")
+        return scratch
+
+    def _unused_scratch(self, piece: Piece, read: set[str], layout: Layout) -> list[str]:
+        count = range(len(self._parts.angles))
+        unused = []
+        if count and not any(sine_name(i) in read for i in count):
+            unused.append("(void)sine;")
+        if count and not any(cosine_name(i) in read for i in count):
+            unused.append("(void)cosine;")
+        if layout.slots and not (piece.taken or piece.held):
+            unused.append("(void)held;")
+        return unused
+
+    def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
+        """Lines that load what is neither made nor held, and those that say what is not used."""
+        constants = [name for name in self._function.constants if name in read]
+        lines = [f"const real {name} = constants->{name};" for name in constants]
+        unused = [] if constants else ["(void)constants;"]
+        for argument in self._function.arguments:
+            loads = [
+                f"const real {name} = {argument}[{i} * stride];"
+                for i, name in enumerate(self._model.program.inputs[argument])
+                if name in read
+            ]
+            lines += loads
+            unused += [] if loads else [f"(void){argument};"]
+        for i in range(len(self._parts.angles)):
+            for array, entry in (("sine", sine_name(i)), ("cosine", cosine_name(i))):
+                if entry in read:
+                    lines.append(f"const real {entry} = {array}[{i} * stride];")
+        return lines, unused
+
+    def _call_lines(self, stride: str, offset: str) -> list[str]:
+        """Body of the function for one state, or for a block of states, one a lane."""
+        one = stride == "1"
+        layout = self._one if one else self._block
+        size = "" if one else " * LANES"
+        count, lines = len(self._parts.angles), []
+        if count:
+            local = ", ".join(f"{name}[{count}{size}]" for name in ("angle", "sine", "cosine"))
+            lines.append(f"real {local};")
+        if layout.slots:
+            lines.append(f"real held[{layout.slots}{size}];")
+        for output, sparse in zip(self._outputs, self._sparse, strict=True):
+            if sparse:
+                lines += [
+                    f"for (int i = 0; i < {self._width(output)}{size}; ++i) {{",
+                    f"    {output}[i] = {self._printer.number(0.0)};",
+                    "}",
+                ]
+        name = self._function.name
+        arrays = [*self._function.arguments]
+        if count:
+            call = [*arrays, "angle"]
+            lines += _lane_call(f"{name}_angles", call, stride, offset)
+            lines += _sine_lines(count, one)
+        scratch = (["sine", "cosine"] if count else []) + (["held"] if layout.slots else [])
+        for piece_name in self._piece_names(layout):
+            call = [*scratch, *arrays, *self._outputs]
+            lines += _lane_call(piece_name, call, stride, offset)
+        return lines
+
+    def _doc_lines(self) -> list[str]:
+        robot, function = self._model.robot, self._function
+        description = DESCRIPTIONS[function.name]
+        counts = count_operations(function.nodes())
+        lines = [f"@brief {description.summary}", ""]
+        if description.details:
+            lines += [*textwrap.wrap(description.details, WIDTH - 3), ""]
+        items = [
+            f"@param[in] constants what {robot.name}_init_constants() made, or "
+            f"&{robot.name}_default_constants"
+        ]
+        for a in function.arguments:
+            width = len(self._model.program.inputs[a])
+            text = argument_text(robot, a)
+            items.append(f"@param[in] {a} {argument_meaning(a)}, {width} entries: {text}")
+        for name, output in zip(self._outputs, function.outputs, strict=True):
+            shape = " x ".join(map(str, output.shape)) or "1"
+            entries = output_text(robot, function.name, name)
+            items.append(f"@param[out] {name} {shape}: {entries}")
+        items += [
+            f"@note {counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
+            f"about {stack_bytes(self._parts)} bytes of stack for one state of doubles, optimised.",
+            f"@par Source: {description.source}.",
+        ]
+        for item in items:
+            lines += textwrap.wrap(item, WIDTH - 3, subsequent_indent="    ")
+        return [f" {line}".rstrip() for line in lines]
+
+
+def _goes_in_loops(layout: Layout) -> bool:
+    """Whether the steps that loops stand for are enough to be worth it."""
+    loops = [piece.part for piece in layout.pieces if isinstance(piece.part, Loop)]
+    return sum(len(loop.straight) for loop in loops) >= _FEWEST_ROLLED
+
+
+def _is_sparse(output: Output) -> bool:
+    """Whether it pays to clear the whole output first and then store what is not zero."""
+    zeros = sum(entry == Number(0.0) for entry in output.entries)
+    return zeros >= 32 and 3 * zeros >= len(output.entries)
+
+
+def _lane_call(name: str, arrays: list[str], stride: str, offset: str) -> list[str]:
+    arguments = ", ".join(["constants", *(f"{a}{offset}" for a in arrays), stride])
+    call = textwrap.wrap(f"{name}({arguments});", WIDTH - 16, subsequent_indent="    ")
+    if not offset:
+        return call
+    loop = "for (int lane = 0; lane < LANES; ++lane) {"
+    return ["VECTORISE", loop, *(f"    {line}" for line in call), "}"]
+
+
+def _sine_lines(count: int, one: bool) -> list[str]:
+    if not one:
+        return [f"sine_cosine_many({count} * LANES, angle, sine, cosine);"]
+    return [
+        f"sine_cosine_few({min(_AT_ONCE, count - i)}, angle + {i}, sine + {i}, cosine + {i});"
+        for i in range(0, count, _AT_ONCE)
+    ]
+
+
+def statement_lines(statements: tuple[Statement, ...], printer: InfixPrinter) -> list[str]:
+    """Statements as constants of a C function, within the line width."""
+    lines: list[str] = []
+    for statement in statements:
+        lines += _wrapped(f"const real {statement.name} = ", printer.expression(statement.value))
+    return lines
+
+
+def _wrapped(start: str, expression: str, indent: int = 0) -> list[str]:
+    """An assignment within the line width, continued on further lines if need be."""
+    if len(start) + len(expression) < WIDTH - 4:
+        return [f"{start}{expression};"]
+    return textwrap.wrap(
+        f"{start}{expression};",
+        WIDTH - 4 - indent,
+        subsequent_indent="    ",
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

@@ -1,0 +1,75 @@
+"""Printers: a node of the program as an expression of a language."""
+
+from __future__ import annotations
+
+from typing import assert_never
+
+from gibbs_codegen.program.nodes import Call, Name, Node, Number, Product, Reciprocal, Sum
+
+
+class InfixPrinter:
+    """Prints nodes with + − * / and calls, as Python, C and most languages write them.
+
+    A language that differs overrides `number` or `call`.
+    """
+
+    def number(self, value: float) -> str:
+        """A literal that reads back as the same double."""
+        return repr(value)
+
+    def call(self, function: str, argument: str) -> str:
+        """Sine or cosine of an argument."""
+        return f"{function}({argument})"
+
+    def expression(self, node: Node) -> str:
+        """The node as text, without outer parentheses."""
+        match node:
+            case Name(name):
+                return name
+            case Number(value):
+                return self.number(value)
+            case Sum(terms):
+                return self._sum(terms)
+            case Product(factors):
+                return " * ".join(map(self._factor, factors))
+            case Reciprocal(argument):
+                return f"{self.number(1.0)} / {self._divisor(argument)}"
+            case Call(function, argument):
+                return self.call(function, self.expression(argument))
+            case _:
+                assert_never(node)
+
+    def _sum(self, terms: tuple[tuple[int, Node], ...]) -> str:
+        text = ""
+        for sign, term in terms:
+            operator = "-" if sign < 0 else "+" if text else ""
+            space = " " if text else ""
+            text += f"{space}{operator}{space}{self._term(term)}"
+        return text
+
+    def _divisor(self, node: Node) -> str:
+        text = self._factor(node)
+        return f"({text})" if isinstance(node, Product) else text
+
+    def _term(self, node: Node) -> str:
+        text = self.expression(node)
+        return f"({text})" if isinstance(node, Sum) or text.startswith("-") else text
+
+    def _factor(self, node: Node) -> str:
+        text = self.expression(node)
+        compound = isinstance(node, Sum | Reciprocal) or text.startswith("-")
+        return f"({text})" if compound else text
+
+
+class CPrinter(InfixPrinter):
+    """Prints nodes as C, with every literal of the type that the module is compiled for."""
+
+    def number(self, value: float) -> str:
+        """A literal of 17 digits within the macro that gives it its type."""
+        return f"-R({c_literal(-value)})" if value < 0 else f"R({c_literal(value)})"
+
+
+def c_literal(value: float) -> str:
+    """A floating literal of 17 digits that reads back as the same double."""
+    text = format(value, ".17g")
+    return text if "." in text or "e" in text else f"{text}.0"

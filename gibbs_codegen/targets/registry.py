@@ -1,0 +1,84 @@
+"""Targets: from a derived model to the text of the files of a generated module.
+
+A target is a printer, a function that prepares what the templates are given, and the templates: one
+row of `TARGETS`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gibbs_codegen.derivation.derive import Model
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.targets import numpy as numpy_target
+from gibbs_codegen.targets.c import target as c_target
+from gibbs_codegen.targets.printers import CPrinter, InfixPrinter
+from gibbs_codegen.version import HEADER_START, __version__
+
+
+@dataclass(frozen=True)
+class Target:
+    """A language to emit: its printer, its templates' context, and a file name per template."""
+
+    printer: InfixPrinter
+    context: Callable[[Model, InfixPrinter], dict[str, Any]]
+    files: Mapping[str, str]
+
+
+TARGETS: dict[str, Target] = {
+    "numpy": Target(
+        InfixPrinter(),
+        numpy_target.context,
+        {"numpy_module.py.jinja": "numpy_module.py", "package_init.py.jinja": "__init__.py"},
+    ),
+    "c": Target(
+        CPrinter(),
+        c_target.context,
+        {
+            "c_header.h.jinja": "{name}.h",
+            "c_source.c.jinja": "{name}.c",
+            "c_casadi.c.jinja": "{name}_casadi.c",
+        },
+    ),
+}
+
+
+def find_targets(names: Sequence[str]) -> dict[str, Target]:
+    """Targets of the given names. Raises `UsageError` for an unknown one."""
+    for name in names:
+        if name not in TARGETS:
+            raise UsageError(
+                f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
+            )
+    return {name: TARGETS[name] for name in names}
+
+
+def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) -> dict[str, str]:
+    """Text of every file of a generated module, by file name; the robot file is one of them."""
+    files = {"robot.toml": robot_text}
+    for target in targets.values():
+        context = target.context(model, target.printer)
+        context["header"] = header(model, robot_text, targets)
+        for template, file_name in target.files.items():
+            files[file_name.format(name=model.robot.name)] = render(template, context)
+    return files
+
+
+def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list[str]:
+    """Lines that open every emitted file: what it is, what it was made from, whose it is."""
+    command = "gibbs-codegen generate THIS_FOLDER/robot.toml --out ."
+    if model.keeps_zeros:
+        command += " --all-parameters"
+    if set(targets) != set(TARGETS):
+        command += "".join(f" --target {name}" for name in targets)
+    return [
+        f"{HEADER_START} {__version__}; do not edit.",
+        f"Robot: {model.robot.name}",
+        f"Robot file SHA-256: {hashlib.sha256(robot_text.encode()).hexdigest()}",
+        f"From the folder above: {command}",
+        "SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions)",
+    ]
