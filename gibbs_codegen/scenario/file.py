@@ -23,10 +23,17 @@ from gibbs_codegen.files.toml_table import Table, shown
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.path_file import read_path
 from gibbs_codegen.scenario.paths import Path, Sum
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, StartOffset
-from gibbs_codegen.simulator.closed_loop import TipForce
-from gibbs_codegen.simulator.control import Law
-from gibbs_codegen.simulator.integrate import Method, Settings
+from gibbs_codegen.scenario.scenario import (
+    ArmTask,
+    Control,
+    Law,
+    Method,
+    Motors,
+    Scenario,
+    Settings,
+    StartOffset,
+    TipForce,
+)
 
 MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
 MAX_SAMPLES, MAX_STEPS = 1_000_000, 100_000_000

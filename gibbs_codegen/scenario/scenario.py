@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import get_args
+from typing import Literal, get_args
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.paths import Path, Vector
-from gibbs_codegen.simulator.closed_loop import TipForce
-from gibbs_codegen.simulator.control import Law
-from gibbs_codegen.simulator.integrate import Settings
+
+Law = Literal["computed_torque", "open_loop", "off"]
+Method = Literal["adaptive", "rk4"]
 
 
 def _require(right: bool, otherwise: str) -> None:
@@ -82,6 +82,33 @@ class Motors:
             least, most = self.limits
             _require(least < most, "motors: the least thrust must be below the greatest")
         _require(0.0 <= self.time_constant < math.inf, "motors: time constant: 0 s or more")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to integrate: method, tolerances of "adaptive", greatest step of "rk4" (s).
+
+    `rate` samples a second are kept, at whole multiples of 1 / rate, and the last instant.
+    Tolerances are 1e-6 and 1e-7 at least while thrusts are at their limits. A coordinate that is
+    `divergence` (rad or m) off its desired value, or has a rate that would carry it as far off even
+    under control, ends the flight, unless nothing is controlled.
+    """
+
+    method: Method = "adaptive"
+    step: float = 1e-3
+    relative_tolerance: float = 1e-10
+    absolute_tolerance: float = 1e-11
+    rate: float = 100.0
+    divergence: float = 20.0
+
+
+@dataclass(frozen=True)
+class TipForce:
+    """A force on the tip, world axes, N, from time `begin` to `end`, s."""
+
+    force: tuple[float, float, float]
+    begin: float
+    end: float
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,24 @@
 """Simulation of generated modules: desired motion, control, integration, results.
 
 Knows generated modules, NumPy and SciPy, and nothing of the derivation. `simulation` is the map.
-Figures and animation (`figures`, `snapshots`, `animation`) are imported by name, since Matplotlib
-takes long to import.
+What writes and draws flights is in `gibbs_codegen.figures`.
 """
 
-from gibbs_codegen.figures.results import write_results
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.file import parse_scenario, read_scenario
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term, Waypoints
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, StartOffset
+from gibbs_codegen.scenario.scenario import (
+    ArmTask,
+    Control,
+    Motors,
+    Scenario,
+    Settings,
+    StartOffset,
+    TipForce,
+)
 from gibbs_codegen.simulator.allocation import Allocation, AllocationError
-from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.flight import Flight, read_flight
-from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.inverse_dynamics import (
     inputs_and_constraint_torques,
     required_inputs,
@@ -53,5 +57,4 @@ __all__ = [
     "read_scenario",
     "required_inputs",
     "simulate",
-    "write_results",
 ]

@@ -12,19 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.scenario.scenario import TipForce
 from gibbs_codegen.simulator.control import Controller
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class TipForce:
-    """A force on the tip, world axes, N, from time `begin` to `end`, s."""
-
-    force: tuple[float, float, float]
-    begin: float
-    end: float
 
 
 @dataclass(frozen=True)

@@ -7,18 +7,17 @@ those inputs each coordinate's error e obeys ë + d ė + k e = 0.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.scenario.scenario import Law
 from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.inverse_dynamics import required_inputs
 from gibbs_codegen.simulator.reference import Reference
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]
-Law = Literal["computed_torque", "open_loop", "off"]
 
 
 @dataclass(frozen=True)

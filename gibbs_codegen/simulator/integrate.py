@@ -5,20 +5,20 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.scenario import Settings
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.envelope import Envelope
 
 Array = NDArray[np.float64]
 Progress = Callable[[float, float], None]
-Method = Literal["adaptive", "rk4"]
+
 
 # What a call of the compiled loop takes on at most, so that progress shows and Ctrl-C is heard.
 _STEPS_A_CALL = 20_000
@@ -36,24 +36,6 @@ _SAME = 1e-6
 _STIFF = 0.5
 # Steps, in s, that a flight can be waited for.
 _SHORTEST = 1e-6
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to integrate: method, tolerances of "adaptive", greatest step of "rk4" (s).
-
-    `rate` samples a second are kept, at whole multiples of 1 / rate, and the last instant.
-    Tolerances are 1e-6 and 1e-7 at least while thrusts are at their limits. A coordinate that is
-    `divergence` (rad or m) off its desired value, or has a rate that would carry it as far off even
-    under control, ends the flight, unless nothing is controlled.
-    """
-
-    method: Method = "adaptive"
-    step: float = 1e-3
-    relative_tolerance: float = 1e-10
-    absolute_tolerance: float = 1e-11
-    rate: float = 100.0
-    divergence: float = 20.0
 
 
 @dataclass(frozen=True)

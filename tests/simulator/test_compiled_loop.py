@@ -20,10 +20,11 @@ from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.c_library import NATIVE
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
+from gibbs_codegen.scenario.scenario import Law, TipForce
 from gibbs_codegen.simulator.allocation import Allocation
-from gibbs_codegen.simulator.closed_loop import ClosedLoop, TipForce
+from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
-from gibbs_codegen.simulator.control import Controller, Gains, Law
+from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.integrate import _step
 from gibbs_codegen.simulator.inverse_kinematics import Motion
 from gibbs_codegen.simulator.reference import Reference

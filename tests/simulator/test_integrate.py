@@ -19,15 +19,15 @@ from gibbs_codegen.scenario.attitude import rate_matrix
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle, Harmonic, Term
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario
+from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, Settings, TipForce
 from gibbs_codegen.simulator import integrate as integration
 from gibbs_codegen.simulator.allocation import Allocation
-from gibbs_codegen.simulator.closed_loop import ClosedLoop, TipForce
+from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.envelope import Envelope
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.integrate import Settings, _step, integrate
+from gibbs_codegen.simulator.integrate import _step, integrate
 from gibbs_codegen.simulator.simulation import desired_motion, flight_of, simulate
 from gibbs_codegen.simulator.vehicle import Vehicle
 

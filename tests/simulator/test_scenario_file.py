@@ -24,9 +24,15 @@ from gibbs_codegen.scenario.file import (
 )
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, StartOffset
-from gibbs_codegen.simulator.closed_loop import TipForce
-from gibbs_codegen.simulator.integrate import Settings
+from gibbs_codegen.scenario.scenario import (
+    ArmTask,
+    Control,
+    Motors,
+    Scenario,
+    Settings,
+    StartOffset,
+    TipForce,
+)
 
 LEAST = """
 name = "test"

@@ -20,11 +20,9 @@ from gibbs_codegen.robot.model import Link, RigidBody, Rod
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Circle, Fixed
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario
+from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, Settings, TipForce
 from gibbs_codegen.simulator.allocation import AllocationError
-from gibbs_codegen.simulator.closed_loop import TipForce
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.integrate import Settings
 from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
 from gibbs_codegen.simulator.simulation import simulate
 
