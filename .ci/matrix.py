@@ -31,13 +31,19 @@ NUMBER_PACKAGES = ["gmpy2", "python-flint", "symengine"]
 # Packages whose versions are told.
 TOLD = {*NUMBER_PACKAGES, *(requirement.partition("==")[0] for requirement in OLDEST)}
 # What stands most on versions of others, quick, and without a need for further packages.
-TESTS = [f"tests/test_{name}.py" for name in ("load", "normal_form", "numpy_module", "typeset")]
+TESTS = [
+    f"tests/{name}.py"
+    for name in (
+        *("runtime/test_load", "equations/test_normal_form", "equations/test_typeset"),
+        "targets/test_numpy",
+    )
+]
 
 LIST_COMMANDS = """
 import sys
 from pathlib import Path
-from digests import commands
-from random_robots import write_random_robots
+from support.digests import commands
+from support.random_robots import write_random_robots
 print("\\n".join(commands(write_random_robots(Path(sys.argv[1]), 3))))
 """
 WALK = """
@@ -118,7 +124,9 @@ class Environment:
 
     def digests(self, commands: Sequence[str]) -> dict[str, str]:
         """What the commands emit, as digests by command."""
-        printed = self.run("python", ROOT / "tests" / "digests.py", *commands).splitlines()
+        printed = self.run(
+            "python", ROOT / "tests" / "support" / "digests.py", *commands
+        ).splitlines()
         return {command: digest for digest, command in (line.split(" ", 1) for line in printed)}
 
 

@@ -24,13 +24,13 @@ from pathlib import Path
 from types import ModuleType
 
 import numpy as np
-from agreement import errors, random_states
-from degenerate_robots import degenerate_robot
-from emitted import NUMPY
-from null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
-from random_robots import random_robot
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from support.agreement import errors, random_states
+from support.degenerate_robots import degenerate_robot
+from support.emitted import NUMPY
+from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
+from support.random_robots import random_robot
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import SingularRobotError

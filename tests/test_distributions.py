@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from test_layers import PLACE
-from tools import missing, run, tool
+from support.tools import missing, run, tool
 
 from gibbs_codegen.version import __version__
 
@@ -27,7 +26,7 @@ SDIST = f"{STEM}.tar.gz"
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    native/caller.c native/rk4.c native/rows.c
+    runtime/native/caller.c runtime/native/rk4.c runtime/native/rows.c
     robots/__init__.py robots/decarotor_3link.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/octorotor_7link.toml robots/quadrotor_2link.toml
     scenarios/circle.toml scenarios/hover.toml scenarios/line.toml scenarios/paper.toml
@@ -120,7 +119,8 @@ def test_a_wheel_from_the_checkout_is_the_wheel_from_the_sdist(
 
 
 def test_a_wheel_holds_the_modules_and_their_data_and_nothing_else(built: Path) -> None:
-    modules = {f"gibbs_codegen/{name.replace('.', '/')}.py" for name in PLACE}
+    tracked = run(["git", "-C", ROOT, "ls-files", "gibbs_codegen/*.py"]).splitlines()
+    modules = set(tracked)
     data = {f"gibbs_codegen/{name}" for name in DATA.split()}
     about = {f"{STEM}.dist-info/{name}" for name in ABOUT.split()}
     with zipfile.ZipFile(built / WHEEL) as wheel:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
-from tools import run, tool
+from support.tools import run, tool
 
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.robot.file import parse_robot

@@ -19,9 +19,9 @@ from rich.table import Table
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
-from emitted import emitted_module  # noqa: E402
 from family import benchmark_robot  # noqa: E402
-from pinocchio_oracle import Oracle  # noqa: E402
+from support.emitted import emitted_module  # noqa: E402
+from support.pinocchio_oracle import Oracle  # noqa: E402
 
 STATES = 1000
 

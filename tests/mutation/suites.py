@@ -1,113 +1,128 @@
 """Which modules are mutated, and which tests are to find the faults, the quickest first.
 
-The comparison of the committed modules byte by byte, `test_generated.py`, is left out on purpose:
-it finds every change, a fault or not, so it says nothing about whether the others would.
+The comparison of the committed modules byte by byte, `properties/test_generated.py`, is left out on
+purpose: it finds every change, a fault or not, so it says nothing about whether the others would.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+
+def _in(folder: str, modules: str) -> tuple[str, ...]:
+    return tuple(f"{folder}.{module}" for module in modules.split())
+
+
 DERIVATION = (
-    *("gibbs", "kinematics", "serial", "root", "inertia", "machine", "equations", "forces"),
-    *("articulated", "articulated_inertia", "forward", "ldlt", "geometry", "structural"),
-    *("parameters", "vectors", "tape", "chains", "arrangement"),
+    *_in("derivation", "gibbs motion serial_chain inertia machine chain_dynamics"),
+    *_in(
+        "derivation",
+        "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
+    ),
+    *_in("derivation.root", "tait_bryan"),
+    *_in("symbolic", "ldlt exact_angles vectors tape"),
+    *_in("robot", "chains thrusters"),
 )
-COMBINE = ("combine",)
+COMBINE = ("derivation.hybrid",)
 EMISSION = (
-    *("program", "lower", "trigonometry", "pieces", "rolling", "runs", "slots", "printers"),
-    *("numpy_target", "c_target", "c_function", "describe", "emit"),
+    *_in("program", "nodes lower trigonometry steps loops repeated_blocks scratch"),
+    *_in("targets", "printers numpy documentation registry"),
+    *_in("targets.c", "target function"),
 )
 # The other templates are declarations and text.
 TEMPLATES = ("c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja")
 GROUPS = {
     "derivation": DERIVATION,
-    "combine": COMBINE,
+    "derivation.hybrid": COMBINE,
     "emission": EMISSION,
     "templates": TEMPLATES,
 }
 
 _QUICK_DERIVATION = (
-    "tests/test_gibbs.py",
-    "tests/test_inertia.py",
-    "tests/test_tape.py",
-    "tests/test_chains.py",
-    "tests/test_arrangement.py",
-    "tests/test_structural.py",
-    "tests/test_closed_form.py::test_every_chain_of_the_papers_robot[6]",
-    "tests/test_combine.py::test_chain_five_takes_the_rows_that_the_paper_names",
-    "tests/test_combine.py::test_constrained_chain_has_the_form_of_eq_15",
-    "tests/test_combine.py::test_hybrid_system_gives_the_reduced_accelerations",
-    "tests/test_pinocchio.py::test_shipped_robots",
+    "tests/derivation/test_gibbs.py",
+    "tests/derivation/test_inertia.py",
+    "tests/symbolic/test_tape.py",
+    "tests/robot/test_chains.py",
+    "tests/robot/test_thrusters.py",
+    "tests/symbolic/test_exact_angles.py",
+    "tests/equations/test_closed_form.py::test_every_chain_of_the_papers_robot[6]",
+    "tests/derivation/test_hybrid.py::test_chain_five_takes_the_rows_that_the_paper_names",
+    "tests/derivation/test_hybrid.py::test_constrained_chain_has_the_form_of_eq_15",
+    "tests/derivation/test_hybrid.py::test_hybrid_system_gives_the_reduced_accelerations",
+    "tests/properties/test_pinocchio.py::test_shipped_robots",
 )
 _REST_OF_DERIVATION = (
-    "tests/test_operation_counts.py",
-    "tests/test_articulated.py",
-    "tests/test_combine.py",
-    "tests/test_closed_form.py",
-    "tests/test_numpy_module.py",
-    "tests/test_physics.py",
-    "tests/test_pinocchio.py::test_random_robots[numbers0]",
-    "tests/test_pinocchio.py::test_family",
-    "tests/test_pinocchio.py::test_keeping_zero_parameters_changes_nothing",
+    "tests/properties/test_operation_counts.py",
+    "tests/derivation/test_articulated.py",
+    "tests/derivation/test_hybrid.py",
+    "tests/equations/test_closed_form.py",
+    "tests/targets/test_numpy.py",
+    "tests/properties/test_physics.py",
+    "tests/properties/test_pinocchio.py::test_random_robots[numbers0]",
+    "tests/properties/test_pinocchio.py::test_family",
+    "tests/properties/test_pinocchio.py::test_keeping_zero_parameters_changes_nothing",
 )
 _QUICK_EMISSION = (
-    "tests/test_describe.py",
-    "tests/test_printers.py",
-    "tests/test_program.py",
-    "tests/test_trigonometry.py",
-    "tests/test_pieces.py",
-    "tests/test_numpy_module.py",
-    "tests/test_pinocchio.py::test_shipped_robots[quadrotor_2link]",
-    "tests/test_c_source.py::test_functions_equal_numpy[quadrotor_2link-gcc--O3-march=native]",
-    "tests/test_c_source.py::test_functions_equal_numpy[rolled-gcc--O0]",
-    "tests/test_c_source.py::test_small_robot_compiles_silently[gcc-double--O0]",
+    "tests/targets/test_documentation.py",
+    "tests/targets/test_printers.py",
+    "tests/program/test_nodes.py",
+    "tests/program/test_trigonometry.py",
+    "tests/program/test_steps.py",
+    "tests/targets/test_numpy.py",
+    "tests/properties/test_pinocchio.py::test_shipped_robots[quadrotor_2link]",
+    "tests/targets/test_c_source.py::test_functions_equal_numpy[quadrotor_2link-gcc--O3-march=native]",
+    "tests/targets/test_c_source.py::test_functions_equal_numpy[rolled-gcc--O0]",
+    "tests/targets/test_c_source.py::test_small_robot_compiles_silently[gcc-double--O0]",
 )
 _QUICK_ARTICULATED = (
-    "tests/test_articulated.py::test_rotation",
-    "tests/test_articulated.py::test_shift",
-    "tests/test_articulated.py::test_schur_complement",
-    "tests/test_articulated.py::test_ldlt_solves_and_its_operations_are_known_before",
-    "tests/test_articulated.py::test_both_ways_give_what_pinocchio_gives[0]",
+    "tests/derivation/test_articulated.py::test_rotation",
+    "tests/derivation/test_articulated.py::test_shift",
+    "tests/derivation/test_articulated.py::test_schur_complement",
+    "tests/derivation/test_articulated.py::test_ldlt_solves_and_its_operations_are_known_before",
+    "tests/derivation/test_articulated.py::test_both_ways_give_what_pinocchio_gives[0]",
     *_QUICK_DERIVATION,
 )
-_QUICK_LOOPS = ("tests/test_pieces.py", "tests/test_rolling.py")
+_QUICK_LOOPS = ("tests/program/test_steps.py", "tests/program/test_loops.py")
 _QUICK = {
-    "articulated": _QUICK_ARTICULATED,
-    "articulated_inertia": _QUICK_ARTICULATED,
-    "forward": _QUICK_ARTICULATED,
-    "ldlt": _QUICK_ARTICULATED,
-    "arrangement": ("tests/test_arrangement.py",),
-    "pieces": _QUICK_LOOPS,
-    "rolling": _QUICK_LOOPS,
-    "runs": _QUICK_LOOPS,
-    "slots": _QUICK_LOOPS,
-    "c_casadi.c.jinja": ("tests/test_c_backend.py::test_casadi_takes_the_same_library",),
+    "derivation.articulated": _QUICK_ARTICULATED,
+    "derivation.articulated_inertia": _QUICK_ARTICULATED,
+    "derivation.forward_dynamics": _QUICK_ARTICULATED,
+    "symbolic.ldlt": _QUICK_ARTICULATED,
+    "robot.thrusters": ("tests/robot/test_thrusters.py",),
+    "program.steps": _QUICK_LOOPS,
+    "program.loops": _QUICK_LOOPS,
+    "program.repeated_blocks": _QUICK_LOOPS,
+    "program.scratch": _QUICK_LOOPS,
+    "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",),
 }
-_SHIPPED = "tests/test_pinocchio.py::test_shipped_robots"
-_EMITTED = "tests/test_emit.py"
-_COUNTS = ("tests/test_operation_counts.py", "tests/test_articulated.py")
-_LOOPS = ("tests/test_c_source.py", "tests/test_c_backend.py")
-_IN_C = ("tests/test_c_source.py", "tests/test_c_backend.py", "tests/test_embedded.py")
+_SHIPPED = "tests/properties/test_pinocchio.py::test_shipped_robots"
+_EMITTED = "tests/targets/test_registry.py"
+_COUNTS = ("tests/properties/test_operation_counts.py", "tests/derivation/test_articulated.py")
+_LOOPS = ("tests/targets/test_c_source.py", "tests/runtime/test_c_backend.py")
+_IN_C = (
+    "tests/targets/test_c_source.py",
+    "tests/runtime/test_c_backend.py",
+    "tests/targets/test_embedded.py",
+)
 _REST = {
-    "tape": ("tests/test_program.py", *_REST_OF_DERIVATION),
-    "arrangement": ("tests/test_cli.py",),
-    "program": (*_COUNTS, _SHIPPED),
-    "lower": (*_COUNTS, _SHIPPED, _EMITTED),
-    "trigonometry": ("tests/test_c_source.py",),
-    "pieces": _LOOPS,
-    "rolling": _LOOPS,
-    "runs": _LOOPS,
-    "slots": _LOOPS,
-    "printers": (_EMITTED, _SHIPPED, *_IN_C),
-    "numpy_target": (_EMITTED, _SHIPPED, "tests/test_c_backend.py"),
-    "c_target": (_EMITTED, *_IN_C),
-    "c_function": (_EMITTED, *_IN_C),
-    "describe": (_EMITTED, "tests/test_c_source.py"),
-    "emit": (_EMITTED, "tests/test_cli.py", "tests/test_c_source.py"),
-    "c_casadi.c.jinja": ("tests/test_c_backend.py", "tests/test_c_source.py"),
-    "c_source.c.jinja": (*_IN_C, "tests/test_sine_cosine.py"),
-    "numpy_module.py.jinja": (_EMITTED, "tests/test_c_backend.py"),
+    "symbolic.tape": ("tests/program/test_nodes.py", *_REST_OF_DERIVATION),
+    "robot.thrusters": ("tests/cli/test_app.py",),
+    "program.nodes": (*_COUNTS, _SHIPPED),
+    "program.lower": (*_COUNTS, _SHIPPED, _EMITTED),
+    "program.trigonometry": ("tests/targets/test_c_source.py",),
+    "program.steps": _LOOPS,
+    "program.loops": _LOOPS,
+    "program.repeated_blocks": _LOOPS,
+    "program.scratch": _LOOPS,
+    "targets.printers": (_EMITTED, _SHIPPED, *_IN_C),
+    "targets.numpy": (_EMITTED, _SHIPPED, "tests/runtime/test_c_backend.py"),
+    "targets.c.target": (_EMITTED, *_IN_C),
+    "targets.c.function": (_EMITTED, *_IN_C),
+    "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
+    "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
+    "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
+    "c_source.c.jinja": (*_IN_C, "tests/targets/test_sine_cosine.py"),
+    "numpy_module.py.jinja": (_EMITTED, "tests/runtime/test_c_backend.py"),
 }
 
 

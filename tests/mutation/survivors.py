@@ -148,7 +148,7 @@ def source_path(module: str) -> Path:
     """File of a module or of a template."""
     if module.endswith(".jinja"):
         return ROOT / "templates" / module
-    return ROOT / "gibbs_codegen" / f"{module}.py"
+    return ROOT / "gibbs_codegen" / f"{module.replace('.', '/')}.py"
 
 
 def mutants(module: str) -> list[Callable[[], Mutant]]:

@@ -10,10 +10,10 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from compiled import build, compile_only
 from numpy.typing import NDArray
-from random_robots import random_robot
-from tools import missing, run
+from support.compiled import build, compile_only
+from support.random_robots import random_robot
+from support.tools import missing, run
 
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text

@@ -9,8 +9,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from emitted import emitted_module
 from scipy.signal import impulse, lti
+from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.file import read_robot

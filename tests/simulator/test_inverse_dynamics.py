@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from pinocchio_oracle import Oracle
+from support.pinocchio_oracle import Oracle
 
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.scenario.file import read_scenario

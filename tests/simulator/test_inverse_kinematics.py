@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from differences import series_rate
 from numpy.testing import assert_allclose, assert_array_equal
-from random_vehicles import SEEDS, random_vehicle
+from support.differences import series_rate
+from support.random_vehicles import SEEDS, random_vehicle
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate_robot

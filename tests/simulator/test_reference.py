@@ -10,11 +10,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from differences import rate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from random_vehicles import SEEDS, random_vehicle
+from support.differences import rate
+from support.random_vehicles import SEEDS, random_vehicle
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate_robot

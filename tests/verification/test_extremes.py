@@ -6,8 +6,8 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from emitted import NUMPY, emitted_module
-from planted_faults import planted
+from support.emitted import NUMPY, emitted_module
+from support.planted_faults import planted
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, alternating_thrust

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from pinocchio_oracle import Oracle
-from random_robots import random_robot, robots
+from support.pinocchio_oracle import Oracle
+from support.random_robots import random_robot, robots
 
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Base, Robot, Rod, alternating_thrust

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given, settings
-from random_robots import random_robot, robots
+from support.random_robots import random_robot, robots
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import read_robot, shipped_robots

@@ -12,11 +12,11 @@ from types import ModuleType
 import numpy as np
 import pytest
 from conftest import ROOT
-from emitted import emitted_module
 from hypothesis import given, settings
-from planted_faults import planted
-from random_robots import robots
-from tools import tool
+from support.emitted import emitted_module
+from support.planted_faults import planted
+from support.random_robots import robots
+from support.tools import tool
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate

@@ -34,7 +34,7 @@ from peers.mujoco_peer import mujoco_contenders  # noqa: E402
 from peers.pinocchio_peer import pinocchio_contenders  # noqa: E402
 from peers.timing import Timer, timer  # noqa: E402
 from peers.tree import tree_of  # noqa: E402
-from pinocchio_oracle import Oracle  # noqa: E402
+from support.pinocchio_oracle import Oracle  # noqa: E402
 
 from gibbs_codegen.robot.model import Robot  # noqa: E402
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from pinocchio_oracle import Oracle
+from support.pinocchio_oracle import Oracle
 
 from gibbs_codegen.robot.model import Robot
 

@@ -1,0 +1,481 @@
+"""The command line, run as a user runs it: exit codes, streams, files left behind."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import struct
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from support.command import ENVIRONMENT, run
+
+from gibbs_codegen.equations.typeset import text_width
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.model import RigidBody, as_rigid_body
+from gibbs_codegen.runtime.load import load
+
+
+def assert_refused(done: subprocess.CompletedProcess[str], folder: Path, message: str) -> None:
+    """Exit 2, a message on stderr, no traceback, nothing written."""
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert not (folder / "generated").exists()
+
+
+def test_generate_writes_a_module_that_imports_by_itself(tmp_path: Path) -> None:
+    done = run("generate", "quadrotor_2link", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    folder = tmp_path / "generated"
+    assert sorted(p.name for p in folder.iterdir()) == ["quadrotor_2link"]
+    code = (
+        "import sys, quadrotor_2link as m; "
+        "assert m.mass_matrix([0.0] * 8).shape == (8, 8); "
+        "assert not {'sympy', 'jinja2', 'scipy', 'gibbs_codegen'} & set(sys.modules)"
+    )
+    alone = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    assert alone.returncode == 0, alone.stderr
+
+
+def test_check_tells_whether_the_module_is_up_to_date(tmp_path: Path) -> None:
+    assert run("generate", "hexarotor", "--check", cwd=tmp_path).returncode == 1
+    assert not (tmp_path / "generated").exists()
+    assert run("generate", "hexarotor", cwd=tmp_path).returncode == 0
+    assert run("generate", "hexarotor", "--check", cwd=tmp_path).returncode == 0
+    module = tmp_path / "generated" / "hexarotor" / "numpy_module.py"
+    module.write_text(module.read_text().replace("+", "-", 1))
+    done = run("generate", "hexarotor", "--check", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "numpy_module.py" in done.stderr
+    (module.parent / "stray.py").write_text("")
+    assert "stray.py" in run("generate", "hexarotor", "--check", cwd=tmp_path).stderr
+
+
+def test_generate_replaces_a_module_of_its_own_only(tmp_path: Path) -> None:
+    assert run("generate", "hexarotor", cwd=tmp_path).returncode == 0
+    assert run("generate", "hexarotor", cwd=tmp_path).returncode == 0
+    mine = tmp_path / "mine" / "hexarotor"
+    mine.mkdir(parents=True)
+    (mine / "thesis.txt").write_text("precious")
+    done = run("generate", "hexarotor", "--out", "mine", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "holds what is in no MANIFEST of generated files: thesis.txt; " in done.stderr
+    assert "--force" in done.stderr
+    assert (mine / "thesis.txt").read_text() == "precious"
+    done = run("generate", "hexarotor", "--out", "mine", "--force", cwd=tmp_path)
+    assert done.returncode == 0
+    said = "mine/hexarotor: held thesis.txt; the folder is kept as mine/hexarotor.old1\n"
+    assert done.stderr == said
+    assert (tmp_path / "mine" / "hexarotor.old1" / "thesis.txt").read_text() == "precious"
+    assert run("generate", "hexarotor", "--out", "mine", cwd=tmp_path).returncode == 0
+
+
+def test_generated_copy_of_the_robot_file_makes_the_same_module(tmp_path: Path) -> None:
+    assert run("generate", "--rotors", "3", "--links", "1", cwd=tmp_path).returncode == 0
+    folder = tmp_path / "generated" / "rotor3_1link"
+    done = run("generate", "robot.toml", "--out", "..", "--check", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    done = run("generate", "robot.toml", "--out", "..", cwd=folder)
+    assert done.returncode == 0, done.stderr
+
+
+def test_all_parameters_keeps_zeros(tmp_path: Path) -> None:
+    assert run("generate", "hexarotor", "--all-parameters", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "generated" / "hexarotor" / "numpy_module.py").read_text()
+    assert '"base_drag_3": 0.0' in text
+    assert "--out . --all-parameters" in text.splitlines()[3]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "required"),
+        (["fly"], "invalid choice"),
+        (["generate"], "give ROBOT, or both --rotors and --links"),
+        (["generate", "--rotors", "6"], "both --rotors and --links"),
+        (["generate", "hexarotor", "--rotors", "6", "--links", "1"], "not both"),
+        (["generate", "--rotors", "1", "--links", "1"], "rotors must be from 2"),
+        (["generate", "--rotors", "4", "--links", "-1"], "links must be from 0"),
+        (["generate", "--rotors", "four", "--links", "1"], "invalid int value"),
+        (["generate", "nowhere.toml"], "no such robot file"),
+        (["generate", "hexarotor", "--target", "cobol"], "known targets: numpy"),
+        (["info", "nowhere"], "no such robot file"),
+        (["show", "hexarotor"], "required: --chain"),
+        (["show", "--chain", "1"], "give ROBOT, or both --rotors and --links"),
+        (["show", "hexarotor", "--chain", "7"], "chain 7: hexarotor has chains 1 to 6"),
+        (["show", "hexarotor", "--chain", "0"], "chain 0: hexarotor has chains 1 to 6"),
+        (["show", "hexarotor", "--chain", "1", "--equation", "3"], "known: 2, 5, 6, 15, 18"),
+        (["show", "hexarotor", "--chain", "1", "--format", "word"], "invalid choice"),
+        (["info", "."], "is not a file"),
+        (["info", "a" * 5000], "cannot be read"),
+    ],
+)
+def test_wrong_use(arguments: list[str], message: str, tmp_path: Path) -> None:
+    assert_refused(run(*arguments, cwd=tmp_path), tmp_path, message)
+
+
+@pytest.mark.parametrize(
+    "name", ["../evil", "/etc/x", "*/", "a\\nb", "class", "lambda", "int", "NaN", "{{7*7}}", "x y"]
+)
+def test_hostile_names_in_a_file_are_refused(name: str, tmp_path: Path) -> None:
+    text = f'name = "{name}"\n[base]\nrotors = 2\narm = {{ length = 1, mass_per_length = 1 }}\n'
+    (tmp_path / "bad.toml").write_text(text)
+    assert_refused(run("generate", "bad.toml", cwd=tmp_path), tmp_path, "bad.toml:1: name:")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "name: missing"),
+        ("name = ", "not valid TOML"),
+        ("name = 'a'\nname = 'b'", "not valid TOML"),
+        ("gravity = nan\nname = 'a'\n[base]\nrotors = 2", "bad.toml:1: gravity: must be a finite"),
+        ("#" * 10_000_001, "larger than"),
+    ],
+    ids=["empty", "syntax", "duplicate key", "NaN", "10 MB"],
+)
+def test_broken_files_are_refused(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text(text)
+    assert_refused(run("generate", "bad.toml", cwd=tmp_path), tmp_path, message)
+
+
+def test_a_joint_that_nothing_resists_is_refused_by_name(tmp_path: Path) -> None:
+    text = (
+        'name = "limp"\n[base]\nrotors = 3\narm = { length = 1, mass_per_length = 1 }\n'
+        "[[link]]\nlength = 1\n[[link]]\nlength = 1\n"
+    )
+    (tmp_path / "limp.toml").write_text(text)
+    done = run("generate", "limp.toml", cwd=tmp_path)
+    both = "theta_4 (the joint of link 1); nor theta_5 (the joint of link 2)"
+    assert_refused(done, tmp_path, f"limp: nothing resists {both}: accelerations are not")
+
+
+def test_new_writes_a_file_that_generates(tmp_path: Path) -> None:
+    assert run("new", "my_uav.toml", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "my_uav.toml").read_text()
+    assert 'name    = "my_uav"' in text
+    assert text.count("#") > 15
+    assert run("generate", "my_uav.toml", cwd=tmp_path).returncode == 0
+    done = run("new", "my_uav.toml", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "exists already" in done.stderr
+    assert (tmp_path / "my_uav.toml").read_text() == text
+
+
+def test_new_shows_both_forms_of_a_body(tmp_path: Path) -> None:
+    """What stands in comments is the same machine in the other form."""
+    assert run("new", "my_uav.toml", cwd=tmp_path).returncode == 0
+    text = (tmp_path / "my_uav.toml").read_text()
+    rods = parse_robot(text)
+    head, _, last = text.rpartition("mass_per_length = 1.0\nsection_inertia")
+    last = last.partition("\n")[2]
+    kept = [line for line in head.splitlines() if not line.startswith("arm = ")]
+    lines = [*kept, *last.splitlines()]
+    for key in ("arm", "mass", "com", "inertia"):
+        lines = [
+            line.removeprefix("# ") if line.startswith(f"# {key} =") else line for line in lines
+        ]
+    rigid = parse_robot("\n".join(lines))
+    pairs = [(rods.base.arm(1), rigid.base.arm(1)), (rods.links[-1].body, rigid.links[-1].body)]
+    for rod, body in pairs:
+        expected = as_rigid_body(rod)
+        assert isinstance(body, RigidBody)
+        assert (body.length, body.mass, body.com) == (expected.length, expected.mass, expected.com)
+        assert body.inertia == pytest.approx(expected.inertia, rel=1e-5)
+
+
+def test_info_is_readable(tmp_path: Path) -> None:
+    done = run("info", "hexarotor_3link", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "-1 → 0 → 1 → 7 → 8 → 9" in done.stdout
+    assert "rank 6 of 6" in done.stdout
+    assert "17   tau_prime_6  5" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    assert "hover thrusts: 29.43, 0, 29.43, 0, 29.43, 0 N" in done.stdout
+    assert "warning" not in done.stdout
+    assert "Hint" not in done.stdout
+
+
+def test_info_for_machines(tmp_path: Path) -> None:
+    done = run("info", "hexarotor_3link", "--json", cwd=tmp_path)
+    data = json.loads(done.stdout)
+    assert [chain["links"] for chain in data["chains"]][4] == [-1, 0, 1, 6]
+    assert data["chains"][4]["places"] == [0, 1, 2, 7, 11, 12, 13, 18]
+    assert data["arrangement"]["rank"] == 6
+    counts = data["operations"]["mass_matrix_and_residual"]
+    kinds = ("additions", "subtractions", "multiplications")
+    assert counts["total"] == sum(counts[kind] for kind in kinds)
+    rows = {row["unknown"]: row for row in data["hybrid_rows"]}
+    assert rows["theta_4"] == {
+        "row": 4,
+        "unknown": "theta_4",
+        "chains": [3],
+        "inputs": ["F_4"],
+    }
+    assert rows["theta_1"]["chains"] == [1, 2, 3, 4, 5, 6]
+    pattern = data["hybrid_pattern"]
+    assert pattern[0][0] == [1, 2, 3, 4, 5, 6]
+    assert pattern[3][4] == []
+    assert data["base"]["mass"] == 3.0
+    assert data["base"]["com"] == [0.0, 0.0, 0.0]
+    assert data["base"]["hover"] == pytest.approx([29.43, 0.0] * 3)
+    assert data["warnings"] == []
+    assert data["arrangement"]["tilt_hint"] is None
+
+
+def test_the_pattern_of_info_is_that_of_the_emitted_matrix(tmp_path: Path) -> None:
+    """Its blank entries, such as (theta_-1, x), are zero in every posture, and no others."""
+    data = json.loads(run("info", "hexarotor_3link", "--json", cwd=tmp_path).stdout)
+    module = load(ROOT / "generated" / "hexarotor_3link")
+    states = np.random.default_rng(3).normal(size=(20, 9))
+    emitted = (np.abs(module.hybrid_mass_matrix(states)) > 1e-12).any(axis=0)
+    filled = np.array([[bool(chains) for chains in row] for row in data["hybrid_pattern"]])
+    np.testing.assert_array_equal(filled, emitted)
+    assert not filled[0, 11]
+
+
+LOPSIDED = """name = "lop"
+[base]
+rotors = 6
+thrust = [[0, 3, 9], [0, -3, 9], [0, 3, 9], [0, -3, 9], [0, 3, 9], [0, -3, 9]]
+drag = [0.02, -0.02, 0.02, -0.02, 0.02, -0.02]
+arm = { length = 0.3, mass = 0.4, com = [0.23, 0, 0], inertia = [1e-4, 1e-3, 1e-3, 0, 0, 0] }
+"""
+
+
+def test_a_lopsided_base_and_wrong_tilts_are_spoken_of(tmp_path: Path) -> None:
+    (tmp_path / "lop.toml").write_text(LOPSIDED)
+    made = run("generate", "lop.toml", cwd=tmp_path)
+    assert made.returncode == 0
+    assert "warning: the base is lopsided: its centre of mass is 0.0267 m off" in made.stderr
+    assert "base: 2.4 kg, centre of mass 0.02667, 0, 0 m from the base centre" in made.stdout
+    shown = " ".join(run("info", "lop.toml", cwd=tmp_path).stdout.split())
+    assert "warning: the base is lopsided" in shown
+    assert "the first with com = [0.07, 0, 0]" in shown
+    assert "Hint: with the thrust of motor 1 tilted to the other side" in shown
+    data = json.loads(run("info", "lop.toml", "--json", cwd=tmp_path).stdout)
+    assert data["base"]["offset"] == pytest.approx(0.16 / 6)
+    assert data["warnings"][0].startswith("the base is lopsided")
+    assert data["arrangement"]["tilt_hint"]["motors"] == [1]
+
+
+@pytest.mark.parametrize("word", ["own", "generated/own", "own.toml"])
+def test_every_command_takes_every_kind_of_robot(word: str, tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(LOPSIDED.replace("lop", "own").replace("0.23", "0.15"))
+    assert run("generate", "own.toml", cwd=tmp_path).returncode == 0
+    for arguments in (
+        ("info", word),
+        ("show", word, "--chain", "2", "--equation", "18"),
+        ("generate", word, "--check"),
+        ("verify", word, "--states", "1", "--backend", "numpy"),
+        (
+            *("simulate", word, "--scenario", "hover", "--backend", "numpy", "--no-figures"),
+            *("--set", "duration=0.05"),
+        ),
+    ):
+        done = run(*arguments, cwd=tmp_path)
+        assert done.returncode == 0, (arguments, done.stderr)
+        assert "own" in done.stdout
+
+
+def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> None:
+    """A module in generated/ that has the name of a robot that ships, but is another."""
+    text = (ROOT / "gibbs_codegen" / "robots" / "hexarotor.toml").read_text()
+    (tmp_path / "other.toml").write_text(text.replace("gravity = 9.81", "gravity = 3.71"))
+    assert "gravity = 3.71" in (tmp_path / "other.toml").read_text()
+    assert run("generate", "other.toml", cwd=tmp_path).returncode == 0
+    taken = {
+        "info": "the robot that ships is taken",
+        "show": "the robot that ships is taken",
+        "generate": "the robot that ships is taken",
+        "verify": "the module is taken",
+        "simulate": "the module is taken",
+    }
+    for command, words in taken.items():
+        assert words in " ".join(run(command, "--help", cwd=tmp_path).stdout.split())
+    hover = json.loads(run("info", "hexarotor", "--json", cwd=tmp_path).stdout)["base"]["hover"]
+    assert hover[0] == pytest.approx(9.81)
+    done = run("verify", "hexarotor", "--states", "1", "--backend", "numpy", cwd=tmp_path)
+    assert "made for this" not in done.stdout
+    assert f"{tmp_path}/generated/hexarotor: all" in done.stdout
+
+
+@pytest.mark.parametrize("command", ["", "generate", "info", "show", "verify", "simulate", "new"])
+def test_help_fits_into_eighty_columns(command: str, tmp_path: Path) -> None:
+    words = [command, "--help"] if command else ["--help"]
+    done = subprocess.run(
+        [sys.executable, "-m", "gibbs_codegen", *words],
+        env={**ENVIRONMENT, "COLUMNS": "80"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0
+    assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_a_terminal_is_filled_and_not_overrun(columns: int, tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    environment = {k: v for k, v in ENVIRONMENT.items() if k != "COLUMNS"}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gibbs_codegen", "show", "hexarotor_3link", "--chain", "2"],
+        env={**environment, "PYTHONIOENCODING": "utf-8"},
+        cwd=tmp_path,
+        stdout=theirs,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(theirs)
+    seen = b""
+    try:
+        while part := os.read(ours, 65536):
+            seen += part
+    except OSError:  # The other end has closed.
+        pass
+    assert process.wait(timeout=60) == 0
+    os.close(ours)
+    widest = max(map(text_width, seen.decode().replace("\r", "").splitlines()))
+    assert min(columns, 100) - 20 < widest <= min(columns, 100)
+
+
+def test_show_prints_the_equations_of_a_chain(tmp_path: Path) -> None:
+    done = run("show", "hexarotor_3link", "--chain", "5", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "I_5·θ̈_5 - ζ_{5,4}·τ'_{5,4} = R_5 + F_5" in done.stdout
+    assert "8     τ'_{5,4}        τ'_6                   17" in done.stdout
+    done = run(
+        *("show", "--rotors", "4", "--links", "2", "--chain", "4", "--format", "latex"),
+        *("--equation", "6", "--equation", "5"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0
+    assert done.stdout.index(r"\mathcal{S}_{x} &=") < done.stdout.index(r"\frac{\partial S_{4}}")
+    assert done.stdout.isascii()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_does_not_import_what_it_does_not_need(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom gibbs_codegen.cli.app import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "assert not {'sympy', 'numpy', 'jinja2', 'rich', 'scipy'} & set(sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_refusal_does_not_import_sympy(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text("name = 3")
+    code = (
+        "import sys\nfrom gibbs_codegen.cli.app import main\n"
+        "assert main(['info', 'bad.toml']) == 2\nassert 'sympy' not in sys.modules"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_reader_that_goes_away_is_no_error_to_speak_of(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m gibbs_codegen info hexarotor --json | head -c 10"
+    done = subprocess.run(
+        ["bash", "-c", command], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("flags", [[], ["--all-parameters"]])
+@pytest.mark.parametrize("attitude", ["xyz", "zyx"])
+@pytest.mark.parametrize(
+    ("rotors", "origin", "arm", "links"),
+    [
+        (2, "motor1", "length = 1, mass_per_length = 1", ""),
+        (4, "centre", "length = 0, mass = 1, com = [0, 0, 0]", ""),
+        (
+            3,
+            "motor1",
+            "length = 1, mass_per_length = 1",
+            "[[link]]\n[[link]]\nmass = 1\ncom = [1, 0, 0]\n",
+        ),
+    ],
+    ids=["thin rods in line", "all mass in one point", "two joints on one axis"],
+)
+def test_a_machine_whose_motion_is_not_determined_is_refused(
+    rotors: int,
+    origin: str,
+    arm: str,
+    links: str,
+    attitude: str,
+    flags: list[str],
+    tmp_path: Path,
+) -> None:
+    text = f'name = "odd"\n[base]\nrotors = {rotors}\nattitude = "{attitude}"\n'
+    text += f'origin = "{origin}"\narm = {{ {arm} }}\n{links}'
+    (tmp_path / "odd.toml").write_text(text)
+    done = run("generate", "odd.toml", *flags, cwd=tmp_path)
+    assert_refused(done, tmp_path, "odd: nothing resists")
+
+
+def test_numbers_that_overflow_are_refused(tmp_path: Path) -> None:
+    text = 'name = "vast"\n[base]\nrotors = 3\narm = { length = 1e200, mass_per_length = 1e200 }\n'
+    (tmp_path / "vast.toml").write_text(text)
+    assert_refused(run("generate", "vast.toml", cwd=tmp_path), tmp_path, "overflow")
+
+
+def test_a_stream_that_lacks_letters_is_no_traceback(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "gibbs_codegen", "info", "hexarotor"],
+        cwd=tmp_path,
+        env={**ENVIRONMENT, "PYTHONIOENCODING": "latin-1"},
+        capture_output=True,
+    )
+    assert done.returncode == 0
+    assert b"\\u2192" in done.stdout
+
+
+def test_new_names_the_robot_after_the_file(tmp_path: Path) -> None:
+    done = run("new", "My UAV.toml", cwd=tmp_path)
+    assert "a robot named my_uav" in done.stdout
+    assert "gibbs-codegen generate 'My UAV.toml'" in done.stdout
+    assert run("generate", "My UAV.toml", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "generated" / "my_uav").is_dir()
+
+
+def test_new_does_not_import_sympy(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom gibbs_codegen.cli.app import main\n"
+        "assert main(['new', 'a.toml']) == 0\nassert 'sympy' not in sys.modules"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_closed_streams_are_no_traceback(tmp_path: Path) -> None:
+    for redirection in (">&-", "2>&-"):
+        command = f"{sys.executable} -m gibbs_codegen generate hexarotor {redirection}"
+        done = subprocess.run(
+            ["bash", "-c", command], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+        )
+        assert done.returncode == 0
+        assert "Traceback" not in done.stderr
+
+
+def test_a_folder_name_too_long_is_wrong_use(tmp_path: Path) -> None:
+    done = run("generate", "hexarotor", "--out", "a" * 300, cwd=tmp_path)
+    assert_refused(done, tmp_path, "File name too long")

@@ -1,0 +1,160 @@
+"""`gibbs-codegen simulate` as a user runs it: exit codes, streams, files left behind."""
+
+from __future__ import annotations
+
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from support.command import ENVIRONMENT, run
+
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.simulator.flight import read_flight
+
+
+@pytest.fixture(scope="module")
+def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder whose generated/ holds a machine with an arm, one without and a quadrotor."""
+    folder = tmp_path_factory.mktemp("workplace")
+    for name in ("hexarotor_3link", "hexarotor", "quadrotor_2link"):
+        generate(name, folder / "generated")
+    return folder
+
+
+def test_a_flight_leaves_series_and_figures(workplace: Path) -> None:
+    done = run("simulate", "hexarotor_3link", "--set", "duration=0.5", "--out", "a", cwd=workplace)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    assert "hexarotor_3link flew 'paper' for 0.5 s" in done.stdout
+    assert "tip " in done.stdout
+    names = {path.name for path in (workplace / "a").iterdir()}
+    assert {"flight.npz", "flight.csv", "coordinates.pdf", "snapshots.png"} <= names
+    flight = read_flight(workplace / "a" / "flight.npz")
+    assert flight.time[-1] == 0.5
+    assert flight.tip_error.max() < 1e-6
+
+
+def test_options_reach_the_flight(workplace: Path) -> None:
+    scenario = workplace / "mine.toml"
+    scenario.write_text(
+        'name = "mine"\nduration = 0.3\n[base]\npath = { kind = "fixed", position = [1, 2, 3] }\n'
+    )
+    options = ["--scenario", "mine.toml", "--backend", "numpy", "--no-figures", "--out", "b/c"]
+    change = ["--set", "start.offset=[0, 0, 0.25]", "--set", "integration.method=rk4"]
+    done = run("simulate", "generated/hexarotor", *options, *change, cwd=workplace)
+    assert done.returncode == 0, done.stderr
+    assert sorted(p.name for p in (workplace / "b" / "c").iterdir()) == ["flight.csv", "flight.npz"]
+    flight = read_flight(workplace / "b" / "c" / "flight.npz")
+    assert flight.scenario == "mine"
+    assert flight.point("O2")[0] == pytest.approx([1, 2, 3.25], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing"], "nothing: no such robot file, and no robot of that name ships"),
+        (["nothing"], "nor is there a module of that name in generated/"),
+        (["hexarotor_3link", "--scenario", "papr"], "no such scenario file"),
+        (["hexarotor_3link", "--set", "duration=-1"], "paper.toml: duration: must be "),
+        (["hexarotor_3link", "--set", "start.offset=[1,2]"], "start.offset: must have 3 numbers"),
+        (["hexarotor_3link", "--set", "durations=5"], "unknown key; did you mean duration?"),
+        (["hexarotor_3link", "--set", "duration"], "must be KEY=VALUE"),
+        (["hexarotor_3link", "--set", "arm.guess_deg={theta_6=1}"], "has no joint theta_6"),
+        (["hexarotor"], "has no arm"),
+        (["hexarotor"], "such as --scenario hover"),
+        (["hexarotor_3link", "--scenario", "hover", "--set", "arm.tip="], "the file has no such"),
+        (["quadrotor_2link"], "cannot command force along y and torque about x"),
+        (["hexarotor_3link", "--out", "generated/hexarotor/robot.toml"], "is a file"),
+        (["hexarotor_3link", "--backend", "rust"], "invalid choice"),
+    ],
+)
+def test_wrong_use_is_told_and_leaves_nothing(
+    arguments: list[str], message: str, workplace: Path
+) -> None:
+    done = run("simulate", *arguments, cwd=workplace)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stdout == ""
+    assert not (workplace / "flight").exists()
+
+
+def test_a_broken_scenario_is_refused_with_its_lines(workplace: Path) -> None:
+    (workplace / "broken.toml").write_text(
+        'name = "b"\nduration = "long"\n[base]\nattitude = { kind = "tangential" }\n'
+    )
+    done = run("simulate", "hexarotor", "--scenario", "broken.toml", cwd=workplace)
+    assert done.returncode == 2
+    assert "scenario refused, 3 faults" in done.stderr
+    assert "broken.toml:2: duration: must be a number, not a string" in done.stderr
+    assert "broken.toml:4: base.attitude.kind: must be one of 'level', 'tangent'" in done.stderr
+
+
+def test_a_flight_that_ends_early_fails_with_its_reason_and_its_results(workplace: Path) -> None:
+    changes = ["--set", "motors.time_constant=0.05", "--no-figures", "--out", "lost"]
+    done = run("simulate", "hexarotor_3link", *changes, cwd=workplace)
+    assert done.returncode == 1
+    assert "the flight ended early: at t = " in done.stderr
+    assert "Traceback" not in done.stderr
+    assert read_flight(workplace / "lost" / "flight.npz").stopped
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_a_flight_and_leaves_nothing(number: int, workplace: Path) -> None:
+    slow = ["--backend", "numpy", "--set", "integration.method=rk4", "--out", "cut"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gibbs_codegen", "simulate", "hexarotor_3link", *slow],
+        cwd=workplace,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: (
+            signal.signal(number, signal.SIG_DFL)
+            if number != signal.SIGINT
+            else signal.signal(number, signal.default_int_handler)
+        ),
+    )
+    time.sleep(2.0)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    # On a slow machine it comes before the program has begun to listen.
+    assert process.returncode in (128 + number, -number)
+    assert "Traceback" not in err
+    assert out == ""
+    assert not (workplace / "cut").exists() or not any((workplace / "cut").iterdir())
+
+
+def test_a_terminal_sees_progress(workplace: Path) -> None:
+    ours, theirs = pty.openpty()
+    changes = ["--set", "duration=1", "--no-figures", "--out", "seen"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gibbs_codegen", "simulate", "hexarotor_3link", *changes],
+        cwd=workplace,
+        env={**ENVIRONMENT, "TERM": "xterm"},
+        stdout=subprocess.DEVNULL,
+        stderr=theirs,
+    )
+    os.close(theirs)
+    seen = b""
+    try:
+        while part := os.read(ours, 4096):
+            seen += part
+    except OSError:  # The other end has closed.
+        pass
+    assert process.wait(timeout=60) == 0
+    os.close(ours)
+    assert b"inverse kinematics" in seen
+    assert b"flying" in seen
+
+
+def test_help_lists_what_there_is(tmp_path: Path) -> None:
+    done = run("simulate", "--help", cwd=tmp_path)
+    assert done.returncode == 0
+    for word in ("--scenario", "--out", "--backend", "--set", "--animate", "--no-figures"):
+        assert word in done.stdout

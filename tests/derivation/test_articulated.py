@@ -1,0 +1,331 @@
+"""Forward dynamics by articulated bodies, against M's factors and against Pinocchio; the choice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+from benchmarks.family import benchmark_robot
+from support.pinocchio_oracle import Oracle
+from support.random_robots import random_robot, rigid_body
+
+from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.program.lower import Slice, lower
+from gibbs_codegen.program.nodes import Program, count_operations
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import (
+    ATTITUDES,
+    JOINT_KINDS,
+    ORIGINS,
+    Base,
+    Link,
+    Robot,
+    Rod,
+    alternating_thrust,
+)
+from gibbs_codegen.symbolic.ldlt import (
+    ZeroPivotError,
+    minimum_degree,
+    operations_to_solve,
+    solve_symmetric,
+)
+from gibbs_codegen.symbolic.tape import InlineTape, Stage, Tape
+from gibbs_codegen.symbolic.vectors import Rotation
+
+TOLERANCE = 1e-10
+WAYS = ("articulated", "factorised")
+RANDOM_ROBOTS = [random_robot(seed, 2 + seed % 5, seed % 9) for seed in range(18)]
+
+
+def both_ways(robot: Robot, keep_zeros: bool = False) -> tuple[Program, dict[str, float]]:
+    """A program of two functions, forward dynamics in one way and in the other, and parameters."""
+    tape = Tape()
+    machine = Machine.of(robot, tape, keep_zeros)
+    found = articulated_dynamics(machine), factorised_dynamics(machine, most=10**9)
+    slices = [
+        Slice(name, ("q", "v", "u"), (((len(entries),), tuple(entries)),))
+        for name, entries in zip(WAYS, found, strict=True)
+        if entries is not None
+    ]
+    symbols = zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
+    inputs = {name: tuple(symbol.name for symbol in group) for name, group in symbols}
+    defaults = machine.parameters.defaults
+    return lower(tape, inputs, tuple(defaults), slices), defaults
+
+
+def operations(program: Program, name: str) -> int:
+    return count_operations(program.function(name).nodes()).total
+
+
+def relative(ours: np.ndarray, theirs: np.ndarray) -> float:
+    return float(np.linalg.norm(ours - theirs) / np.linalg.norm(theirs))
+
+
+def compare(robot: Robot, keep_zeros: bool = False, states: int = 2) -> None:
+    """Both ways against M a = R + B u of the oracle and, at θ₀ = ±90°, against each other."""
+    program, parameters = both_ways(robot, keep_zeros)
+    oracle = Oracle(robot)
+    rng = np.random.default_rng(0)
+    n = len(program.inputs["q"])
+    for _ in range(states):
+        q, v = rng.uniform(-np.pi, np.pi, n), rng.normal(size=n)
+        q[1] = rng.uniform(-1.2, 1.2)
+        u = rng.normal(size=len(program.inputs["u"]))
+        free = oracle.free
+        mass = oracle.mass_matrix(q)[np.ix_(free, free)]
+        right = (oracle.input_matrix(q) @ u - oracle.inverse_dynamics(q, v, np.zeros(n)))[free]
+        exact = np.linalg.solve(mass, right)
+        arguments = {"q": q.tolist(), "v": v.tolist(), "u": u.tolist()}
+        for way in WAYS:
+            a = np.array(program.evaluate(way, parameters, arguments)[0])
+            assert relative(mass @ a, right) < TOLERANCE, f"{way}: {robot}"
+            if np.linalg.cond(mass) < 1e5:
+                assert relative(a, exact) < TOLERANCE, f"{way}: {robot}"
+        if np.linalg.cond(mass) < 1e5:
+            q[1] = np.copysign(np.pi / 2, q[1])
+            arguments["q"] = q.tolist()
+            one, other = (np.array(program.evaluate(way, parameters, arguments)[0]) for way in WAYS)
+            # These two grow as the inverse, and would hide all others.
+            for a in (one, other):
+                a[[0, 2]] *= np.cos(q[1])
+            assert relative(one, other) < TOLERANCE, robot
+
+
+@pytest.mark.parametrize(
+    "shard", [0, *(pytest.param(shard, marks=pytest.mark.slow) for shard in (1, 2))]
+)
+def test_both_ways_give_what_pinocchio_gives(shard: int) -> None:
+    for robot in RANDOM_ROBOTS[shard::3]:
+        compare(robot)
+
+
+def test_the_random_robots_have_every_structure() -> None:
+    assert {robot.base.attitude for robot in RANDOM_ROBOTS} == set(ATTITUDES)
+    assert {robot.base.origin for robot in RANDOM_ROBOTS} == set(ORIGINS)
+    assert {len(robot.links) for robot in RANDOM_ROBOTS} == set(range(9))
+    joints = {link.joint for robot in RANDOM_ROBOTS for link in robot.links}
+    assert joints == set(JOINT_KINDS)
+
+
+@pytest.mark.parametrize("links", [0, 1, 2, 3, 6])
+def test_the_family_with_both_origins_and_zeros_kept(links: int) -> None:
+    """Arms in a plane, and a first link without length or mass."""
+    robot = paper_family(5, links)
+    compare(robot)
+    compare(replace(robot, base=replace(robot.base, origin="centre")), keep_zeros=True)
+
+
+def general_robot(links: int) -> Robot:
+    """General inertias, twists of every kind, and every fifth joint prismatic."""
+    rng = np.random.default_rng(7)
+    base = Base(6, (rigid_body(rng),), alternating_thrust(6), (0.0,) * 6)
+    twists = (0, 90, 0, -90, 37, 180)
+    joints = ("revolute", "revolute", "revolute", "revolute", "prismatic")
+    arm = (
+        Link(rigid_body(rng), Fraction(twists[i % 6]), joint=joints[i % 5]) for i in range(links)
+    )
+    return Robot("general", base, tuple(arm))
+
+
+@pytest.mark.slow
+def test_thirty_general_links() -> None:
+    compare(general_robot(30), states=1)
+
+
+@cache
+def articulated_operations(links: int) -> int:
+    """Operations of the recursion alone, for the benchmark family."""
+    tape = Tape()
+    machine = Machine.of(benchmark_robot(links), tape)
+    entries = tuple(articulated_dynamics(machine))
+    piece = Slice("articulated", ("q", "v", "u"), (((len(entries),), entries),))
+    program = lower(tape, {}, tuple(machine.parameters.defaults), [piece])
+    return operations(program, "articulated")
+
+
+@pytest.mark.parametrize(("links", "goal"), [(3, 365), (7, 1157), (30, 5850)])
+def test_operations(links: int, goal: int) -> None:
+    assert articulated_operations(links) <= goal
+
+
+def test_operations_grow_with_the_number_of_links() -> None:
+    first, second = (articulated_operations(n + 10) - articulated_operations(n) for n in (20, 30))
+    assert second == pytest.approx(first, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("robot", "shorter"),
+    [
+        (benchmark_robot(2), "articulated"),
+        (benchmark_robot(3, origin="motor1"), "articulated"),
+        (benchmark_robot(6), "articulated"),
+        (general_robot(1), "factorised"),
+        (general_robot(2), "factorised"),
+        (general_robot(5), "articulated"),
+    ],
+    ids=lambda value: f"{value.name}-{len(value.links)}" if isinstance(value, Robot) else value,
+)
+def test_the_way_with_fewer_operations_is_emitted(robot: Robot, shorter: str) -> None:
+    program, _ = both_ways(robot)
+    found = {way: operations(program, way) for way in WAYS}
+    assert min(WAYS, key=found.__getitem__) == shorter, found
+    # Signs depend on what else is on the tape.
+    emitted = operations(derive(robot).program, "forward_dynamics")
+    assert emitted == pytest.approx(found[shorter], rel=0.01)
+    assert emitted < max(found.values())
+
+
+def test_factors_that_cannot_win_are_not_derived() -> None:
+    """What is left is the matrix: nothing is divided by but the mass."""
+    machine = Machine.of(benchmark_robot(30), tape := Tape())
+    assert factorised_dynamics(machine, most=articulated_operations(30)) is None
+    assert sum(value.is_Pow for value in tape.statements.values()) == 1
+
+
+NOTHING, ROD = Rod(0.0), Rod(1.0, 1.0, (1e-3, 1e-3, 1e-3))
+
+
+@pytest.mark.parametrize(
+    ("arm", "coordinate"),
+    [
+        ((Link(ROD), Link(NOTHING, Fraction(90))), "theta_6"),
+        ((Link(ROD), Link(NOTHING, Fraction(90), joint="prismatic")), "d_6"),
+        ((Link(ROD), Link(NOTHING, Fraction(90)), Link(ROD)), "theta_6"),
+    ],
+)
+def test_an_undetermined_joint_is_named(arm: tuple[Link, ...], coordinate: str) -> None:
+    """A tip without mass, and two joints about one axis with nothing between them."""
+    robot = replace(paper_family(4, 2), links=arm)
+    with pytest.raises(SingularRobotError) as refused:
+        articulated_dynamics(Machine.of(robot, Tape()))
+    assert refused.value.joints[0].startswith(coordinate)
+    for keep_zeros in (False, True):
+        with pytest.raises(SingularRobotError, match=r"theta_|d_"):
+            derive(robot, keep_zeros)
+
+
+def test_a_link_without_mass_is_fine_where_others_resist() -> None:
+    arm = (Link(NOTHING), Link(NOTHING, Fraction(90)), Link(ROD, Fraction(-90)))
+    compare(replace(paper_family(4, 2), links=arm))
+
+
+def test_an_undetermined_root_is_named() -> None:
+    base = replace(paper_family(4, 2).base, arms=(Rod(0.5, 0.0),))
+    for arm, coordinate in (((), "theta_1"), ((Link(ROD, Fraction(90)),), "theta_0")):
+        with pytest.raises(SingularRobotError) as refused:
+            articulated_dynamics(Machine.of(Robot("hollow", base, arm), Tape()))
+        assert refused.value.joints == (coordinate,)
+
+
+def numbers(rows: Sequence[Sequence[sp.Expr]]) -> np.ndarray:
+    return np.array([[float(entry) for entry in row] for row in rows])
+
+
+def symmetric(size: int) -> np.ndarray:
+    half = np.random.default_rng(3).normal(size=(size, size))
+    return half + half.T
+
+
+def articulated(matrix: np.ndarray) -> ArticulatedInertia:
+    return ArticulatedInertia.of_entries(lambda i, j: sp.Float(matrix[i, j]))
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("degrees", [0, 37, 90, 180, -90])
+def test_rotation(axis: int, degrees: int) -> None:
+    """Also of a matrix that no rigid body has."""
+    matrix, tape = symmetric(6), InlineTape()
+    rotation = Rotation.degrees(axis, Fraction(degrees))
+    columns = [rotation.vector(tape, tuple(row)) for row in np.eye(3)]
+    turn = np.kron(np.eye(2), np.array(columns, dtype=float).T)
+    turned = articulated(matrix).rotated(tape, rotation)
+    np.testing.assert_allclose(numbers(turned.rows), turn @ matrix @ turn.T, atol=1e-13)
+
+
+@pytest.mark.parametrize("arm", [(0, 0, 0), (2, 0, 0), (0.5, -1.5, 0), (0, 0, 3), (1, 2, -0.7)])
+def test_shift(arm: tuple[float, float, float]) -> None:
+    """The old point at `arm` has the acceleration r̈ + ω̇ × arm."""
+    matrix = symmetric(6)
+    passed = np.eye(6)
+    passed[:3, 3:] = np.cross(np.eye(3), arm).T
+    x, y, z = map(sp.nsimplify, arm)
+    shifted = articulated(matrix).shifted(InlineTape(), (x, y, z))
+    np.testing.assert_allclose(numbers(shifted.rows), passed.T @ matrix @ passed, atol=1e-13)
+
+
+def test_a_rigid_body_is_shifted_as_its_ten_numbers_are() -> None:
+    tape = InlineTape()
+    m, x, y, z, *second = sp.symbols("m x y z xx yy zz xy xz yz")
+    body = Inertia(m, (x, y, z), tuple(second))
+    arm = sp.symbols("a b c")
+    shifted = ArticulatedInertia.rigid(tape, body).shifted(tape, arm)
+    expected = ArticulatedInertia.rigid(tape, body.shifted(tape, arm))
+    assert sp.Matrix(shifted.rows).expand() == sp.Matrix(expected.rows).expand()
+
+
+@pytest.mark.parametrize("direction", [2, 5])
+def test_schur_complement(direction: int) -> None:
+    matrix = symmetric(6)
+    column, pivot = matrix[direction], matrix[direction, direction]
+    ratios = tuple(sp.Float(entry) for entry in column / pivot)
+    rest = numbers(articulated(matrix).without(InlineTape(), direction, ratios).rows)
+    expected = matrix - np.outer(column, column) / pivot
+    np.testing.assert_allclose(rest, expected, atol=1e-13)
+    assert not rest[direction].any()
+    assert not rest[:, direction].any()
+
+
+def named_system(tape: Tape, size: int, zeros: set[tuple[int, int]]) -> list[list[sp.Expr]]:
+    def entry(i: int, j: int) -> sp.Expr:
+        if (min(i, j), max(i, j)) in zeros:
+            return sp.S.Zero
+        return tape.symbol(f"m_{min(i, j)}_{max(i, j)}", Stage.MOTION)
+
+    return [[entry(i, j) for j in range(size)] for i in range(size)]
+
+
+@pytest.mark.parametrize("zeros", [set(), {(0, 1), (2, 3)}, {(0, 1), (0, 2), (0, 3), (0, 4)}])
+@pytest.mark.parametrize("order", [[0, 1, 2, 3, 4], [4, 2, 0, 1, 3]])
+def test_ldlt_solves_and_its_operations_are_known_before(
+    zeros: set[tuple[int, int]], order: list[int]
+) -> None:
+    tape = Tape()
+    matrix = named_system(tape, 5, zeros)
+    right = [tape.symbol(f"b_{i}", Stage.MOTION) for i in range(5)]
+    solution = solve_symmetric(tape, matrix, right, order)
+    inputs = [symbol for row in matrix for symbol in row if symbol != 0]
+    names = tuple(dict.fromkeys(symbol.name for symbol in (*inputs, *right)))
+    piece = Slice("solve", ("q",), (((5,), tuple(solution)),))
+    program = lower(tape, {"q": names}, (), [piece])
+    given = dict(zip(names, np.random.default_rng(1).uniform(1, 9, len(names)), strict=True))
+    found = program.evaluate("solve", {}, {"q": list(given.values())})[0]
+    system = np.array([[given[e.name] if e != 0 else 0.0 for e in row] for row in matrix])
+    np.testing.assert_allclose(system @ found, [given[b.name] for b in right], rtol=1e-9)
+    # Signs apart, of which the tape may leave one in a column.
+    assert 0 <= operations(program, "solve") - operations_to_solve(matrix, order) <= 5
+
+
+def test_minimum_degree_fills_no_arrow() -> None:
+    """An unknown coupled to all others, which are coupled to it alone, comes last."""
+    tape = Tape()
+    arrow = named_system(tape, 5, {(i, j) for i in range(1, 5) for j in range(i + 1, 5)})
+    assert minimum_degree(arrow) in ([4, 3, 2, 1, 0], [4, 3, 2, 0, 1])
+    assert operations_to_solve(arrow, minimum_degree(arrow)) < operations_to_solve(arrow, range(5))
+
+
+def test_a_zero_pivot_is_named() -> None:
+    tape = Tape()
+    matrix = named_system(tape, 3, {(1, 1)})
+    with pytest.raises(ZeroPivotError) as refused:
+        solve_symmetric(tape, matrix, [sp.S.One] * 3, [1, 0, 2])
+    assert refused.value.unknown == 1

@@ -1,0 +1,270 @@
+"""Robots on the edge of what has an answer: generated and right, or refused with a reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from support.agreement import errors, random_states
+from support.compiled import emit
+from support.degenerate_robots import degenerate_robot, degenerate_robots, sized
+from support.emitted import emitted_module
+from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unresisted
+from support.tools import tool
+
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.derivation.regularity import refuse_uncomputable
+from gibbs_codegen.errors import RobotFileError, SingularRobotError, UsageError
+from gibbs_codegen.program.nodes import Function, Name, Output, Program, Reciprocal, Statement, Sum
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.massless_motions import undetermined_motions
+from gibbs_codegen.robot.model import Link, RigidBody, Robot, Rod
+from gibbs_codegen.runtime.load import load
+
+BASE = paper_family(4, 0).base
+HOLLOW = replace(BASE, arms=(Rod(0.5),))
+NOTHING, ROD, SLENDER = Rod(0.0), Rod(1.0, 1.0, (1e-3, 1e-3, 1e-3)), Rod(1.0, 1.0)
+POINT = RigidBody(1.0, 1.0)
+# Along z, which is the axis of the joint that carries it.
+PIN = RigidBody(0.0, 1.0, (0.0, 0.0, 0.3), (0.1, 0.1, 0.0, 0.0, 0.0, 0.0))
+BODY = RigidBody(0.0, 1.0, (0.3, 0.1, 0.2), (0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+TURNED, BACK = Fraction(90), Fraction(-90)
+LINK = "theta_{} (the joint of link {})".format
+SLIDE = "d_{} (the joint of link {})".format
+ATTITUDE = "the attitude (theta_m1, theta_0, theta_1)"
+
+
+def worst(robot: Robot, count: int = 2) -> tuple[float, str]:
+    """The largest error of all functions, in units of what is allowed, and of which it is."""
+    found = errors(robot, emitted_module(robot), random_states(robot, count, 0))
+    return max((error, name) for name, error in found.items())
+
+
+def check(robot: Robot) -> None:
+    """Agreement with the oracle, or a refusal that the oracle bears out."""
+    singular = smallest_eigenvalue(robot)[0] < SMALLEST
+    try:
+        error, name = worst(robot)
+    except SingularRobotError as error:
+        refusal = error
+    else:
+        assert error <= 1.0, f"{name}: {error:.2g}"
+        assert not singular, unresisted(robot)
+        return
+    assert refusal.drowned != singular, refusal
+    assert refusal.drowned or short_names(refusal.joints) == unresisted(robot), refusal
+
+
+@settings(max_examples=7)
+@given(robot=degenerate_robots(most_rotors=5, most_links=3))
+def test_degenerate_robots_drawn_anew(robot: Robot) -> None:
+    check(robot)
+
+
+def numbered(number: int) -> Robot:
+    return degenerate_robot(number, 2 + number % 11, number % 7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(0, 80, 20))
+def test_degenerate_robots(first: int) -> None:
+    for number in range(first, first + 20):
+        try:
+            check(numbered(number))
+        except AssertionError as error:
+            raise AssertionError(f"degenerate robot {number}: {error}") from None
+
+
+@pytest.mark.parametrize("first", [0, *(pytest.param(1, marks=pytest.mark.slow),)])
+def test_what_nothing_resists_is_the_null_space_of_the_oracle(first: int) -> None:
+    """Of hundreds of degenerate robots, before anything is derived; some three in ten singular."""
+    count, singular = (1500 if first else 100), 0
+    for number in range(first * 10_000, first * 10_000 + count):
+        robot = numbered(number)
+        motions = undetermined_motions(robot)
+        named = short_names(name for motion in motions for name in motion)
+        assert named == unresisted(robot), f"degenerate robot {number}"
+        assert bool(motions) == (smallest_eigenvalue(robot)[0] < SMALLEST), number
+        singular += bool(motions)
+    assert 0.2 * count < singular < 0.6 * count
+
+
+@pytest.mark.parametrize(
+    ("base", "links", "motions"),
+    [
+        (BASE, (Link(ROD), Link(NOTHING, TURNED)), [(LINK(6, 2),)]),
+        (BASE, (Link(ROD), Link(NOTHING, joint="prismatic")), [(SLIDE(6, 2),)]),
+        (BASE, (Link(ROD), Link(PIN, TURNED)), [(LINK(6, 2),)]),
+        (BASE, (Link(ROD), Link(POINT)), [(LINK(6, 2),)]),
+        (BASE, (Link(ROD), Link(NOTHING), Link(NOTHING, TURNED)), [(LINK(6, 2),), (LINK(7, 3),)]),
+        (BASE, (Link(NOTHING, TURNED), Link(ROD)), [(LINK(6, 2), LINK(5, 1))]),
+        (
+            BASE,
+            (Link(Rod(0.4), joint="prismatic"), Link(ROD, joint="prismatic")),
+            [(SLIDE(6, 2), SLIDE(5, 1))],
+        ),
+        (
+            BASE,
+            (Link(NOTHING), Link(NOTHING, TURNED), Link(NOTHING, BACK), Link(BODY)),
+            [(LINK(8, 4), LINK(7, 3))],
+        ),
+        (HOLLOW, (Link(ROD, joint="prismatic"),), [(SLIDE(5, 1), "the position (x, y, z)")]),
+        (HOLLOW, (Link(ROD),), [(LINK(5, 1), ATTITUDE)]),
+    ],
+)
+def test_every_motion_that_nothing_resists_is_named(base, links, motions) -> None:
+    """Tips without mass, thickness or lever; axes in line with nothing between; hollow bases."""
+    robot = Robot("singular", base, links)
+    assert {frozenset(motion) for motion in undetermined_motions(robot)} == {
+        frozenset(motion) for motion in motions
+    }
+    for keep_zeros in (False, True):
+        with pytest.raises(SingularRobotError) as refused:
+            derive(robot, keep_zeros)
+        assert all(name in str(refused.value) for motion in motions for name in motion)
+
+
+def test_the_message_says_what_to_do() -> None:
+    one = Robot("one", BASE, (Link(ROD), Link(PIN, TURNED)))
+    two = Robot("two", BASE, (Link(NOTHING, TURNED), Link(ROD)))
+    for robot, text in (
+        (
+            one,
+            "one: nothing resists theta_6 (the joint of link 2): its acceleration is not "
+            "determined; give what it moves mass or inertia about its axis",
+        ),
+        (
+            two,
+            "two: nothing resists theta_6 (the joint of link 2) and theta_5 (the joint of link 1) "
+            "moving together: accelerations are not determined; give what it moves mass or "
+            "inertia about its axis, for coordinates that move together what lies between them",
+        ),
+    ):
+        with pytest.raises(SingularRobotError) as refused:
+            derive(robot)
+        assert str(refused.value) == text
+
+
+def test_of_many_motions_the_message_names_some_and_the_error_all() -> None:
+    with pytest.raises(SingularRobotError, match=r"theta_8 \(.*; nor 2 more motions") as refused:
+        derive(Robot("limp", BASE, (Link(NOTHING, TURNED),) * 6))
+    assert len(refused.value.motions) == len(refused.value.joints) == 6
+
+
+@pytest.mark.parametrize("ratio", [1e-9, 1e9])
+def test_very_unequal_masses_are_no_singularity(ratio: float) -> None:
+    """A tip lighter or heavier than the rest: every function to rounding of its own terms."""
+    links = (Link(BODY, TURNED), Link(sized(BODY, ratio, 1.0), Fraction(30), a=0.4))
+    error, name = worst(Robot("unequal", BASE, links), count=5)
+    assert error <= 1.0, f"{name}: {error:.2g}"
+
+
+def test_what_only_rounding_hides_is_told_apart() -> None:
+    """A point 1e20 times as heavy as the base that is to be told from it."""
+    heavy = Link(sized(RigidBody(0.0, 1.0, (0.5, 0.0, 0.0)), 1e20, 1.0))
+    with pytest.raises(SingularRobotError, match="rounding hides") as refused:
+        derive(Robot("drowned", BASE, (heavy,)))
+    assert refused.value.drowned
+    assert undetermined_motions(Robot("drowned", BASE, (heavy,))) == []
+
+
+FILE = """name = "far"
+[base]
+rotors = 3
+drag = [0, 0, {drag}]
+arm = {{ length = {length}, mass_per_length = {density} }}
+[[link]]
+d = {d}
+mass = 1
+com = [0.1, 0, 0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "place"),
+    [
+        ("length", "1e200", "5: base.arm.length"),
+        ("length", "1e-200", "5: base.arm.length"),
+        ("density", "1e150", "5: base.arm.mass_per_length"),
+        ("drag", "-1e99", "4: base.drag 3"),
+        ("d", "1e-51", "7: link 1: d"),
+    ],
+)
+def test_sizes_that_overflow_or_vanish_are_refused_in_their_place(
+    key: str, value: str, place: str
+) -> None:
+    numbers = {"length": "0.5", "density": "1", "d": "0", "drag": "0"}
+    assert parse_robot(FILE.format(**numbers))
+    with pytest.raises(RobotFileError) as refused:
+        parse_robot(FILE.format(**numbers | {key: value}), "far.toml")
+    assert str(refused.value).startswith(f"far.toml:{place}: must be 0 or from 1e-50 to 1e+50")
+
+
+def test_sizes_are_refused_without_a_file_too() -> None:
+    for weight in (1e150, 1e-150):
+        robot = Robot("far", BASE, (Link(sized(BODY, weight, 1.0)),))
+        with pytest.raises(UsageError, match="far: link1_mass must be 0 or from 1e-50"):
+            derive(robot)
+
+
+def test_what_cannot_be_computed_is_not_emitted() -> None:
+    """A program that divides by a difference of equals, whatever brought it about."""
+    a, b = Name("link1_length"), Name("link2_length")
+    division = Statement("c0", Reciprocal(Sum(((1, a), (-1, b)))))
+    forward = Function("forward_dynamics", (), ("c0",), (), (Output((1,), (Name("c0"),)),))
+    program = Program(
+        {"q": ("x",), "u": ()}, ("link1_length", "link2_length"), ("c0",), (division,), (forward,)
+    )
+    robot = Robot("close", BASE)
+    refuse_uncomputable(robot, program, {"link1_length": 2.0, "link2_length": 1.0})
+    with pytest.raises(UsageError, match="close: its accelerations overflow, or are lost") as error:
+        refuse_uncomputable(robot, program, {"link1_length": 1e30, "link2_length": 1e30})
+    assert "link1_length = 1e+30" in str(error.value)
+
+
+def test_the_comparison_sees_a_light_tip() -> None:
+    """A millionth more of a billionth of the mass, as the wrong module for a robot."""
+    tip = Link(sized(BODY, 1e-9, 1.0), TURNED)
+    other = replace(tip, body=sized(BODY, 1e-9 * (1 + 1e-6), 1.0))
+    robot = Robot("light", BASE, (tip,))
+    module = emitted_module(Robot("light", BASE, (other,)))
+    found = errors(robot, module, random_states(robot, 1, 0))
+    assert min(found[name] for name in ("M", "R", "inverse", "I_H")) > 1.0, found
+
+
+SINGULAR_AT_ZERO = {
+    # A massless upper arm and a point at the tip: stretched, both joints move it one way.
+    "stretched": (Link(Rod(1.0)), Link(RigidBody(1.0, 1.0, (1.0, 0.0, 0.0)))),
+    # A massless wrist whose first and last axes are in line.
+    "wrist": (Link(NOTHING), Link(NOTHING, TURNED), Link(BODY, BACK)),
+}
+
+
+@pytest.mark.parametrize("name", SINGULAR_AT_ZERO)
+def test_a_machine_singular_somewhere_is_right_elsewhere(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And where it is singular, its accelerations are no numbers that one could take for such."""
+    tool("cc")
+    monkeypatch.setenv("CC", "cc -O0")
+    robot = Robot(name, BASE, SINGULAR_AT_ZERO[name])
+    emitted = emit(robot, tmp_path / name)
+    states = random_states(robot, 3, 0)
+    q, v, u = states.q[0].copy(), states.v[0], states.u[0]
+    joints = slice(3, 3 + len(robot.links))
+    q[joints] = 0.0
+    for module in (emitted.module, load(emitted.folder, backend="c")):
+        assert max(errors(robot, module, states).values()) <= 1.0
+        assert "let joints move nothing" in " ".join(module.forward_dynamics.__doc__.split())
+        with np.errstate(all="ignore"):
+            accelerations = module.forward_dynamics(q, v, u)
+        assert not (np.abs(accelerations[joints]) < 1e12).all()
+        if name == "wrist":
+            rest = np.zeros_like(q)
+            with pytest.warns(RuntimeWarning, match="forward_dynamics is not finite though"):
+                module.forward_dynamics(rest, rest, u)

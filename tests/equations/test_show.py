@@ -1,0 +1,419 @@
+"""What `show` prints, against the emitted module, brute force and its own text read back."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+import unicodedata
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+from conftest import ROOT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.emitted import emitted_module
+from support.random_robots import random_robot, robots
+
+from gibbs_codegen.derivation.gibbs import skew
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.equations.chain_equation import ChainEquation
+from gibbs_codegen.equations.closed_form import chain_closed_form
+from gibbs_codegen.equations.layout import as_latex, as_markdown, as_text
+from gibbs_codegen.equations.show import EQUATIONS, MOST_TERMS, chain_equation
+from gibbs_codegen.equations.typeset import text_width
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.model import ATTITUDES, ORIGINS, Base, Link, Origin, Robot, Rod
+from gibbs_codegen.symbolic.tape import InlineTape
+
+PAPER = read_robot("hexarotor_3link")[0]
+
+shown = cache(chain_equation)
+
+# Closed forms, and definitions for the very same chains.
+FORMS = (MOST_TERMS, 0)
+
+
+def value(expression: sp.Expr, values: Mapping[sp.Symbol, float]) -> float:
+    """An expression in floats."""
+    if expression.is_Symbol:
+        return values[expression]
+    parts = [value(argument, values) for argument in expression.args]
+    if expression.is_Add:
+        return math.fsum(parts)
+    if expression.is_Mul:
+        return math.prod(parts)
+    if expression.is_Pow:
+        return parts[0] ** parts[1]
+    if isinstance(expression, (sp.sin, sp.cos)):
+        return getattr(math, expression.func.__name__)(parts[0])
+    return float(expression)
+
+
+def evaluated(equation: ChainEquation, values: dict[sp.Symbol, float]) -> dict[sp.Symbol, float]:
+    """`values`, and what the lines of an equation define from them."""
+    values = dict(values)
+    for symbol, expression in equation.lines:
+        assert symbol not in values
+        values[symbol] = value(expression, values)
+    return values
+
+
+def given_values(robot: Robot, seed: int) -> dict[sp.Symbol, float]:
+    """A random state, the parameters, and the numbers that a chain has symbols for."""
+    rng = np.random.default_rng(seed)
+    machine = Machine.of(robot, InlineTape())
+    values = {sp.Symbol(name): x for name, x in machine.parameters.defaults.items()}
+    for symbol in (*machine.q, *machine.v, *machine.a, *machine.u):
+        values[symbol] = float(rng.normal())
+    for k in range(2, robot.rotors + 1):
+        values[sp.Symbol(f"theta_{k}")] = math.radians(robot.base.arm_angle_deg(k))
+        values[sp.Symbol(f"a_theta_{k}")] = float(rng.normal())
+    for k, direction in enumerate(robot.base.thrust, start=1):
+        values |= {sp.Symbol(f"epsilon_{k}_{i}"): x for i, x in zip("xyz", direction, strict=True)}
+    turns = {link.alpha_deg % 360 for link in robot.links}
+    offsets = [link.theta_deg for link in robot.links]
+    for i, j in itertools.combinations(range(len(offsets) + 1), 2):
+        turns.add(sum(offsets[i:j], Fraction(0)) % 360)
+    values |= {sp.Symbol(f"fixed_{float(x):.10g}"): math.radians(x) for x in turns}
+    return values
+
+
+def assert_close(ours: np.ndarray, theirs: np.ndarray, tolerance: float = 1e-11) -> None:
+    assert np.linalg.norm(ours - theirs) <= tolerance * max(1.0, float(np.linalg.norm(theirs)))
+
+
+def assert_chains_add_up(robot: Robot, most_terms: int, seed: int = 5) -> None:
+    """Eqs. 15 and 18 of every chain, added by their places, give the emitted hybrid system."""
+    module = emitted_module(robot)
+    values = given_values(robot, seed)
+    size, width = len(module.HYBRID_COORDINATES), len(module.INPUTS)
+    matrix, residual, inputs = np.zeros((size, size)), np.zeros(size), np.zeros((size, width))
+    for chain in range(1, robot.rotors + 1):
+        motion = chain_equation(robot, chain, 15, most_terms)
+        rows = np.array([p.row + 1 for p in chain_equation(robot, chain, 18).places])
+        found = evaluated(motion, values)
+        free = rows[: len(motion.residual)]
+        matrix[np.ix_(free, free)] += [[value(e, found) for e in row] for row in motion.matrix]
+        residual[free] += [value(e, found) for e in motion.residual]
+        if motion.torque is not None:
+            assert motion.torque.name == module.HYBRID_COORDINATES[rows[-1]]
+            matrix[rows[3], rows[-1]] -= 1
+            matrix[rows[-1], rows[3]] += 1
+        for column, name in enumerate(module.INPUTS):
+            unit = values | {sp.Symbol(other): float(other == name) for other in module.INPUTS}
+            found = evaluated(motion, unit)
+            inputs[free, column] += [value(e, found) for e in motion.forces]
+    q, v = ([values[sp.Symbol(p + n)] for n in module.COORDINATES] for p in ("", "v_"))
+    assert_close(matrix, module.hybrid_mass_matrix(q))
+    assert_close(residual, module.hybrid_residual(q, v))
+    assert_close(inputs, module.hybrid_input_matrix(q))
+
+
+@pytest.mark.parametrize("most_terms", FORMS)
+@pytest.mark.parametrize("robot", [PAPER, paper_family(2, 0)], ids=lambda robot: robot.name)
+def test_chains_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> None:
+    assert_chains_add_up(robot, most_terms)
+
+
+@settings(max_examples=4)
+@given(robot=robots(most_rotors=5, most_links=3), most_terms=st.sampled_from(FORMS))
+def test_chains_of_any_robot_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> None:
+    assert_chains_add_up(robot, most_terms)
+
+
+@pytest.mark.parametrize(("attitude", "origin"), list(zip(ATTITUDES, 3 * ORIGINS, strict=True)))
+def test_every_attitude_and_origin(attitude: str, origin: Origin) -> None:
+    arms = (Rod(0.5, 1.0, (0.1, 0.1, 0.1)),)
+    base = Base(2, arms, ((0, 0, 1), (0, 0.6, 0.8)), (0.1, 0.0), attitude, origin)
+    links = (Link(Rod(1, 1), theta_deg=Fraction(20), joint="prismatic"), Link(Rod(1, 2)))
+    assert_chains_add_up(Robot("odd", base, links), MOST_TERMS)
+
+
+def assert_partials_hold(robot: Robot, chain: int, most_terms: int) -> None:
+    """Eqs. 2 and 5 as shown, against differences of the S shown and the recursion's partials."""
+    values = given_values(robot, 7)
+    gibbs = chain_equation(robot, chain, 2, most_terms)
+    partials = chain_equation(robot, chain, 5, most_terms)
+    found = evaluated(partials, values)
+    form = chain_closed_form(robot, chain)
+    rows = [found[symbol] for symbol, _ in partials.lines[-len(form.partials) :]]
+    brute = []
+    for acceleration in form.accelerations:
+        ahead, behind = (
+            evaluated(gibbs, values | {acceleration: values[acceleration] + step})[sp.Symbol("S")]
+            for step in (0.5, -0.5)
+        )
+        brute.append(ahead - behind)  # Exact, since S is quadratic.
+    recursion = [value(partial, values) for partial in form.partials]
+    assert_close(np.array(rows), np.array(recursion))
+    assert_close(np.array(brute), np.array(recursion))
+
+
+@pytest.mark.parametrize("most_terms", FORMS)
+@pytest.mark.parametrize("chain", [1, 2])
+def test_gibbs_function_and_partials_of_the_papers_robot(chain: int, most_terms: int) -> None:
+    assert_partials_hold(PAPER, chain, most_terms)
+
+
+@settings(max_examples=4)
+@given(robot=robots(most_rotors=3, most_links=2), most_terms=st.sampled_from(FORMS))
+def test_gibbs_function_and_partials_of_any_robot(robot: Robot, most_terms: int) -> None:
+    assert_partials_hold(robot, robot.rotors, most_terms)
+
+
+def test_vectors_of_a_link_are_eq_6() -> None:
+    equation = chain_equation(PAPER, 1, 6)
+    rng = np.random.default_rng(1)
+    symbols = {s for _, e in equation.lines for s in e.free_symbols}
+    values = {s: float(rng.normal()) for s in sorted(symbols, key=str)}
+
+    def vector(prefix: str) -> np.ndarray:
+        return np.array([values[sp.Symbol(f"{prefix}_{axis}")] for axis in "xyz"])
+
+    r, w, w_dot, b = map(vector, ("r_ddot", "omega", "omega_dot", "C"))
+    pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
+    xx, yy, zz, xy, xz, yz = (values[sp.Symbol(f"J_{pair}")] for pair in pairs)
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    first, spin = (np.array(skew(tuple(x)), float) for x in (b, w))
+    force = values[sp.Symbol("B_0")] * r - first @ w_dot - spin @ first @ w
+    moment = first @ r + inertia @ w_dot + spin @ inertia @ w
+    found = evaluated(equation, values)
+    assert_close(np.array([found[s] for s, _ in equation.lines]), np.array([*force, *moment]))
+
+
+def test_places_of_chain_five_are_the_papers() -> None:
+    equation = chain_equation(PAPER, 5, 18)
+    assert [place.row for place in equation.places] == [-1, 0, 1, 6, 10, 11, 12, 17]
+    assert [place.hybrid.text for place in equation.places][2:5] == ["θ̈_1", "θ̈_6", "ẍ"]
+    assert [(own.text, whole.text) for own, whole in equation.inputs] == [("F_{5,5}", "F_6")]
+
+
+@pytest.mark.parametrize("make", [as_text, as_latex])
+def test_the_legend_gives_rates_and_accelerations_their_own_units(
+    make: Callable[..., str],
+) -> None:
+    robot = parse_robot(
+        'name = "slide"\n[base]\nrotors = 2\narm = { length = 1, mass = 1 }\n'
+        '[[link]]\njoint = "prismatic"\nmass = 1\n'
+    )
+    legend = make(shown(PAPER, 5, 15), shown(PAPER, 5, 18)).split("Symbols")[1]
+    legend += make(shown(robot, 2, 15), shown(robot, 2, 18)).split("Symbols")[1]
+    legend = " ".join(legend.replace("$^2$", "²").split())
+    for meaning in (
+        "first attitude angle, about x (rad)",
+        "first attitude angle, about x: its rate (rad/s)",
+        "first attitude angle, about x: its acceleration (rad/s²)",
+        "world z of motor 1 (O1): its acceleration (m/s²)",
+        "travel of joint 3: its acceleration (m/s²)",
+        "constraint torque on base arm 6 (N m)",
+    ):
+        assert meaning in legend
+    for entry in re.split(r"[;\n]", make(shown(PAPER, 5, 18)).split("Symbols")[1]):
+        accelerates = r"\ddot" in entry or "\u0308" in unicodedata.normalize("NFD", entry)
+        assert not (accelerates and re.search(r"\((m|rad)\)", entry)), entry
+
+
+def read_back(text: str, equation: ChainEquation, values: dict[sp.Symbol, float]) -> dict:
+    """The definitions of a text, computed from their letters alone."""
+    known = {equation.names[s].text: x for s, x in values.items() if s in equation.names}
+    names = sorted((n.text for n in equation.names.values()), key=len, reverse=True)
+    angles = re.findall(r"^s_(\S+), c_\S+: sine and cosine of (.*)$", text, flags=re.MULTILINE)
+    pattern = "|".join(map(re.escape, names))
+
+    def number(formula: str) -> float:
+        formula = re.sub(pattern, lambda m: f"({known[m[0]]!r})", formula).replace("·", "*")
+        formula = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda m: f"**{int(m[0].translate(UP))}", formula)
+        formula = re.sub(r"√(\d+)", r"\1**0.5", formula)
+        formula = re.sub(r"([\d.]+)°", r"math.radians(\1)", formula)
+        return eval(formula.replace("π", "*math.pi"), {"math": math})  # noqa: S307
+
+    for index, angle in angles:
+        angle = re.sub(r"(^|[ -])π", r"\g<1>1π", angle)
+        known[f"s_{index}"], known[f"c_{index}"] = (f(number(angle)) for f in (math.sin, math.cos))
+    names += [f"{letter}_{index}" for letter in "sc" for index, _ in angles]
+    pattern = "|".join(map(re.escape, sorted(names, key=len, reverse=True)))
+    found = {}
+    body = text.split("\n\nSymbols\n")[0].replace("\n    ", " ")
+    defined = {equation.names[s].text for s, _ in equation.lines}
+    for line in body.splitlines():
+        left, _, right = line.partition(" = ")
+        if left in defined and "Σ" not in right:
+            found[left] = known[left] = number(right)
+    assert set(found) == defined
+    return found
+
+
+UP = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+CASES = [
+    (PAPER, 1, MOST_TERMS),
+    (PAPER, 6, MOST_TERMS),
+    (random_robot(3, 3, 2), 3, MOST_TERMS),
+    (random_robot(4, 5, 3), 5, 3000),
+    (random_robot(5, 4, 4), 4, MOST_TERMS),
+    (random_robot(6, 4, 0), 1, 3000),
+    (paper_family(20, 1), 12, MOST_TERMS),  # Products that are longer than a line.
+]
+
+
+@pytest.mark.parametrize(("robot", "chain", "most"), CASES)
+@pytest.mark.parametrize("number", [2, 5, 15])
+def test_text_read_back_gives_the_same_numbers(
+    robot: Robot, chain: int, most: int, number: int
+) -> None:
+    equation = shown(robot, chain, number, most)
+    text = as_text(equation)
+    assert max(map(text_width, text.splitlines())) <= 80
+    values = given_values(robot, 11)
+    expected = evaluated(equation, values)
+    found = read_back(text, equation, values)
+    for symbol, _ in equation.lines:
+        ours = found[equation.names[symbol].text]
+        assert ours == pytest.approx(expected[symbol], rel=1e-9, abs=1e-9)
+
+
+COMMANDS = re.findall(
+    r"\\[a-zA-Z]+",
+    r"""\allowdisplaybreaks \bar \begin \bigl \bigr \Bigl \Bigr \circ \ddot \dot \dots \end \epsilon
+    \frac \ge \hline \kappa \left \mathcal \mu \omega \paragraph \partial \pi \qquad \quad \rho
+    \right \sqrt \sum \tau \text \tfrac \theta \tilde \usepackage \zeta""",
+)
+
+
+def assert_is_latex(text: str) -> None:
+    """ASCII, known commands, balance of braces and environments, one & and a finite width a row."""
+    assert text.isascii()
+    assert set(re.findall(r"\\[a-zA-Z]+", text)) <= set(COMMANDS)
+    depth = 0
+    for brace in re.findall(r"(?<!\\)[{}]", text):
+        depth += 1 if brace == "{" else -1
+        assert depth >= 0
+    assert depth == 0
+    assert text.count(r"\bigl") == text.count(r"\bigr")
+    assert text.count(r"\left") == text.count(r"\right")
+    open_environments: list[str] = []
+    for which, environment in re.findall(r"\\(begin|end)\{(\w+\*?)\}", text):
+        if which == "begin":
+            open_environments.append(environment)
+        else:
+            assert open_environments.pop() == environment
+    assert not open_environments
+    for display in re.findall(r"\\begin\{align\*\}(.*?)\\end\{align\*\}", text, flags=re.DOTALL):
+        outer = re.sub(r"\\begin\{(\w+)\}.*?\\end\{\1\}", "", display, flags=re.DOTALL)
+        if r"\text{item}" not in display:
+            assert all(row.count("&") == 1 for row in outer.split(r"\\"))
+    assert not re.search(r"_\{[^}]*\}_|\^\{[^}]*\}\^", text)
+
+
+INTERNAL = re.compile(
+    r"theta_m1|_m1|base_arm|base_drag|link\d|length|gravity_|[va]_theta|[va]_[dxyz]_|tau_prime"
+    r"|\b[kt]\d+\b|fixed_|epsilon_\d|Symbol|omega_dot|S_by|mass_per"
+)
+
+
+@pytest.mark.parametrize(("robot", "chain", "most"), CASES)
+def test_latex_is_well_formed_and_has_no_internal_names(
+    robot: Robot, chain: int, most: int
+) -> None:
+    equations = [shown(robot, chain, number, most) for number in EQUATIONS]
+    text = as_latex(*equations)
+    assert_is_latex(text)
+    set_in = " ".join(re.findall(r"\$(.*?)\$", text))
+    displays = re.findall(r"\\begin\{align\*\}.*?\\end\{align\*\}", text, flags=re.DOTALL)
+    mathematics = re.sub(r"\\text\{.*?\}", "", " ".join([set_in, *displays]))
+    assert not INTERNAL.search(mathematics)
+    assert "$$" in as_markdown(*equations)
+
+
+@pytest.mark.parametrize("make", [as_text, as_latex])
+@pytest.mark.parametrize(("robot", "chain", "most"), CASES)
+def test_every_symbol_is_defined_or_in_the_legend(
+    robot: Robot, chain: int, most: int, make: Callable[..., str]
+) -> None:
+    for number in EQUATIONS:
+        equation = shown(robot, chain, number, most)
+        text = make(equation)
+        legend = text.split("Symbols", 1)[1]
+        defined = {symbol for symbol, _ in equation.lines}
+        written = [n.text for n in equation.names.values()]
+        assert len(set(written)) == len(written)
+        for symbol in {s for _, e in equation.lines for s in e.free_symbols} - defined:
+            name = equation.names[symbol]
+            assert name.meaning
+            assert (name.text if make is as_text else name.latex) in legend
+        for index in set(re.findall(r"\b[sc]_(\{[^}]*\})", text.split("Symbols", 1)[0])):
+            assert f"s_{index}" in legend
+
+
+def test_long_chains_say_why_they_are_definitions() -> None:
+    assert "grow about threefold with every link" in " ".join(
+        as_text(chain_equation(PAPER, 6, 15)).split()
+    )
+    assert not chain_equation(PAPER, 6, 15).closed
+    assert chain_equation(PAPER, 6, 15, most_terms=5000).closed
+    assert chain_equation(PAPER, 2, 15).closed
+
+
+def test_definitions_grow_in_proportion_to_the_links() -> None:
+    """Rows of eq. 5; the mass matrix has a square of them by itself."""
+    lengths = [len(chain_equation(paper_family(4, n), 4, 5).lines) for n in (4, 7, 10)]
+    assert lengths[2] - lengths[1] <= 1.2 * (lengths[1] - lengths[0])
+
+
+@pytest.mark.slow
+def test_two_processes_show_the_same() -> None:
+    code = (
+        "from gibbs_codegen import as_latex, chain_equation, read_robot; "
+        "r = read_robot('hexarotor_3link')[0]; "
+        "print(*(as_latex(chain_equation(r, j, e)) for j in (1, 6) for e in (2, 15)))"
+    )
+    outputs = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            check=True,
+        ).stdout
+        for seed in "12"
+    }
+    assert len(outputs) == 1
+
+
+def test_latex_compiles(tmp_path: Path) -> None:
+    compiler = shutil.which("pdflatex")
+    if compiler is None:
+        pytest.skip("pdflatex is not installed")
+    body = as_latex(*(shown(PAPER, 1, number) for number in EQUATIONS))
+    text = "\\documentclass{article}\\usepackage{amsmath}\\allowdisplaybreaks\n"
+    text += f"\\begin{{document}}\n{body}\\end{{document}}\n"
+    (tmp_path / "shown.tex").write_text(text, encoding="ascii")
+    command = [compiler, "-interaction=nonstopmode", "-halt-on-error", "shown.tex"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+
+
+@pytest.mark.parametrize("chain", [0, 7, -1])
+@pytest.mark.parametrize("equation", EQUATIONS)
+def test_unknown_chains_are_refused(chain: int, equation: int) -> None:
+    with pytest.raises(UsageError, match="has chains 1 to 6"):
+        chain_equation(PAPER, chain, equation)
+
+
+def test_unknown_equations_are_refused() -> None:
+    with pytest.raises(UsageError, match="equation 7: cannot be shown; known: 2, 5, 6, 15, 18"):
+        chain_equation(PAPER, 1, 7)
+
+
+def test_equations_of_two_chains_are_not_laid_out_together() -> None:
+    with pytest.raises(UsageError, match="one chain"):
+        as_text(shown(PAPER, 1, 18), shown(PAPER, 2, 18))

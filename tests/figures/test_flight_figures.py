@@ -1,0 +1,319 @@
+"""Figures show the data of a flight, in the units they claim, for every kind of machine."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from support.synthetic_flight import names, synthetic_flight
+
+from gibbs_codegen.errors import OutputError
+from gibbs_codegen.figures import flight as figures
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.simulator.flight import Flight
+
+Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
+Array = NDArray[Any]
+Shipped = Callable[[str], ModuleType]
+PLOTS = [draw for draw in figures.FIGURES if not draw.__name__.startswith("snapshots")]
+
+TWO_ROTORS = """
+name = "two_rotors"
+[base]
+rotors = 2
+thrust = ["z", "z"]
+arm = { length = 0.5, mass_per_length = 1.0, section_inertia = [1e-4, 1e-4, 1e-4] }
+"""
+SLIDING = """
+name = "sliding"
+[base]
+rotors = 10
+origin = "centre"
+arm = { length = 0.5, mass_per_length = 1.0 }
+[[link]]
+length = 0.4
+mass_per_length = 1.0
+[[link]]
+alpha_deg = 90
+joint = "prismatic"
+length = 0.5
+mass_per_length = 1.0
+"""
+
+
+@pytest.fixture(scope="module")
+def paper(shipped: Shipped) -> Flight:
+    return synthetic_flight(shipped("hexarotor_3link"))
+
+
+@pytest.fixture(scope="module")
+def sliding(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    return synthetic_flight(_own(SLIDING, tmp_path_factory.mktemp("sliding")))
+
+
+@pytest.fixture(scope="module")
+def flights(
+    shipped: Shipped, paper: Flight, sliding: Flight, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Flight]:
+    """One flight of every kind that a figure could stumble on."""
+    still = synthetic_flight(shipped("hexarotor_3link"), error=0.0)
+    gain = still.kinetic_energy + still.potential_energy
+    return {
+        "paper": paper,
+        "sliding": sliding,
+        "level": replace(sliding, applied=0.0 * sliding.applied + 5.0),
+        "no error": replace(still, work=gain - gain[0]),
+        # With two rotors and no arm, and at once.
+        "stopped": replace(
+            synthetic_flight(_own(TWO_ROTORS, tmp_path_factory.mktemp("two")), samples=1),
+            stopped="at t = 0 s: $5 of θ₀ is too_much " * 4,
+        ),
+    }
+
+
+@pytest.fixture(scope="module")
+def drawn(flights: dict[str, Flight]) -> Drawn:
+    """A figure of a kind of flight, drawn once."""
+
+    @functools.cache
+    def figure(draw: Callable[[Flight], Figure], kind: str) -> Figure:
+        return draw(flights[kind])
+
+    return figure
+
+
+def _own(text: str, folder: Path) -> ModuleType:
+    (folder / "robot.toml").write_text(text, encoding="utf-8")
+    return load(generate(folder / "robot.toml", folder, targets=("numpy",)))
+
+
+def solid(axes: Any) -> list[Array]:
+    return [line.get_ydata() for line in axes.get_lines() if line.get_linestyle() == "-"]
+
+
+def dashed(axes: Any) -> list[Array]:
+    return [line.get_ydata() for line in axes.get_lines() if line.get_linestyle() == "--"]
+
+
+def panel(figure: Figure, label: str) -> Any:
+    (axes,) = [axes for axes in figure.axes if axes.get_ylabel() == label]
+    return axes
+
+
+def colours(axes: Any) -> list[str]:
+    return [line.get_color() for line in axes.get_lines() if line.get_linestyle() == "-"]
+
+
+def legend_texts(axes: Any) -> list[str]:
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+KINDS = ["paper", "sliding", "stopped"]
+
+
+@pytest.mark.parametrize("kind", ["sliding", "stopped"])
+@pytest.mark.parametrize("draw", PLOTS, ids=lambda draw: draw.__name__)
+def test_axes_have_labels_with_units(
+    drawn: Drawn, kind: str, draw: Callable[[Flight], Figure]
+) -> None:
+    figure = drawn(draw, kind)
+    for axes in figure.axes:
+        assert axes.get_ylabel().endswith(("(deg)", "(m)", "(rad)", "(N)", "(N m)", "(J)", "(1)"))
+        low, high = axes.get_ylim()
+        values = np.concatenate([*solid(axes), *dashed(axes)])
+        assert low <= np.nanmin(values) <= np.nanmax(values) <= high
+    assert figure.axes[-1].get_xlabel() == "time (s)"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_coordinates_are_the_flight(flights: dict[str, Flight], drawn: Drawn, kind: str) -> None:
+    flight = flights[kind]
+    figure = drawn(figures.coordinates, kind)
+    arms = panel(figure, "base arms (deg)")
+    assert np.array_equal(solid(arms), np.degrees(flight.base_arm_angles.T))
+    assert np.allclose(dashed(arms), np.degrees(flight.base_arm_angles_desired)[:, np.newaxis])
+    others = [axes for axes in figure.axes if axes is not arms]
+    factor = [np.degrees(1.0) if n.startswith("theta") else 1.0 for n in flight.coordinates]
+    for pick, series in ((solid, flight.q), (dashed, flight.q_desired)):
+        values = [each for axes in others for each in pick(axes)]
+        # Panels put revolute joints before prismatic ones, as the robots here have them.
+        assert np.allclose(values, (series * factor).T, rtol=1e-14)
+
+
+def test_panels_by_kind_of_joint(drawn: Drawn) -> None:
+    def labels(kind: str) -> dict[str, str]:
+        axes = drawn(figures.coordinates, kind).axes
+        letters = {each.get_title(loc="left"): each.get_ylabel() for each in axes}
+        return {letter: label for letter, label in letters.items() if letter}
+
+    attitude = {"A": "attitude (deg)", "B": "base arms (deg)"}
+    at_motor = {"D": "position of $O_1$ (m)"}
+    assert labels("paper") == {**attitude, "C": "joints (deg)", **at_motor}
+    assert labels("stopped") == {**attitude, **at_motor}
+    assert labels("sliding") == {
+        **attitude,
+        "C": "joints (deg)",
+        "C′": "joints (m)",
+        "D": "position of $O_2$ (m)",
+    }
+
+
+def test_flat_coordinates_have_axes_of_their_own(paper: Flight) -> None:
+    """Roll and pitch beside a yaw of two turns; not what does not vary, nor what is not finite."""
+
+    def parts(attitude: list[float], joints: list[float]) -> list[list[str]]:
+        q = paper.q.copy()
+        q[:, :6] = np.sin(paper.time)[:, np.newaxis] * (attitude + joints)
+        q[-1, 2] = np.nan
+        axes = figures.coordinates(replace(paper, q=q)).axes
+        found = [names(each) for each in axes if each.get_ylabel() != "base arms (deg)"]
+        return [[re.sub(r"[^-\d]", "", name) for name in each] for each in found[:-1]]
+
+    assert parts([4.0, 0.3, 1.6], [1e-6, 0.0, 4.0]) == [["-1", "1"], ["0"], ["7", "8", "9"]]
+    assert parts([1.0, 1.1, 4.0], [0.0, 0.1, 4.0]) == [["-1", "0", "1"], ["7", "8"], ["9"]]
+
+
+def test_parts_of_a_panel(drawn: Drawn) -> None:
+    """Colours as if it were one, and times below the lowest only."""
+    above, below, arms, *_ = drawn(figures.coordinates, "paper").axes
+    assert [*colours(above), *colours(below)] == colours(arms)[:3]
+    assert above.get_position().x1 == pytest.approx(arms.get_position().x1 - 0.5, abs=0.02)
+    axes = drawn(figures.coordinates, "sliding").axes
+    timed = [each.get_ylabel() for each in axes if each.get_xlabel()]
+    assert timed[-1] == "position of $O_2$ (m)"
+
+
+def test_desired_is_drawn_over_actual(drawn: Drawn) -> None:
+    for axes in drawn(figures.coordinates, "paper").axes:
+        below = [line for line in axes.get_lines() if line.get_linestyle() == "-"]
+        above = [line for line in axes.get_lines() if line.get_linestyle() == "--"]
+        assert min(line.zorder for line in above) > max(line.zorder for line in below)
+        assert max(line.get_linewidth() for line in above) < below[0].get_linewidth()
+
+
+def test_names_are_the_papers(drawn: Drawn) -> None:
+    figure = drawn(figures.coordinates, "paper")
+    assert names(figure.axes[0]) == [r"$\theta_{-1}$", r"$\theta_{0}$"]
+    assert names(figure.axes[1]) == [r"$\theta_{1}$"]
+    assert names(figure.axes[-1]) == ["$x$", "$y$", "$z$"]
+    assert names(panel(drawn(figures.coordinates, "sliding"), "joints (m)")) == ["$d_{12}$"]
+    assert names(drawn(figures.constraint_torques, "paper").axes[0])[0] == r"$\tau$′$_{2}$"
+
+
+@pytest.mark.parametrize("draw", [figures.coordinates, figures.inputs], ids=["10 arms", "inputs"])
+def test_names_do_not_meet(drawn: Drawn, draw: Callable[[Flight], Figure]) -> None:
+    figure = drawn(draw, "sliding" if draw is figures.coordinates else "level")
+    for axes in figure.axes:
+        assert len(names(axes)) == len(solid(axes))
+        heights = sorted(
+            text.get_transform().transform(text.get_position())[1] * 72.0 / figure.dpi
+            for text in axes.texts
+        )
+        assert np.all(np.diff(heights) > 9.0)
+
+
+def test_too_many_names_are_thinned(paper: Flight) -> None:
+    shape = (len(paper.time), 16)
+    many = replace(paper, base_arm_angles_desired=np.zeros(16), constraint_torques=np.ones(shape))
+    axes = figures.constraint_torques(many).axes[0]
+    assert 4 < len(names(axes)) < 20
+    assert len(solid(axes)) == 16
+
+
+def test_inputs_and_what_was_commanded(sliding: Flight, drawn: Drawn) -> None:
+    figure = drawn(figures.inputs, "sliding")
+    thrust, torque, force = figure.axes
+    assert np.array_equal(solid(thrust), sliding.applied[:, :10].T)
+    assert np.array_equal(solid(torque), sliding.applied[:, 10:11].T)
+    assert np.array_equal(solid(force), sliding.applied[:, 11:].T)
+    asked = np.array(dashed(thrust))
+    cut = sliding.applied[:, :10].T != sliding.commanded[:, :10].T
+    assert cut.any()
+    assert np.array_equal(np.isfinite(asked), cut)
+    assert np.array_equal(asked[cut], sliding.commanded[:, :10].T[cut])
+    assert legend_texts(thrust)[1] == "commanded"
+    obeyed = figures.inputs(replace(sliding, commanded=sliding.applied))
+    assert obeyed.axes[0].get_legend() is None
+
+
+def test_constraint_torques_are_the_flight(paper: Flight, drawn: Drawn) -> None:
+    (axes,) = drawn(figures.constraint_torques, "paper").axes
+    assert np.array_equal(solid(axes), paper.constraint_torques.T)
+
+
+def test_tracking_error_by_unit(sliding: Flight, drawn: Drawn) -> None:
+    above, below = drawn(figures.tracking_error, "sliding").axes
+    error = np.abs(sliding.q - sliding.q_desired)
+    assert np.array_equal(solid(above), [sliding.centre_error, sliding.tip_error, error[:, 4]])
+    assert np.array_equal(solid(below)[0], error[:, :4].max(axis=1))
+    assert np.array_equal(solid(below)[1], np.maximum(sliding.heading_error, 1e-17))
+    free = figures.tracking_error(replace(sliding, tangent_arm=0)).axes[1]
+    assert len(solid(free)) == 1
+
+
+def test_zeros_on_logarithmic_axes(drawn: Drawn) -> None:
+    axes = [
+        *drawn(figures.tracking_error, "no error").axes,
+        drawn(figures.energy, "no error").axes[1],
+    ]
+    for each in axes:
+        assert each.get_yscale() == "log"
+        assert np.all(np.array(solid(each)) == figures.LOG_FLOOR)
+
+
+def test_energy_and_its_balance(paper: Flight, drawn: Drawn) -> None:
+    above, below = drawn(figures.energy, "paper").axes
+    kinetic, potential, total = solid(above)
+    assert np.array_equal(kinetic, paper.kinetic_energy - paper.kinetic_energy[0])
+    assert np.array_equal(potential, paper.potential_energy - paper.potential_energy[0])
+    assert np.array_equal(total, kinetic + potential)
+    assert np.array_equal(dashed(above), [paper.work])
+    largest = max(np.abs(total).max(), np.abs(paper.work).max())
+    balance = np.maximum(np.abs(paper.energy_error) / largest, 1e-17)
+    assert np.allclose(solid(below)[0], balance, rtol=1e-12, atol=0.0)
+
+
+def test_heading_says_why_it_stopped(drawn: Drawn) -> None:
+    assert drawn(figures.energy, "paper").get_suptitle() == "hexarotor_3link, synthetic"
+    for draw in PLOTS:
+        heading = drawn(draw, "stopped").get_suptitle()
+        assert "stopped at t = 0 s: $5 of θ₀ is too_much" in heading
+
+
+def test_files_in_order_and_twice_the_same(
+    paper: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert len(figures.FIGURES) == 7
+    monkeypatch.setattr(figures, "FIGURES", (figures.constraint_torques,))
+    written = figures.write_figures(paper, tmp_path / "new" / "once")
+    assert [path.name for path in written] == ["constraint_torques.png", "constraint_torques.pdf"]
+    again = figures.write_figures(paper, tmp_path / "twice")
+    for path, other in zip(written, again, strict=True):
+        content = path.read_bytes()
+        assert content.startswith(b"%PDF" if path.suffix == ".pdf" else b"\x89PNG")
+        assert b"CreationDate" not in content
+        assert content == other.read_bytes()
+
+
+def test_folder_that_is_a_file(paper: Flight, tmp_path: Path) -> None:
+    (tmp_path / "taken").touch()
+    with pytest.raises(OutputError, match="taken: cannot hold the figures: "):
+        figures.write_figures(paper, tmp_path / "taken")
+
+
+def test_users_style_is_left_alone_and_not_used(paper: Flight) -> None:
+    with mpl.rc_context({"font.size": 30, "axes.grid": False}):
+        figure = figures.energy(paper)
+        assert mpl.rcParams["font.size"] == 30
+    assert figure.axes[0].yaxis.label.get_fontsize() == 8

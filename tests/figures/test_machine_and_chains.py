@@ -1,0 +1,189 @@
+"""Figures of the machine and of its chains show what the robot's data and the decomposition say."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3D, Poly3DCollection
+from support.emitted import emitted_module
+from support.random_robots import robots
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.figures.chains import CONSTRAINT, TORQUE, chains_figure
+from gibbs_codegen.figures.machine import (
+    THRUST,
+    X_AXIS,
+    Z_AXIS,
+    default_posture,
+    machine_figure,
+)
+from gibbs_codegen.figures.style import DARK, GOLD
+from gibbs_codegen.robot.chains import decompose
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Link, Robot, Rod
+from gibbs_codegen.robot.posture import machine_frames
+
+SHIPPED = ("hexarotor_3link", "quadrotor_2link", "octorotor_7link", "decarotor_3link", "hexarotor")
+PAPER = read_robot("hexarotor_3link")[0]
+
+
+def texts(axes: Axes) -> list[str]:
+    return [text.get_text() for text in axes.texts if text.get_text()]
+
+
+def gold_lines(axes: Axes) -> list[Any]:
+    return [line for line in axes.lines if to_hex(line.get_color()) == GOLD]
+
+
+def arrows(axes: Axes, colour: str) -> int:
+    """Number of arrows of a colour, whichever way they are drawn."""
+    patches = [text.arrow_patch for text in axes.texts if getattr(text, "arrow_patch", None)]
+    patches += [patch for patch in axes.patches if type(patch).__name__ == "FancyArrowPatch"]
+    return sum(to_hex(patch.get_edgecolor()) == colour for patch in patches)
+
+
+@settings(max_examples=3)
+@given(robot=robots(most_rotors=7, most_links=4))
+def test_frames_are_where_the_emitted_functions_put_them(robot: Robot) -> None:
+    module = emitted_module(robot)
+    q = np.random.default_rng(2).normal(size=len(module.COORDINATES))
+    frames = machine_frames(robot, q)
+    assert np.allclose(frames.points, module.positions(q), atol=1e-12)
+    last = frames.links[-1] if frames.links else frames.arm_1
+    assert np.allclose(last.axes, module.tip_pose(q)[:3, :3], atol=1e-12)
+    # A thrust pushes the origin of the coordinates along itself.
+    assert np.allclose(frames.thrusts.T, module.input_matrix(q)[-3:, : robot.rotors], atol=1e-12)
+
+
+def test_coordinates_of_another_number_are_refused() -> None:
+    with pytest.raises(UsageError, match="9 coordinates"):
+        machine_figure(PAPER, [0.0] * 8)
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_machine_stands_where_its_frames_are(
+    shipped: Callable[[str], ModuleType], name: str
+) -> None:
+    robot = read_robot(name)[0]
+    module = shipped(name)
+    figure = machine_figure(robot)
+    axes = figure.axes[0]
+    at = dict(zip(module.POINTS, module.positions(default_posture(robot)), strict=True))
+    (gold,) = gold_lines(axes)
+    assert np.allclose(np.transpose(gold.get_data_3d()), [at["O2"], at["motor2"]])
+    if robot.links:
+        arm = [line for line in axes.lines if isinstance(line, Line3D)][-1]
+        along = ["O2", *(point for point in module.POINTS if point.startswith("joint")), "tip"]
+        assert np.allclose(np.transpose(arm.get_data_3d()), [at[point] for point in along])
+    (discs,) = [c for c in axes.collections if isinstance(c, Poly3DCollection)]
+    assert len(discs.get_facecolor()) in (1, robot.rotors)
+
+
+def test_base_is_numbered_and_has_a_thrust_at_every_motor() -> None:
+    _, base = machine_figure(PAPER).axes
+    assert {"$O_1$", "$O_2$", *"123456", *(f"$F_{{{k}}}$" for k in range(1, 7))} <= set(texts(base))
+    assert arrows(base, THRUST) == 6
+    assert arrows(base, X_AXIS) == 6
+    assert arrows(base, Z_AXIS) == 1
+
+
+def test_arm_has_the_frame_of_every_link() -> None:
+    whole, _ = machine_figure(PAPER).axes
+    expected = {f"${axis}_{{{k}}}$" for axis in "xz" for k in (7, 8, 9)}
+    # Link 7 has no length: no place for its number.
+    assert expected | {"$O_2$", "tip", "8", "9"} == set(texts(whole))
+
+
+def test_posture_is_the_one_that_is_asked_for() -> None:
+    q = np.array([0.1, -0.2, 0.3, 0.4, -1.0, 0.5, 1.0, 2.0, 3.0])
+    (gold,) = gold_lines(machine_figure(PAPER, q).axes[0])
+    frames = machine_frames(PAPER, q)
+    assert np.allclose(np.transpose(gold.get_data_3d()), [frames.centre, frames.motors[1]])
+
+
+def test_nothing_lies_outside_its_scene() -> None:
+    """What does is not drawn at all."""
+    for name in SHIPPED:
+        for axes in machine_figure(read_robot(name)[0]).axes:
+            low, high = np.transpose([getattr(axes, f"get_{n}lim")() for n in "xyz"])
+            for line in axes.lines:
+                places = np.transpose(line.get_data_3d())
+                assert np.all((places >= low) & (places <= high))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_chain_shows_what_the_decomposition_says(name: str) -> None:
+    robot = read_robot(name)[0]
+    panels = [axes for axes in chains_figure(robot).axes if axes.get_title(loc="left")]
+    for chain, axes in zip(decompose(robot), panels, strict=True):
+        j = chain.number
+        shown = texts(axes)
+        assert axes.get_title(loc="left") == f"chain {j}"
+        assert {"−1", "0", "1"} <= set(shown)
+        for item in (1, 2, 3):
+            assert f"$\\theta_{{{j},{item}}}$" in shown
+        assert (f"$F_{{{j},3}}$" in shown) == (1 in chain.motors)
+        assert (f"$F_{{{j},5}}$" in shown) == chain.is_constrained
+        assert (f"$\\tau'_{{{j},4}}$" in shown) == chain.is_constrained
+        assert arrows(axes, CONSTRAINT) == chain.is_constrained
+        assert arrows(axes, TORQUE) == (0 if chain.is_constrained else min(len(robot.links), 4))
+
+
+def test_mass_is_solid_once() -> None:
+    """Arm 1 is filled in chain 1 and hollow in the others; arm 7 of the paper has no mass."""
+    first, second, *_, last = chains_figure(PAPER).axes
+    assert bars(first) == [DARK, GOLD]
+    assert bars(second) == ["white", DARK]
+    assert bars(last) == ["white", "white", DARK, DARK]
+
+
+def bars(axes: Axes) -> list[str]:
+    """Fillings of the links, in order."""
+    return [line.get_color() for line in axes.lines if line.get_linewidth() == 3.6]
+
+
+def test_angles_are_the_true_ones_even_where_arms_are_drawn_apart() -> None:
+    shown = texts(chains_figure(paper_family(40, 0), [1, 20]).axes[0])
+    assert "$\\theta_{1,4}$ = −171°" in shown
+
+
+def test_many_rotors_and_links_are_left_out() -> None:
+    panels = chains_figure(paper_family(40, 30)).axes
+    assert [axes.get_title(loc="left") for axes in panels] == [
+        f"chain {j}" for j in (1, 2, 3, 38, 39, 40)
+    ]
+    assert {"…", "41", "42", "43", "70"} <= set(texts(panels[-1]))
+
+
+@pytest.mark.parametrize("numbers", [[0], [7], []])
+def test_chains_that_do_not_exist_are_refused(numbers: list[int]) -> None:
+    with pytest.raises(UsageError, match="chains 1 to 6"):
+        chains_figure(PAPER, numbers)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        paper_family(2, 1),
+        paper_family(12, 5),
+        replace(PAPER, links=(Link(Rod(1.0, 1.0), Fraction(90), joint="prismatic"),)),
+        replace(PAPER, base=replace(PAPER.base, thrust=((0.0, 0.6, -0.8),) * 6, origin="centre")),
+    ],
+    ids=["two rotors", "twelve rotors", "prismatic", "tilted thrusts"],
+)
+@pytest.mark.parametrize("draw", [machine_figure, chains_figure])
+def test_other_machines_can_be_drawn(draw: Callable[[Robot], Figure], robot: Robot) -> None:
+    figure = draw(robot)
+    figure.draw_without_rendering()
+    assert figure.axes

@@ -1,0 +1,149 @@
+"""Snapshots show the machine where it was: equal axes, twelve instants, the gold arm."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from support.synthetic_flight import names, synthetic_flight
+
+from gibbs_codegen.figures.snapshots import snapshots, snapshots_panels
+from gibbs_codegen.figures.style import FULL, GOLD
+from gibbs_codegen.simulator.flight import Flight
+
+Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
+Array = NDArray[Any]
+
+
+@pytest.fixture(scope="module")
+def paper(shipped: Callable[[str], ModuleType]) -> Flight:
+    return synthetic_flight(shipped("hexarotor_3link"))
+
+
+@pytest.fixture(scope="module")
+def flights(shipped: Callable[[str], ModuleType], paper: Flight) -> dict[str, Flight]:
+    """One flight of every kind that a drawing could stumble on."""
+    bare = [name for name in paper.points if not name.startswith("joint")]
+    return {
+        "paper": paper,
+        "no arm": replace(
+            paper,
+            points=tuple(bare),
+            positions=paper.positions[:, [paper.points.index(name) for name in bare]],
+            tip_desired=paper.centre_desired,
+        ),
+        "stopped": replace(
+            synthetic_flight(shipped("hexarotor_3link"), samples=1),
+            stopped="at t = 0 s: $5 of θ₀ is too_much " * 4,
+        ),
+    }
+
+
+@pytest.fixture(scope="module")
+def drawn(flights: dict[str, Flight]) -> Drawn:
+    """A drawing of a kind of flight, drawn once."""
+
+    @functools.cache
+    def figure(draw: Callable[[Flight], Figure], kind: str) -> Figure:
+        return draw(flights[kind])
+
+    return figure
+
+
+def gold_arm(axes: Any) -> Array:
+    (line,) = [line for line in axes.get_lines() if to_hex(line.get_color()) == GOLD]
+    points: Array = np.transpose(line.get_data_3d())
+    return points
+
+
+@pytest.mark.parametrize(
+    ("draw", "kind"),
+    [
+        (snapshots, "paper"),
+        (snapshots, "no arm"),
+        (snapshots, "stopped"),
+        (snapshots_panels, "paper"),
+    ],
+)
+def test_axes_in_space_are_equal(drawn: Drawn, kind: str, draw: Callable[[Flight], Figure]) -> None:
+    axes: Any
+    for axes in drawn(draw, kind).axes:
+        limits = np.array([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()])
+        shape = np.ptp(limits, axis=1) / axes._box_aspect  # what set_box_aspect was given
+        assert np.allclose(shape, shape[0], rtol=1e-12)
+        # Panels show the twelve instants, and so are limited to them.
+        shown = np.concatenate([np.transpose(line.get_data_3d()) for line in axes.get_lines()])
+        assert np.all((limits[:, 0] < shown) & (shown < limits[:, 1]))
+        labels = [axes.get_xlabel(), axes.get_ylabel(), axes.get_zlabel()]
+        assert labels == ["$x$ (m)", "$y$ (m)", "$z$ (m)"]
+
+
+def test_heading_says_why_it_stopped(drawn: Drawn) -> None:
+    assert drawn(snapshots, "paper").get_suptitle() == "hexarotor_3link, synthetic"
+    assert "stopped at t = 0 s: $5 of θ₀ is too_much" in drawn(snapshots, "stopped").get_suptitle()
+
+
+def test_twelve_instants(drawn: Drawn) -> None:
+    axes: Any = drawn(snapshots, "paper").axes[0]
+    discs = axes.collections
+    assert len(discs) == 12
+    assert all(len(each._faces) == 6 for each in discs)  # no public way to ask for them
+    times = [float(name.removesuffix(" s")) for name in names(axes)]
+    assert np.allclose(times, np.linspace(0.0, 4.0 * np.pi, 12), atol=0.1)
+    assert len(drawn(snapshots_panels, "paper").axes) == 12
+
+
+def test_instants_in_one_place_share_a_label(paper: Flight) -> None:
+    samples = np.zeros(len(paper.time), dtype=int)
+    still = replace(paper, positions=paper.positions[samples])
+    assert names(snapshots(still).axes[0]) == ["0.0 … 12.6 s"]
+    ring = replace(still, positions=paper.positions.copy())
+    ring.positions[-1] = ring.positions[0]
+    assert "0.0, 12.6 s" in names(snapshots(ring).axes[0])
+
+
+@pytest.mark.parametrize("kind", ["paper", "no arm"])
+def test_drawing_fills_its_figure(drawn: Drawn, kind: str) -> None:
+    figure = drawn(snapshots, kind)
+    axes: Any = figure.axes[0]
+    grid = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+    whole = figure.bbox
+    assert min(box.x0 for box in grid) < 0.12 * whole.width
+    assert max(box.x1 for box in grid) > 0.88 * whole.width
+    assert 0.0 <= min(box.y0 for box in grid) < 0.06 * whole.height
+    assert figure.get_figwidth() <= FULL
+
+
+@pytest.mark.parametrize("draw", [snapshots, snapshots_panels])
+def test_paths_are_explained_once(drawn: Drawn, draw: Callable[[Flight], Figure]) -> None:
+    (legend,) = drawn(draw, "paper").legends
+    assert [text.get_text() for text in legend.get_texts()] == ["base centre", "tip", "desired"]
+
+
+def test_snapshot_shows_where_the_machine_is(paper: Flight, drawn: Drawn) -> None:
+    """Of the first panel: gold arm, manipulator and discs, against the positions."""
+    axes: Any = drawn(snapshots_panels, "paper").axes[0]
+    lines = [np.transpose(line.get_data_3d()) for line in axes.get_lines()]
+    at = dict(zip(paper.points, paper.positions[0], strict=True))
+    assert np.array_equal(gold_arm(axes), [at["O2"], at["motor2"]])
+    arm = [at[name] for name in ("O2", "joint7", "joint8", "joint9", "tip")]
+    assert any(np.array_equal(points, arm) for points in lines)
+    corners = axes.collections[0]._faces
+    for k in range(6):
+        assert np.allclose(corners[k].mean(axis=0), at[f"motor{k + 1}"])
+        normal = paper.base_rotation[0] @ paper.thrust_directions[k]
+        assert np.allclose((corners[k] - at[f"motor{k + 1}"]) @ normal, 0.0, atol=1e-12)
+
+
+def test_gold_arm_follows_the_path(paper: Flight) -> None:
+    first = replace(paper, tangent_arm=5, time=paper.time[:1])
+    axes = snapshots_panels(first).axes[0]
+    assert np.array_equal(gold_arm(axes)[1], paper.point("motor5")[0])

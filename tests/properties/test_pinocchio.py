@@ -1,0 +1,79 @@
+"""Every emitted function against Pinocchio, on random robots of every structure.
+
+The oracle's tree is built from the robot's data alone and shares no code with the derivation; its
+constrained joints are real joints.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from support.comparison import compare
+from support.emitted import emitted_module
+from support.random_robots import random_robot, rigid_body, robots
+
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.model import Base, Link, Robot, alternating_thrust
+
+SHARDS, ROBOTS = 8, 144
+
+
+def shards() -> list[Any]:
+    """Ranges of robots, of which all but the first are slow."""
+    size = ROBOTS // SHARDS
+    starts = range(0, ROBOTS, size)
+    return [pytest.param(range(s, s + size), marks=[pytest.mark.slow] if s else []) for s in starts]
+
+
+@pytest.mark.parametrize("numbers", shards())
+def test_random_robots(numbers: range) -> None:
+    """144 different robots: every rotor count 2 … 12 with every link count 0 … 8, some twice."""
+    for number in numbers:
+        robot = random_robot(number, 2 + number % 11, number // 11 % 9)
+        try:
+            compare(robot, emitted_module(robot))
+        except AssertionError as error:
+            raise AssertionError(f"random robot {number}: {error}\n{robot}") from None
+
+
+@settings(max_examples=4)
+@given(robot=robots())
+def test_robots_drawn_anew(robot: Robot) -> None:
+    compare(robot, emitted_module(robot))
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots(name: str, shipped) -> None:
+    compare(read_robot(name)[0], shipped(name), count=20)
+
+
+@pytest.mark.slow
+def test_thirty_links_of_general_inertia() -> None:
+    rng = np.random.default_rng(7)
+    base = Base(6, (rigid_body(rng),), alternating_thrust(6), (0.0,) * 6)
+    twists = (0, 90, 0, -90, 37, 180)
+    joints = ("revolute", "revolute", "revolute", "revolute", "prismatic")
+    links = tuple(
+        Link(rigid_body(rng), Fraction(twists[i % 6]), joint=joints[i % 5]) for i in range(30)
+    )
+    robot = Robot("thirty_links", base, links)
+    compare(robot, emitted_module(robot))
+
+
+@pytest.mark.parametrize(
+    ("rotors", "links"),
+    [(2, 0), (2, 1), (40, 3), pytest.param(6, 30, marks=pytest.mark.slow), (3, 2)],
+)
+def test_family(rotors: int, links: int) -> None:
+    robot = paper_family(rotors, links)
+    compare(robot, emitted_module(robot))
+
+
+def test_keeping_zero_parameters_changes_nothing() -> None:
+    robot = paper_family(5, 3)
+    compare(robot, emitted_module(robot, keep_zeros=True))

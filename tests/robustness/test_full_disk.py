@@ -1,0 +1,109 @@
+"""A disk that fills up: a message, exit code 1, and nothing half-written."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from support.command import ENVIRONMENT, run
+from support.small_disk import on_small_disk
+from support.tools import tool
+
+MODULE = ROOT / "generated" / "hexarotor_3link"
+GENERATE = '"$PYTHON" -m gibbs_codegen generate hexarotor --target numpy --out disk/generated'
+
+
+# The module takes some 60 KiB.
+@pytest.mark.slow
+@pytest.mark.parametrize("kibibytes", [4, 40])
+def test_no_module_rather_than_half_of_one(kibibytes: int, tmp_path: Path) -> None:
+    done = on_small_disk(tmp_path, kibibytes, GENERATE)
+    assert done.code == 1
+    assert "disk/generated/hexarotor: cannot be written: No space left on device" in done.error
+    assert "Traceback" not in done.error
+    assert done.left == []
+
+
+@pytest.mark.slow
+def test_the_module_that_was_there_stays(tmp_path: Path) -> None:
+    script = f"""
+        {GENERATE} && cp -r disk/generated kept && ! cp /dev/zero disk/filler 2> said &&
+        ! {GENERATE} --all-parameters && diff -r kept disk/generated &&
+        rm disk/filler && {GENERATE} --all-parameters && ! diff -r kept disk/generated > said"""
+    done = on_small_disk(tmp_path, 200, script)
+    assert done.code == 0, done.error
+    assert "cannot be written: No space left on device; nothing was changed" in done.error
+    folder = "./generated/hexarotor"
+    files = [
+        f"{folder}/{name}" for name in ("MANIFEST", "__init__.py", "numpy_module.py", "robot.toml")
+    ]
+    assert done.left == ["./generated", folder, *files]
+
+
+LOAD = f"""
+import os, sys
+import numpy as np
+from gibbs_codegen import load
+small = load({str(MODULE)!r}, backend="c")
+print(small.__file__.endswith(".py"), small.mass_matrix(np.zeros(9)).shape)
+left = [name for name in os.listdir("disk/cache") if not name.endswith(".lock")]
+print(left, flush=True)
+assert os.system("mount -o remount,size=50m disk") == 0
+large = load({str(MODULE)!r}, backend="c")
+print(large.__file__.endswith(".so"), np.allclose(*(
+    m.mass_matrix(np.ones(9)) for m in (small, large))))
+"""
+
+
+@pytest.mark.parametrize("kibibytes", [100, pytest.param(250, marks=pytest.mark.slow)])
+def test_numpy_serves_until_there_is_room(kibibytes: int, tmp_path: Path) -> None:
+    """There is no room for the source, or for the library."""
+    tool("cc")
+    cache = str(tmp_path / "disk" / "cache")
+    script = f"cat > load.py << 'END'\n{LOAD}\nEND\n\"$PYTHON\" load.py"
+    done = on_small_disk(tmp_path, kibibytes, script, GIBBS_CODEGEN_CACHE=cache, CC="cc -O0")
+    assert done.code == 0, done.error
+    assert done.out.splitlines() == ["True (9, 9)", "[]", "True True"]
+    said = done.error.splitlines()
+    assert len(said) == 1
+    assert said[0].startswith("hexarotor_3link: NumPy serves instead of C: ")
+    assert "No space left on device" in said[0]
+
+
+@pytest.mark.parametrize(
+    ("kibibytes", "options"),
+    [
+        (16, "--no-figures"),
+        pytest.param(130, "--no-figures --animate gif", marks=pytest.mark.slow),
+        pytest.param(700, "", marks=pytest.mark.slow),
+    ],
+)
+def test_no_results_rather_than_half_of_them(kibibytes: int, options: str, tmp_path: Path) -> None:
+    """Where the series do not fit, the film, or some figure."""
+    script = (
+        f'"$PYTHON" -m gibbs_codegen simulate {MODULE} --backend numpy --set duration=0.3 '
+        f"--out disk/flight {options}"
+    )
+    done = on_small_disk(tmp_path, kibibytes, script)
+    assert done.code == 1
+    assert "Traceback" not in done.error
+    assert "No space left on device" in done.error
+    assert "disk/flight" in done.error
+    assert done.out == ""
+    assert done.left == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_module_whose_message_finds_no_room_is_whole(tmp_path: Path) -> None:
+    command = f"{sys.executable} -m gibbs_codegen generate hexarotor --target numpy > /dev/full"
+    done = subprocess.run(
+        ["bash", "-c", command], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr == "gibbs-codegen: output: No space left on device\n"
+    checked = run("generate", "hexarotor", "--target", "numpy", "--check", cwd=tmp_path)
+    assert checked.returncode == 0

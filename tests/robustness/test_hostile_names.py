@@ -1,0 +1,286 @@
+"""Hostile text wherever text may be given: nothing is executed, nothing comes out unescaped."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from support.hostile_text import INJECTIONS, NAMES, TERMINAL
+from support.tools import run, tool
+
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.derivation.derive import Model, derive
+from gibbs_codegen.errors import Fault, RobotFileError, ScenarioFileError, UsageError, printable
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.names import name_fault, name_from
+from gibbs_codegen.scenario.file import changes_of, parse_scenario
+from gibbs_codegen.simulator.flight import read_flight
+from gibbs_codegen.targets.registry import TARGETS, render_module
+
+ROBOT = """name = NAME
+[base]
+rotors = 3
+arm = { length = 1, mass_per_length = 1 }
+"""
+SCENARIO = """name = NAME
+duration = 0.05
+[base]
+path = { kind = "fixed", position = [0, 0, 1] }
+"""
+# As arguments of a process, which cannot hold zero bytes.
+TEXTS = [text for text in (*INJECTIONS, *TERMINAL) if text]
+
+
+@pytest.fixture(autouse=True)
+def _no_canary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Work in an empty folder, in which nothing that a text asks for may be done."""
+    monkeypatch.chdir(tmp_path)
+    yield
+    assert not list(tmp_path.rglob("canary"))
+
+
+def assert_plain(message: str) -> None:
+    """No line of a message holds what a terminal would obey or hide."""
+    assert all(line.isprintable() for line in message.split("\n")), ascii(message)
+
+
+def test_there_are_hundreds() -> None:
+    assert len(NAMES) > 500
+
+
+def test_hostile_robot_names_are_refused() -> None:
+    for name in NAMES:
+        with pytest.raises(RobotFileError) as refusal:
+            parse_robot(ROBOT.replace("NAME", quoted(name)), "r.toml")
+        (line,) = str(refusal.value).split("\n")
+        assert re.match("r.toml:1: name: ['\"]", line)
+        assert line.isascii()
+        assert line.isprintable()
+        assert len(line) < 400
+
+
+def quoted(text: str) -> str:
+    """A string of TOML, which has no pairs of surrogates as JSON has."""
+    return "".join(
+        ['"', *(c if c.isalnum() and c.isascii() else f"\\U{ord(c):08x}" for c in text), '"']
+    )
+
+
+def test_names_made_of_hostile_text_are_accepted() -> None:
+    """`new` names a robot after its file, whatever that is called."""
+    for text in NAMES:
+        assert name_fault(name_from(text)) is None, text
+
+
+@pytest.mark.parametrize("text", ["\x1b[31m", "a\nb", "\u202e", "\udcff", "\x9b"])
+def test_a_message_holds_no_control_characters(text: str) -> None:
+    assert printable(f"<{text}>") == f"<{text.encode('unicode_escape').decode()}>"
+    assert str(RobotFileError(text, [Fault("", "no")])).isprintable()
+
+
+def test_a_message_is_short_and_keeps_both_ends() -> None:
+    assert printable("é" * 160) == "é" * 160
+    shown = printable("/home/" + "x" * 500 + "/robot.toml")
+    assert len(shown) == 160
+    assert shown.startswith("/home/x")
+    assert shown.endswith("x/robot.toml")
+    assert "..." in shown
+
+
+COMMANDS = [
+    ["info", "TEXT"],
+    ["generate", "./TEXT"],
+    ["generate", "hexarotor", "TEXT"],
+    ["generate", "hexarotor", "--target", "./TEXT"],
+    ["generate", "--rotors", "TEXT,", "--links", "1"],
+    ["show", "hexarotor", "--chain", "1", "--format", "./TEXT"],
+    ["simulate", "./TEXT", "--scenario", "hover"],
+    ["simulate", "hexarotor", "--scenario", "./TEXT"],
+    ["simulate", "hexarotor", "--scenario", "hover", "--set", "TEXT"],
+    ["simulate", "hexarotor", "--scenario", "hover", "--set", "TEXT=TEXT"],
+    ["simulate", "hexarotor", "--scenario", "hover", "--set", "control.law=TEXT"],
+    ["simulate", "hexarotor", "--scenario", "hover", "--set", "parameters={TEXT=1}"],
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_hostile_arguments_are_refused(
+    command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for text in TEXTS:
+        words = [word.replace("TEXT", text) for word in command]
+        try:
+            code = main(words)
+        except SystemExit as end:  # As argparse ends what it does not understand.
+            code = int(end.code or 0)
+        out, err = capsys.readouterr()
+        if text in ("--help", "-h") and code == 0:
+            continue
+        assert code == 2, (words, err)
+        assert err
+        assert out == ""
+        assert_plain(err)
+        assert "Traceback" not in err
+        assert max(map(len, err.split("\n"))) < 700
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["name", "gravity", "base.attitude", "base.thrust", "link"])
+def test_hostile_values_and_keys_of_a_robot_file_are_refused(place: str) -> None:
+    """As values they are no direction and no sequence, as keys they are unknown."""
+    base = ROBOT.replace("NAME", '"plain"').splitlines()
+    for text in (*INJECTIONS, *TERMINAL):
+        value = quoted(text)
+        for entry in (f"{place} = {value}", f"{value}.{place} = 1"):
+            with pytest.raises(RobotFileError) as refusal:
+                parse_robot("\n".join([entry, *base]), "r.toml")
+            assert_plain(str(refusal.value))
+
+
+def test_hostile_text_in_a_scenario_is_refused_or_kept_as_it_is() -> None:
+    for text in (*INJECTIONS, *TERMINAL):
+        value = quoted(text)
+        try:
+            scenario = parse_scenario(SCENARIO.replace("NAME", value), "s.toml")
+        except ScenarioFileError as error:
+            refusal = str(error)
+        else:
+            refusal = ""
+            assert scenario.name == text
+            assert text.isprintable()
+        assert_plain(refusal)
+        keyed = SCENARIO.replace("NAME", '"plain"') + f"[parameters]\n{value} = true\n"
+        with pytest.raises(ScenarioFileError) as refused:
+            parse_scenario(keyed, "s.toml")
+        assert_plain(str(refused.value))
+
+
+def test_hostile_changes_are_strings_and_nothing_else() -> None:
+    for text in TEXTS:
+        try:
+            changes = changes_of([f"name={text}"])
+        except UsageError as error:
+            assert_plain(str(error))
+        else:
+            assert isinstance(changes["name"], str | float | int | list | dict | None)
+
+
+PRINTABLE = "$\\frac{$ {{7*7}} %s {0} [red]a[/] */ __import__('os') \\input{x} <b> é 漢 ﬁ"
+
+
+@pytest.mark.parametrize(
+    "figures", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["series", "figures"]
+)
+def test_a_flight_bears_any_printable_name(
+    figures: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    generate("hexarotor", "generated")
+    text = SCENARIO.replace("NAME", quoted(PRINTABLE))
+    (tmp_path / "[red]s{0}%s.toml").write_text(text, encoding="utf-8")
+    words = ["simulate", "hexarotor", "--scenario", "[red]s{0}%s.toml", "--out", "[b]%s{{x}}"]
+    words += ["--backend", "numpy"] + ([] if figures else ["--no-figures"])
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert f"[b]%s{{{{x}}}}: hexarotor flew {PRINTABLE!r}" in out
+    assert err == ""
+    assert read_flight(tmp_path / "[b]%s{{x}}" / "flight.npz").scenario == PRINTABLE
+    assert len(list((tmp_path / "[b]%s{{x}}").iterdir())) == (16 if figures else 2)
+
+
+@pytest.fixture(scope="module")
+def small() -> Model:
+    """A derived model, to be emitted under many names."""
+    return derive(parse_robot(ROBOT.replace("NAME", '"plain"')))
+
+
+def test_what_else_a_robot_file_says_stays_in_it(small: Model) -> None:
+    """Comments hold any text. Of all that is emitted, only the copy of the file repeats them."""
+    text = "".join(f"# canary {text!a} {text.splitlines()[:1]}\n" for text in INJECTIONS)
+    files = render_module(small, text, TARGETS)
+    assert files.pop("robot.toml") == text
+    assert not any("canary" in emitted or "7*7" in emitted for emitted in files.values())
+
+
+# Letters and words that emitted code, C's libraries or compilers use themselves.
+ODD_NAMES = ["linux"]
+MORE_ODD_NAMES = [
+    *("hybrid", "a" * 64),
+    *(
+        "a",
+        "b",
+        "i",
+        "q",
+        "r",
+        "u",
+        "v",
+        "x",
+        "real",
+        "bits",
+        "constants",
+        "init",
+        "unix",
+    ),
+    *("i386", "sin", "std", "main", "memcpy", "size", "lanes", "batch", "restrict_", "n_", "x__y"),
+    *("e1", "sine_cosine", "prepare", "fma", "near", "far", "small", "interface", "windows", "arm"),
+]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [ODD_NAMES, pytest.param(MORE_ODD_NAMES, marks=pytest.mark.slow)],
+    ids=["few", "many"],
+)
+def test_what_is_accepted_compiles_and_imports(
+    names: list[str], small: Model, tmp_path: Path
+) -> None:
+    sources = []
+    for name in names:
+        assert name_fault(name) is None
+        model = dataclasses.replace(small, robot=dataclasses.replace(small.robot, name=name))
+        folder = tmp_path / "modules" / name
+        folder.mkdir(parents=True)
+        for file, text in render_module(model, "", TARGETS).items():
+            (folder / file).write_text(text)
+        sources += [folder / f"{name}.c", folder / f"{name}_casadi.c"]
+    warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
+    for source in sources:
+        run([tool("gcc"), "-std=gnu99", *warnings, f"-I{source.parent}", source])
+        run([tool("g++"), "-x", "c++", "-std=gnu++17", *warnings, f"-I{source.parent}", source])
+    # Behind everything else on the path, as the README has it.
+    code = (
+        f"import importlib, sys; sys.path.append('modules')\nfor name in {names}:\n"
+        "    module = importlib.import_module(name); assert module.NAME == name, module\n"
+        "    assert module.mass_matrix([0.1] * 6).shape == (6, 6)"
+    )
+    run([sys.executable, "-c", code])
+
+
+def test_no_header_that_emitted_code_reads_can_be_a_robot_s(small: Model, tmp_path: Path) -> None:
+    """A module's folder is on the include path, where its header would come before the system's."""
+    for file, text in render_module(small, "", TARGETS).items():
+        (tmp_path / file).write_text(text)
+    sources = [tmp_path / "plain.c", tmp_path / "plain_casadi.c"]
+    listed = run([tool("gcc"), "-M", "-fopenmp", *sources]).replace("\\\n", " ").split()
+    headers = {Path(path).stem for path in listed if path.endswith(".h")} - {"plain"}
+    assert {"string", "stddef", "stdint", "features"} <= headers
+    direct = {Path(p).stem for p in listed if Path(p).parent.name == "include"} - {"plain"}
+    assert all(name_fault(name) for name in direct)
+
+
+def test_hostile_names_of_files_do_not_reach_the_terminal(tmp_path: Path) -> None:
+    """In a process of its own, with what Python does to its streams."""
+    name = "\x1b[31m\udcff[red]\n\u202e.toml"
+    (tmp_path / name).write_text("name = 3")
+    done = subprocess.run(
+        [sys.executable, "-m", "gibbs_codegen", "info", name], cwd=tmp_path, capture_output=True
+    )
+    assert done.returncode == 2
+    assert done.stderr.decode().isascii()
+    assert_plain(done.stderr.decode())
+    assert b"\\x1b[31m\\udcff[red]\\n\\u202e.toml:1: name: must be a string" in done.stderr

@@ -1,0 +1,158 @@
+"""The emitted C under instruments that take their time: threads, races, undefined memory."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+from support.c_programs import random_calls, threads_beside_each_other
+from support.compiled import SMALL, Emitted, build, compile_only, emit_labelled
+from support.tools import run, tool
+
+
+@pytest.fixture(scope="module")
+def emitted(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Emitted]:
+    """Emit a robot that ships, or one of RANDOM or CUT."""
+    base = tmp_path_factory.mktemp("emitted")
+
+    @functools.cache
+    def made(label: str) -> Emitted:
+        return emit_labelled(label, base / label)
+
+    return made
+
+
+def threads_program(
+    robot: Emitted, compiler: str, options: Sequence[str], folder: Path, *defined: str
+) -> Path:
+    """The program of eight threads, compiled."""
+    source = folder / "threads.c"
+    source.write_text(threads_beside_each_other(robot), encoding="utf-8")
+    options = [*options, "-pthread", f"-I{robot.folder}"]
+    objects = compile_only(compiler, options, robot.sources[:1], folder)
+    objects += compile_only(compiler, [*options, *defined], [str(source)], folder)
+    run([tool(compiler), *options, *objects, "-o", folder / "threads", "-lm"])
+    return folder / "threads"
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler", "options"),
+    [
+        (SMALL, "gcc", ["-O1"]),
+        pytest.param("random_4_3", "clang", ["-O1"], marks=pytest.mark.slow),
+    ],
+    ids=lambda value: "".join(value),
+)
+def test_eight_threads_give_the_bytes_that_one_gives(
+    label: str,
+    compiler: str,
+    options: list[str],
+    emitted: Callable[[str], Emitted],
+    tmp_path: Path,
+) -> None:
+    """In 100 000 calls each, of every function for one state and in blocks."""
+    program = threads_program(emitted(label), compiler, options, tmp_path)
+    assert run([program]) == "0\n"
+
+
+def test_eight_threads_would_tell_a_byte_that_differs(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    program = threads_program(emitted(SMALL), "gcc", ["-O0"], tmp_path, "-DSPOILED", "-DCALLS=340")
+    # Each of the eight makes each of the 34 checks ten times.
+    assert run([program]) == "80\n"
+
+
+RACES = "WARNING: ThreadSanitizer"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_no_thread_races_with_another(
+    compiler: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """Nor would the instrument be silent about one."""
+    (tmp_path / "race.c").write_text(
+        "#include <pthread.h>\n"
+        "static int shared;\n"
+        "static void *work(void *given) { ++shared; return given; }\n"
+        "int main(void) { pthread_t t; pthread_create(&t, 0, work, 0); ++shared;\n"
+        "return pthread_join(t, 0); }\n"
+    )
+    options = ["-O1", "-fsanitize=thread"]
+    race = build(compiler, [*options, "-pthread"], [str(tmp_path / "race.c")], tmp_path / "race")
+    with pytest.raises(pytest.fail.Exception, match=RACES):
+        run([race])
+    robot = emitted(SMALL)
+    program = threads_program(robot, compiler, options, tmp_path, "-DCALLS=3400")
+    assert run([program]) == "0\n"
+
+
+def calls_program(
+    robot: Emitted, compiler: str, source: Sequence[str], driver: Sequence[str], folder: Path
+) -> Path:
+    """The program of random calls; the module's source and the rest compiled with own options."""
+    text = folder / "calls.c"
+    text.write_text(random_calls(robot), encoding="utf-8")
+    objects = compile_only(compiler, source, robot.sources[:1], folder)
+    objects += compile_only(compiler, [*driver, f"-I{robot.folder}"], [str(text)], folder)
+    run([tool(compiler), *source, *objects, "-o", folder / "calls", "-lm"])
+    return folder / "calls"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("label", ["random_5_2"])
+def test_nothing_depends_on_memory_that_nobody_wrote(
+    label: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    options = ["-O0", "-fsanitize=memory"]
+    (tmp_path / "unset.c").write_text(
+        "#include <stdlib.h>\n"
+        "int main(void) { int *unset = malloc(sizeof(int)); return *unset ? 1 : 0; }\n"
+    )
+    unset = build("clang", options, [str(tmp_path / "unset.c")], tmp_path / "unset")
+    with pytest.raises(pytest.fail.Exception, match="use-of-uninitialized-value"):
+        run([unset])
+    run([calls_program(emitted(label), "clang", options, options, tmp_path)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("label", "compiler"), [(SMALL, "gcc"), ("random_2_0", "clang")])
+def test_nothing_is_divided_by_zero(
+    label: str, compiler: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """At any state; parameters without a mass are, and `init_constants` sees what comes of it."""
+    options = ["-O0", "-fsanitize=float-divide-by-zero", "-fno-sanitize-recover=all"]
+    robot = emitted(label)
+    if label == "random_2_0":
+        with pytest.raises(pytest.fail.Exception, match="division by zero"):
+            run([calls_program(robot, compiler, options, options, tmp_path)])
+    run([calls_program(robot, compiler, options, [*options, "-DSOUND"], tmp_path)])
+
+
+@pytest.mark.slow
+def test_no_conversion_loses_what_it_converts(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    options = ["-O0", "-fsanitize=implicit-conversion,undefined", "-fno-sanitize-recover=all"]
+    (tmp_path / "narrow.c").write_text(
+        "int main(int count, char **words)\n"
+        "{ const signed char few = 300 * count; return words ? few : 0; }\n"
+    )
+    run([tool("clang"), *options, tmp_path / "narrow.c", "-o", tmp_path / "narrow"])
+    with pytest.raises(pytest.fail.Exception, match="implicit conversion"):
+        run([tmp_path / "narrow"])
+    run([calls_program(emitted(SMALL), "clang", options, options, tmp_path)])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("valgrind") is None, reason="valgrind is not installed")
+def test_valgrind_finds_nothing(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
+    """In code optimised as it is used, which no sanitizer has changed."""
+    program = calls_program(
+        emitted(SMALL), "gcc", ["-O2", "-g"], ["-O2", "-DCALLS=30000"], tmp_path
+    )
+    run(["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", program])

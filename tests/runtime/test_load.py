@@ -1,0 +1,86 @@
+"""Loading generated modules by path and by name."""
+
+from __future__ import annotations
+
+import pydoc
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+from support.tools import tool
+
+from gibbs_codegen import load
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.pipeline import generate
+from gibbs_codegen.robot.file import read_robot
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("load")
+    generate("hexarotor", root / "generated")
+    return root
+
+
+def test_by_path_and_by_name(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    before = list(sys.path)
+    by_name, by_path = load("hexarotor"), load(folder / "generated" / "hexarotor")
+    assert by_name.NAME == by_path.NAME == "hexarotor"
+    assert by_name.mass_matrix([0.0] * 6).shape == (6, 6)
+    assert sys.path == before
+
+
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_help_begins_with_the_robot_and_what_it_takes(folder: Path, backend: str) -> None:
+    if backend == "c":
+        tool("cc")
+    module = load(folder / "generated" / "hexarotor", backend)
+    shown = pydoc.plain(pydoc.render_doc(module))
+    assert "NAME\n    hexarotor - Dynamics M a = R + B u of hexarotor." in shown
+    assert "theta_m1  [rad]  first attitude angle" in shown
+    assert shown.index("Inputs u, in order:") < shown.index("forward_dynamics")
+    assert repr(module).startswith("<module 'hexarotor' from")
+
+
+def test_a_module_that_changed_is_loaded_anew(folder: Path) -> None:
+    path = folder / "generated" / "hexarotor"
+    assert load(path).PARAMETERS["gravity"] == 9.81
+    heavier = folder / "heavier.toml"
+    heavier.write_text(read_robot("hexarotor")[1].replace("9.81", "24.79"))
+    assert generate(heavier, str(folder / "generated")) == path
+    assert load(path).PARAMETERS["gravity"] == 24.79
+
+
+def test_a_module_of_an_older_version_is_refused(folder: Path, tmp_path: Path) -> None:
+    old = tmp_path / "hexarotor"
+    shutil.copytree(folder / "generated" / "hexarotor", old)
+    text = (old / "numpy_module.py").read_text(encoding="utf-8")
+    (old / "numpy_module.py").write_text(text.replace("report_not_finite", "_array"), "utf-8")
+    with pytest.raises(UsageError, match="made by an older version; generate it again"):
+        load(old)
+
+
+def test_half_a_module_is_none(tmp_path: Path) -> None:
+    (tmp_path / "numpy_module.py").write_text("")
+    with pytest.raises(UsageError, match="no generated module"):
+        load(tmp_path)
+
+
+def test_what_is_not_there_is_refused_with_the_command_that_makes_it() -> None:
+    with pytest.raises(UsageError, match="gibbs-codegen generate nowhere"):
+        load("nowhere")
+    with pytest.raises(UsageError, match="known: numpy, c"):
+        load("nowhere", backend="fortran")
+
+
+@pytest.mark.parametrize("backend", ["numpy", "c"])
+def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
+    backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = generate("hexarotor", tmp_path / "generated", targets=("c",))
+    monkeypatch.chdir(tmp_path)
+    for name in ("hexarotor", folder):
+        with pytest.raises(UsageError, match="hexarotor: has the C target only; generate the mod"):
+            load(name, backend=backend)

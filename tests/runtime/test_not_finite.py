@@ -1,0 +1,152 @@
+"""What comes out not finite where finite numbers went in is said, by every back end in one way."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from support.compiled import emit
+from support.tools import tool
+
+from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Link, Rod
+from gibbs_codegen.runtime.load import load
+
+Load = Callable[[str], ModuleType]
+
+NAME = "hexarotor_3link"
+# Enough of them for two threads.
+MANY = 2 * 16_384
+NUMPY_WAYS = ("NumPy, one state", "NumPy, batch")
+C_WAYS = ("C, one state", "C, lists", "C, batch", "C, threads")
+
+
+@pytest.fixture(scope="module")
+def call(shipped: Load, fast: Load) -> Callable[..., object]:
+    """Call a function of the robot in some way, with arguments for one state."""
+    tool("cc")
+    threaded = load(Path(shipped(NAME).__file__ or "").parent, backend="c", threads=2)
+
+    def called(way: str, function: str, *state: np.ndarray) -> object:
+        module = shipped(NAME) if way in NUMPY_WAYS else fast(NAME)
+        match way:
+            case "NumPy, batch" | "C, batch":
+                return getattr(module, function)(*(batch_of(a, 7) for a in state))
+            case "C, threads":
+                return getattr(threaded, function)(*(batch_of(a, MANY) for a in state))
+            case "C, lists":
+                return getattr(module, function)(*(a.tolist() for a in state))
+            case _:
+                return getattr(module, function)(*state)
+
+    return called
+
+
+def batch_of(values: np.ndarray, count: int) -> np.ndarray:
+    """States of ones, of which the third, and the last, is the one given."""
+    batch = np.ones((count, len(values)))
+    batch[2], batch[-1] = values, values
+    return batch
+
+
+def arguments(signature: Signature) -> dict[str, np.ndarray]:
+    return {n: np.ones(w) for n, w in zip(signature.arguments, signature.widths, strict=True)}
+
+
+def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
+    """Arguments of a function that it overflows with, and what is largest; None where none do."""
+    state = arguments(signature)
+    if "v" in state:
+        state["v"][1] = -1e200
+        return state, "v of theta_0, -1e+200"
+    if signature.name == "potential_energy":
+        state["q"][-1] = 1e308
+        return state, "q of z, 1e+308"
+    return None
+
+
+FORMS = {s.name: s for s in signatures(9, 19, 9, 12)}
+OVERFLOWING = [name for name, form in FORMS.items() if too_large(form)]
+
+
+@pytest.mark.parametrize("way", [*NUMPY_WAYS, *C_WAYS])
+def test_overflow_names_function_state_and_largest_argument(way: str, call) -> None:
+    for name in OVERFLOWING:
+        state, largest = too_large(FORMS[name])
+        count = {"NumPy, batch": 7, "C, batch": 7, "C, threads": MANY}.get(way)
+        where = f" in 2 of {count} states, first [2]," if count else ""
+        with pytest.warns(RuntimeWarning) as said:
+            call(way, name, *state.values())
+        assert [str(w.message) for w in said] == [
+            f"{NAME}.{name} is not finite{where} though its arguments are: numbers overflow, or "
+            f"nothing resists an acceleration (largest there: {largest})"
+        ]
+        assert said[0].filename == __file__
+
+
+def test_states_of_several_axes_are_told_by_all_of_them(shipped: Load) -> None:
+    v = np.ones((2, 3, 9))
+    v[1, 0, 4] = 1e200
+    with pytest.warns(RuntimeWarning, match=r"in 1 of 6 states, first \[1, 0\].*v of theta_8"):
+        shipped(NAME).residual(np.ones((3, 9)), v)
+
+
+@pytest.mark.parametrize("way", [*NUMPY_WAYS, *C_WAYS])
+@pytest.mark.parametrize("given", [np.nan, np.inf, -np.inf])
+def test_what_is_given_not_finite_is_no_surprise(way: str, given: float, call) -> None:
+    """Warnings are errors here."""
+    for name, form in FORMS.items():
+        state = arguments(form)
+        for argument in state.values():
+            argument[:] = given
+        results = call(way, name, *state.values())
+        results = list(results) if isinstance(results, tuple) else [results]
+        for result, shape in zip(results, form.shapes, strict=True):
+            # In a batch, the second state was as it should be.
+            assert np.shape(result) == shape or np.all(np.isfinite(result[1]))
+        if name == "residual":
+            assert np.isnan(results[0]).any()
+
+
+@pytest.mark.parametrize("way", [*NUMPY_WAYS, *C_WAYS])
+def test_numpy_s_error_state_says_whether_to_warn_or_to_raise(way: str, call) -> None:
+    state, _ = too_large(FORMS["residual"])
+    with np.errstate(invalid="ignore"):
+        silent = call(way, "residual", *state.values())
+    assert not np.all(np.isfinite(silent))
+    with (
+        np.errstate(invalid="raise"),
+        pytest.raises(FloatingPointError, match=f"{NAME}.residual is not finite"),
+    ):
+        call(way, "residual", *state.values())
+
+
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("c", marks=pytest.mark.slow)])
+def test_an_acceleration_that_nothing_resists_is_said(backend: str, tmp_path: Path) -> None:
+    """A link as thin as a thread hangs from a joint on its axis: M is exactly singular there."""
+    nothing, thread = Rod(0.0, 0.0, (0.0, 0.0, 0.0)), Rod(1.0, 1.0, (0.0, 0.0, 0.0))
+    turning = Link(nothing, Fraction(0), None, 0.0, Fraction(0), "revolute")
+    hanging = Link(thread, Fraction(90), None, 0.0, Fraction(90), "revolute")
+    robot = replace(read_robot("quadrotor_2link")[0], links=(turning, hanging))
+    module = load(emit(robot, tmp_path / "robot").folder, backend=backend)
+    for q in (np.zeros(8), np.zeros((1, 8))):
+        with pytest.warns(RuntimeWarning, match="nothing resists an acceleration"):
+            module.forward_dynamics(q, np.zeros(8), np.ones(6))
+
+
+def test_flags_of_others_are_not_taken_for_one_s_own(fast: Load) -> None:
+    """What Python or NumPy did before in this thread may have raised the processor's flags."""
+    large = float("1e200")
+    assert large * large == np.inf
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        np.log(np.zeros(3))
+        assert np.all(np.isfinite(fast(NAME).mass_matrix(np.zeros(9))))
+    assert large * large == np.inf
+    assert np.all(np.isfinite(fast(NAME).mass_matrix(np.zeros((9, 9)))))

@@ -1,0 +1,1 @@
+"""What tests share: random robots, oracles, emitted modules, programs that are run."""

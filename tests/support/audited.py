@@ -1,0 +1,125 @@
+"""The command line with a watch on it: `python audited.py [--plant WHAT] ARGUMENTS…`.
+
+Ends with exit code 99 at the first attempt to run text as code, whoever is asked to run it, unless
+the text is a file that is being imported or a template of the package. With `--plant` the package
+itself makes such an attempt when the first robot file is read, which shows that the watch sees it.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "gibbs_codegen"
+TEMPLATES = ROOT / "templates"
+SEEN = 99
+
+# Programs that the package runs: the C compiler that was found, and what writes films.
+PROGRAMS = ("cc", "gcc", "clang", "ffmpeg")
+
+# What writes functions for itself: SymPy of a number of generators, fontTools of its own tables.
+LIBRARIES = (
+    os.path.join("sympy", "polys", "monomials.py"),
+    os.path.join("fontTools", "ttLib", "tables", "otBase.py"),
+)
+
+WATCHED = (
+    "exec",
+    "compile",
+    "subprocess.Popen",
+    "os.system",
+    "os.exec",
+    "os.spawn",
+    "os.posix_spawn",
+    "os.startfile",
+    "pickle.find_class",
+    "pty.spawn",
+    "code.__new__",
+    "function.__new__",
+    "socket.connect",
+    "urllib.Request",
+)
+
+PLANTS = {
+    "nothing": "pass",
+    "eval": "eval('1 + 1')",
+    "exec": "exec('x = 1')",
+    "compile": "compile('1', 'text', 'eval')",
+    "compiled": "exec(next(c for c in rename.__code__.co_consts if hasattr(c, 'co_code')))",
+    "sympify": "import sympy; sympy.sympify('1 + 1')",
+    "parse_expr": "from sympy.parsing.sympy_parser import parse_expr; parse_expr('x + 1')",
+    "S": "import sympy; sympy.S('x + 1')",
+    "Matrix": "import sympy; sympy.Matrix(['x + 1'])",
+    "lambdify": "import sympy; sympy.lambdify([], sympy.Integer(1))",
+    "pickle": "import pickle; pickle.loads(b'cposix\\nsystem\\n.')",
+    "os.system": "import os; os.system('true')",
+    "shell": "import subprocess; subprocess.run('true', shell=True)",
+    "program": "import subprocess; subprocess.run(['/bin/sh', '-c', 'true'])",
+    "template": "import jinja2; jinja2.Template('{{ 7 * 7 }}').render()",
+    "namespace": "from collections import namedtuple; namedtuple('N', 'a')",
+}
+
+
+def violation(event: str, arguments: tuple[Any, ...], frame: FrameType | None) -> str | None:
+    """What is wrong about an audit event that our code has led to, if something is."""
+    source = ""
+    if event == "subprocess.Popen" and Path(arguments[1][0]).name in PROGRAMS:
+        return None
+    if event == "exec":
+        source = arguments[0].co_filename
+    elif event == "compile" and arguments[1] is not None:
+        source = os.fsdecode(arguments[1])
+    caller = frame.f_code.co_filename if frame is not None else ""
+    if caller.endswith(LIBRARIES):
+        return None
+    # Between us and the text: is it a file that is being imported, or a template of ours?
+    while frame is not None:
+        name = frame.f_code.co_filename
+        if name.startswith("<frozen importlib"):
+            return None
+        if "jinja2" in name and Path(source).parent in (TEMPLATES, PACKAGE / "templates"):
+            return None
+        if Path(name).is_relative_to(PACKAGE):
+            # Dataclasses are made of text where a module defines them, long before there is input.
+            if frame.f_code.co_name == "<module>":
+                return None
+            by = f"{caller}, led to by {name}:{frame.f_lineno}"
+            return f"{event} {source} {arguments!r:.200} by {by}"
+        frame = frame.f_back
+    return None
+
+
+def watch(event: str, arguments: tuple[Any, ...]) -> None:
+    """End the process, whatever would catch an exception."""
+    if event not in WATCHED:  # To ask for a frame is an event, too.
+        return
+    if wrong := violation(event, arguments, sys._getframe(1)):
+        os.write(2, f"AUDIT: {wrong}\n".encode("ascii", "backslashreplace"))
+        os._exit(SEEN)
+
+
+def plant(text: str) -> None:
+    """Let the package run `text` when a robot's name is looked at."""
+    from gibbs_codegen.robot.model import file as robot_file
+
+    lines = ["def rename(name):", *(f"    {line}" for line in text.split("; "))]
+    lines += ["    class Unused: pass", "    return None"]
+    made: dict[str, Any] = {}
+    code: CodeType = compile("\n".join(lines), str(PACKAGE / "planted.py"), "exec")
+    exec(code, made)  # noqa: S102
+    robot_file.name_fault = made["rename"]
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(ROOT))
+    if sys.argv[1] == "--plant":
+        plant(PLANTS[sys.argv[2]])
+        del sys.argv[1:3]
+    from gibbs_codegen.cli.app import main
+
+    sys.addaudithook(watch)
+    sys.exit(main())

@@ -1,0 +1,96 @@
+"""Every function of a module against Pinocchio, which shares no code with the derivation."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+
+from gibbs_codegen.robot.model import Robot
+from support.pinocchio_oracle import Oracle
+
+TOLERANCE = 1e-10
+
+
+def assert_close(name: str, ours: np.ndarray, theirs: np.ndarray) -> None:
+    """Agreement relative to the norm of the oracle's array; what is zero is zero to rounding."""
+    size = float(np.linalg.norm(theirs))
+    error = float(np.linalg.norm(np.asarray(ours) - theirs))
+    assert error <= TOLERANCE * size or error < 1e-14, f"{name}: {error / max(size, 1e-300):.2e}"
+
+
+def states(robot: Robot, module: ModuleType, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
+    """Random q, v, a, u, `count` of each, away from the singularity of the attitude."""
+    rng = np.random.default_rng(seed)
+    n = len(module.COORDINATES)
+    q = rng.uniform(-np.pi, np.pi, (count, n))
+    q[:, 1] = rng.uniform(-1.2, 1.2, count)
+    v, a = rng.normal(size=(2, count, n))
+    return q, v, a, rng.normal(size=(count, len(module.INPUTS)))
+
+
+def compare(robot: Robot, module: ModuleType, count: int = 2) -> None:
+    """All functions of the module, evaluated as a batch, against the oracle state by state."""
+    oracle = Oracle(robot)
+    q, v, a, u = states(robot, module, count)
+    batch = {
+        "M": module.mass_matrix(q),
+        "R": module.residual(q, v),
+        "B": module.input_matrix(q),
+        "I_H": module.hybrid_mass_matrix(q),
+        "R_H": module.hybrid_residual(q, v),
+        "B_H": module.hybrid_input_matrix(q),
+        "forward": module.forward_dynamics(q, v, u),
+        "inverse": module.inverse_dynamics(q, v, a),
+        "torques": module.constraint_torques(q, v, a, u),
+        "positions": module.positions(q),
+        "pose": module.tip_pose(q),
+        "jacobian": module.tip_jacobian(q),
+        "tip bias": module.tip_bias_acceleration(q, v),
+        "gibbs": module.gibbs(q, v, a) - module.gibbs(q, v, np.zeros_like(a)),
+        "kinetic": module.kinetic_energy(q, v),
+        "potential": module.potential_energy(q),
+    }
+    both = module.mass_matrix_and_residual(q, v)
+    for i in range(count):
+        ours = {name: values[i] for name, values in batch.items()}
+        assert_close("M of both", both[0][i], ours["M"])
+        assert_close("R of both", both[1][i], ours["R"])
+        _compare_state(oracle, ours, q[i], v[i], a[i], u[i])
+
+
+def _compare_state(
+    oracle: Oracle,
+    ours: dict[str, np.ndarray],
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    u: np.ndarray,
+) -> None:
+    free, held = oracle.free, oracle.held
+    matrix, inputs = oracle.mass_matrix(q), oracle.input_matrix(q)
+    residual = -oracle.inverse_dynamics(q, v, np.zeros_like(q))
+    inverse = oracle.inverse_dynamics(q, v, a)
+    size = len(oracle.order)
+    assert_close("M", ours["M"], matrix[np.ix_(free, free)])
+    assert_close("R", ours["R"], residual[free])
+    assert_close("B", ours["B"], inputs[free])
+    assert_close("I_H", ours["I_H"][:size, :size], matrix)
+    assert_close("R_H", ours["R_H"][:size], residual)
+    assert_close("B_H", ours["B_H"][:size], inputs)
+    assert_close("inverse dynamics", ours["inverse"], inverse[free])
+    mass, right = matrix[np.ix_(free, free)], residual[free] + inputs[free] @ u
+    assert_close("M a = R + B u", mass @ ours["forward"], right)
+    if np.linalg.cond(mass) < 1e5:  # Else either solution may be off by more than the tolerance.
+        assert_close("forward dynamics", ours["forward"], np.linalg.solve(mass, right))
+    assert_close("constraint torques", ours["torques"], (inverse - inputs @ u)[held])
+    accelerating = a @ (0.5 * mass @ a - residual[free])
+    assert_close("Gibbs function", ours["gibbs"], np.array(accelerating))
+    assert_close("positions", ours["positions"], oracle.positions(q))
+    jacobian, placement = oracle.point_jacobian(q, "tip")
+    assert_close("tip pose", ours["pose"], placement.homogeneous)
+    assert_close("tip Jacobian", ours["jacobian"], jacobian[:, free])
+    assert_close("tip bias acceleration", ours["tip bias"], oracle.tip_bias_acceleration(q, v))
+    kinetic, potential = oracle.energies(q, v)
+    assert_close("kinetic energy", ours["kinetic"], np.array(kinetic))
+    assert_close("potential energy", ours["potential"], np.array(potential))

@@ -1,0 +1,77 @@
+"""What nothing resists, by the oracle: the null space of Pinocchio's mass matrix.
+
+It does not depend on how heavy bodies are, so each is given the mass of 1 kg first: the mass matrix
+of very unequal ones would be singular but for rounding whether or not there is such a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from gibbs_codegen.robot.coordinates import reduced_coordinates
+from gibbs_codegen.robot.model import Body, Robot
+from support.agreement import root_sizes
+from support.degenerate_robots import sized
+from support.pinocchio_oracle import Oracle
+
+# Of the mass matrix by the sizes of its terms: rounding leaves 1e-15 where nothing resists, while
+# the least of a thousand regular machines was 8e-10.
+SMALLEST = 1e-13
+CONFIGURATIONS = 5
+
+
+def equally_heavy(robot: Robot) -> Robot:
+    """The robot with every body that has a mass scaled to 1 kg."""
+    base = replace(robot.base, arms=tuple(_unit(body) for body in robot.base.arms))
+    links = tuple(replace(link, body=_unit(link.body)) for link in robot.links)
+    return replace(robot, base=base, links=links)
+
+
+def _unit(body: Body) -> Body:
+    return sized(body, 1.0 / body.total_mass, 1.0) if body.total_mass > 0.0 else body
+
+
+def smallest_eigenvalue(robot: Robot) -> tuple[float, np.ndarray]:
+    """The largest over some configurations, with how much each coordinate moves with nothing."""
+    oracle = Oracle(equally_heavy(robot))
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(CONFIGURATIONS):
+        q = rng.uniform(-1.2, 1.2, len(oracle.free))
+        matrix = oracle.mass_matrix(q)[np.ix_(oracle.free, oracle.free)]
+        # Not by the diagonal, which may be rounding alone.
+        unit = root_sizes(oracle, q)[0][oracle.free]
+        unit[unit == 0.0] = 1.0
+        eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
+        null = vectors[:, eigenvalues < SMALLEST]
+        found.append((float(eigenvalues[0]), np.linalg.norm(null, axis=1)))
+    return max(found, key=lambda pair: pair[0])
+
+
+def unresisted(robot: Robot) -> set[str]:
+    """Names of the coordinates that take part in motions that nothing resists.
+
+    The attitude is named as one. The position is only named where the attitude is not, since the
+    origin follows where the machine turns about another point.
+    """
+    _, shares = smallest_eigenvalue(robot)
+    taking_part = [
+        c.name for c, s in zip(reduced_coordinates(robot), shares, strict=True) if s > 1e-5
+    ]
+    return short_names(taking_part)
+
+
+def short_names(names: Iterable[str]) -> set[str]:
+    """Coordinates named by a message or by q, with the attitude and the position as one."""
+    short = set()
+    for name in names:
+        if name in ("theta_m1", "theta_0", "theta_1") or name.startswith("the attitude"):
+            short.add("attitude")
+        elif name in ("x", "y", "z") or name.startswith("the position"):
+            short.add("position")
+        else:
+            short.add(name.split()[0])
+    return short - {"position"} if "attitude" in short else short

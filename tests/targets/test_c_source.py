@@ -1,0 +1,700 @@
+"""The emitted C under instruments: compilers, sanitizers, symbol tables, and NumPy's numbers."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import itertools
+import math
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from support.c_programs import random_calls
+from support.compiled import (
+    CUT,
+    LANES,
+    LANGUAGES,
+    RANDOM,
+    ROLLED,
+    SANITIZERS,
+    SMALL,
+    WHOLE,
+    Array,
+    Emitted,
+    Library,
+    build,
+    compile_only,
+    emit_labelled,
+    finds_leaks,
+)
+from support.random_robots import random_robot
+from support.tools import run, tool
+
+from gibbs_codegen.program.nodes import Function, count_operations
+from gibbs_codegen.program.stack import stack_bytes
+from gibbs_codegen.program.trigonometry import gathered
+from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
+from gibbs_codegen.targets.documentation import DESCRIPTIONS
+
+NATIVE = ["-O3", "-march=native"]
+# What distributions add to every program is no part of the emitted code; and addresses in constant
+# tables would be written by the loader if the code might lie anywhere.
+PLAIN = ["-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-pic"]
+STATES = 21  # Two whole blocks and a part of one.
+
+Arrays = dict[str, NDArray[np.float64]]
+
+
+def signalling_nan(real: type[np.floating]) -> Array:
+    """A signalling NaN, which no arithmetic makes."""
+    if real is np.float32:
+        return np.array(0x7F800001, np.uint32).view(np.float32)
+    return np.array(0x7FF0000000000001, np.uint64).view(np.float64)
+
+
+def states(module: ModuleType, real: type[np.floating] = np.float64) -> Arrays:
+    """Random q, v, a, u, away from the singularity of the attitude, that `real` can represent."""
+    rng = np.random.default_rng(5)
+    n = len(module.COORDINATES)
+    q = rng.uniform(-7.0, 7.0, (STATES, n))
+    q[:, 1] = rng.uniform(-1.0, 1.0, STATES)
+    v, a = rng.normal(size=(2, STATES, n))
+    u = rng.normal(size=(STATES, len(module.INPUTS)))
+    named = zip("qvau", (q, v, a, u), strict=True)
+    return {name: values.astype(real).astype(np.float64) for name, values in named}
+
+
+def numpy_outputs(module: ModuleType, name: str, arguments: Sequence[Array]) -> tuple[Array, ...]:
+    values = getattr(module, name)(*arguments)
+    return values if isinstance(values, tuple) else (values,)
+
+
+def deviation(ours: Array, theirs: Array) -> float:
+    """Distance relative to the norm; what is zero throughout must be so in both.
+
+    NaN, which no maximum and no comparison would show, is infinitely far off.
+    """
+    size, error = float(np.linalg.norm(theirs)), float(np.linalg.norm(ours - theirs))
+    if error == 0.0:
+        return 0.0
+    return error / size if size > 0 and math.isfinite(error) else math.inf
+
+
+def worst_deviation(
+    emitted: Emitted, library: Library, at: Arrays, scale: Callable[[Array], Array]
+) -> dict[str, float]:
+    """The largest deviation from NumPy of each function, for one state and in blocks.
+
+    It is relative to the norm over all states, since a single energy may be zero by cancellation.
+    Accelerations are taken state by state, divided by what `scale` makes of the mass matrices'
+    condition numbers.
+    """
+    worst = {}
+    divisors = scale(np.linalg.cond(emitted.module.mass_matrix(at["q"])))
+    for signature in emitted.signatures():
+        arguments = [at[name] for name in signature.arguments]
+        theirs = numpy_outputs(emitted.module, signature.name, arguments)
+        unused = signalling_nan(library.real)
+        found = []
+        for outputs in (
+            library.one(signature, arguments),
+            library.batch(signature, arguments, unused),
+        ):
+            for ours, expected in zip(outputs, theirs, strict=True):
+                if signature.name == "forward_dynamics":
+                    each = map(deviation, ours, expected)
+                    found += [e / d for e, d in zip(each, divisors, strict=True)]
+                else:
+                    found.append(deviation(ours, expected))
+        worst[signature.name] = max(found)
+    return worst
+
+
+@pytest.fixture(scope="module")
+def emitted(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Emitted]:
+    """Emit a robot that ships, or one of RANDOM or CUT."""
+    base = tmp_path_factory.mktemp("emitted")
+
+    @functools.cache
+    def made(label: str) -> Emitted:
+        return emit_labelled(label, base / label)
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def strict(
+    emitted: Callable[[str], Emitted], tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Emitted, Library]:
+    """The small robot, compiled to keep to the arithmetic as it is written."""
+    small = emitted(SMALL)
+    path = tmp_path_factory.mktemp("strict") / "small.so"
+    return small, Library(small, path, "gcc", ["-O1", "-ffp-contract=off"])
+
+
+def test_the_random_robots_are_of_every_kind() -> None:
+    robots = [random_robot(*numbers) for numbers in RANDOM.values()]
+    links = [link for robot in robots for link in robot.links]
+    assert [len(robot.links) for robot in robots] == [0, 1, 2, 3, 4, 5]
+    assert {link.joint for link in links} == set(JOINT_KINDS)
+    assert any(isinstance(link.body, RigidBody) for link in links)
+    assert any(isinstance(arm, RigidBody) for robot in robots for arm in robot.base.arms)
+    assert any(robot.base.rotors == 2 for robot in robots)
+    assert any(any(robot.base.drag) for robot in robots)
+    assert {robot.base.origin for robot in robots} == {"motor1", "centre"}
+
+
+def test_a_missing_tool_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a skip, or where the environment requires tools by a failure."""
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.delenv("GIBBS_CODEGEN_REQUIRE_TOOLS", raising=False)
+    with pytest.raises(pytest.skip.Exception, match="gcc is not installed"):
+        tool("gcc")
+    monkeypatch.setenv("GIBBS_CODEGEN_REQUIRE_TOOLS", "1")
+    with pytest.raises(pytest.fail.Exception, match="gcc is not installed"):
+        tool("gcc")
+
+
+# Warnings
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O3"])
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", LANGUAGES)
+def test_small_robot_compiles_silently(
+    compiler: str, real: str, level: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    small = emitted(SMALL)
+    options = [level, *([small.single] if real == "float" else [])]
+    compile_only(compiler, options, small.sources, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("real", ["double", "float"])
+@pytest.mark.parametrize("compiler", LANGUAGES)
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robots_compile_silently(
+    name: str, compiler: str, real: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(name)
+    for level in ("-O0", "-O1", "-O2", "-O3"):
+        options = [level, *([robot.single] if real == "float" else [])]
+        compile_only(compiler, options, robot.sources, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("label", "compiler", "real"),
+    [
+        ("random_3_1", "gcc", "double"),
+        ("random_4_3", "clang", "float"),
+        ("random_5_2", "g++", "float"),
+        ("random_2_5", "clang++", "double"),
+    ],
+)
+def test_random_robots_compile_silently(
+    label: str, compiler: str, real: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(label)
+    options = ["-O1", *([robot.single] if real == "float" else [])]
+    compile_only(compiler, options, robot.sources, tmp_path)
+
+
+# Numbers
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler", "options"),
+    [
+        (SMALL, "gcc", NATIVE),
+        (SMALL, "clang", NATIVE),
+        (SMALL, "gcc", ["-O1", "-fopenmp"]),
+        *((label, "gcc", ["-O0"]) for label in RANDOM),
+        (ROLLED, "gcc", ["-O0"]),
+        ("random_cut_at_40", "clang", ["-O0"]),
+        pytest.param("random_cut_at_60", "gcc", NATIVE, marks=pytest.mark.slow),
+    ],
+    ids=lambda value: "".join(value),
+)
+def test_functions_equal_numpy(
+    label: str,
+    compiler: str,
+    options: list[str],
+    emitted: Callable[[str], Emitted],
+    tmp_path: Path,
+) -> None:
+    """Every function for one state and in blocks, to 1e-14 of the norm.
+
+    Accelerations solve M a = R + B u, which magnifies rounding of M by its condition number.
+    """
+    robot = emitted(label)
+    library = Library(robot, tmp_path / "robot.so", compiler, options)
+    worst = worst_deviation(robot, library, states(robot.module), lambda condition: condition)
+    assert max(worst.values()) <= 1e-14, worst
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler", "options"),
+    [
+        (SMALL, "gcc", NATIVE),
+        (WHOLE, "clang", ["-O0"]),
+        *(
+            pytest.param(label, "gcc", ["-O0"], marks=pytest.mark.slow)
+            for label in (*shipped_robots(), "random_2_0", "random_7_4")
+        ),
+    ],
+)
+def test_single_precision_is_near_double(
+    label: str,
+    compiler: str,
+    options: list[str],
+    emitted: Callable[[str], Emitted],
+    tmp_path: Path,
+) -> None:
+    """Accelerations to that times a thousandth of the mass matrix's condition number."""
+    robot = emitted(label)
+    options = [*options, robot.single]
+    library = Library(robot, tmp_path / "robot.so", compiler, options, np.float32)
+    at = states(robot.module, np.float32)
+    worst = worst_deviation(robot, library, at, lambda condition: np.maximum(1.0, condition / 1000))
+    assert max(worst.values()) <= 5e-5, worst
+
+
+def test_loops_are_among_what_is_compiled(emitted: Callable[[str], Emitted]) -> None:
+    """Over rows that are held, and written to outputs at a pitch."""
+    text = emitted(ROLLED).text(".c")
+    assert re.search(r" = held\[\(\d+ \+ i\) \* stride\];", text)
+    assert re.search(r"\n +held\[\(\d+ \+ i\) \* stride\] = ", text)
+    assert re.search(r"mass_matrix\[\(\d+ \+ -?\d+ \* i\) \* stride\] = ", text)
+
+
+@pytest.mark.slow
+def test_cutting_changes_no_number(emitted: Callable[[str], Emitted], tmp_path: Path) -> None:
+    """The limits do cut, and the same operations give the same bits."""
+    outputs = []
+    for label in (WHOLE, *CUT):
+        robot = emitted(label)
+        assert ("_lane_2(" in robot.text(".c")) == (label in CUT)
+        options = ["-O0", "-ffp-contract=off"]
+        library = Library(robot, tmp_path / f"{label}.so", "gcc", options)
+        at = states(robot.module)
+        outputs.append(
+            [
+                array.tobytes()
+                for signature in robot.signatures()
+                for array in library.one(signature, [at[name] for name in signature.arguments])
+            ]
+        )
+    assert outputs[0] == outputs[1] == outputs[2]
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 16])
+def test_unused_lanes_do_not_matter(count: int, strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    at = {name: values[:count] for name, values in states(emitted.module).items()}
+    for signature in emitted.signatures():
+        arguments = [at[name] for name in signature.arguments]
+        garbage = [signalling_nan(np.float64), np.array(1e300), np.array(0.0)]
+        found = [
+            [array.tobytes() for array in library.batch(signature, arguments, unused)]
+            for unused in garbage
+        ]
+        assert found[0] == found[1] == found[2]
+
+
+def test_no_states_are_none(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    for signature in emitted.signatures():
+        unread = [np.empty(0)] * len(signature.arguments)
+        outputs = [np.full(LANES, 7.0) for _ in signature.shapes]
+        library.call(f"{signature.name}_batch", library.constants, 0, *unread, *outputs)
+        assert all((output == 7.0).all() for output in outputs)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 21])
+def test_pack_and_unpack(count: int, strict: tuple[Emitted, Library]) -> None:
+    """Pack fills a last block up with the last state; unpack gives the states back."""
+    library = strict[1]
+    width = 5
+    rows = np.random.default_rng(count).normal(size=(count, width))
+    filled_up = np.concatenate([rows, np.repeat(rows[-1:], -count % LANES, axis=0)])
+    blocks = np.full(filled_up.size, np.nan)
+    library.call("pack", count, width, rows, blocks)
+    np.testing.assert_array_equal(blocks, library.blocks(filled_up, np.array(np.nan)))
+    back = np.full_like(rows, np.nan)
+    library.call("unpack", count, width, blocks, back)
+    np.testing.assert_array_equal(back, rows)
+
+
+@pytest.mark.parametrize(
+    "labels",
+    [
+        (SMALL, "random_2_0"),
+        pytest.param(("random_3_1", "hexarotor_3link"), marks=pytest.mark.slow),
+    ],
+)
+def test_two_robots_in_one_program(
+    labels: tuple[str, str], emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """One compiled as C, the other as C++; each gives the numbers that it gives alone."""
+    robots = [emitted(label) for label in labels]
+    objects = [
+        compile_only(compiler, ["-O0"], robot.sources, tmp_path)[0]
+        for compiler, robot in zip(("gcc", "g++"), robots, strict=True)
+    ]
+    main = tmp_path / "main.c"
+    main.write_text(_program_of_two(robots), encoding="utf-8")
+    folders = [f"-I{robot.folder}" for robot in robots]
+    objects += compile_only("gcc", folders, [str(main)], tmp_path)
+    run([tool("g++"), *objects, "-o", tmp_path / "main", "-lm"])
+    printed = iter(map(float, run([tmp_path / "main"]).split()))
+    for robot in robots:
+        at = _first_state(robot)
+        for signature in robot.signatures():
+            arguments = [at[name] for name in signature.arguments]
+            for expected in numpy_outputs(robot.module, signature.name, arguments):
+                ours = np.array([next(printed) for _ in range(expected.size)])
+                np.testing.assert_allclose(ours, expected.reshape(-1), rtol=1e-12, atol=1e-12)
+    assert next(printed, None) is None
+
+
+def _first_state(robot: Emitted) -> Arrays:
+    return {name: values[0] for name, values in states(robot.module).items()}
+
+
+def _program_of_two(robots: Sequence[Emitted]) -> str:
+    """A program that prints what every function of every robot returns at a state."""
+    lines = [f'#include "{robot.name}.h"' for robot in robots]
+    lines += ["#include <stdio.h>", "", "int main(void)", "{"]
+    for robot in robots:
+        lines.append("    {")
+        for name, values in _first_state(robot).items():
+            numbers = ", ".join(value.hex() for value in values.tolist())
+            lines.append(f"        const double {name}[] = {{{numbers}}};")
+        for signature in robot.signatures():
+            sizes = [math.prod(shape) for shape in signature.shapes]
+            outputs = [f"output_{i}" for i in range(len(sizes))]
+            arguments = ", ".join(
+                [f"&{robot.name}_default_constants", *signature.arguments, *outputs]
+            )
+            lines.append("        {")
+            lines += [f"            double {o}[{s}];" for o, s in zip(outputs, sizes, strict=True)]
+            lines.append(f"            {robot.name}_{signature.name}({arguments});")
+            for output, size in zip(outputs, sizes, strict=True):
+                lines.append(f"            for (int i = 0; i < {size}; ++i) {{")
+                lines.append(f'                printf("%.17g\\n", {output}[i]);')
+                lines.append("            }")
+            lines.append("        }")
+        lines.append("    }")
+    return "\n".join([*lines, "    return 0;", "}", ""])
+
+
+# Constants
+
+
+def test_default_parameters_and_constants_are_those_of_numpy(
+    strict: tuple[Emitted, Library],
+) -> None:
+    emitted, library = strict
+    defaults = emitted.module.PARAMETERS
+    assert library.data("default_parameters", len(defaults)).tolist() == list(defaults.values())
+    assert library.constants.tolist() == list(emitted.module.prepare({}))
+
+
+def test_places_of_parameters_are_in_numpy_s_order(emitted: Callable[[str], Emitted]) -> None:
+    small = emitted(SMALL)
+    body = re.search(r"\benum \{(.*?)\};", small.text(".h"), re.DOTALL)
+    assert body is not None
+    places = re.findall(r"/\*\* (\S+(?: \S+)*) \*/\s*(\w+),", body[1])
+    units = small.model.units
+    assert places == [
+        (units[name], f"{small.name}_{name}".upper()) for name in small.module.PARAMETERS
+    ]
+
+
+def test_constants_of_other_parameters_are_those_of_numpy(strict: tuple[Emitted, Library]) -> None:
+    """To the last bit: the operations are the same ones."""
+    emitted, library = strict
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        changed = {n: v * rng.uniform(0.5, 2.0) for n, v in emitted.module.PARAMETERS.items()}
+        status, constants = library.init(list(changed.values()))
+        assert status == 0
+        assert constants.tolist() == list(emitted.module.prepare(changed))
+
+
+def test_parameters_that_are_no_numbers_are_refused(strict: tuple[Emitted, Library]) -> None:
+    robot, library = strict
+    defaults = robot.module.PARAMETERS
+    assert library.init(list(defaults.values()))[0] == 0
+    for name, wrong in itertools.product(defaults, (math.nan, math.inf, -math.inf)):
+        assert library.init(list((defaults | {name: wrong}).values()))[0] == 1, name
+
+
+def test_parameters_whose_constants_overflow_are_refused(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    huge = emitted.module.PARAMETERS | {"link2_length": 1e200}
+    assert library.init(list(huge.values()))[0] == 1
+
+
+def test_parameters_that_leave_no_mass_are_refused(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    defaults = emitted.module.PARAMETERS
+    massless = {name: 0.0 for name in defaults if name.endswith("mass_per_length")}
+    assert library.init(list((defaults | massless).values()))[0] == 1
+    with pytest.raises(ValueError, match="leave an acceleration undetermined"):
+        emitted.module.prepare(massless)
+
+
+def test_a_machine_may_weigh_grams(strict: tuple[Emitted, Library]) -> None:
+    emitted, library = strict
+    light = {
+        name: value / 1e4 if name.endswith("mass_per_length") else value
+        for name, value in emitted.module.PARAMETERS.items()
+    }
+    status, constants = library.init(list(light.values()))
+    assert status == 0
+    assert constants.tolist() == list(emitted.module.prepare(light))
+
+
+# Sanitizers
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler"),
+    [
+        (SMALL, "gcc"),
+        pytest.param("random_cut_at_40", "clang", marks=pytest.mark.slow),
+        ("random_2_0", "gcc"),
+        pytest.param("hexarotor_3link", "clang", marks=pytest.mark.slow),
+        pytest.param("random_5_2", "gcc", marks=pytest.mark.slow),
+    ],
+)
+def test_sanitizers_find_nothing_in_random_calls(
+    label: str, compiler: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """Nor would they be silent about a buffer that is one number too short."""
+    robot = emitted(label)
+    (tmp_path / "driver.c").write_text(random_calls(robot), encoding="utf-8")
+    options = ["-O0", *SANITIZERS, f"-I{robot.folder}"]
+    source = compile_only(compiler, options, robot.sources[:1], tmp_path)
+    driver = [str(tmp_path / "driver.c")]
+    for short in ("0", "1"):
+        objects = compile_only(compiler, [*options, f"-DSHORT={short}"], driver, tmp_path)
+        program = tmp_path / f"driver_{short}"
+        run([tool(compiler), *SANITIZERS, *source, *objects, "-o", program, "-lm"])
+    # Looking for leaks needs rights to trace.
+    environment = {"ASAN_OPTIONS": f"detect_leaks={int(finds_leaks(compiler, tmp_path))}"}
+    run([tmp_path / "driver_0"], **environment)
+    with pytest.raises(pytest.fail.Exception, match="heap-buffer-overflow"):
+        run([tmp_path / "driver_1"], **environment)
+
+
+def test_constants_of_less_precision_than_the_rest_do_not_compile(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    """Functions would be off by 1e-7, without a word."""
+    robot = emitted(SMALL)
+    options = ["-O0", f"-I{robot.folder}", "-fsingle-precision-constant"]
+    compile_only("gcc", [*options, robot.single], robot.sources[:1], tmp_path)
+    with pytest.raises(pytest.fail.Exception, match="constants_are_double"):
+        compile_only("gcc", options, robot.sources[:1], tmp_path)
+
+
+def test_programs_of_the_other_precision_do_not_link(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(SMALL)
+    program = tmp_path / "program.c"
+    program.write_text(
+        f'#include "{robot.name}.h"\n'
+        f"int main(void) {{ {robot.name}_real q[8] = {{0}}, energy;\n"
+        f"{robot.name}_potential_energy(&{robot.name}_default_constants, q, &energy);\n"
+        "return energy > 0; }\n",
+        encoding="utf-8",
+    )
+    options = ["-O0", f"-I{robot.folder}"]
+    source = compile_only("gcc", [*options, robot.single], robot.sources[:1], tmp_path)
+    build("gcc", [*options, robot.single], [str(program), *map(str, source)], tmp_path / "same")
+    with pytest.raises(pytest.fail.Exception, match="default_constants"):
+        build("gcc", options, [str(program), *map(str, source)], tmp_path / "other")
+
+
+# Symbols
+
+
+def _symbols(path: Path) -> list[tuple[str, str]]:
+    """Kind and name of each symbol of an object file."""
+    lines = [line.split() for line in run([tool("nm"), path]).splitlines()]
+    return [(line[-2], line[-1]) for line in lines]
+
+
+def _declared(header: str) -> set[str]:
+    """Names of the functions and data that a header declares."""
+    code = re.sub(r"/\*.*?\*/|^#.*?$", "", header, flags=re.DOTALL | re.MULTILINE)
+    functions = re.findall(r"(\w+)\s*\(", code)
+    return {*functions, *re.findall(r"\bextern const \w+\s+(\w+)", code)}
+
+
+@pytest.mark.parametrize(
+    ("label", "compiler", "real"),
+    [
+        (SMALL, "gcc", "double"),
+        (SMALL, "clang", "float"),
+        (SMALL, "clang++", "double"),
+        (WHOLE, "gcc", "float"),
+        ("random_2_0", "g++", "double"),
+        pytest.param("random_5_2", "clang", "double", marks=pytest.mark.slow),
+    ],
+)
+def test_symbols(
+    label: str,
+    compiler: str,
+    real: str,
+    emitted: Callable[[str], Emitted],
+    tmp_path: Path,
+) -> None:
+    """What is defined is declared and prefixed; nothing is written to, nothing is allocated."""
+    robot = emitted(label)
+    options = ["-O2", *PLAIN, *([robot.single] if real == "float" else [])]
+    objects = compile_only(compiler, options, robot.sources, tmp_path)
+    source, casadi = map(_symbols, objects)
+    for path, symbols in zip(objects, (source, casadi), strict=True):
+        assert {kind for kind, _ in symbols} <= set("TtRrU")
+        data, bss = run([tool("size"), path]).splitlines()[1].split()[1:3]
+        assert (data, bss) == ("0", "0")
+    declared = _declared(robot.text(".h"))
+    if real == "float":
+        marked = {f"{robot.name}_{name}" for name in ("default_constants", "init_constants")}
+        declared = (declared - marked) | {f"{name}_float" for name in marked}
+    assert {name for kind, name in source if kind in "TR"} == declared
+    assert all(name.startswith(f"{robot.name}_") for name in declared)
+    suffix = "f" if real == "float" else ""
+    library = {f"sin{suffix}", f"cos{suffix}", f"sincos{suffix}"}
+    moving = {"memcpy", "memset", "memmove"}
+    assert {name for kind, name in source if kind == "U"} <= library | moving
+    assert {name for kind, name in casadi if kind == "U"} <= declared | moving
+    adapters = {
+        f"{robot.name}_casadi_{function.name}{ending}"
+        for function in robot.model.program.functions
+        for ending in (
+            *("", "_n_in", "_n_out", "_name_in", "_name_out"),
+            *("_sparsity_in", "_sparsity_out", "_work"),
+        )
+    }
+    assert {name for kind, name in casadi if kind in "TR"} == adapters
+
+
+@pytest.mark.parametrize("level", ["-O1", "-O2"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_stack_is_what_the_header_promises(
+    compiler: str, level: str, emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    robot = emitted(SMALL)
+    compile_only(compiler, [level, *PLAIN, "-fstack-usage"], robot.sources[:1], tmp_path)
+    rows = [line.split("\t") for line in (tmp_path / f"{SMALL}.su").read_text().splitlines()]
+    used = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
+    promised = {
+        f"{SMALL}_{function.name}": stack_bytes(gathered(function))
+        for function in robot.model.program.functions
+    }
+    over = {n: (used[n], most) for n, most in promised.items() if used[n] > most}
+    assert not over, f"bytes used and promised: {over}"
+
+
+# Text
+
+
+@pytest.mark.parametrize("label", [SMALL, "random_2_5", *CUT])
+def test_text_is_portable_and_narrow(label: str, emitted: Callable[[str], Emitted]) -> None:
+    robot = emitted(label)
+    for ending in (".h", ".c", "_casadi.c"):
+        text = robot.text(ending)
+        assert "M_PI" not in text
+        assert re.search(r"\bpow[fl]?\s*\(", text) is None
+        assert max(map(len, text.splitlines())) <= 100
+        assert text.isascii()
+
+
+@pytest.mark.parametrize("label", [SMALL, "random_7_4", "random_2_5"])
+def test_zeros_for_absent_arguments_are_as_many_as_the_widest_has(
+    label: str, emitted: Callable[[str], Emitted]
+) -> None:
+    """CasADi passes no array for an argument that is zero. There may be more inputs than q has."""
+    robot = emitted(label)
+    widest = max(width for signature in robot.signatures() for width in signature.widths)
+    assert f" zeros[{widest}] = " in robot.text("_casadi.c")
+
+
+@pytest.mark.parametrize("ending", [".h", ".c", "_casadi.c"])
+def test_files_open_with_what_they_are(ending: str, emitted: Callable[[str], Emitted]) -> None:
+    small = emitted(SMALL)
+    digest = hashlib.sha256(read_robot(SMALL)[1].encode()).hexdigest()
+    head = small.text(ending).splitlines()[:5]
+    assert head[0].startswith("/* Generated by gibbs_codegen")
+    assert head[1] == f"/* Robot: {SMALL} */"
+    assert head[2] == f"/* Robot file SHA-256: {digest} */"
+    assert "without conditions" in head[4]
+
+
+@pytest.mark.parametrize("label", [SMALL, "random_2_5"])
+def test_header_gives_every_coordinate_and_input_its_unit(
+    label: str, emitted: Callable[[str], Emitted]
+) -> None:
+    robot = emitted(label)
+    opening = robot.text(".h").partition("#ifndef")[0]
+    for coordinate in (*reduced_coordinates(robot.model.robot), *inputs(robot.model.robot)):
+        line = rf"^ \*     {coordinate.name} +\[{re.escape(coordinate.unit)}\]  \S"
+        assert re.search(line, opening, re.MULTILINE), coordinate
+
+
+def _comment(header: str, name: str) -> str:
+    """The comment of a function in a header, in one line."""
+    found = re.search(rf"/\*\*((?:(?!\*/).)*)\*/\s*void\s+{name}\(", header, re.DOTALL)
+    assert found is not None, name
+    return " ".join(re.sub(r"^ \*", "", found[1], flags=re.MULTILINE).split())
+
+
+@pytest.mark.parametrize("label", [SMALL, "random_2_5"])
+def test_comments_tell_arguments_shapes_units_and_cost(
+    label: str, emitted: Callable[[str], Emitted]
+) -> None:
+    robot = emitted(label)
+    header = robot.text(".h")
+    for signature in robot.signatures():
+        function = robot.model.program.function(signature.name)
+        comment = _comment(header, f"{robot.name}_{signature.name}")
+        described = DESCRIPTIONS[signature.name]
+        said = f"@brief {described.summary} {described.details}".rstrip()
+        assert comment.startswith(f"{said} @param[in] constants ")
+        assert f"@par Source: {described.source}." in comment
+        for name, width in zip(signature.arguments, signature.widths, strict=True):
+            entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
+            assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries
+        for name, shape in zip(described.outputs, signature.shapes, strict=True):
+            assert f"@param[out] {name} {' x '.join(map(str, shape)) or '1'}" in comment
+        assert _cost(function) in comment
+        assert f"The same for `count` states in blocks. */\nvoid\n{robot.name}_" in header
+
+
+def _entries(robot: Robot, argument: str) -> str:
+    if argument == "u":
+        return ", ".join(f"{c.name} [{c.unit}]" for c in inputs(robot))
+    prefix = "" if argument == "q" else f"{argument}_"
+    per_time = {"q": "", "v": "/s", "a": "/s^2"}[argument]
+    return ", ".join(f"{prefix}{c.name} [{c.unit}{per_time}]" for c in reduced_coordinates(robot))
+
+
+def _cost(function: Function) -> str:
+    counts = count_operations(function.nodes())
+    return (
+        f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
+        f"about {stack_bytes(gathered(function))} bytes of stack"
+    )
