@@ -20,9 +20,10 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from gibbs_codegen.derivation.derive import Model, Progress, derive
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
 from gibbs_codegen.files.output_folder import check_output_folder
+from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module

@@ -27,7 +27,7 @@ from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError, UsageError
 from gibbs_codegen.version import __version__
 
 if TYPE_CHECKING:
-    from gibbs_codegen.derivation.derive import Progress
+    from gibbs_codegen.program.model import Progress
     from gibbs_codegen.robot.model import Robot
 
 _ROBOT = (

@@ -14,7 +14,7 @@ from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.runtime.load import find_module
 
 if TYPE_CHECKING:
-    from gibbs_codegen.derivation.derive import Progress
+    from gibbs_codegen.program.model import Progress
     from gibbs_codegen.robot.model import Robot
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
@@ -33,27 +32,9 @@ from gibbs_codegen.derivation.regularity import (
 )
 from gibbs_codegen.derivation.serial_chain import composites
 from gibbs_codegen.program.lower import Slice, lower, operations
-from gibbs_codegen.program.nodes import Program
+from gibbs_codegen.program.model import Model, Progress
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
-
-Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Model:
-    """A derived robot: its program, and the defaults and units of its parameters.
-
-    `folded` names the parameters that are zero in the file and therefore structural, unless
-    `keeps_zeros`.
-    """
-
-    robot: Robot
-    program: Program
-    defaults: dict[str, float]
-    units: dict[str, str]
-    folded: tuple[str, ...]
-    keeps_zeros: bool
 
 
 def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _: None) -> Model:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from gibbs_codegen.derivation.derive import Model
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, Statement, count_operations, names_in, total_mass
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.robot.model import Robot

@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gibbs_codegen.derivation.derive import Model
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.targets import numpy as numpy_target
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.printers import CPrinter, InfixPrinter

@@ -17,8 +17,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from gibbs_codegen.derivation.derive import Model
 from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import count_operations
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 

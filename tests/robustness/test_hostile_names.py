@@ -14,9 +14,10 @@ from support.hostile_text import INJECTIONS, NAMES, TERMINAL
 from support.tools import run, tool
 
 from gibbs_codegen.cli.app import main
-from gibbs_codegen.derivation.derive import Model, derive
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import Fault, RobotFileError, ScenarioFileError, UsageError, printable
 from gibbs_codegen.pipeline import generate
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.names import name_fault, name_from
 from gibbs_codegen.scenario.file import changes_of, parse_scenario

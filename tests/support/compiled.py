@@ -15,8 +15,9 @@ import pytest
 from benchmarks.family import benchmark_robot
 from numpy.typing import NDArray
 
-from gibbs_codegen.derivation.derive import Model, derive
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import LANES, Signature, signatures
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load

@@ -5,8 +5,8 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
-from gibbs_codegen.derivation.derive import Model
 from gibbs_codegen.program.loops import rolled
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import (
     Function,
     Number,

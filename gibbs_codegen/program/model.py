@@ -1,0 +1,27 @@
+"""A robot and its program: what every target prints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from gibbs_codegen.program.nodes import Program
+from gibbs_codegen.robot.model import Robot
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Model:
+    """A derived robot: its program, and the defaults and units of its parameters.
+
+    `folded` names the parameters that are zero in the file and therefore structural, unless
+    `keeps_zeros`.
+    """
+
+    robot: Robot
+    program: Program
+    defaults: dict[str, float]
+    units: dict[str, str]
+    folded: tuple[str, ...]
+    keeps_zeros: bool
