@@ -79,7 +79,7 @@ class Sizes:
         self.scales = tree.scales[tree.free]
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
-        weight = tree.gravity * np.sqrt(tree.mass)
+        weight = abs(tree.gravity) * np.sqrt(tree.mass)
         self.effort = self.units * (momentum * rates + weight)
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = formulation.positions(states.q)
@@ -88,7 +88,7 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        self.potential = tree.gravity * tree.mass * self.reach
+        self.potential = abs(tree.gravity) * tree.mass * self.reach
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         # The function has a term in the square of gravity, which its difference loses.

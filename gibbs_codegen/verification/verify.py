@@ -26,7 +26,8 @@ from gibbs_codegen.verification.formulation import Formulation, NotApplicableErr
 from gibbs_codegen.verification.invariants import compare_invariants
 from gibbs_codegen.verification.lagrange import Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.parameters import parameter_values, varied
+from gibbs_codegen.verification.own_units import InOwnUnits
+from gibbs_codegen.verification.parameters import parameter_values
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 
@@ -85,7 +86,7 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
             continue
         try:
             there = importlib.import_module(f"gibbs_codegen.verification.{module}")
-            found.append(getattr(there, name)(tree))
+            found.append(InOwnUnits(getattr(there, name), tree))
         except (ImportError, NotApplicableError) as error:
             not_done[name] = str(error)
     return found, not_done
@@ -155,7 +156,8 @@ def _with_other_parameters(
     module: ModuleType, robot: Robot, count: int, seed: tuple[int, int]
 ) -> tuple[list[Comparison], dict[str, str]]:
     """The equations once more, with every number of the robot file changed at run time."""
-    other = varied(robot, seed[0])
+    from gibbs_codegen.verification.variation import variation
+    other = variation(robot, module.PARAMETERS, seed[0], 0)
     numbers = parameter_values(other)
     try:
         constants = module.prepare({name: numbers[name] for name in module.PARAMETERS})
