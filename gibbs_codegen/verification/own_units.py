@@ -1,8 +1,8 @@
 """A formulation that computes in the machine's own units.
 
-Libraries have numbers of their own that are no part of mechanics: Pinocchio adds 2e-16 kg to the mass
-it divides by, MuJoCo takes a body below 1e-15 kg or kg m² for one without. So they are given the
-machine with lengths, masses and times of the order of 1, and their results are turned back. The
+Libraries have numbers of their own that are no part of mechanics: Pinocchio adds 2e-16 kg to the
+mass it divides by, MuJoCo takes a body below 1e-15 kg or kg m² for one without. So they are given
+the machine with lengths, masses and times of the order of 1, and their results are turned back. The
 units are powers of two, which takes no digit from any number.
 """
 
@@ -32,9 +32,9 @@ class InOwnUnits:
 
     def mass_matrix(self, q: Array) -> Array:
         """Mass matrix, (s, size, size)."""
-        inertia = self._mass * self._length**2
-        units = self._units
-        return self._inner.mass_matrix(self._in_own(q)) * inertia / np.outer(units, units)
+        inertias = self._mass * self._length**2 / np.outer(self._units, self._units)
+        matrix: Array = self._inner.mass_matrix(self._in_own(q)) * inertias
+        return matrix
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
         """M a − R, (s, size)."""
@@ -46,7 +46,8 @@ class InOwnUnits:
         thrust = self._energy / self._length
         inputs = [thrust] * len(self.tree.motors) + [self._efforts[i] for i in self.tree.arm]
         factors = self._efforts[:, None] / np.array(inputs)
-        return self._inner.input_matrix(self._in_own(q)) * factors
+        matrix: Array = self._inner.input_matrix(self._in_own(q)) * factors
+        return matrix
 
     def positions(self, q: Array) -> Array:
         """World positions of the named points in m, (s, k, 3)."""

@@ -40,9 +40,7 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
     return with_values(robot, {name: values[name] for name in names})
 
 
-def with_zeros(
-    varied: Robot, names: Collection[str], seed: int, number: int, count: int
-) -> Robot:
+def with_zeros(varied: Robot, names: Collection[str], seed: int, number: int, count: int) -> Robot:
     """The varied robot with one of `count` shares of its parameters zero, whichever can be.
 
     What would leave an acceleration undetermined at zero keeps its value.

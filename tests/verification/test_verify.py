@@ -167,7 +167,7 @@ def test_a_function_that_gives_what_is_not_a_number_fails(copied: Path) -> None:
 @pytest.mark.parametrize(
     ("ending", "old", "what"),
     [
-        (".c", "quadrotor_2link_default_parameters[", "quadrotor_2link_default_parameters"),
+        (".c", "quadrotor_2link_default_parameters[", "default_parameters"),
         ("_casadi.c", None, "the module"),
     ],
 )
