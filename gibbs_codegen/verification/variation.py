@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from gibbs_codegen.verification.tree import Tree
 
 # Larger or smaller by 2 to 8 times.
 _OCTAVES = (1.0, 3.0)
-# Least eigenvalue of a mass matrix of unit diagonal that leaves accelerations half their digits.
-_DETERMINED = 1e-6
+# Least eigenvalue of a mass matrix of unit diagonal that rounding leaves positive for certain.
+_DETERMINED = 1e-10
 
 
 def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> Robot:
@@ -40,31 +40,51 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
     return with_values(robot, {name: values[name] for name in names})
 
 
-def with_zeros(varied: Robot, names: Collection[str], seed: int, number: int, count: int) -> Robot:
-    """The varied robot with one of `count` shares of its parameters zero, whichever can be.
+def variations(
+    robot: Robot, names: Collection[str], seed: int, count: int, zeros: bool
+) -> Iterator[Robot]:
+    """The first `count` variations; with `zeros` as many again and more, some parameters zero.
 
-    What would leave an acceleration undetermined at zero keeps its value.
+    Each is zero in one of those. What would leave an acceleration undetermined at zero, alone or
+    with others, keeps its value there.
     """
-    shuffled = np.random.default_rng(seed).permutation(sorted(names)).tolist()
+    yield from (variation(robot, names, seed, number) for number in range(count))
+    groups = _groups(names, count) if zeros else []
+    # The list grows where parameters are kept back by others, which have another turn then.
+    for number, group in enumerate(groups, start=count):
+        varied = variation(robot, names, seed, number)
+        zero = _zero_together(varied, group)
+        kept_back = [name for name in group if name not in zero]
+        if zero and kept_back:
+            groups.append(kept_back)
+        yield _with_zeros(varied, zero)
 
-    def zero(some: Sequence[str]) -> Robot:
-        return with_values(varied, dict.fromkeys(some, 0.0))
 
-    return zero(_allowed(shuffled[number % count :: count], lambda some: _determined(zero(some))))
+def _groups(names: Collection[str], count: int) -> list[list[str]]:
+    """Parameters to be zero together: masses by themselves, of which others are factors."""
+    ordered = sorted(names)
+    masses = [name for name in ordered if name.endswith(("_mass", "_mass_per_length"))]
+    others = [name for name in ordered if name not in masses]
+    groups = [*(others[i::count] for i in range(count)), masses[::2], masses[1::2]]
+    return [group for group in groups if group]
 
 
-def _allowed(some: Sequence[str], allows: Callable[[Sequence[str]], bool]) -> list[str]:
-    """As many of them as are allowed together, by halving what is not."""
-    kept: list[str] = []
-    waiting = [list(some)]
+def _zero_together(varied: Robot, names: Sequence[str]) -> list[str]:
+    """As many of the parameters as can be zero together, by halving what cannot."""
+    zero: list[str] = []
+    waiting = [list(names)]
     while waiting:
         part = waiting.pop()
-        if allows([*kept, *part]):
-            kept += part
+        if _determined(_with_zeros(varied, [*zero, *part])):
+            zero += part
         elif len(part) > 1:
             half = len(part) // 2
             waiting += [part[half:], part[:half]]
-    return kept
+    return zero
+
+
+def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
+    return with_values(robot, dict.fromkeys(names, 0.0))
 
 
 def _determined(robot: Robot) -> bool:

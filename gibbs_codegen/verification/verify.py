@@ -30,7 +30,7 @@ from gibbs_codegen.verification.own_units import InOwnUnits
 from gibbs_codegen.verification.parameters import parameter_values
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.variation import variation, with_zeros
+from gibbs_codegen.verification.variation import variations
 
 Progress = Callable[[str], None]
 
@@ -51,7 +51,7 @@ _MOST_ENTRIES = 400_000
 class Extent:
     """How far to go beyond the random states: how many others, and how many of all one by one.
 
-    `variations` is the number of sets of other parameters, which have `zeros` among them or not.
+    `variations` is the number of sets of other parameters, to which `zeros` adds those with zeros.
     """
 
     others: int
@@ -201,10 +201,8 @@ def _with_other_parameters(
 ) -> list[Comparison]:
     """The equations once more, with every parameter changed at run time, and zero by turns."""
     parts = []
-    for number in range(extent.variations):
-        other = variation(robot, module.PARAMETERS, seed, number)
-        if extent.zeros:
-            other = with_zeros(other, module.PARAMETERS, seed, number, extent.variations)
+    others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
+    for number, other in enumerate(others):
         numbers = parameter_values(other)
         try:
             constants = module.prepare({name: numbers[name] for name in module.PARAMETERS})
