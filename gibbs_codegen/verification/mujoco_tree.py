@@ -19,8 +19,8 @@ class MuJoCo:
     """
 
     name = "MuJoCo"
-    # It turns every body to its principal axes first, and gets them to a few digits fewer.
-    limit = 1e-8
+    limit = 1e-10
+    # It refers all inertias to the centre of mass of the whole machine.
     growth = 2
     gives = frozenset(
         (

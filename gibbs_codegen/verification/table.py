@@ -108,7 +108,7 @@ def _fitting(columns: Columns, width: int) -> Iterator[Columns]:
 
 def _heading(against: str) -> str:
     """A heading in short lines."""
-    return textwrap.fill(against, 10, break_long_words=False).replace("–", "–\n")
+    return textwrap.fill(against, 12, break_long_words=False)
 
 
 def _formulation_table(title: str, columns: Columns) -> Table:
