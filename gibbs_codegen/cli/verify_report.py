@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import textwrap
+from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Console
@@ -47,9 +49,11 @@ def print_verification(verification: Verification, console: Console) -> None:
     """The largest errors in tables: functions by formulations, then invariants, per back end."""
     for backend, comparisons in verification.comparisons.items():
         by_formulation, others = _sorted(comparisons)
-        if by_formulation:
-            console.print(_formulation_table(backend, by_formulation))
+        title = f"{backend}: largest relative error of each function against …"
+        for columns in _fitting(by_formulation, console.width):
+            console.print(_formulation_table(title, columns))
             console.print()
+            title = f"{backend}: … and against …"
         if others:
             console.print(_invariant_table(backend, others))
             console.print()
@@ -81,17 +85,44 @@ def _counted(rows: dict[str, Comparison]) -> bool:
     return any(c.states for c in rows.values())
 
 
-def _formulation_table(backend: str, columns: dict[str, dict[str, Comparison]]) -> Table:
+Columns = dict[str, dict[str, Comparison]]
+
+
+def _fitting(columns: Columns, width: int) -> Iterator[Columns]:
+    """The columns shared among tables that are no wider than the terminal, one column at least."""
+    functions = {what for rows in columns.values() for what in rows}
+    room = width - max(map(len, functions), default=0)
+    some: Columns = {}
+    left = room
+    for against, rows in columns.items():
+        cells = [_cell(comparison).plain for comparison in rows.values()]
+        needed = 2 + max(map(len, [*_heading(against).split("\n"), *cells]))
+        if some and needed > left:
+            yield some
+            some, left = {}, room
+        some[against] = rows
+        left -= needed
+    if some:
+        yield some
+
+
+def _heading(against: str) -> str:
+    """A heading in short lines."""
+    return textwrap.fill(against, 12, break_long_words=False)
+
+
+def _formulation_table(title: str, columns: Columns) -> Table:
     table = Table(
-        title=f"{backend}: largest relative error of each function against …",
+        title=title,
         title_justify="left",
         box=None,
         header_style="dim",
         pad_edge=False,
+        padding=(0, 2, 0, 0),
     )
-    table.add_column("function", overflow="fold")
+    table.add_column("function", no_wrap=True, vertical="bottom")
     for against in columns:
-        table.add_column(against, justify="right", overflow="fold")
+        table.add_column(_heading(against), justify="right", no_wrap=True, vertical="bottom")
     functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
     for function in functions:
         table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
@@ -120,8 +151,8 @@ def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
         header_style="dim",
         pad_edge=False,
     )
-    for column in ("what", "against"):
-        table.add_column(column, overflow="fold")
+    table.add_column("what", no_wrap=True)
+    table.add_column("against", overflow="fold")
     for column in ("states", "error", "limit"):
         table.add_column(column, justify="right")
     for c in comparisons:

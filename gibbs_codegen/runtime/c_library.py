@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,10 +16,13 @@ from gibbs_codegen.runtime.compiler import Compiler
 NATIVE = Path(__file__).parent / "native"
 
 
-def compiled_library(folder: Path, name: str, compiler: Compiler) -> Path:
+def compiled_library(
+    folder: Path, name: str, compiler: Compiler, extra: Sequence[str] = ()
+) -> Path:
     """The shared library of a generated module, from the cache or compiled now.
 
-    It exports the module's C functions, those of its CasADi adapter, and those of `rows.c`.
+    `extra` flags come after the compiler's. The library exports the module's C functions, those of
+    its CasADi adapter, and those of `rows.c`.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
     texts = {file: (folder / file).read_bytes() for file in c_files(name)}
@@ -33,10 +36,11 @@ def compiled_library(folder: Path, name: str, compiler: Compiler) -> Path:
         for file, text in texts.items():
             (sources / file).write_bytes(text)
         with _announced(f"compiling {name}"):
-            compiler.library([sources / file for file in texts if file.endswith(".c")], output)
+            files = [sources / file for file in texts if file.endswith(".c")]
+            compiler.library(files, output, extra)
         shutil.rmtree(sources)
 
-    return cached_library("\n".join([compiler.identity, name, *digests]), make)
+    return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
 
 
 @contextmanager

@@ -110,7 +110,9 @@ def find_module(path: Path) -> Path:
             f"{printable(only_c[0])}: has the C target only; generate the module with the NumPy "
             "target too, which says what its functions take"
         )
+    # A folder has the name of no robot.
+    robot = "ROBOT.toml" if path.is_dir() or not path.name else printable(path.name)
     raise UsageError(
         f"{printable(path)}: no generated module there, nor in generated/; "
-        f"make it with: gibbs-codegen generate {printable(path.name)}"
+        f"make one with: gibbs-codegen generate {robot}"
     )

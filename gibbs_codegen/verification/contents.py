@@ -62,8 +62,7 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
         symbol = (ctypes.c_double * len(numbers)).in_dll(library, f"{robot.name}_{name}")
         # Of differences of parameters rounding may leave fewer digits than of the rest.
         size = np.maximum(np.abs(numbers), 1e-6 * np.abs(numbers).max())
-        what = f"{robot.name}_{name}"
-        row = compared(what, _FILE, np.array(symbol)[None], numbers[None], size, _CONSTANTS_LIMIT)
+        row = compared(name, _FILE, np.array(symbol)[None], numbers[None], size, _CONSTANTS_LIMIT)
         rows.append(replace(row, states=0))
     return rows
 

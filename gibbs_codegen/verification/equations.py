@@ -13,60 +13,83 @@ from gibbs_codegen.verification.tree import Array, times
 
 # A few units in the last place.
 _ROUNDING = 1e-15
+# Of single precision: as many may come together for each joint.
+_ROUNDINGS = 4
 
 Values = Mapping[str, Array]
 
 
-def compare_equations(
-    values: Values, formulation: Formulation, states: States, sizes: Sizes
-) -> list[Comparison]:
-    """Compare the `values` of a module's functions, by name, with what a formulation gives.
-
-    `values` has each function's results for all states; the two of `mass_matrix_and_residual` are
-    under "mass_matrix_and_residual.M" and ".R". Errors are relative to `sizes`.
-    """
-    rows = [
-        *_system(values, formulation, states, sizes),
-        *_geometry(values, formulation, states, sizes),
-        *_energies(values, formulation, states, sizes),
-    ]
-    name = formulation.name
-    limit = max(formulation.limit, _ROUNDING * sizes.disparity**formulation.growth)
-    return [
-        compared(what, name, values[what] if ours is None else ours, theirs, size, limit)
-        for what, ours, theirs, size in rows
-    ]
+Row = tuple[str, Array, Array]
 
 
-Row = tuple[str, Array | None, Array, Array | float]
+class Expected:
+    """What a formulation gives for all functions at some states, and the sizes of errors there."""
+
+    def __init__(self, formulation: Formulation, states: States, sizes: Sizes) -> None:
+        self._name = formulation.name
+        self._limit = max(formulation.limit, _ROUNDING * sizes.disparity**formulation.growth)
+        self._sizes = sizes
+        self._places = formulation.tree.size
+        free = formulation.tree.free
+        every = formulation.mass_matrix(states.q)
+        inputs = formulation.input_matrix(states.q)
+        self._matrix = every[:, free][:, :, free]
+        self._driven = times(inputs, states.u)[:, free]
+        rows = [
+            *_system(formulation, states, sizes, every, inputs),
+            *_geometry(formulation, states, sizes),
+            *_energies(formulation, states, sizes),
+        ]
+        self._rows = {what: (theirs, size) for what, theirs, size in rows}
+
+    def compare(self, values: Values, against: str = "", single: bool = False) -> list[Comparison]:
+        """Compare the `values` of a module's functions, by name, with what is expected.
+
+        `values` has each function's results for all states, or for the first of them; the two of
+        `mass_matrix_and_residual` are under "mass_matrix_and_residual.M" and ".R". Errors are
+        relative to the natural sizes. `against` takes the place of the formulation's name; `single`
+        says that the module computes in single precision.
+        """
+        count = len(values["mass_matrix"])
+        rounding = float(np.finfo(np.float32 if single else np.float64).eps)
+        limit = _ROUNDINGS * rounding * self._places if single else self._limit
+        # Where angles are large, rounding their sums is what limits the rest.
+        angles = np.maximum(1.0, rounding * self._sizes.angles[:count] / limit)
+        comparisons = []
+        for what, (theirs, size) in self._rows.items():
+            ours = values[what]
+            if what == "forward_dynamics":  # Unlike the accelerations, M a is well-conditioned.
+                size = self._sizes.balance(ours, self._driven[:count])
+                ours = times(self._matrix[:count], ours)
+            size = size[:count] * angles.reshape(-1, *[1] * (size.ndim - 1))
+            comparisons.append(
+                compared(what, against or self._name, ours, theirs[:count], size, limit)
+            )
+        return comparisons
 
 
 def _system(
-    values: Values, formulation: Formulation, states: States, sizes: Sizes
+    formulation: Formulation, states: States, sizes: Sizes, every: Array, inputs: Array
 ) -> Iterator[Row]:
     tree = formulation.tree
     free, held = tree.free, tree.held
     q, v, a, u = states.q, states.v, states.a, states.u
-    every = formulation.mass_matrix(q)
     matrix = every[:, free][:, :, free]
-    inputs = formulation.input_matrix(q)
     residual = -formulation.inverse_dynamics(q, v, np.zeros_like(a))
     inverse = formulation.inverse_dynamics(q, v, a)
-    yield "mass_matrix", None, matrix, sizes.free_matrix
-    yield "mass_matrix_and_residual.M", None, matrix, sizes.free_matrix
-    yield "residual", None, residual[:, free], sizes.free_effort
-    yield "mass_matrix_and_residual.R", None, residual[:, free], sizes.free_effort
-    yield "input_matrix", None, inputs[:, free], _levers(inputs, sizes)[:, free]
-    yield "inverse_dynamics", None, inverse[:, free], sizes.free_inertial_effort
     driven = times(inputs, u)
-    solution = values["forward_dynamics"]
-    size = sizes.balance(solution, driven[:, free])
-    yield "forward_dynamics", times(matrix, solution), (residual + driven)[:, free], size
+    yield "mass_matrix", matrix, sizes.free_matrix
+    yield "mass_matrix_and_residual.M", matrix, sizes.free_matrix
+    yield "residual", residual[:, free], sizes.free_effort
+    yield "mass_matrix_and_residual.R", residual[:, free], sizes.free_effort
+    yield "input_matrix", inputs[:, free], _levers(inputs, sizes)[:, free]
+    yield "inverse_dynamics", inverse[:, free], sizes.free_inertial_effort
+    yield "forward_dynamics", (residual + driven)[:, free], sizes.free_effort
     yield from _hybrid(every, residual, inputs, held, sizes)
     effort = sizes.inertial_effort + sizes.spread(driven, sizes.units)
-    yield "constraint_torques", None, (inverse - driven)[:, held], effort[:, held]
+    yield "constraint_torques", (inverse - driven)[:, held], effort[:, held]
     by_parts = np.sum(a * (0.5 * times(matrix, a) - residual[:, free]), axis=-1)
-    yield "gibbs", None, by_parts, sizes.gibbs
+    yield "gibbs", by_parts, sizes.gibbs
 
 
 def _hybrid(
@@ -82,17 +105,17 @@ def _hybrid(
     matrix[:, torques, held] = 1.0
     natural = np.ones_like(matrix)
     natural[:, :size, :size] = sizes.matrix
-    yield "hybrid_mass_matrix", None, matrix, natural
+    yield "hybrid_mass_matrix", matrix, natural
     padded = np.zeros((states, whole))
     padded[:, :size] = residual
     natural = np.ones_like(padded)
     natural[:, :size] = sizes.effort
-    yield "hybrid_residual", None, padded, natural
+    yield "hybrid_residual", padded, natural
     columns = np.zeros((states, whole, inputs.shape[-1]))
     columns[:, :size] = inputs
     natural = np.ones_like(columns)
     natural[:, :size] = _levers(inputs, sizes)
-    yield "hybrid_input_matrix", None, columns, natural
+    yield "hybrid_input_matrix", columns, natural
 
 
 def _levers(inputs: Array, sizes: Sizes) -> Array:
@@ -102,31 +125,28 @@ def _levers(inputs: Array, sizes: Sizes) -> Array:
     return size
 
 
-def _geometry(
-    values: Values, formulation: Formulation, states: States, sizes: Sizes
-) -> Iterator[Row]:
+def _geometry(formulation: Formulation, states: States, sizes: Sizes) -> Iterator[Row]:
     reach = sizes.reach[:, None, None]
     gives, free = formulation.gives, formulation.tree.free
     if "positions" in gives:
-        yield "positions", None, formulation.positions(states.q), reach
+        positions = formulation.positions(states.q)
+        yield "positions", positions, reach
     if "tip_pose" in gives:
         size = np.ones((len(states), 4, 4))
         size[:, :3, 3:] = reach
-        yield "tip_pose", None, formulation.tip_pose(states.q), size
+        yield "tip_pose", formulation.tip_pose(states.q), size
     if "tip_jacobian" in gives:
         size = np.ones((len(states), 6, len(free)))
         size[:, :3] = sizes.length / sizes.scales
-        yield "tip_jacobian", None, formulation.tip_jacobian(states.q)[:, :, free], size
+        yield "tip_jacobian", formulation.tip_jacobian(states.q)[:, :, free], size
     if "tip_bias_acceleration" in gives:
         size = np.ones((len(states), 6)) * sizes.rate[:, None] ** 2
         size[:, :3] *= sizes.length
         bias = formulation.tip_bias_acceleration(states.q, states.v)
-        yield "tip_bias_acceleration", None, bias, size
+        yield "tip_bias_acceleration", bias, size
 
 
-def _energies(
-    values: Values, formulation: Formulation, states: States, sizes: Sizes
-) -> Iterator[Row]:
+def _energies(formulation: Formulation, states: States, sizes: Sizes) -> Iterator[Row]:
     kinetic = formulation.kinetic_energy(states.q, states.v)
-    yield "kinetic_energy", None, kinetic, sizes.kinetic
-    yield "potential_energy", None, formulation.potential_energy(states.q), sizes.potential
+    yield "kinetic_energy", kinetic, sizes.kinetic
+    yield "potential_energy", formulation.potential_energy(states.q), sizes.potential

@@ -28,20 +28,21 @@ class Evaluation:
         lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
         self.signatures = {s.name: s for s in signatures(*map(len, lists))}
 
-    def all(self, states: States) -> dict[str, Array]:
-        """Results of all functions for a batch of states.
+    def all(self, states: States, singly: bool = False) -> dict[str, Array]:
+        """Results of all functions for a batch of states, or for each state by itself.
 
         The two of `mass_matrix_and_residual` are under its name with ".M" and ".R"; `gibbs` is
         counted from the value at rest, since it is determined up to that.
         """
         values: dict[str, Array] = {}
+        call = self._singly if singly else self
         for name, signature in self.signatures.items():
-            results = self(name, *states.arguments("".join(signature.arguments)))
+            results = call(name, *states.arguments("".join(signature.arguments)))
             if name == BOTH:
                 values[f"{name}.M"], values[f"{name}.R"] = results
             else:
                 values[name] = results
-        values["gibbs"] = values["gibbs"] - self("gibbs", states.q, states.v, 0.0 * states.a)
+        values["gibbs"] = values["gibbs"] - call("gibbs", states.q, states.v, 0.0 * states.a)
         return values
 
     def __call__(self, name: str, *arguments: Array) -> Any:
@@ -55,6 +56,12 @@ class Evaluation:
             results = ()
         batch = np.broadcast_shapes(*(argument.shape[:-1] for argument in arguments))
         return self._shaped(signature, results, batch)
+
+    def _singly(self, name: str, *arguments: Array) -> Any:
+        results = [self(name, *state) for state in zip(*arguments, strict=True)]
+        if len(self.signatures[name].shapes) == 1:
+            return np.array(results)
+        return tuple(map(np.array, zip(*results, strict=True)))
 
     def _shaped(self, signature: Signature, results: Any, batch: tuple[int, ...]) -> Any:
         if len(signature.shapes) == 1:

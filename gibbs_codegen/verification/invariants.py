@@ -38,7 +38,6 @@ def compare_invariants(
         _hybrid(evaluation, values, states, sizes, tree),
         *_gradients(evaluation, values, states, sizes),
         *_rates(evaluation, values, states, sizes),
-        *_calls(evaluation, values, states, sizes),
     ]
 
 
@@ -181,30 +180,3 @@ def _power(evaluation: Evaluation, values: Values, states: States, sizes: Sizes)
     return compared(
         "forward_dynamics", "power balance, Ė = vᵀB u", rate, power, size, BY_DIFFERENCES
     )
-
-
-def _calls(
-    evaluation: Evaluation, values: Values, states: States, sizes: Sizes
-) -> Iterator[Comparison]:
-    """One state at a time gives what the batch gave."""
-    for name, signature in evaluation.signatures.items():
-        arguments = states.arguments("".join(signature.arguments))
-        if name == "gibbs":
-            arguments[2] = 0.0 * arguments[2]
-        one = evaluation(name, *(argument[0] for argument in arguments))
-        batch = evaluation(name, *arguments)
-        for suffix, alone, together in _outputs(name, one, batch):
-            first = together[0]
-            if name == "forward_dynamics":  # Unlike the accelerations, M a is well-conditioned.
-                alone, first = (values["mass_matrix"][0] @ x for x in (alone, first))
-            size = np.abs(first).max(initial=0.0)
-            yield compared(
-                f"{name}{suffix}", "one state by itself", alone[None], first[None], size, EXACT
-            )
-
-
-def _outputs(name: str, one: object, batch: object) -> Iterator[tuple[str, Array, Array]]:
-    if isinstance(one, tuple) and isinstance(batch, tuple):
-        yield from zip((".M", ".R"), one, batch, strict=True)
-    else:
-        yield "", np.asarray(one), np.asarray(batch)

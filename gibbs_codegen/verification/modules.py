@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib.abc
 import importlib.util
 import os
@@ -15,15 +16,25 @@ from gibbs_codegen.errors import UsageError, WrongModuleError, printable
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.c_backend import c_module
-from gibbs_codegen.runtime.c_library import c_files
-from gibbs_codegen.runtime.cache import CacheError
-from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
+from gibbs_codegen.runtime.c_library import c_files, compiled_library
+from gibbs_codegen.runtime.cache import CacheError, cached_library
+from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.runtime.load import BACKENDS, find_module, load
+from gibbs_codegen.verification.c_program import (
+    SINGLE_PRECISION,
+    compare_c_program,
+    compare_single_precision,
+)
 from gibbs_codegen.verification.comparison import Comparison, failure_text
-from gibbs_codegen.verification.contents import compare_c_defaults, compare_robot_file
+from gibbs_codegen.verification.contents import (
+    compare_c_defaults,
+    compare_contents,
+    compare_robot_file,
+)
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
+    QUICK,
     Progress,
     Verification,
     compare_module,
@@ -78,9 +89,10 @@ def verify(
         if isinstance(module, Comparison):
             comparisons.append(module)
         else:
-            if backend == "c":
-                comparisons += compare_c_defaults(module, robot)
             comparisons += compare_module(module, robot, found, states, seed, step(backend))
+            if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
+                step(backend)("as a C program calls it")
+                comparisons += _compare_c(module, folder, robot, verification)
         verification.comparisons[backend] = comparisons
     return verification
 
@@ -106,8 +118,49 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType | Comparison
         return c_module(module, folder, compiler, 1)
     except CacheError as error:
         return str(error)
-    except (CompilerError, UsageError) as error:
+    except CompilerError as error:
+        return _broken(error) if _works(compiler) else str(error)
+    except UsageError as error:
         return _broken(error)
+
+
+def _works(compiler: Compiler) -> bool:
+    """Whether a compiler makes libraries that can be loaded, whatever it made of the module's C."""
+
+    def make(output: Path) -> None:
+        source = output.with_suffix(".c")
+        source.write_text(
+            "int gibbs_codegen_works(void);\nint gibbs_codegen_works(void) { return 1; }\n"
+        )
+        compiler.library([source], output)
+
+    try:
+        library = ctypes.CDLL(str(cached_library(f"{compiler.identity}\nworks", make)))
+    except (CompilerError, CacheError, OSError):
+        return False
+    return hasattr(library, "gibbs_codegen_works")
+
+
+def _compare_c(
+    module: ModuleType, folder: Path, robot: Robot, verification: Verification
+) -> list[Comparison]:
+    """What only a C program uses of the C source."""
+    seed = verification.seed
+    comparisons = compare_c_defaults(module, robot)
+    comparisons += compare_c_program(str(module.__file__), module, robot, seed)
+    # What the source says does not depend on how well it is optimised.
+    flags = (f"-D{robot.name.upper()}_FLOAT", "-O0")
+    try:
+        compiler = find_compiler(os.environ.get("CC") or None)
+        path = compiled_library(folder, robot.name, compiler, flags)
+        single = compare_single_precision(str(path), module, robot, seed)
+    except (CompilerError, CacheError) as error:
+        fault = printable(str(error), 400)
+        return [*comparisons, Comparison(SINGLE_PRECISION, "", 0, np.inf, 0.0, fault)]
+    if isinstance(single, str):
+        verification.not_done[SINGLE_PRECISION] = single
+        return comparisons
+    return comparisons + single
 
 
 def _has_c_target(folder: Path) -> bool:
@@ -129,7 +182,9 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
     progress("verifying")
     try:
         module = _from_text(numpy_source)
-        comparisons = compare_module(module, robot, [NewtonEuler(Tree(robot))], _FEW_STATES, 0)
+        comparisons = compare_module(
+            module, robot, [NewtonEuler(Tree(robot))], _FEW_STATES, 0, extent=QUICK
+        )
     except (Exception, SystemExit) as error:  # Whatever was emitted.
         comparisons = [_broken(error)]
     failures = [failure_text(c) for c in comparisons if not c.passed]

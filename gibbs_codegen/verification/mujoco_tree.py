@@ -19,8 +19,8 @@ class MuJoCo:
     """
 
     name = "MuJoCo"
-    # It turns every body to its principal axes first, and gets them to a few digits fewer.
-    limit = 1e-8
+    limit = 1e-10
+    # It refers all inertias to the centre of mass of the whole machine.
     growth = 2
     gives = frozenset(
         (
@@ -182,10 +182,10 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
         f'xyaxes="{_numbers(turn.T[:2].ravel())}">'
     ]
     if joint.mass > 0.0:
-        entries = joint.inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        moments, axes = _principal(joint.inertia)
         lines.append(
             f'<inertial pos="{_numbers(joint.com)}" mass="{joint.mass!r}" '
-            f'fullinertia="{_numbers(entries)}"/>'
+            f'xyaxes="{_numbers(axes.T[:2].ravel())}" diaginertia="{_numbers(moments)}"/>'
         )
     for member, its_turn, its_step in group:
         moved = tree.joints[member]
@@ -196,6 +196,13 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
         )
     lines += [_body_text(tree, children, child) for child in children[number]]
     return "".join([*lines, "</body>"])
+
+
+def _principal(inertia: Array) -> tuple[Array, Array]:
+    """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits."""
+    moments, axes = np.linalg.eigh(inertia)
+    # Rounding may leave less than nothing about the axis of a thin rod.
+    return np.maximum(moments, 0.0), axes * np.linalg.det(axes)
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-import numpy as np
-
-from gibbs_codegen.robot.model import Body, Link, Robot, Rod
-
-_FACTORS = (0.8, 1.25)
+from gibbs_codegen.robot.model import Body, Link, RigidBody, Robot, Rod
 
 
 def parameter_values(robot: Robot) -> dict[str, float]:
@@ -17,17 +13,17 @@ def parameter_values(robot: Robot) -> dict[str, float]:
     base = robot.base
     values = {"gravity": robot.gravity}
     values |= {f"base_drag_{k}": drag for k, drag in enumerate(base.drag, start=1)}
-    for k, arm in enumerate(base.arms, start=1):
-        values |= _body_values("base_arm" if base.shares_one_arm else f"base_arm{k}", arm)
+    for prefix, body in bodies(robot):
+        values |= body_values(prefix, body)
     for i, link in enumerate(robot.links, start=1):
         if link.a is not None:
             values[f"link{i}_a"] = link.a
         values[f"link{i}_d"] = link.d
-        values |= _body_values(f"link{i}", link.body)
     return values
 
 
-def _body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
+def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
+    """Numbers of a body under their names: length, mass, and the others in order."""
     yield f"{prefix}_length", body.length
     if isinstance(body, Rod):
         yield f"{prefix}_mass_per_length", body.mass_per_length
@@ -42,40 +38,40 @@ def _body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
         yield f"{prefix}_{name}", value
 
 
-def varied(robot: Robot, seed: int) -> Robot:
-    """The robot with every number times a factor of its own between 0.8 and 1.25.
+def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The robot with other numbers under some of those names."""
 
-    Entries of one inertia share a factor, so that it stays one that a body can have; zeros stay.
-    """
-    rng = np.random.default_rng(seed)
-
-    def factor() -> float:
-        return float(rng.uniform(*_FACTORS))
-
-    def of_body(body: Body) -> Body:
-        length, mass, inertia = body.length * factor(), factor(), factor()
+    def of_body(prefix: str, body: Body) -> Body:
+        own = body_values(prefix, body)
+        length, mass, *rest = (values.get(name, value) for name, value in own)
         if isinstance(body, Rod):
-            x, y, z = body.section_inertia
-            section = (x * inertia, y * inertia, z * inertia)
-            return Rod(length, body.mass_per_length * mass, section)
-        x, y, z = (entry * factor() for entry in body.com)
-        xx, yy, zz, xy, xz, yz = (entry * inertia for entry in body.inertia)
-        return replace(
-            body,
-            length=length,
-            mass=body.mass * mass,
-            com=(x, y, z),
-            inertia=(xx, yy, zz, xy, xz, yz),
-        )
+            x, y, z = rest
+            return Rod(length, mass, (x, y, z))
+        x, y, z, xx, yy, zz, xy, xz, yz = rest
+        return RigidBody(length, mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
 
-    def of_link(link: Link) -> Link:
-        a = None if link.a is None else link.a * factor()
-        return replace(link, body=of_body(link.body), a=a, d=link.d * factor())
+    def of_link(i: int, link: Link) -> Link:
+        a = None if link.a is None else values.get(f"link{i}_a", link.a)
+        body = of_body(f"link{i}", link.body)
+        return replace(link, body=body, a=a, d=values.get(f"link{i}_d", link.d))
 
-    base = replace(
-        robot.base,
-        arms=tuple(map(of_body, robot.base.arms)),
-        drag=tuple(drag * factor() for drag in robot.base.drag),
+    base = robot.base
+    drags = enumerate(base.drag, start=1)
+    other = replace(
+        base,
+        arms=tuple(of_body(prefix, arm) for prefix, arm in _arms(robot)),
+        drag=tuple(values.get(f"base_drag_{k}", drag) for k, drag in drags),
     )
-    links = tuple(map(of_link, robot.links))
-    return replace(robot, base=base, links=links, gravity=robot.gravity * factor())
+    links = tuple(of_link(i, link) for i, link in enumerate(robot.links, start=1))
+    return replace(robot, base=other, links=links, gravity=values.get("gravity", robot.gravity))
+
+
+def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
+    """Every body of its own, with what the names of its parameters begin with."""
+    yield from _arms(robot)
+    yield from ((f"link{i}", link.body) for i, link in enumerate(robot.links, start=1))
+
+
+def _arms(robot: Robot) -> Iterator[tuple[str, Body]]:
+    for k, arm in enumerate(robot.base.arms, start=1):
+        yield "base_arm" if robot.base.shares_one_arm else f"base_arm{k}", arm

@@ -12,6 +12,10 @@ from gibbs_codegen.verification.tree import WORLD, Array, Tree
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
+# Angles of a few turns; and the least of far ones, as a share of the largest.
+_TURNS, _FAR = 50.0, 0.8
+# Largest angles: beyond those that C computes by itself, 1e5 rad, and 400 in single precision.
+FAR, FAR_SINGLE = 2.0**17, 2.0**9
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,33 @@ class States:
         u *= force * np.concatenate([np.ones(len(tree.motors)), levers])
         return cls(q, v * tree.tempo, a * tree.tempo**2, u)
 
+    @classmethod
+    def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
+        """States with attitudes next to the singular one, angles of many turns, and `far` angles.
+
+        One of each kind by turns; the far ones are up to `far`, and nearly as large.
+        """
+        usual = cls.random(tree, count, seed)
+        rng = np.random.default_rng(seed)
+        q = usual.q.copy()
+        turning = tree.turns[tree.free]
+        shape = (count, int(turning.sum()))
+        signs = rng.choice([-1.0, 1.0], shape)
+        beyond = signs * rng.uniform(_FAR * far, far, shape)
+        several = rng.uniform(-_TURNS, _TURNS, shape)
+        kinds = np.arange(count) % 3
+        chosen = np.where(kinds[:, None] == 1, several, beyond)
+        q[:, turning] = np.where(kinds[:, None] == 0, q[:, turning], chosen)
+        # From a tenth to what is next to nothing, on either side.
+        near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-8, -1, count)
+        q[:, 1] = np.where(kinds == 0, signs[:, 0] * near, q[:, 1])
+        return cls(q, usual.v, usual.a, usual.u)
+
+    def rounded(self) -> States:
+        """The states in numbers that single precision has."""
+        letters = (self.q, self.v, self.a, self.u)
+        return States(*(x.astype(np.float32).astype(np.float64) for x in letters))
+
     def first(self, count: int) -> States:
         """The first `count` of them."""
         return States(self.q[:count], self.v[:count], self.a[:count], self.u[:count])
@@ -67,7 +98,7 @@ class Sizes:
         inertias, masses = _moved(tree, states.q)
         units = np.sqrt(inertias)
         # How much larger the machine is than the smallest of what a joint turns.
-        turned = (units > 0.0) & tree.turns
+        turned = (units > 0.0) & (masses > 0.0) & tree.turns
         radii = units[turned] / np.sqrt(masses[turned])
         self.disparity = tree.reach / min(radii.min(initial=np.inf), tree.reach)
         # What has no inertia at all has zeros, which need no size.
@@ -79,7 +110,7 @@ class Sizes:
         self.scales = tree.scales[tree.free]
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
-        weight = tree.gravity * np.sqrt(tree.mass)
+        weight = abs(tree.gravity) * np.sqrt(tree.mass)
         self.effort = self.units * (momentum * rates + weight)
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = formulation.positions(states.q)
@@ -88,18 +119,22 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        self.potential = tree.gravity * tree.mass * self.reach
+        self.potential = abs(tree.gravity) * tree.mass * self.reach
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         # The function has a term in the square of gravity, which its difference loses.
         falling = tree.mass * tree.gravity**2
         power = np.abs(states.a) * self.free_inertial_effort
+        # Modules take sines of sums of angles, which rounding leaves uncertain by a share of these.
+        self.angles = np.abs(states.q[:, tree.turns[tree.free]]).sum(axis=-1)
         self.gibbs = falling + np.sum(power, axis=-1)
 
     def balance(self, accelerations: Array, driven: Array) -> Array:
-        """Size of M a = R + B u: of its largest terms, (s, nq)."""
-        inertial = self.free_units * self.largest(accelerations)
-        size: Array = self.free_effort + inertial + self.spread(driven, self.free_units)
+        """Size of M a = R + B u: of its largest terms, (s, nq), at the first states or all."""
+        count = len(accelerations)
+        units = self.free_units[:count]
+        inertial = units * self.largest(accelerations)
+        size: Array = self.free_effort[:count] + inertial + self.spread(driven, units)
         return size
 
     @staticmethod
@@ -110,7 +145,8 @@ class Sizes:
 
     def largest(self, accelerations: Array) -> Array:
         """Largest of some accelerations in the coordinates' units, (s, 1)."""
-        largest: Array = (self.free_units * np.abs(accelerations)).max(axis=-1, keepdims=True)
+        units = self.free_units[: len(accelerations)]
+        largest: Array = (units * np.abs(accelerations)).max(axis=-1, keepdims=True)
         return largest
 
 

@@ -7,7 +7,8 @@ hybrid system: θ₋₁, θ₀, θ₁, θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -94,12 +95,9 @@ class Tree:
         self.arm = self.free[3:-3]
         named = self._base(robot)
         self.tip = self._arm(robot, named)
-        self.reach = self._reach()
-        # At the rate at which a pendulum of that length swings, weight and inertia are alike.
-        self.tempo = float(np.sqrt(self.gravity / self.reach)) or 1.0
         self.turns = np.zeros(self.size, bool)
         self.turns[[joint.place for joint in self.joints if joint.revolute]] = True
-        self.scales = np.where(self.turns, 1.0, self.reach)
+        self._measure()
         self.points = [named[name] for name in points(robot)]
         self.motors = [
             Motor(named[f"motor{k}"], np.array(direction), drag)
@@ -185,11 +183,43 @@ class Tree:
             inertia,
         )
 
-    def _reach(self) -> float:
-        """How far from the base anything of the machine may be, or 1 if it is a point."""
+    def _measure(self) -> None:
+        """Set the machine's own length and time."""
         offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
         bodies = [np.linalg.norm(joint.com) for joint in self.joints]
-        return float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
+        # How far from the base anything of the machine may be, or 1 if it is a point.
+        self.reach = float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
+        # At the rate at which a pendulum of that length swings, weight and inertia are alike.
+        self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
+        self.scales = np.where(self.turns, 1.0, self.reach)
+
+    def in_units(self, length: float, mass: float, time: float) -> Tree:
+        """The same machine, its numbers in units of so many m, kg and s."""
+
+        def moved(point: Point) -> Point:
+            return replace(point, local=point.local / length)
+
+        other = copy.copy(self)
+        other.gravity = self.gravity * time**2 / length
+        other.mass = self.mass / mass
+        other.joints = [
+            replace(
+                joint,
+                offset=joint.offset / length,
+                mass=joint.mass / mass,
+                com=joint.com / length,
+                inertia=joint.inertia / mass / length**2,
+            )
+            for joint in self.joints
+        ]
+        other.tip = moved(self.tip)
+        other.points = [moved(point) for point in self.points]
+        other.motors = [
+            replace(motor, seat=moved(motor.seat), drag=motor.drag / length)
+            for motor in self.motors
+        ]
+        other._measure()
+        return other
 
     def spread(self, values: Array) -> Array:
         """Reduced values (…, nq) as those of all joints (…, size), zero at the held ones."""

@@ -1,9 +1,9 @@
 """Verification of a generated module: what is compared with what, in which order.
 
 compare_contents    names and parameters          against the robot file      (contents)
-compare_equations   every function, at states     against formulations that share no code with
+Expected            every function, at states     against formulations that share no code with
                                                   the derivation              (equations)
-    Newton–Euler, and again for other parameters                              (newton_euler)
+    Newton–Euler, and again for one state, any angles, other parameters       (newton_euler)
     Lagrange                                                                  (lagrange)
     Pinocchio, MuJoCo where installed                        (pinocchio_tree, mujoco_tree)
 compare_invariants  every function                against the others          (invariants)
@@ -20,18 +20,21 @@ from types import ModuleType
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, worst
 from gibbs_codegen.verification.contents import compare_contents
-from gibbs_codegen.verification.equations import compare_equations
+from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, NotApplicableError
 from gibbs_codegen.verification.invariants import compare_invariants
 from gibbs_codegen.verification.lagrange import Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.parameters import parameter_values, varied
+from gibbs_codegen.verification.own_units import InOwnUnits
+from gibbs_codegen.verification.parameters import parameter_values
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.variation import variations
 
 Progress = Callable[[str], None]
 
+ONE_STATE, ANY_ANGLES = "one state by itself", "any angles"
 OTHER_PARAMETERS = "other parameters"
 # Module of this package, and the library that it needs.
 _LIBRARIES = (
@@ -42,6 +45,25 @@ _LIBRARIES = (
 _MOST_NUMBERS = 3_000_000
 # Of the matrices of all states of a part.
 _MOST_ENTRIES = 400_000
+
+
+@dataclass(frozen=True)
+class Extent:
+    """How far to go beyond the random states: how many others, and how many of all one by one.
+
+    `variations` is the number of sets of other parameters, to which `zeros` adds those with zeros.
+    """
+
+    others: int
+    singly: int
+    variations: int
+    zeros: bool
+    any_angles: bool
+
+
+THOROUGH = Extent(others=6, singly=6, variations=4, zeros=True, any_angles=True)
+# Of a module that was just emitted, in a moment. Other parameters have any angles with them.
+QUICK = Extent(others=3, singly=1, variations=1, zeros=False, any_angles=False)
 
 
 @dataclass
@@ -85,7 +107,7 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
             continue
         try:
             there = importlib.import_module(f"gibbs_codegen.verification.{module}")
-            found.append(getattr(there, name)(tree))
+            found.append(InOwnUnits(getattr(there, name), tree))
         except (ImportError, NotApplicableError) as error:
             not_done[name] = str(error)
     return found, not_done
@@ -98,6 +120,7 @@ def compare_module(
     count: int,
     seed: int,
     progress: Progress = lambda _: None,
+    extent: Extent = THOROUGH,
 ) -> list[Comparison]:
     """Everything about one back end, at the `count` random states of a seed.
 
@@ -110,21 +133,34 @@ def compare_module(
             c if c.passed else replace(c, fault=f"{c.fault} (no function was compared)")
             for c in contents
         ]
-    # A part at a time, so that no number of states takes all memory.
-    most = max(1, _MOST_ENTRIES // against[0].tree.size ** 2)
+    most = most_states(against[0].tree)
     parts = []
     for number, first in enumerate(range(0, count, most)):
         some = min(most, count - first)
-        parts.append(_compare_functions(module, robot, against, some, (seed, number), progress))
-    return contents + worst(parts)
+        seeds = (seed, number)
+        parts.append(_compare_functions(module, against, some, seeds, extent.singly, progress))
+    comparisons = contents + worst(parts)
+    others = min(most, extent.others)
+    if extent.any_angles:
+        progress(ANY_ANGLES)
+        tree = against[0].tree
+        states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
+        comparisons += _compare_again(Evaluation(module), tree, states, extent.singly, ANY_ANGLES)
+    progress(OTHER_PARAMETERS)
+    return comparisons + _with_other_parameters(module, robot, others, seed, extent)
+
+
+def most_states(tree: Tree) -> int:
+    """How many states at once keep the memory that they take within bounds."""
+    return max(1, _MOST_ENTRIES // tree.size**2)
 
 
 def _compare_functions(
     module: ModuleType,
-    robot: Robot,
     against: Sequence[Formulation],
     count: int,
     seed: tuple[int, int],
+    singly: int,
     progress: Progress,
 ) -> list[Comparison]:
     tree = against[0].tree
@@ -133,45 +169,54 @@ def _compare_functions(
     values = evaluation.all(states)
     sizes = Sizes(against[0], states)
     comparisons = []
-    for formulation in against:
+    for place, formulation in enumerate(against):
         progress(formulation.name)
         few = count
         if isinstance(formulation, Lagrange):
             few = max(1, min(count, _MOST_NUMBERS // (formulation.points * tree.size)))
-        comparisons += compare_equations(
-            {name: value[:few] for name, value in values.items()},
-            formulation,
-            states.first(few),
-            sizes if few == count else Sizes(against[0], states.first(few)),
-        )
+        some = sizes if few == count else Sizes(against[0], states.first(few))
+        expected = Expected(formulation, states.first(few), some)
+        comparisons += expected.compare({name: value[:few] for name, value in values.items()})
+        if place == 0:
+            alone = evaluation.all(states.first(singly), singly=True)
+            one_state = expected.compare(alone, ONE_STATE)
     progress("invariants")
     comparisons += compare_invariants(evaluation, values, states, sizes, tree)
-    progress(OTHER_PARAMETERS)
-    other, faults = _with_other_parameters(module, robot, count, seed)
-    return _explained(comparisons, evaluation.faults) + _explained(other, faults)
+    return explained(comparisons + one_state, evaluation.faults)
+
+
+def _compare_again(
+    evaluation: Evaluation, tree: Tree, states: States, few: int, against: str
+) -> list[Comparison]:
+    """The equations in other circumstances: all states together, and the first few one by one."""
+    formulation = NewtonEuler(tree)
+    expected = Expected(formulation, states, Sizes(formulation, states))
+    together = expected.compare(evaluation.all(states), against)
+    alone = expected.compare(evaluation.all(states.first(few), singly=True), against)
+    return explained(worst([together, alone]), evaluation.faults)
 
 
 def _with_other_parameters(
-    module: ModuleType, robot: Robot, count: int, seed: tuple[int, int]
-) -> tuple[list[Comparison], dict[str, str]]:
-    """The equations once more, with every number of the robot file changed at run time."""
-    other = varied(robot, seed[0])
-    numbers = parameter_values(other)
-    try:
-        constants = module.prepare({name: numbers[name] for name in module.PARAMETERS})
-    except (Exception, SystemExit) as error:  # Whatever was done to the module.
-        fault = f"{type(error).__name__}: {error}"
-        return [Comparison("prepare", OTHER_PARAMETERS, 0, float("inf"), 0.0, fault)], {}
-    formulation = NewtonEuler(Tree(other))
-    states = States.random(formulation.tree, count, (*seed, 1))
-    evaluation = Evaluation(module, constants)
-    values = evaluation.all(states)
-    sizes = Sizes(formulation, states)
-    comparisons = compare_equations(values, formulation, states, sizes)
-    return [replace(c, against=OTHER_PARAMETERS) for c in comparisons], evaluation.faults
+    module: ModuleType, robot: Robot, count: int, seed: int, extent: Extent
+) -> list[Comparison]:
+    """The equations once more, with every parameter changed at run time, and zero by turns."""
+    parts = []
+    others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
+    for number, other in enumerate(others):
+        numbers = parameter_values(other)
+        try:
+            constants = module.prepare({name: numbers[name] for name in module.PARAMETERS})
+        except (Exception, SystemExit) as error:  # Whatever was done to the module.
+            fault = f"{type(error).__name__}: {error}"
+            return [Comparison("prepare", OTHER_PARAMETERS, 0, float("inf"), 0.0, fault)]
+        tree = Tree(other)
+        states = States.extreme(tree, count, (seed, 1, number))
+        evaluation = Evaluation(module, constants)
+        parts.append(_compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS))
+    return worst(parts)
 
 
-def _explained(comparisons: list[Comparison], faults: dict[str, str]) -> list[Comparison]:
+def explained(comparisons: list[Comparison], faults: dict[str, str]) -> list[Comparison]:
     """Comparisons with the reason why a function gave nothing."""
     return [
         comparison

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from rich.console import Console
 
 from gibbs_codegen.cli.app import main
+from gibbs_codegen.cli.verify_report import print_verification
 from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.verification.modules import verify
 
 COMMAND = [sys.executable, "-m", "gibbs_codegen"]
 
@@ -28,6 +33,20 @@ def test_verify_prints_tables_and_a_verdict(capsys: pytest.CaptureFixture[str]) 
         assert words in out
     assert re.search(r": all \d+ comparisons within their limits\n", out)
     assert max(map(len, out.splitlines())) <= 160
+
+
+def test_tables_break_no_name_at_80_columns() -> None:
+    """Functions, formulations and numbers stay whole, whatever failed."""
+    rows = verify(ROOT / "generated" / "quadrotor_2link", states=1, backends=["numpy"])
+    failed = [replace(c, error=0.25) for c in rows.comparisons["numpy"]]
+    rows.comparisons["numpy"] = failed
+    console = Console(width=80, file=io.StringIO(), highlight=False)
+    print_verification(rows, console)
+    out = console.file.getvalue()
+    assert max(map(len, out.splitlines())) <= 80
+    words = set(out.split())
+    assert {c.what for c in failed} <= words
+    assert {"Newton–Euler", "Lagrange", "parameters", "2.5e-01"} <= words
 
 
 def test_verify_for_machines(capsys: pytest.CaptureFixture[str]) -> None:
@@ -79,6 +98,7 @@ def test_a_robot_file_is_verified_without_leaving_anything(
         (["quadrotor_2link", "--states", "0"], "states: from 1 to 10000, not 0"),
         (["quadrotor_2link", "--seed", "-1"], "seed: "),
         (["."], "no generated module there"),
+        (["."], "make one with: gibbs-codegen generate ROBOT.toml"),
         (["nothing_here"], "nor is there a module of that name in generated/"),
     ],
 )

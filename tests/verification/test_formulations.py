@@ -20,12 +20,16 @@ from gibbs_codegen.robot.model import Base, Robot, Rod, alternating_thrust
 from gibbs_codegen.verification.formulation import EVERYTHING, Formulation, NotApplicableError
 from gibbs_codegen.verification.lagrange import Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.own_units import InOwnUnits
+from gibbs_codegen.verification.parameters import parameter_values, with_values
 from gibbs_codegen.verification.pinocchio_tree import Pinocchio
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 
 # Exact formulations to rounding; Lagrange's differences of fourth order to their truncation.
 EXACT, BY_DIFFERENCES = 1e-12, 1e-8
+# Of what takes more than coordinates.
+ARGUMENTS = {"inverse_dynamics": "qva", "tip_bias_acceleration": "qv", "kinetic_energy": "qv"}
 
 
 def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> None:
@@ -48,10 +52,9 @@ def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> No
         "kinetic_energy": [oracle.energies(*state)[0] for state in zip(q, v, strict=True)],
         "potential_energy": [oracle.energies(*state)[1] for state in zip(q, v, strict=True)],
     }
-    arguments = {"inverse_dynamics": "qva", "tip_bias_acceleration": "qv", "kinetic_energy": "qv"}
     assert set(expected) == EVERYTHING
     for name in formulation.gives:
-        ours = getattr(formulation, name)(*states.arguments(arguments.get(name, "q")))
+        ours = getattr(formulation, name)(*states.arguments(ARGUMENTS.get(name, "q")))
         theirs = np.array(expected[name])
         assert ours.shape == theirs.shape, name
         error = np.linalg.norm(ours - theirs) / max(np.linalg.norm(theirs), 1e-3)
@@ -81,6 +84,26 @@ def test_mujoco(robot: Robot) -> None:
     """One with a link without mass, and one with joints of both kinds."""
     mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
     assert_agree(mujoco_tree.MuJoCo(Tree(robot)), robot, EXACT)
+
+
+@pytest.mark.parametrize("length", [1e-3, 1e5])
+def test_own_units_are_turned_back(length: float) -> None:
+    """Whatever is computed in them, of machines with joints of both kinds, small and large."""
+    robot = random_robot(3, 4, 5)
+    values = parameter_values(robot)
+    lengths = ("length", "_a", "_d", "com_x", "com_y", "com_z")
+    factors = {n: length for n in values if n.endswith(lengths) or n.startswith("base_drag")}
+    factors |= {n: 0.01 * length**2 for n in values if "inertia" in n}
+    factors |= {n: 0.01 / length for n in values if n.endswith("mass_per_length")}
+    factors |= {n: 0.01 for n in values if n.endswith("_mass")}
+    robot = with_values(robot, {n: factors.get(n, 1.0) * value for n, value in values.items()})
+    tree = Tree(robot)
+    ours, theirs = InOwnUnits(NewtonEuler, tree), NewtonEuler(tree)
+    states = States.random(tree, 2, 5)
+    for name in EVERYTHING:
+        arguments = states.arguments(ARGUMENTS.get(name, "q"))
+        a, b = getattr(ours, name)(*arguments), getattr(theirs, name)(*arguments)
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-13 * np.abs(b).max(), err_msg=name)
 
 
 def test_mujoco_says_what_it_refuses() -> None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from support.random_robots import random_robot, robots
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.model import RigidBody, Robot
-from gibbs_codegen.robot.rigid_body import inertia_fault
-from gibbs_codegen.verification.parameters import parameter_values, varied
+from gibbs_codegen.robot.model import Body, RigidBody, Robot
+from gibbs_codegen.verification.parameters import parameter_values, with_values
+from gibbs_codegen.verification.variation import variation, variations
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -27,12 +28,52 @@ def test_names_and_values_of_arms_one_by_one_and_rigid_bodies() -> None:
 
 @settings(max_examples=30)
 @given(robot=robots())
-def test_varied_robots_are_robots_and_zeros_stay(robot: Robot) -> None:
-    before, after = parameter_values(robot), parameter_values(varied(robot, 1))
-    assert before.keys() == after.keys()
+def test_robots_of_other_numbers_have_those_numbers(robot: Robot) -> None:
+    before = parameter_values(robot)
+    assert with_values(robot, {}) == robot
+    other = {name: 1.0 + number for number, name in enumerate(before)}
+    assert parameter_values(with_values(robot, other)) == other
+
+
+@settings(max_examples=30)
+@given(robot=robots(most_rotors=5, most_links=4), number=st.integers(0, 3))
+def test_variations_change_every_number_by_much(robot: Robot, number: int) -> None:
+    before = parameter_values(robot)
+    varied = variation(robot, before, 1, number)
+    after = parameter_values(varied)
     for name, value in before.items():
-        assert (after[name] == 0.0) == (value == 0.0), name
-        assert value == 0.0 or 0.7 < after[name] / value < 1.3, name
-    for link in varied(robot, 1).links:
-        if isinstance(link.body, RigidBody):
-            assert inertia_fault(link.body.mass, link.body.inertia) is None
+        assert after[name] != 0.0, name
+        if value != 0.0:
+            factor = abs(after[name] / value)
+            assert 2.0 <= max(factor, 1.0 / factor) <= 8.0 * (1 + 1e-12), name
+    for link in varied.links:
+        assert link.body.total_mass > 0.0
+        assert min(moments(link.body)) > 0.0
+
+
+def moments(body: Body) -> tuple[float, ...]:
+    """Moments of inertia in a body's own axes."""
+    return body.inertia[:3] if isinstance(body, RigidBody) else body.section_inertia
+
+
+def test_every_parameter_is_larger_smaller_negative_and_zero_in_turn() -> None:
+    """But masses and moments of inertia that are negative are none that a body has."""
+    robot = random_robot(3, 3, 3)
+    names = [name for name, value in parameter_values(robot).items() if value]
+    found = [parameter_values(r) for r in variations(robot, names, 0, 4, zeros=True)]
+    before = parameter_values(robot)
+    for name in names:
+        factors = [values[name] / before[name] for values in found]
+        assert max(map(abs, factors)) > 2.0, name
+        assert min(abs(f) for f in factors if f) < 0.5, name
+        positive = name.endswith("_mass") or name[-3:] in ("_xx", "_yy", "_zz")
+        assert (min(factors) < 0.0) != positive, name
+        assert 0.0 in factors, name
+
+
+def test_what_leaves_an_acceleration_undetermined_is_not_zero() -> None:
+    """All arms without mass at once, and the last link without any inertia about its axis."""
+    robot = read_robot("hexarotor")[0]
+    names = list(parameter_values(robot))
+    for other in variations(robot, names, 0, 4, zeros=True):
+        assert other.total_mass > 0.0

@@ -1,0 +1,154 @@
+"""Other numbers for the parameters of a module: scaled, negated, zero, and in place of zeros."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+
+from gibbs_codegen.robot.model import Body, RigidBody, Robot, Rod
+from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.parameters import (
+    bodies,
+    body_values,
+    parameter_values,
+    with_values,
+)
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
+
+# Larger or smaller by 2 to 8 times.
+_OCTAVES = (1.0, 3.0)
+# Least eigenvalue of a mass matrix of unit diagonal that rounding leaves positive for certain.
+_DETERMINED = 1e-10
+
+
+def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> Robot:
+    """The robot with other numbers for all parameters of `names`, in the way of a `number`.
+
+    Each is larger or smaller by 2 to 8 times, by turns from one number to the next, and negative
+    for two numbers of four; what is zero gets a size that is natural to the machine. Bodies stay
+    such as there can be: masses and moments of inertia are positive, a rod of negative length has
+    a negative mass per length, since it lies the other way, and products of inertia change their
+    signs as where axes of the body do.
+    """
+    draw = _Draw(seed, number)
+    reach = Tree(robot).reach
+    values = {name: draw.signed(value, reach) for name, value in parameter_values(robot).items()}
+    for prefix, body in bodies(robot):
+        values |= body_values(prefix, _varied_body(body, draw, reach, robot.total_mass))
+    return with_values(robot, {name: values[name] for name in names})
+
+
+def variations(
+    robot: Robot, names: Collection[str], seed: int, count: int, zeros: bool
+) -> Iterator[Robot]:
+    """The first `count` variations; with `zeros` as many again and more, some parameters zero.
+
+    Each is zero in one of those. What would leave an acceleration undetermined at zero, alone or
+    with others, keeps its value there.
+    """
+    yield from (variation(robot, names, seed, number) for number in range(count))
+    groups = _groups(names, count) if zeros else []
+    # The list grows where parameters are kept back by others, which have another turn then.
+    for number, group in enumerate(groups, start=count):
+        varied = variation(robot, names, seed, number)
+        zero = _zero_together(varied, group)
+        kept_back = [name for name in group if name not in zero]
+        if zero and kept_back:
+            groups.append(kept_back)
+        yield _with_zeros(varied, zero)
+
+
+def _groups(names: Collection[str], count: int) -> list[list[str]]:
+    """Parameters to be zero together: masses by themselves, of which others are factors."""
+    ordered = sorted(names)
+    masses = [name for name in ordered if name.endswith(("_mass", "_mass_per_length"))]
+    others = [name for name in ordered if name not in masses]
+    groups = [*(others[i::count] for i in range(count)), masses[::2], masses[1::2]]
+    return [group for group in groups if group]
+
+
+def _zero_together(varied: Robot, names: Sequence[str]) -> list[str]:
+    """As many of the parameters as can be zero together, by halving what cannot."""
+    zero: list[str] = []
+    waiting = [list(names)]
+    while waiting:
+        part = waiting.pop()
+        if _determined(_with_zeros(varied, [*zero, *part])):
+            zero += part
+        elif len(part) > 1:
+            half = len(part) // 2
+            waiting += [part[half:], part[:half]]
+    return zero
+
+
+def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
+    return with_values(robot, dict.fromkeys(names, 0.0))
+
+
+def _determined(robot: Robot) -> bool:
+    tree = Tree(robot)
+    matrix = NewtonEuler(tree).mass_matrix(States.random(tree, 2, 0).q)
+    free = matrix[:, tree.free][:, :, tree.free]
+    diagonal = np.sqrt(np.maximum(np.diagonal(free, axis1=1, axis2=2), 0.0))
+    if not diagonal.all():
+        return False
+    scaled = free / diagonal[:, :, None] / diagonal[:, None, :]
+    return bool(np.linalg.eigvalsh(scaled).min() > _DETERMINED)
+
+
+class _Draw:
+    """Random factors, the same for a seed but for what goes by turns with the number."""
+
+    def __init__(self, seed: int, number: int) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._turned, self._mirrored = number % 2, number // 2 % 2
+
+    def sign(self) -> float:
+        """1 or -1."""
+        return 1.0 - 2.0 * (int(self._rng.integers(2)) ^ self._mirrored)
+
+    def factor(self) -> float:
+        """From 2 to 8, or the inverse of that."""
+        smaller = int(self._rng.integers(2)) ^ self._turned
+        return float(2.0 ** ((1 - 2 * smaller) * self._rng.uniform(*_OCTAVES)))
+
+    def share(self, least: float, most: float) -> float:
+        """Between two bounds."""
+        return float(self._rng.uniform(least, most))
+
+    def sized(self, value: float, natural: float) -> float:
+        """Another number of the same sign, for zero one of the natural size."""
+        return self.factor() * value if value else self.share(0.5, 1.0) * natural
+
+    def signed(self, value: float, natural: float) -> float:
+        """Another number of either sign."""
+        return self.sign() * self.sized(value, natural)
+
+
+def _varied_body(body: Body, draw: _Draw, reach: float, mass: float) -> Body:
+    factor = draw.factor()
+    if isinstance(body, Rod):
+        sign = draw.sign()
+        length = sign * draw.sized(body.length, reach)
+        density = sign * draw.sized(body.mass_per_length, mass / reach)
+        natural = max(body.section_inertia) or (body.total_mass or mass) * reach**2
+        x, y, z = (factor * i or draw.share(0.5, 1.0) * natural for i in body.section_inertia)
+        return Rod(length, density, (x, y, z))
+    natural = max(body.inertia[:3]) or (body.mass or mass) * reach**2
+    xx, yy, zz = (factor * i or draw.share(0.5, 1.0) * natural for i in body.inertia[:3])
+    # Diagonally dominant where there were no products: positive definite.
+    small = min(xx, yy, zz)
+    x, y, z = (draw.sign() for _ in range(3))
+    xy, xz, yz = (
+        sign * (factor * product or draw.share(0.05, 0.2) * small)
+        for sign, product in zip((x * y, x * z, y * z), body.inertia[3:], strict=True)
+    )
+    cx, cy, cz = (draw.signed(value, reach) for value in body.com)
+    return RigidBody(
+        draw.signed(body.length, reach),
+        draw.sized(body.mass, mass),
+        (cx, cy, cz),
+        (xx, yy, zz, xy, xz, yz),
+    )

@@ -1,0 +1,222 @@
+"""One fault of each kind that hides from random states at the default parameters is found."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from support.emitted import NUMPY
+from support.tools import tool
+
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.errors import WrongModuleError
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.targets.registry import render_module
+from gibbs_codegen.verification.modules import refuse_wrong, verify
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
+
+COMMITTED = ROOT / "generated" / "quadrotor_2link"
+
+
+@pytest.fixture
+def copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of a committed module, whose C is compiled in a moment."""
+    monkeypatch.setenv("CC", "cc -O0")
+    folder = tmp_path / "quadrotor_2link"
+    shutil.copytree(COMMITTED, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def plant(path: Path, old: str, new: str, place: int = 0) -> None:
+    """Replace an occurrence of a text in a file, which must be there."""
+    parts = path.read_text(encoding="utf-8").split(old)
+    assert len(parts) > place + 1
+    before, after = old.join(parts[: place + 1]), old.join(parts[place + 1 :])
+    path.write_text(before + new + after, encoding="utf-8")
+
+
+def failing(folder: Path, backend: str = "numpy") -> set[str]:
+    """Against what comparisons fail."""
+    found = verify(folder, states=3, backends=[backend])
+    assert list(found.comparisons) == [backend], found.not_done
+    return {c.against for _, c in found.failures}
+
+
+def all_parameters() -> str:
+    """The NumPy source of a robot whose zeros are parameters."""
+    model = derive(read_robot("quadrotor_2link")[0], keep_zeros=True)
+    return render_module(model, "", NUMPY)["numpy_module.py"]
+
+
+def test_a_sign_of_any_parameter_that_is_zero_is_found() -> None:
+    """By the quick check of `generate`, too."""
+    robot, source = read_robot("quadrotor_2link")[0], all_parameters()
+    refuse_wrong(robot, source)
+    zeros = [line for line in source.splitlines() if line.startswith('    "') and ": 0.0," in line]
+    assert len(zeros) > 5
+    for line in zeros:
+        name = line.split('"')[1]
+        load = f'{name} = values["{name}"]'
+        assert source.count(load) == 1
+        with pytest.raises(WrongModuleError):
+            refuse_wrong(robot, source.replace(load, f'{name} = -values["{name}"]'))
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param("min({}, 15.0)", id="more than half as much again"),
+        pytest.param("max({}, 5.0)", id="less than half"),
+        pytest.param("abs({})", id="negated"),
+        pytest.param("({} or 9.81)", id="zero"),
+    ],
+)
+def test_parameters_far_from_their_defaults(fault: str, copied: Path) -> None:
+    load = 'values["gravity"]'
+    plant(copied / "numpy_module.py", load, fault.format(load))
+    assert failing(copied) == {"other parameters"}
+
+
+@pytest.mark.parametrize("name", ["base_arm_length", "link2_length", "link2_mass_per_length"])
+def test_a_parameter_that_is_zero_or_negative_by_itself(name: str, copied: Path) -> None:
+    for fault in ("({} or 0.5)", "abs({})"):
+        source = (copied / "numpy_module.py").read_text(encoding="utf-8")
+        load = f'values["{name}"]'
+        plant(copied / "numpy_module.py", load, fault.format(load))
+        assert failing(copied) == {"other parameters"}, fault
+        (copied / "numpy_module.py").write_text(source, encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "wrong_where",
+    [
+        pytest.param("1e-3 < abs(abs(x) - 0.5 * math.pi) < 0.1", id="next to singular"),
+        pytest.param("3.2 < abs(x) < 1e3", id="beyond pi"),
+        pytest.param("abs(x) > 1e5", id="beyond 1e5"),
+    ],
+)
+@pytest.mark.parametrize("form", ["math.sin", "np.sin"])
+def test_angles_of_any_size(wrong_where: str, form: str, copied: Path) -> None:
+    """Of one state, and of a batch."""
+    path = copied / "numpy_module.py"
+    called = {"math.sin": "_math_sine", "np.sin": "_array_sine"}[form]
+    plant(
+        path,
+        "\ndef prepare(",
+        f"\ndef _math_sine(x):\n    return math.sin(x) * (0.5 if {wrong_where} else 1.0)\n\n\n"
+        "def _array_sine(x):\n    return np.vectorize(_math_sine)(x)\n\n\ndef prepare(",
+    )
+    for place in (0, 0) if form == "np.sin" else (0,):
+        plant(path, f"(k, {form}, ", f"(k, {called}, ", place)
+    found = verify(copied, states=3, seed=2, backends=["numpy"])
+    against = {c.against for _, c in found.failures}
+    assert "any angles" in against
+
+
+def test_one_state_with_constants_of_its_own(copied: Path) -> None:
+    plant(copied / "numpy_module.py", "kernel(k, math.sin", "kernel(_DEFAULT_CONSTANTS, math.sin")
+    assert failing(copied) == {"other parameters"}
+
+
+C_FAULTS = {
+    # Where, what becomes what, at which of its occurrences, and against what it is found.
+    "fill_lanes": ("lane < filled ? lane", "lane < filled ? 0 * lane", 0, "last block not full"),
+    "pack": ("state * width + i]", "state * width]", 0, "the header"),
+    "unpack": ("rows[state * width + i] =", "rows[state * width] =", 0, "the header"),
+    "a last block": (
+        "const size_t rest = count % LANES;",
+        "const size_t rest = count < LANES ? count % LANES : 0;",
+        3,
+        "last block not full",
+    ),
+    "constants of one state": (
+        "    real angle[5], sine[5], cosine[5];",
+        "    constants = &quadrotor_2link_default_constants;\n"
+        "    real angle[5], sine[5], cosine[5];",
+        0,
+        "other parameters",
+    ),
+    "far angles of one state": (
+        "library_sine_cosine(count, angle, sine, cosine);",
+        "library_sine_cosine(count, angle, cosine, sine);",
+        0,
+        "any angles",
+    ),
+    "far angles of blocks": (
+        "library_sine_cosine(count, angle, sine, cosine);",
+        "library_sine_cosine(count, angle, cosine, sine);",
+        1,
+        "any angles",
+    ),
+    "series of floats": ("R(0.008332175", "R(-0.008332175", 0, "single precision"),
+    "far angles of floats": ("LIBRARY_SIN sinf", "LIBRARY_SIN cosf", 0, "single precision"),
+}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name == "series of floats" else pytest.param(name, marks=pytest.mark.slow)
+        for name in C_FAULTS
+    ],
+)
+def test_what_only_a_c_program_uses(name: str, copied: Path) -> None:
+    tool("cc")
+    old, new, place, against = C_FAULTS[name]
+    plant(copied / "quadrotor_2link.c", old, new, place)
+    assert against in failing(copied, "c")
+
+
+def test_single_precision_that_does_not_compile_fails(copied: Path) -> None:
+    tool("cc")
+    plant(copied / "quadrotor_2link.c", "typedef uint32_t bits;", "typedef no_such_type bits;")
+    found = verify(copied, states=1, backends=["c"])
+    assert [c.what for _, c in found.failures] == ["single precision"]
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param("exit 1", id="fails"),
+        pytest.param("for last; do :; done; echo x > library.so", id="makes no library"),
+    ],
+)
+def test_a_compiler_that_does_not_work_is_no_fault_of_the_module(
+    script: str, copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiler = tmp_path / "compiler"
+    compiler.write_text(f'#!/bin/sh\n[ "$1" = --version ] && exit 0\n{script}\n')
+    compiler.chmod(0o755)
+    monkeypatch.setenv("CC", str(compiler))
+    found = verify(copied, states=1)
+    assert found.passed, found.failures
+    assert list(found.comparisons) == ["numpy"]
+    assert "back end c" in found.not_done
+
+
+def test_c_that_does_not_compile_is_a_fault_of_the_module(copied: Path) -> None:
+    tool("cc")
+    plant(copied / "quadrotor_2link.c", "#define LANES", "#error no\n#define LANES")
+    found = verify(copied, states=1, backends=["c"])
+    assert [c.what for _, c in found.failures] == ["the module"]
+
+
+def extreme(count: int) -> Iterator[np.ndarray]:
+    """Angles of a machine's extreme states by their kinds."""
+    states = States.extreme(Tree(read_robot("quadrotor_2link")[0]), count, 0)
+    yield from (states.q[kind::3, :5] for kind in range(3))
+
+
+def test_extreme_states_are_what_they_are_called() -> None:
+    near, several, far = extreme(60)
+    distances = np.abs(np.abs(near[:, 1]) - 0.5 * math.pi)
+    assert distances.max() < 0.1001
+    assert distances.min() < 1e-6
+    assert (np.abs(several) > math.pi).mean() > 0.5
+    assert np.abs(far).min() > 1e5
