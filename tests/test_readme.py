@@ -11,9 +11,9 @@ from conftest import ROOT
 from support.tools import run, tool
 
 from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.scenario.file import TABLES, parse_scenario
-from gibbs_codegen.targets.documentation import DESCRIPTIONS
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -78,5 +78,5 @@ def test_commands_are_ones() -> None:
 
 
 def test_every_emitted_function_is_listed() -> None:
-    for name in DESCRIPTIONS:
+    for name in FUNCTIONS:
         assert f"`{name}" in README or f"{name}(" in README

@@ -81,11 +81,10 @@ def lower(
     )
 
 
-def operations(tape: Tape, piece: Slice) -> int:
-    """Operations that a slice takes as a function, sine–cosine pairs apart."""
-    draft = _Lowering(tape).draft(piece)
-    entries = (entry for output in draft.outputs for entry in output.entries)
-    nodes = (*(statement.value for statement in draft.statements), *dict.fromkeys(entries))
+def operations(tape: Tape, entries: Sequence[sp.Expr]) -> int:
+    """Operations that a function with these entries takes, sine–cosine pairs apart."""
+    draft = _Lowering(tape).draft(Slice("", (), (((len(entries),), tuple(entries)),)))
+    nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
     return count_operations(nodes).total
 
 

@@ -35,13 +35,13 @@ from support.compiled import (
 from support.random_robots import random_robot
 from support.tools import run, tool
 
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.nodes import Function, count_operations
 from gibbs_codegen.program.stack import stack_bytes
 from gibbs_codegen.program.trigonometry import gathered
 from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
-from gibbs_codegen.targets.documentation import DESCRIPTIONS
 
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
@@ -671,15 +671,15 @@ def test_comments_tell_arguments_shapes_units_and_cost(
     for signature in robot.signatures():
         function = robot.model.program.function(signature.name)
         comment = _comment(header, f"{robot.name}_{signature.name}")
-        described = DESCRIPTIONS[signature.name]
+        described = FUNCTIONS[signature.name]
         said = f"@brief {described.summary} {described.details}".rstrip()
         assert comment.startswith(f"{said} @param[in] constants ")
         assert f"@par Source: {described.source}." in comment
         for name, width in zip(signature.arguments, signature.widths, strict=True):
             entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
             assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries
-        for name, shape in zip(described.outputs, signature.shapes, strict=True):
-            assert f"@param[out] {name} {' x '.join(map(str, shape)) or '1'}" in comment
+        for output, shape in zip(described.outputs, signature.shapes, strict=True):
+            assert f"@param[out] {output.name} {' x '.join(map(str, shape)) or '1'}" in comment
         assert _cost(function) in comment
         assert f"The same for `count` states in blocks. */\nvoid\n{robot.name}_" in header
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS
 from gibbs_codegen.program.loops import rolled
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import (
@@ -19,12 +20,7 @@ from gibbs_codegen.program.scratch import Layout, Piece, laid_out
 from gibbs_codegen.program.stack import stack_bytes
 from gibbs_codegen.program.steps import Loop, Step, Store, interleaved
 from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
-from gibbs_codegen.targets.documentation import (
-    DESCRIPTIONS,
-    argument_meaning,
-    argument_text,
-    output_text,
-)
+from gibbs_codegen.targets.documentation import argument_text, output_text
 from gibbs_codegen.targets.printers import InfixPrinter
 
 WIDTH = 100
@@ -45,7 +41,8 @@ class CFunction:
         self._function = function
         self._printer = printer
         self._parts: GatheredFunction = gathered(function)
-        self._outputs = DESCRIPTIONS[function.name].outputs
+        self._row = FUNCTIONS[function.name]
+        self._outputs = [output.name for output in self._row.outputs]
         self._sparse = [_is_sparse(output) for output in function.outputs]
         steps = interleaved(
             self._parts.statements, self._parts.outputs, [not sparse for sparse in self._sparse]
@@ -266,11 +263,10 @@ class CFunction:
 
     def _doc_lines(self) -> list[str]:
         robot, function = self._model.robot, self._function
-        description = DESCRIPTIONS[function.name]
         counts = count_operations(function.nodes())
-        lines = [f"@brief {description.summary}", ""]
-        if description.details:
-            lines += [*textwrap.wrap(description.details, WIDTH - 3), ""]
+        lines = [f"@brief {self._row.summary}", ""]
+        if self._row.details:
+            lines += [*textwrap.wrap(self._row.details, WIDTH - 3), ""]
         items = [
             f"@param[in] constants what {robot.name}_init_constants() made, or "
             f"&{robot.name}_default_constants"
@@ -278,15 +274,14 @@ class CFunction:
         for a in function.arguments:
             width = len(self._model.program.inputs[a])
             text = argument_text(robot, a)
-            items.append(f"@param[in] {a} {argument_meaning(a)}, {width} entries: {text}")
-        for name, output in zip(self._outputs, function.outputs, strict=True):
-            shape = " x ".join(map(str, output.shape)) or "1"
-            entries = output_text(robot, function.name, name)
-            items.append(f"@param[out] {name} {shape}: {entries}")
+            items.append(f"@param[in] {a} {ARGUMENTS[a].meaning}, {width} entries: {text}")
+        for output, shaped in zip(self._row.outputs, function.outputs, strict=True):
+            shape = " x ".join(map(str, shaped.shape)) or "1"
+            items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
         items += [
             f"@note {counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
             f"about {stack_bytes(self._parts)} bytes of stack for one state of doubles, optimised.",
-            f"@par Source: {description.source}.",
+            f"@par Source: {self._row.source}.",
         ]
         for item in items:
             lines += textwrap.wrap(item, WIDTH - 3, subsequent_indent="    ")
