@@ -74,9 +74,10 @@ def _potential_energy(systems: Systems) -> sp.Expr:
     """Gravity times the first moment of mass above the world's Z = 0."""
     tape, machine = systems.tape, systems.machine
     composite = composites(tape, machine.reduced_chain)[0]
-    height = machine.root.world(tape, composite.moment)[2]
-    moment = tape.let(composite.mass * machine.q[-1] + height)
-    return tape.let(machine.parameters.gravity * moment)
+    with tape.group("first moment of mass above Z = 0, and its weight"):
+        height = machine.root.world(tape, composite.moment)[2]
+        moment = tape.let(composite.mass * machine.q[-1] + height)
+        return tape.let(machine.parameters.gravity * moment)
 
 
 DERIVATIONS: dict[str, Callable[[Systems], Array]] = {

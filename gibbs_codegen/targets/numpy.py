@@ -8,6 +8,7 @@ from typing import Any
 from gibbs_codegen.interface import ARGUMENTS, DATA, FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, Statement, count_operations, names_in, total_mass
+from gibbs_codegen.program.steps import headed
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.documentation import (
@@ -144,7 +145,9 @@ def _used_parameters(model: Model) -> list[str]:
 
 def _statements(statements: tuple[Statement, ...], printer: InfixPrinter) -> list[str]:
     lines: list[str] = []
-    for statement in statements:
+    for words, statement in headed(statements):
+        if words:
+            lines += ["", f"# {words}"]
         lines += _wrapped(f"{statement.name} = ", printer.expression(statement.value))
     return lines
 

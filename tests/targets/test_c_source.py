@@ -419,6 +419,36 @@ def test_places_of_parameters_are_in_numpy_s_order(emitted: Callable[[str], Emit
     ]
 
 
+def test_places_in_arguments_are_in_the_order_of_their_names(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    small = emitted(SMALL)
+    module, prefix = small.module, small.name.upper()
+    named = zip("QVU", (module.COORDINATES, module.COORDINATES, module.INPUTS), strict=True)
+    macros = [[f"{prefix}_{letter}_{name}".upper() for name in names] for letter, names in named]
+    lines = [f'#include "{small.name}.h"', "#include <stdio.h>", "", "int main(void)", "{"]
+    lines += [f'    printf("%d\\n", (int){macro});' for macro in itertools.chain(*macros)]
+    program = tmp_path / "places.c"
+    program.write_text("\n".join([*lines, "    return 0;", "}", ""]), encoding="utf-8")
+    built = build("gcc", [f"-I{small.folder}"], [str(program)], tmp_path / "places")
+    assert [int(line) for line in run([built]).split()] == [
+        place for names in macros for place in range(len(names))
+    ]
+
+
+def test_every_group_of_a_function_has_a_comment(emitted: Callable[[str], Emitted]) -> None:
+    """In the function for one state, whether it goes straight, in pieces or in loops."""
+    for label in (SMALL, "random_cut_at_40", ROLLED):
+        robot = emitted(label)
+        text = robot.text(".c")
+        for function in robot.model.program.functions:
+            section = text.partition(f"/* ---- {function.name} ---- */")[2].partition("/* ---- ")[0]
+            said = set(re.findall(r"^ +/\* (.*) \*/$", section, re.MULTILINE))
+            parts = gathered(function)
+            words = {s.group for s in (*parts.angle_statements, *parts.statements)}
+            assert said == words, (label, function.name)
+
+
 def test_constants_of_other_parameters_are_those_of_numpy(strict: tuple[Emitted, Library]) -> None:
     """To the last bit: the operations are the same ones."""
     emitted, library = strict

@@ -18,7 +18,7 @@ from gibbs_codegen.program.nodes import (
 )
 from gibbs_codegen.program.scratch import Layout, Piece, laid_out
 from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.steps import Loop, Step, Store, interleaved
+from gibbs_codegen.program.steps import Loop, Step, Store, headed, interleaved
 from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
 from gibbs_codegen.targets.documentation import argument_text, output_text
 from gibbs_codegen.targets.printers import InfixPrinter
@@ -160,7 +160,8 @@ class CFunction:
         lines = []
         for name, slot in piece.taken.items():
             lines.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
-        for step in steps:
+        for words, step in headed(steps):
+            lines += _heading(words)
             text = self._printer.expression(step.value)
             if isinstance(step, Store):
                 output = self._outputs[step.output]
@@ -191,7 +192,7 @@ class CFunction:
             if step.name in piece.held:
                 lines.append(f"held[({piece.held[step.name]} + i) * stride] = {step.name};")
         head = ["VECTORISE", f"for (int i = 0; i < {loop.count}; ++i) {{"]
-        return [*before, *head, *(f"    {line}" for line in lines), "}"]
+        return [*before, *_heading(loop.group), *head, *(f"    {line}" for line in lines), "}"]
 
     def _scratch_parameters(self, layout: Layout) -> list[str]:
         scratch = []
@@ -321,9 +322,15 @@ def _sine_lines(count: int, one: bool) -> list[str]:
 def statement_lines(statements: tuple[Statement, ...], printer: InfixPrinter) -> list[str]:
     """Statements as constants of a C function, within the line width."""
     lines: list[str] = []
-    for statement in statements:
+    for words, statement in headed(statements):
+        lines += _heading(words)
         lines += _wrapped(f"const real {statement.name} = ", printer.expression(statement.value))
     return lines
+
+
+def _heading(words: str) -> list[str]:
+    """A comment above a group of statements, if one begins."""
+    return ["", f"/* {words} */"] if words else []
 
 
 def _wrapped(start: str, expression: str, indent: int = 0) -> list[str]:
