@@ -9,18 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import stat
-import tempfile
-import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
+
+from gibbs_codegen.files.staging import put_in_place, staging_folder
 
 _LIBRARY = "library.so"
 _DIGEST = "sha256"
-_STAGING = ".new_"
-_STALE_SECONDS = 3600.0
 
 
 class CacheError(Exception):
@@ -40,7 +36,7 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
 
             with FileLock(root / f"{entry.name}.lock", mode=0o600):
                 if not _is_whole(entry):
-                    _fill(root, entry, make)
+                    _fill(entry, make)
     except OSError as error:
         where = error.filename or cache_folder()
         raise CacheError(f"{where}: {error.strerror or error}") from None
@@ -97,28 +93,12 @@ def _is_whole(entry: Path) -> bool:
         return False
 
 
-def _fill(root: Path, entry: Path, make: Callable[[Path], None]) -> None:
-    _remove_stale(root)
-    staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=root))
-    try:
-        library = staging / _LIBRARY
-        make(library)
-        (staging / _DIGEST).write_text(_digest(library), encoding="ascii")
-        if entry.is_symlink() or entry.exists():
-            # Aside first: a library that another process has loaded must not change under it.
-            os.replace(entry, staging / "old")
-        os.rename(staging, entry)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-    shutil.rmtree(entry / "old", ignore_errors=True)
-
-
-def _remove_stale(root: Path) -> None:
-    """Remove what processes that were killed have left."""
-    for path in root.glob(f"{_STAGING}*"):
-        with suppress(OSError):
-            if time.time() - path.stat().st_mtime > _STALE_SECONDS:
-                shutil.rmtree(path, ignore_errors=True)
+def _fill(entry: Path, make: Callable[[Path], None]) -> None:
+    # What was there is renamed: a library that another process has loaded must not change under it.
+    with staging_folder(entry.parent) as new:
+        make(new / _LIBRARY)
+        (new / _DIGEST).write_text(_digest(new / _LIBRARY), encoding="ascii")
+        put_in_place(new, entry)
 
 
 def _digest(path: Path) -> str:

@@ -144,7 +144,7 @@ def test_a_full_cache_may_be_read_only(folder: Path) -> None:
 
 def test_what_a_killed_process_left_is_removed(folder: Path) -> None:
     cached_library("key", Maker())
-    stale, young = folder / ".new_stale", folder / ".new_young"
+    stale, young = (folder / f".gibbs_codegen_new_{age}" for age in ("stale", "young"))
     for left in (stale, young):
         left.mkdir()
     os.utime(stale, (0, 0))
@@ -203,7 +203,7 @@ def test_without_a_home_nothing_is_kept(
 
 
 def slow(output: Path) -> None:
-    with (output.parent.parent / "calls").open("a") as calls:
+    with (output.parents[2] / "calls").open("a") as calls:
         calls.write("x")
     output.write_bytes(b"half")
     time.sleep(0.3)
