@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import tempfile
 from collections.abc import Iterator
@@ -16,6 +17,52 @@ from gibbs_codegen.runtime.load import find_module
 if TYPE_CHECKING:
     from gibbs_codegen.program.model import Progress
     from gibbs_codegen.robot.model import Robot
+
+
+_ROBOT = (
+    "robot file, the name of a robot that ships, or a generated module: its folder, or its name "
+    "in generated/"
+)
+_FAMILY = "the paper's family: base arms and links as in its Table 1"
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """Add ROBOT, or --rotors and --links, to a command that derives."""
+    parser.add_argument(
+        "robot",
+        nargs="?",
+        metavar="ROBOT",
+        help=f"{_ROBOT}; of a name that is both, the robot that ships is taken",
+    )
+    parser.add_argument(
+        "--rotors", type=int, metavar="N", help=f"with --links: {_FAMILY}; 2 to 256 rotors"
+    )
+    parser.add_argument("--links", type=int, metavar="n", help="links of the arm, 0 to 64")
+
+
+def add_module(parser: argparse.ArgumentParser) -> None:
+    """Add ROBOT to a command that runs a module."""
+    parser.add_argument(
+        "robot",
+        metavar="ROBOT",
+        help=f"{_ROBOT}; of a name that is both, the module is taken; a robot's is made for this "
+        "and not kept",
+    )
+
+
+def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
+    """The robot that the options ask for, and the text of its file."""
+    if options.robot is not None:
+        if options.rotors is not None or options.links is not None:
+            raise UsageError("give ROBOT, or --rotors and --links, not both")
+        return find_robot(options.robot)
+    if options.rotors is None or options.links is None:
+        raise UsageError("give ROBOT, or both --rotors and --links")
+    from gibbs_codegen.robot.family import paper_family
+    from gibbs_codegen.robot.text import robot_text
+
+    robot = paper_family(options.rotors, options.links)
+    return robot, robot_text(robot)
 
 
 def find_robot(word: str) -> tuple[Robot, str]:

@@ -1,0 +1,113 @@
+"""`generate`: derive a robot's equations and write its module."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import textwrap
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gibbs_codegen.cli import robot_argument, terminal
+from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.errors import printable
+
+if TYPE_CHECKING:
+    from gibbs_codegen.robot.model import Robot
+
+
+def add(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Add the command to the parser."""
+    generate = commands.add_parser(
+        "generate", help="derive a robot's equations and write its module", allow_abbrev=False
+    )
+    robot_argument.add_robot(generate)
+    generate.add_argument(
+        "--target",
+        action="append",
+        metavar="TARGET",
+        help="what to emit; may be repeated (default: every target)",
+    )
+    generate.add_argument(
+        "--out", default="generated", metavar="DIR", help="folder of modules (default: generated)"
+    )
+    generate.add_argument(
+        "--check",
+        action="store_true",
+        help="write nothing; exit 1 where the module on disk differs from what would be written",
+    )
+    generate.add_argument(
+        "--force",
+        action="store_true",
+        help="where the module's folder has files that were not generated, or were changed since, "
+        "keep it under another name instead of refusing",
+    )
+    generate.add_argument(
+        "--all-parameters",
+        action="store_true",
+        help="keep parameters that are zero in the robot file",
+    )
+    generate.add_argument(
+        "--no-verify",
+        action="store_true",
+        help="write the module without checking its functions first",
+    )
+    generate.set_defaults(command=_generate)
+
+
+def _generate(options: argparse.Namespace) -> int:
+    robot, text = robot_argument.chosen_robot(options)
+    from gibbs_codegen import pipeline
+    from gibbs_codegen.program.nodes import count_operations
+    from gibbs_codegen.targets.registry import TARGETS
+
+    targets = options.target or list(TARGETS)
+    if options.check:
+        with terminal.progress() as progress:
+            folder, differing = pipeline.check_robot(
+                robot, text, options.out, targets, options.all_parameters, progress
+            )
+        return _report_check(folder, differing)
+    start = time.perf_counter()
+    with terminal.progress() as progress:
+        model, folder = pipeline.generate_robot(
+            robot,
+            text,
+            options.out,
+            targets,
+            options.all_parameters,
+            progress,
+            not options.no_verify,
+            options.force,
+        )
+    counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
+    print(
+        f"{printable(folder)}: {len(model.program.functions)} functions of "
+        f"{len(model.program.inputs['q'])} coordinates and {len(model.program.inputs['u'])} inputs "
+        f"in {time.perf_counter() - start:.1f} s; mass matrix and residual take {counts.total} "
+        f"operations and {counts.sine_cosine_pairs} sine-cosine pairs"
+    )
+    _print_balance(robot)
+    return 0
+
+
+def _print_balance(robot: Robot) -> None:
+    """How the base is balanced, and a warning where it is lopsided."""
+    from gibbs_codegen.robot.balance import balance, balance_lines, lopsided
+
+    found = balance(robot)
+    for line in balance_lines(found):
+        print(textwrap.fill(line, terminal.width(), subsequent_indent="  "))
+    if warning := lopsided(robot, found):
+        print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
+
+
+def _report_check(folder: Path, differing: list[str]) -> int:
+    if not differing:
+        print(f"{printable(folder)}: up to date")
+        return 0
+    what = "differs from what would be written" if folder.is_dir() else "is not there yet"
+    listed = printable(", ".join(differing))
+    print(f"{printable(folder)}: {what}: {listed}", file=sys.stderr)
+    return 1

@@ -1,0 +1,36 @@
+"""`info`: a robot's base, chains, coordinates, motors and operation counts."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from gibbs_codegen.cli import robot_argument, terminal
+from gibbs_codegen.cli.terminal import Parser
+
+
+def add(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Add the command to the parser."""
+    info = commands.add_parser(
+        "info", help="show chains, coordinates, motors and operation counts", allow_abbrev=False
+    )
+    robot_argument.add_robot(info)
+    info.add_argument("--json", action="store_true", help="print JSON")
+    info.set_defaults(command=_info)
+
+
+def _info(options: argparse.Namespace) -> int:
+    robot, _ = robot_argument.chosen_robot(options)
+    from gibbs_codegen.derivation.derive import derive
+
+    with terminal.progress() as progress:
+        model = derive(robot, progress=progress)
+    from rich.console import Console
+
+    from gibbs_codegen.cli.info_report import print_report, report
+
+    if options.json:
+        print(json.dumps(report(model), indent=2))
+    else:
+        print_report(model, Console(width=terminal.width(), highlight=False))
+    return 0

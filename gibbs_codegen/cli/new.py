@@ -1,0 +1,35 @@
+"""`new`: a commented robot file to start from."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from pathlib import Path
+
+from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.errors import printable
+
+
+def add(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Add the command to the parser."""
+    new = commands.add_parser(
+        "new", help="write a commented robot file to start from", allow_abbrev=False
+    )
+    new.add_argument("file", metavar="ROBOT.toml", help="file to write; it must not exist yet")
+    new.set_defaults(command=_new)
+
+
+def _new(options: argparse.Namespace) -> int:
+    from gibbs_codegen.files.module_writer import write_new_file
+    from gibbs_codegen.robot.family import paper_family
+    from gibbs_codegen.robot.names import name_from
+    from gibbs_codegen.robot.text import robot_text
+
+    path = Path(options.file)
+    name = name_from(path.stem)
+    write_new_file(path, robot_text(paper_family(6, 3), name, to_start_from=True))
+    # What begins with a minus sign would be taken for an option.
+    words = ["gibbs-codegen", "generate", *(["--"] if str(path).startswith("-") else []), str(path)]
+    command = printable(shlex.join(words), 4000)
+    print(f"{printable(path)}: written, for a robot named {name}; edit it, then run: {command}")
+    return 0

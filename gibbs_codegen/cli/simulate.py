@@ -1,0 +1,82 @@
+"""`simulate`: fly a scenario with a module, and write time series and figures."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from gibbs_codegen.cli import robot_argument, terminal
+from gibbs_codegen.cli.terminal import Parser
+from gibbs_codegen.errors import printable
+
+
+def add(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Add the command to the parser."""
+    simulate = commands.add_parser(
+        "simulate",
+        help="fly a scenario with a generated module: time series and figures",
+        allow_abbrev=False,
+    )
+    robot_argument.add_module(simulate)
+    simulate.add_argument(
+        "--scenario",
+        default="paper",
+        metavar="NAME|FILE",
+        help="paper (default), hover, line, circle, or a scenario file in TOML",
+    )
+    simulate.add_argument(
+        "--out", default="flight", metavar="DIR", help="folder of the results (default: flight)"
+    )
+    simulate.add_argument(
+        "--backend",
+        choices=("numpy", "c"),
+        default="c",
+        help="c (default; compiled once, NumPy where that is not possible) or numpy",
+    )
+    simulate.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="replace an entry of the scenario, such as start.offset=[0.2,0,0]; may be repeated",
+    )
+    simulate.add_argument("--no-figures", action="store_true", help="time series only")
+    simulate.add_argument("--animate", choices=("gif", "mp4"), help="write an animation too")
+    simulate.set_defaults(command=_simulate)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    with terminal.ended_by_signals():
+        return _fly(options)
+
+
+def _fly(options: argparse.Namespace) -> int:
+    from gibbs_codegen.figures.results import check_results, write_results
+    from gibbs_codegen.scenario.file import changes_of, read_scenario
+
+    scenario = read_scenario(options.scenario, changes_of(options.set))
+    check_results(options.out, options.animate or "")
+    from gibbs_codegen.runtime.load import load
+    from gibbs_codegen.simulator.simulation import simulate
+
+    with (
+        robot_argument.found_module(options.robot, terminal.progress()) as (folder, _),
+        terminal.progress_bar() as progress,
+    ):
+        module = load(folder, options.backend)
+        start = time.perf_counter()
+        flight = simulate(module, scenario, progress)
+        seconds = time.perf_counter() - start
+        write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
+    energy = max(abs(flight.energy_error), default=0.0)
+    print(
+        f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
+        f"{flight.time[-1]:.4g} s, computed in {seconds:.1f} s\n"
+        f"largest errors: base centre {max(flight.centre_error):.2g} m, "
+        f"tip {max(flight.tip_error):.2g} m, energy balance {energy:.2g} J"
+    )
+    if flight.stopped:
+        print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)
+        return 1
+    return 0
