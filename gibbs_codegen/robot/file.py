@@ -1,7 +1,8 @@
 """Robot files: TOML text in, a checked `Robot` out, or every fault of the file at once.
 
-The keys are those of the contract in the README. Nothing is guessed: an unknown key, a wrong type,
-a number that is not finite or an inertia that no body has is refused with its key path and line.
+The keys are those that `docs/robot-file.md` explains. Nothing is guessed: an unknown key, a wrong
+type, a number that is not finite or an inertia that no body has is refused with its key path and
+line.
 """
 
 from __future__ import annotations

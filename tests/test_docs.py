@@ -1,0 +1,169 @@
+"""What the README and the pages in `docs/` show is what happens."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import re
+from pathlib import Path
+from shutil import copytree
+
+import pytest
+from conftest import ROOT
+from support.command import ENVIRONMENT
+from support.command import run as run_command
+from support.tools import run, tool
+
+from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.file import TABLES, parse_scenario
+
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for folder in (ROOT, ROOT / "docs")
+    for path in sorted(folder.glob("*.md"))
+}
+COMMAND = re.compile(r"gibbs-codegen ([^#&\n]*)")
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """Fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+
+
+def pages_with(language: str) -> list[str]:
+    """Pages that have blocks of a language."""
+    return [page for page in PAGES if blocks(page, language)]
+
+
+@pytest.fixture
+def quick_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A compiler that is done in a moment; what is shown does not depend on its flags."""
+    for variables in (os.environ, ENVIRONMENT):
+        monkeypatch.setitem(variables, "CC", f"{tool('cc')} -O0")
+
+
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.parametrize("page", pages_with("python"))
+def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The blocks of a page one after the other; those with prompts give what is shown."""
+    (tmp_path / "generated").symlink_to(ROOT / "generated")
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for block in blocks(page, "python"):
+        if not block.startswith(">>>"):
+            exec(block, names)  # noqa: S102
+            continue
+        session = doctest.DocTestParser().get_doctest(block, names, page, page, 0)
+        runner = doctest.DocTestRunner()
+        runner.run(session, clear_globs=False)
+        assert runner.summarize(verbose=False).failed == 0
+        names = session.globs
+
+
+def test_c_program(tmp_path: Path) -> None:
+    """The C lines compile as the body of a program, and it computes something."""
+    assert pages_with("c") == ["docs/c-and-firmware.md"]
+    one, other, batch = blocks("docs/c-and-firmware.md", "c")
+    *include, body = re.split(r"(?<=\*/)\n\n", one)
+    lines = [*include, "#include <string.h>", "int main(void)", "{", body, other, "{", batch]
+    lines += [
+        "mass_matrix[0] = M[999 * 81];",
+        "}",
+        "return !(mass_matrix[80] > 0.0 && mass_matrix[0] > 0.0);",
+        "}",
+    ]
+    (tmp_path / "program.c").write_text("\n".join(lines), encoding="utf-8")
+    folder = ROOT / "generated" / "hexarotor_3link"
+    sources = [tmp_path / "program.c", folder / "hexarotor_3link.c"]
+    program = tmp_path / "program"
+    run([tool("cc"), "-O1", f"-I{folder}", *sources, "-o", program, "-lm"])
+    run([program])
+
+
+def test_files_in_toml_are_accepted() -> None:
+    assert pages_with("toml") == ["docs/robot-file.md", "docs/scenario-file.md"]
+    (text,) = blocks("docs/robot-file.md", "toml")
+    robot = parse_robot(text)
+    assert (robot.rotors, len(robot.links)) == (6, 1)
+    (text,) = blocks("docs/scenario-file.md", "toml")
+    scenario = parse_scenario(text)
+    assert scenario.arm.tip is not None
+    # Every table of a scenario is shown.
+    for table in TABLES:
+        assert f"[{table}]" in text or f"[{table}." in text, table
+
+
+@pytest.mark.parametrize("page", [*pages_with("sh"), *pages_with("console")])
+def test_commands_have_options_that_exist(page: str) -> None:
+    for block in [*blocks(page, "sh"), *blocks(page, "console")]:
+        for command in COMMAND.findall(block):
+            argument_parser().parse_args(command.split())
+
+
+@pytest.mark.usefixtures("quick_compiler")
+def test_the_readme_leads_from_a_robot_file_to_a_flight(tmp_path: Path) -> None:
+    section = PAGES["README.md"].partition("## From a robot file to a flight")[2]
+    commands = COMMAND.findall(section.split("```")[1])
+    assert len(commands) == 5
+    for command in commands:
+        done = run_command(*command.split(), cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "flight" / "flight.csv").is_file()
+
+
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.parametrize("page", pages_with("console"))
+def test_commands_print_what_is_shown(page: str, tmp_path: Path) -> None:
+    """Line by line, but for what is left out (…), and for times and errors, which vary."""
+    copytree(ROOT / "generated", tmp_path / "generated")
+    for block in blocks(page, "console"):
+        command, *shown = block.removeprefix("$ gibbs-codegen ").splitlines()
+        done = run_command(*command.split(), cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        printed = [without_measurements(line) for line in done.stdout.splitlines()]
+        for line in shown:
+            end = without_measurements(line).removeprefix("…")
+            assert any(text == end or (line[0] == "…" and text.endswith(end)) for text in printed)
+
+
+def without_measurements(line: str) -> str:
+    """A line of output without times and without errors, which are numbers like 1.6e-16 or 0."""
+    return re.sub(r"in \d+\.\d s|( +(\d\.\de-\d\d|0)\b)+", "", line.rstrip())
+
+
+def test_every_emitted_function_is_listed() -> None:
+    robot = load(ROOT / "generated" / "hexarotor_3link")
+    names = [name for name in dir(robot) if name.islower() and callable(getattr(robot, name))]
+    assert len(names) > 16
+    for name in names:
+        assert re.search(rf"[`.]{name}\(", PAGES["docs/generated-module.md"]), name
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_lead_somewhere(page: str) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
+        if target.startswith("https://"):
+            continue
+        path, _, anchor = target.partition("#")
+        to = (ROOT / page).parent / path if path else ROOT / page
+        assert to.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.*)$", to.read_text(encoding="utf-8"), re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w -]", "", h).lower().replace(" ", "-") for h in headings}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_files_that_are_named_exist(page: str) -> None:
+    for path in re.findall(r"\b((?:tests|gibbs_codegen|templates|\.ci)/[\w./]*\w/?)", PAGES[page]):
+        assert (ROOT / path).exists(), path
+
+
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    for page in PAGES:
+        assert page in ("README.md", "CHANGELOG.md") or f"({page})" in PAGES["README.md"], page
+
+
+def test_the_readme_is_short() -> None:
+    assert len(PAGES["README.md"].splitlines()) <= 200
