@@ -120,6 +120,7 @@ typedef uint64_t bits;
     FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
 #undef ANGLE_LIMIT
 #define ANGLE_LIMIT 0
+#define STEPWISE volatile
 #elif defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
 #define QUAD
 #endif
@@ -128,6 +129,10 @@ typedef uint64_t bits;
 #define AS_WRITTEN _Pragma("clang fp reassociate(off)")
 #else
 #define AS_WRITTEN
+#endif
+/* What init_constants computes is not to be reordered: some sums keep what rounding takes. */
+#ifndef STEPWISE
+#define STEPWISE
 #endif
 
 /* Four angles in a vector, where there are vectors. */
@@ -409,6 +414,7 @@ int hexarotor_3link_init_constants(
     const real *RESTRICT parameters,
     Constants *RESTRICT constants)
 {
+    AS_WRITTEN
     const real gravity = parameters[0];
     const real base_arm_length = parameters[1];
     const real base_arm_mass_per_length = parameters[2];
@@ -427,148 +433,148 @@ int hexarotor_3link_init_constants(
     const real link3_section_inertia_zz = parameters[15];
 
     /* second moments of base_arm */
-    const real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
-    const real k2 = base_arm_section_inertia_xx - k1;
-    const real k3 = base_arm_section_inertia_yy - k2;
-    const real k4 = base_arm_section_inertia_zz - k1;
-    const real k5 = k3 + k4;
-    const real k6 = R(0.5) * k5;
-    const real k7 = R(0.33333333333333331) * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length;
-    const real k8 = k6 + k7;
-    const real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
-    const real k10 = base_arm_section_inertia_yy - k9;
-    const real k11 = base_arm_section_inertia_zz - k10;
-    const real k12 = base_arm_section_inertia_xx - k9;
-    const real k13 = k11 + k12;
-    const real k14 = R(0.5) * k13;
-    const real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
-    const real k16 = base_arm_section_inertia_zz + k15;
-    const real k17 = base_arm_section_inertia_xx - k16;
-    const real k18 = base_arm_section_inertia_yy + k15;
-    const real k19 = k17 + k18;
-    const real k20 = R(0.5) * k19;
+    const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
+    const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
+    const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
+    const STEPWISE real k4 = base_arm_section_inertia_zz - k1;
+    const STEPWISE real k5 = k3 + k4;
+    const STEPWISE real k6 = R(0.5) * k5;
+    const STEPWISE real k7 = R(0.33333333333333331) * base_arm_length * base_arm_length *
+        base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k8 = k6 + k7;
+    const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
+    const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
+    const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
+    const STEPWISE real k12 = base_arm_section_inertia_xx - k9;
+    const STEPWISE real k13 = k11 + k12;
+    const STEPWISE real k14 = R(0.5) * k13;
+    const STEPWISE real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
+    const STEPWISE real k16 = base_arm_section_inertia_zz + k15;
+    const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
+    const STEPWISE real k18 = base_arm_section_inertia_yy + k15;
+    const STEPWISE real k19 = k17 + k18;
+    const STEPWISE real k20 = R(0.5) * k19;
 
     /* second moments of link2 */
-    const real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const real k22 = link2_section_inertia_xx - k21;
-    const real k23 = link2_section_inertia_yy - k22;
-    const real k24 = link2_section_inertia_zz - k21;
-    const real k25 = k23 + k24;
-    const real k26 = R(0.5) * k25;
-    const real k27 = R(0.33333333333333331) * link2_length * link2_length * link2_length *
+    const STEPWISE real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
+    const STEPWISE real k22 = link2_section_inertia_xx - k21;
+    const STEPWISE real k23 = link2_section_inertia_yy - k22;
+    const STEPWISE real k24 = link2_section_inertia_zz - k21;
+    const STEPWISE real k25 = k23 + k24;
+    const STEPWISE real k26 = R(0.5) * k25;
+    const STEPWISE real k27 = R(0.33333333333333331) * link2_length * link2_length * link2_length *
         link2_mass_per_length;
-    const real k28 = k26 + k27;
-    const real k29 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const real k30 = link2_section_inertia_yy - k29;
-    const real k31 = link2_section_inertia_zz - k30;
-    const real k32 = link2_section_inertia_xx - k29;
-    const real k33 = k31 + k32;
-    const real k34 = R(0.5) * k33;
-    const real k35 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const real k36 = link2_section_inertia_zz + k35;
-    const real k37 = link2_section_inertia_xx - k36;
-    const real k38 = link2_section_inertia_yy + k35;
-    const real k39 = k37 + k38;
-    const real k40 = R(0.5) * k39;
+    const STEPWISE real k28 = k26 + k27;
+    const STEPWISE real k29 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k30 = link2_section_inertia_yy - k29;
+    const STEPWISE real k31 = link2_section_inertia_zz - k30;
+    const STEPWISE real k32 = link2_section_inertia_xx - k29;
+    const STEPWISE real k33 = k31 + k32;
+    const STEPWISE real k34 = R(0.5) * k33;
+    const STEPWISE real k35 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k36 = link2_section_inertia_zz + k35;
+    const STEPWISE real k37 = link2_section_inertia_xx - k36;
+    const STEPWISE real k38 = link2_section_inertia_yy + k35;
+    const STEPWISE real k39 = k37 + k38;
+    const STEPWISE real k40 = R(0.5) * k39;
 
     /* second moments of link3 */
-    const real k41 = link3_section_inertia_xx - link3_section_inertia_yy;
-    const real k42 = link3_section_inertia_xx - k41;
-    const real k43 = link3_section_inertia_yy - k42;
-    const real k44 = link3_section_inertia_zz - k41;
-    const real k45 = k43 + k44;
-    const real k46 = R(0.5) * k45;
-    const real k47 = R(0.33333333333333331) * link3_length * link3_length * link3_length *
+    const STEPWISE real k41 = link3_section_inertia_xx - link3_section_inertia_yy;
+    const STEPWISE real k42 = link3_section_inertia_xx - k41;
+    const STEPWISE real k43 = link3_section_inertia_yy - k42;
+    const STEPWISE real k44 = link3_section_inertia_zz - k41;
+    const STEPWISE real k45 = k43 + k44;
+    const STEPWISE real k46 = R(0.5) * k45;
+    const STEPWISE real k47 = R(0.33333333333333331) * link3_length * link3_length * link3_length *
         link3_mass_per_length;
-    const real k48 = k46 + k47;
-    const real k49 = link3_section_inertia_yy - link3_section_inertia_zz;
-    const real k50 = link3_section_inertia_yy - k49;
-    const real k51 = link3_section_inertia_zz - k50;
-    const real k52 = link3_section_inertia_xx - k49;
-    const real k53 = k51 + k52;
-    const real k54 = R(0.5) * k53;
-    const real k55 = link3_section_inertia_xx - link3_section_inertia_zz;
-    const real k56 = link3_section_inertia_zz + k55;
-    const real k57 = link3_section_inertia_xx - k56;
-    const real k58 = link3_section_inertia_yy + k55;
-    const real k59 = k57 + k58;
-    const real k60 = R(0.5) * k59;
+    const STEPWISE real k48 = k46 + k47;
+    const STEPWISE real k49 = link3_section_inertia_yy - link3_section_inertia_zz;
+    const STEPWISE real k50 = link3_section_inertia_yy - k49;
+    const STEPWISE real k51 = link3_section_inertia_zz - k50;
+    const STEPWISE real k52 = link3_section_inertia_xx - k49;
+    const STEPWISE real k53 = k51 + k52;
+    const STEPWISE real k54 = R(0.5) * k53;
+    const STEPWISE real k55 = link3_section_inertia_xx - link3_section_inertia_zz;
+    const STEPWISE real k56 = link3_section_inertia_zz + k55;
+    const STEPWISE real k57 = link3_section_inertia_xx - k56;
+    const STEPWISE real k58 = link3_section_inertia_yy + k55;
+    const STEPWISE real k59 = k57 + k58;
+    const STEPWISE real k60 = R(0.5) * k59;
 
     /* inertia of the base, about the origin */
-    const real k61 = R(6.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
-    const real k62 = R(3.0) * k8;
-    const real k63 = R(3.0) * k14;
-    const real k64 = R(6.0) * base_arm_length * base_arm_length * base_arm_length *
+    const STEPWISE real k61 = R(6.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k62 = R(3.0) * k8;
+    const STEPWISE real k63 = R(3.0) * k14;
+    const STEPWISE real k64 = R(6.0) * base_arm_length * base_arm_length * base_arm_length *
         base_arm_mass_per_length;
-    const real k65 = k62 + k63 + k64;
-    const real k66 = k62 + k63;
-    const real k67 = R(6.0) * k20;
-    const real k68 = R(6.0) * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k65 = k62 + k63 + k64;
+    const STEPWISE real k66 = k62 + k63;
+    const STEPWISE real k67 = R(6.0) * k20;
+    const STEPWISE real k68 = R(6.0) * base_arm_length * base_arm_mass_per_length;
 
     /* inertias of the links */
-    const real k69 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
-    const real k70 = link2_length * link2_mass_per_length;
-    const real k71 = R(0.5) * link3_length * link3_length * link3_mass_per_length;
-    const real k72 = link3_length * link3_mass_per_length;
+    const STEPWISE real k69 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
+    const STEPWISE real k70 = link2_length * link2_mass_per_length;
+    const STEPWISE real k71 = R(0.5) * link3_length * link3_length * link3_mass_per_length;
+    const STEPWISE real k72 = link3_length * link3_mass_per_length;
 
     /* inertia of link 2, with that of link 3 which joint 9 does not move */
-    const real k73 = link2_length * k72;
-    const real k74 = link2_length * k73;
-    const real k75 = k70 + k72;
-    const real k76 = k69 + k73;
-    const real k77 = k28 + k74;
-    const real k78 = k40 + k60;
+    const STEPWISE real k73 = link2_length * k72;
+    const STEPWISE real k74 = link2_length * k73;
+    const STEPWISE real k75 = k70 + k72;
+    const STEPWISE real k76 = k69 + k73;
+    const STEPWISE real k77 = k28 + k74;
+    const STEPWISE real k78 = k40 + k60;
 
     /* inertia of the base, with that of link 1 which joint 7 does not move */
-    const real k79 = base_arm_length * k75;
-    const real k80 = R(2.0) * base_arm_length;
-    const real k81 = base_arm_length * k79;
-    const real k82 = k68 + k75;
-    const real k83 = k61 + k79;
-    const real k84 = k65 + k81;
+    const STEPWISE real k79 = base_arm_length * k75;
+    const STEPWISE real k80 = R(2.0) * base_arm_length;
+    const STEPWISE real k81 = base_arm_length * k79;
+    const STEPWISE real k82 = k68 + k75;
+    const STEPWISE real k83 = k61 + k79;
+    const STEPWISE real k84 = k65 + k81;
 
     /* constant terms and factors of the functions */
-    const real k85 = k48 - k54;
-    const real k86 = k34 - k77;
-    const real k87 = k66 - k84;
-    const real k88 = gravity * k82;
-    const real k89 = R(0.5) * base_arm_length;
-    const real k90 = R(0.8660254037844386) * base_arm_length;
-    const real k91 = base_arm_length - k89;
-    const real k92 = R(0.5) * k91;
-    const real k93 = R(0.8660254037844386) * k90;
-    const real k94 = k92 - k93;
-    const real k95 = base_arm_length + k89;
+    const STEPWISE real k85 = k48 - k54;
+    const STEPWISE real k86 = k34 - k77;
+    const STEPWISE real k87 = k66 - k84;
+    const STEPWISE real k88 = gravity * k82;
+    const STEPWISE real k89 = R(0.5) * base_arm_length;
+    const STEPWISE real k90 = R(0.8660254037844386) * base_arm_length;
+    const STEPWISE real k91 = base_arm_length - k89;
+    const STEPWISE real k92 = R(0.5) * k91;
+    const STEPWISE real k93 = R(0.8660254037844386) * k90;
+    const STEPWISE real k94 = k92 - k93;
+    const STEPWISE real k95 = base_arm_length + k89;
 
     /* inertia of base arm 1, about the origin */
-    const real k96 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k96 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
 
     /* constant terms and factors of the functions */
-    const real k97 = R(0.5) * k96;
-    const real k98 = R(0.8660254037844386) * k96;
-    const real k99 = k8 - k14;
-    const real k100 = R(0.8660254037844386) * k99;
-    const real k101 = R(0.8660254037844386) * k100;
-    const real k102 = k8 - k101;
-    const real k103 = k14 + k101;
-    const real k104 = R(0.5) * k100;
-    const real k105 = k102 + k103;
-    const real k106 = base_arm_length * k97;
-    const real k107 = k105 - k106;
-    const real k108 = k105 + k106;
-    const real k109 = k8 + k14;
-    const real k110 = base_arm_length * k96;
-    const real k111 = k109 + k110;
-    const real k112 = R(0.5) * k89;
-    const real k113 = k93 + k112;
-    const real k114 = k66 + k67;
-    const real k115 = R(2.0) * k66;
-    const real k116 = R(1.0) / k115;
-    const real k117 = R(1.0) / k114;
-    const real k118 = R(0.5) * k67;
-    const real k119 = R(0.5) * k82;
-    const real k120 = R(0.5) * k78;
+    const STEPWISE real k97 = R(0.5) * k96;
+    const STEPWISE real k98 = R(0.8660254037844386) * k96;
+    const STEPWISE real k99 = k8 - k14;
+    const STEPWISE real k100 = R(0.8660254037844386) * k99;
+    const STEPWISE real k101 = R(0.8660254037844386) * k100;
+    const STEPWISE real k102 = k8 - k101;
+    const STEPWISE real k103 = k14 + k101;
+    const STEPWISE real k104 = R(0.5) * k100;
+    const STEPWISE real k105 = k102 + k103;
+    const STEPWISE real k106 = base_arm_length * k97;
+    const STEPWISE real k107 = k105 - k106;
+    const STEPWISE real k108 = k105 + k106;
+    const STEPWISE real k109 = k8 + k14;
+    const STEPWISE real k110 = base_arm_length * k96;
+    const STEPWISE real k111 = k109 + k110;
+    const STEPWISE real k112 = R(0.5) * k89;
+    const STEPWISE real k113 = k93 + k112;
+    const STEPWISE real k114 = k66 + k67;
+    const STEPWISE real k115 = R(2.0) * k66;
+    const STEPWISE real k116 = R(1.0) / k115;
+    const STEPWISE real k117 = R(1.0) / k114;
+    const STEPWISE real k118 = R(0.5) * k67;
+    const STEPWISE real k119 = R(0.5) * k82;
+    const STEPWISE real k120 = R(0.5) * k78;
     int good = k82 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i]);

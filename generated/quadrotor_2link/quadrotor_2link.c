@@ -120,6 +120,7 @@ typedef uint64_t bits;
     FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
 #undef ANGLE_LIMIT
 #define ANGLE_LIMIT 0
+#define STEPWISE volatile
 #elif defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
 #define QUAD
 #endif
@@ -128,6 +129,10 @@ typedef uint64_t bits;
 #define AS_WRITTEN _Pragma("clang fp reassociate(off)")
 #else
 #define AS_WRITTEN
+#endif
+/* What init_constants computes is not to be reordered: some sums keep what rounding takes. */
+#ifndef STEPWISE
+#define STEPWISE
 #endif
 
 /* Four angles in a vector, where there are vectors. */
@@ -385,6 +390,7 @@ int quadrotor_2link_init_constants(
     const real *RESTRICT parameters,
     Constants *RESTRICT constants)
 {
+    AS_WRITTEN
     const real gravity = parameters[0];
     const real base_arm_length = parameters[1];
     const real base_arm_mass_per_length = parameters[2];
@@ -398,93 +404,93 @@ int quadrotor_2link_init_constants(
     const real link2_section_inertia_zz = parameters[10];
 
     /* second moments of base_arm */
-    const real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
-    const real k2 = base_arm_section_inertia_xx - k1;
-    const real k3 = base_arm_section_inertia_yy - k2;
-    const real k4 = base_arm_section_inertia_zz - k1;
-    const real k5 = k3 + k4;
-    const real k6 = R(0.5) * k5;
-    const real k7 = R(0.33333333333333331) * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length;
-    const real k8 = k6 + k7;
-    const real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
-    const real k10 = base_arm_section_inertia_yy - k9;
-    const real k11 = base_arm_section_inertia_zz - k10;
-    const real k12 = base_arm_section_inertia_xx - k9;
-    const real k13 = k11 + k12;
-    const real k14 = R(0.5) * k13;
-    const real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
-    const real k16 = base_arm_section_inertia_zz + k15;
-    const real k17 = base_arm_section_inertia_xx - k16;
-    const real k18 = base_arm_section_inertia_yy + k15;
-    const real k19 = k17 + k18;
-    const real k20 = R(0.5) * k19;
+    const STEPWISE real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
+    const STEPWISE real k2 = base_arm_section_inertia_xx - k1;
+    const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
+    const STEPWISE real k4 = base_arm_section_inertia_zz - k1;
+    const STEPWISE real k5 = k3 + k4;
+    const STEPWISE real k6 = R(0.5) * k5;
+    const STEPWISE real k7 = R(0.33333333333333331) * base_arm_length * base_arm_length *
+        base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k8 = k6 + k7;
+    const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
+    const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
+    const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
+    const STEPWISE real k12 = base_arm_section_inertia_xx - k9;
+    const STEPWISE real k13 = k11 + k12;
+    const STEPWISE real k14 = R(0.5) * k13;
+    const STEPWISE real k15 = base_arm_section_inertia_xx - base_arm_section_inertia_zz;
+    const STEPWISE real k16 = base_arm_section_inertia_zz + k15;
+    const STEPWISE real k17 = base_arm_section_inertia_xx - k16;
+    const STEPWISE real k18 = base_arm_section_inertia_yy + k15;
+    const STEPWISE real k19 = k17 + k18;
+    const STEPWISE real k20 = R(0.5) * k19;
 
     /* second moments of link2 */
-    const real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
-    const real k22 = link2_section_inertia_xx - k21;
-    const real k23 = link2_section_inertia_yy - k22;
-    const real k24 = link2_section_inertia_zz - k21;
-    const real k25 = k23 + k24;
-    const real k26 = R(0.5) * k25;
-    const real k27 = R(0.33333333333333331) * link2_length * link2_length * link2_length *
+    const STEPWISE real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
+    const STEPWISE real k22 = link2_section_inertia_xx - k21;
+    const STEPWISE real k23 = link2_section_inertia_yy - k22;
+    const STEPWISE real k24 = link2_section_inertia_zz - k21;
+    const STEPWISE real k25 = k23 + k24;
+    const STEPWISE real k26 = R(0.5) * k25;
+    const STEPWISE real k27 = R(0.33333333333333331) * link2_length * link2_length * link2_length *
         link2_mass_per_length;
-    const real k28 = k26 + k27;
-    const real k29 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const real k30 = link2_section_inertia_yy - k29;
-    const real k31 = link2_section_inertia_zz - k30;
-    const real k32 = link2_section_inertia_xx - k29;
-    const real k33 = k31 + k32;
-    const real k34 = R(0.5) * k33;
-    const real k35 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const real k36 = link2_section_inertia_zz + k35;
-    const real k37 = link2_section_inertia_xx - k36;
-    const real k38 = link2_section_inertia_yy + k35;
-    const real k39 = k37 + k38;
-    const real k40 = R(0.5) * k39;
+    const STEPWISE real k28 = k26 + k27;
+    const STEPWISE real k29 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k30 = link2_section_inertia_yy - k29;
+    const STEPWISE real k31 = link2_section_inertia_zz - k30;
+    const STEPWISE real k32 = link2_section_inertia_xx - k29;
+    const STEPWISE real k33 = k31 + k32;
+    const STEPWISE real k34 = R(0.5) * k33;
+    const STEPWISE real k35 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k36 = link2_section_inertia_zz + k35;
+    const STEPWISE real k37 = link2_section_inertia_xx - k36;
+    const STEPWISE real k38 = link2_section_inertia_yy + k35;
+    const STEPWISE real k39 = k37 + k38;
+    const STEPWISE real k40 = R(0.5) * k39;
 
     /* inertia of the base, about the origin */
-    const real k41 = R(4.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
-    const real k42 = R(2.0) * k8;
-    const real k43 = R(2.0) * k14;
-    const real k44 = R(4.0) * base_arm_length * base_arm_length * base_arm_length *
+    const STEPWISE real k41 = R(4.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k42 = R(2.0) * k8;
+    const STEPWISE real k43 = R(2.0) * k14;
+    const STEPWISE real k44 = R(4.0) * base_arm_length * base_arm_length * base_arm_length *
         base_arm_mass_per_length;
-    const real k45 = k42 + k43 + k44;
-    const real k46 = k42 + k43;
-    const real k47 = R(4.0) * k20;
-    const real k48 = R(4.0) * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k45 = k42 + k43 + k44;
+    const STEPWISE real k46 = k42 + k43;
+    const STEPWISE real k47 = R(4.0) * k20;
+    const STEPWISE real k48 = R(4.0) * base_arm_length * base_arm_mass_per_length;
 
     /* inertias of the links */
-    const real k49 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
-    const real k50 = link2_length * link2_mass_per_length;
+    const STEPWISE real k49 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
+    const STEPWISE real k50 = link2_length * link2_mass_per_length;
 
     /* inertia of the base, with that of link 1 which joint 5 does not move */
-    const real k51 = base_arm_length * k50;
-    const real k52 = R(2.0) * base_arm_length;
-    const real k53 = base_arm_length * k51;
-    const real k54 = k48 + k50;
-    const real k55 = k41 + k51;
-    const real k56 = k45 + k53;
+    const STEPWISE real k51 = base_arm_length * k50;
+    const STEPWISE real k52 = R(2.0) * base_arm_length;
+    const STEPWISE real k53 = base_arm_length * k51;
+    const STEPWISE real k54 = k48 + k50;
+    const STEPWISE real k55 = k41 + k51;
+    const STEPWISE real k56 = k45 + k53;
 
     /* constant terms and factors of the functions */
-    const real k57 = k28 - k34;
-    const real k58 = k46 - k56;
-    const real k59 = gravity * k54;
+    const STEPWISE real k57 = k28 - k34;
+    const STEPWISE real k58 = k46 - k56;
+    const STEPWISE real k59 = gravity * k54;
 
     /* inertia of base arm 1, about the origin */
-    const real k60 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k60 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
 
     /* constant terms and factors of the functions */
-    const real k61 = base_arm_length * k60;
-    const real k62 = k8 + k14;
-    const real k63 = k61 + k62;
-    const real k64 = k46 + k47;
-    const real k65 = R(2.0) * k46;
-    const real k66 = R(1.0) / k65;
-    const real k67 = R(1.0) / k64;
-    const real k68 = R(0.5) * k47;
-    const real k69 = R(0.5) * k54;
-    const real k70 = R(0.5) * k40;
+    const STEPWISE real k61 = base_arm_length * k60;
+    const STEPWISE real k62 = k8 + k14;
+    const STEPWISE real k63 = k61 + k62;
+    const STEPWISE real k64 = k46 + k47;
+    const STEPWISE real k65 = R(2.0) * k46;
+    const STEPWISE real k66 = R(1.0) / k65;
+    const STEPWISE real k67 = R(1.0) / k64;
+    const STEPWISE real k68 = R(0.5) * k47;
+    const STEPWISE real k69 = R(0.5) * k54;
+    const STEPWISE real k70 = R(0.5) * k40;
     int good = k54 > R(0.0);
     for (int i = 0; i < 11; ++i) {
         good &= is_finite(parameters[i]);

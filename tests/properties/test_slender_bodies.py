@@ -105,24 +105,38 @@ def test_mass_matrix_keeps_its_digits(alpha_deg: int, joint: str) -> None:
                 assert abs(found[5, 5] - moments[2]) <= 3e-16 * moments[2]
 
 
-def test_single_precision_keeps_its_digits(tmp_path: Path) -> None:
-    """With the constants that C computes from parameters in single precision."""
+@pytest.mark.parametrize("real", [np.float64, np.float32])
+@pytest.mark.parametrize(
+    ("compiler", "options"),
+    [
+        ("gcc", "-O2"),
+        ("gcc", "-Ofast -march=native"),
+        ("clang", "-O2 -ffast-math"),
+        ("clang", "-O1 -fassociative-math -fno-signed-zeros -fno-trapping-math"),
+    ],
+)
+def test_constants_that_c_computes_keep_their_digits(
+    compiler: str, options: str, real: type[np.floating], tmp_path: Path
+) -> None:
+    """In both precisions, also where compilers may reorder sums."""
     emitted = emit(carrying(SPHERE, 90, "revolute"), tmp_path / "slender")
-    options = ["-O2", emitted.single]
-    library = Library(emitted, tmp_path / "robot.so", "gcc", options, np.float32)
+    single = [emitted.single] if real is np.float32 else []
+    path = tmp_path / "robot.so"
+    library = Library(emitted, path, compiler, ["-Wno-error", *options.split(), *single], real)
     for moments in shapes():
-        check_single(emitted, library, moments)
+        check_compiled(emitted, library, moments)
 
 
-def check_single(emitted: Emitted, library: Library, moments: tuple[float, ...]) -> None:
+def check_compiled(emitted: Emitted, library: Library, moments: tuple[float, ...]) -> None:
     robot = carrying(RigidBody(0.3, 1.0, inertia=(*moments, 0, 0, 0)), 90, "revolute")
     names = [f"link3_inertia_{axes}" for axes in ("xx", "yy", "zz")]
     parameters = emitted.model.defaults | dict(zip(names, moments, strict=True))
-    parameters = {name: float(np.float32(value)) for name, value in parameters.items()}
+    parameters = {name: float(library.real(value)) for name, value in parameters.items()}
     status, library.constants = library.init(list(parameters.values()))
     assert status == 0
-    q = np.linspace(-1.0, 1.1, 9).astype(np.float32).astype(float)
+    q = np.linspace(-1.0, 1.1, 9).astype(library.real).astype(float)
     signature = next(s for s in emitted.signatures() if s.name == "mass_matrix")
     (found,) = library.one(signature, [q[None]])
     exact = exact_mass_matrix(emitted.model.program, parameters, q)
-    assert largest_error(found[0].astype(float), exact, terms(robot, q)) <= 1e-5, moments
+    limit = 1e-5 if library.real is np.float32 else 1e-14
+    assert largest_error(found[0].astype(float), exact, terms(robot, q)) <= limit, moments

@@ -319,12 +319,15 @@ def _sine_lines(count: int, one: bool) -> list[str]:
     ]
 
 
-def statement_lines(statements: tuple[Statement, ...], printer: InfixPrinter) -> list[str]:
-    """Statements as constants of a C function, within the line width."""
+def statement_lines(
+    statements: tuple[Statement, ...], printer: InfixPrinter, kind: str = "real"
+) -> list[str]:
+    """Statements as constants of a C function, of a `kind` of number, within the line width."""
     lines: list[str] = []
     for words, statement in headed(statements):
         lines += _heading(words)
-        lines += _wrapped(f"const real {statement.name} = ", printer.expression(statement.value))
+        text = printer.expression(statement.value)
+        lines += _wrapped(f"const {kind} {statement.name} = ", text)
     return lines
 
 

@@ -71,7 +71,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
             for place, name in enumerate(program.parameters)
             if name in used
         ],
-        "prepare": statement_lines(program.prepare, printer),
+        "prepare": statement_lines(program.prepare, printer, "STEPWISE real"),
         "total_mass": printer.expression(total_mass(program)),
         "sine_kinds": [
             {
