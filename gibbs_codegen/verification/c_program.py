@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.interface import LANES, Signature, signatures
+from gibbs_codegen.interface import DATA, LANES, Signature, module_signatures
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, compared, worst
+from gibbs_codegen.verification.comparison import Comparison, compared, explained, worst
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -25,7 +25,7 @@ from gibbs_codegen.verification.parameters import parameter_values
 from gibbs_codegen.verification.states import FAR_SINGLE, Sizes, States
 from gibbs_codegen.verification.tree import Array, Tree
 from gibbs_codegen.verification.variation import determined, variation
-from gibbs_codegen.verification.verify import explained, most_states
+from gibbs_codegen.verification.verify import most_states
 
 _HEADER = "the header"
 PARTIAL, SINGLE_PRECISION = "last block not full", "single precision"
@@ -35,7 +35,6 @@ _BATCHES = (3, LANES + 3, 1, 2, 4, 5, 6, 7)
 _DETERMINED = 1e-6
 # What no function computes.
 _GUARD = -1.2345e30
-_OWN = ("COORDINATES", "HYBRID_COORDINATES", "INPUTS", "POINTS")
 
 
 class CProgram:
@@ -85,12 +84,12 @@ class CProgram:
         )
 
     def _functions(self, call: Callable[..., Any]) -> Any:
-        names = {name: getattr(self._module, name) for name in _OWN}
+        data = {name: getattr(self._module, name) for name in DATA}
         functions = {
             signature.name: functools.partial(call, signature)
-            for signature in signatures(*map(len, names.values()))
+            for signature in module_signatures(self._module)
         }
-        return SimpleNamespace(**names, **functions)
+        return SimpleNamespace(**data, **functions)
 
     def _one(self, constants: Array, signature: Signature, *state: Array) -> Any:
         inputs = [np.array(x, self._real) for x in state]

@@ -57,6 +57,16 @@ def worst(parts: Sequence[Sequence[Comparison]]) -> list[Comparison]:
     return merged
 
 
+def explained(comparisons: list[Comparison], faults: dict[str, str]) -> list[Comparison]:
+    """Comparisons with the reason why a function gave nothing."""
+    return [
+        comparison
+        if comparison.passed
+        else replace(comparison, fault=faults.get(comparison.what.split(".")[0], comparison.fault))
+        for comparison in comparisons
+    ]
+
+
 def failure_text(comparison: Comparison) -> str:
     """One failure in words."""
     against = f" against {comparison.against}" if comparison.against else ""

@@ -45,10 +45,9 @@ class Expected:
     def compare(self, values: Values, against: str = "", single: bool = False) -> list[Comparison]:
         """Compare the `values` of a module's functions, by name, with what is expected.
 
-        `values` has each function's results for all states, or for the first of them; the two of
-        `mass_matrix_and_residual` are under "mass_matrix_and_residual.M" and ".R". Errors are
-        relative to the natural sizes. `against` takes the place of the formulation's name; `single`
-        says that the module computes in single precision.
+        `values` has each function's results for all states, or for the first of them, under the
+        names of `Evaluation.results`. Errors are relative to the natural sizes. `against` takes the
+        place of the formulation's name; `single` says that the module computes in single precision.
         """
         count = len(values["mass_matrix"])
         rounding = float(np.finfo(np.float32 if single else np.float64).eps)
@@ -79,9 +78,9 @@ def _system(
     inverse = formulation.inverse_dynamics(q, v, a)
     driven = times(inputs, u)
     yield "mass_matrix", matrix, sizes.free_matrix
-    yield "mass_matrix_and_residual.M", matrix, sizes.free_matrix
+    yield "mass_matrix_and_residual.mass_matrix", matrix, sizes.free_matrix
     yield "residual", residual[:, free], sizes.free_effort
-    yield "mass_matrix_and_residual.R", residual[:, free], sizes.free_effort
+    yield "mass_matrix_and_residual.residual", residual[:, free], sizes.free_effort
     yield "input_matrix", inputs[:, free], _levers(inputs, sizes)[:, free]
     yield "inverse_dynamics", inverse[:, free], sizes.free_inertial_effort
     yield "forward_dynamics", (residual + driven)[:, free], sizes.free_effort

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.interface import FUNCTIONS, Signature, module_signatures
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Array
-
-BOTH = "mass_matrix_and_residual"
 
 
 class Evaluation:
@@ -25,25 +23,31 @@ class Evaluation:
         self.module = module
         self.faults: dict[str, str] = {}
         self._given = {} if constants is None else {"constants": constants}
-        lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-        self.signatures = {s.name: s for s in signatures(*map(len, lists))}
+        self.signatures = {s.name: s for s in module_signatures(module)}
 
     def all(self, states: States, singly: bool = False) -> dict[str, Array]:
         """Results of all functions for a batch of states, or for each state by itself.
 
-        The two of `mass_matrix_and_residual` are under its name with ".M" and ".R"; `gibbs` is
-        counted from the value at rest, since it is determined up to that.
+        `gibbs` is counted from the value at rest, since it is determined up to that.
         """
         values: dict[str, Array] = {}
+        for name in self.signatures:
+            values |= self.results(name, states, singly)
         call = self._singly if singly else self
-        for name, signature in self.signatures.items():
-            results = call(name, *states.arguments("".join(signature.arguments)))
-            if name == BOTH:
-                values[f"{name}.M"], values[f"{name}.R"] = results
-            else:
-                values[name] = results
         values["gibbs"] = values["gibbs"] - call("gibbs", states.q, states.v, 0.0 * states.a)
         return values
+
+    def results(self, name: str, states: States, singly: bool = False) -> dict[str, Array]:
+        """Results of one function for a batch of states, or for each state by itself.
+
+        One array is under the function's name, several are under that name, a point, and their own.
+        """
+        call = self._singly if singly else self
+        results = call(name, *states.arguments("".join(self.signatures[name].arguments)))
+        outputs = FUNCTIONS[name].outputs
+        if len(outputs) == 1:
+            return {name: results}
+        return {f"{name}.{o.name}": array for o, array in zip(outputs, results, strict=True)}
 
     def __call__(self, name: str, *arguments: Array) -> Any:
         """Results of one function."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from gibbs_codegen.verification.comparison import Comparison, compared
 from gibbs_codegen.verification.differences import STEP, derivative
-from gibbs_codegen.verification.evaluation import BOTH, Evaluation
+from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Array, Tree, times
 
@@ -62,9 +62,12 @@ def _mass_matrix(
 def _algebra(values: Values, states: States, sizes: Sizes) -> Iterator[Comparison]:
     matrix, residual = values["mass_matrix"], values["residual"]
     pairs: list[tuple[str, str, Array, Array, Array | float]] = []
-    in_one = values[f"{BOTH}.M"], values[f"{BOTH}.R"]
-    pairs.append((f"{BOTH}.M", "mass_matrix", in_one[0], matrix, sizes.free_matrix))
-    pairs.append((f"{BOTH}.R", "residual", in_one[1], residual, sizes.free_effort))
+    for name, alone, size in (
+        ("mass_matrix", matrix, sizes.free_matrix),
+        ("residual", residual, sizes.free_effort),
+    ):
+        in_one = f"mass_matrix_and_residual.{name}"
+        pairs.append((in_one, name, values[in_one], alone, size))
     needed = times(matrix, states.a) - residual
     inverse = values["inverse_dynamics"]
     pairs.append(("inverse_dynamics", "M a − R", inverse, needed, sizes.free_inertial_effort))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from types import ModuleType
+from typing import Any
 
 from gibbs_codegen.robot.model import Body, Link, RigidBody, Robot, Rod
 
@@ -20,6 +22,12 @@ def parameter_values(robot: Robot) -> dict[str, float]:
             values[f"link{i}_a"] = link.a
         values[f"link{i}_d"] = link.d
     return values
+
+
+def prepared(module: ModuleType, robot: Robot) -> Any:
+    """Constants of a module for the numbers of a robot."""
+    numbers = parameter_values(robot)
+    return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
 
 def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:

@@ -7,6 +7,7 @@ Expected            every function, at states     against formulations that shar
     Lagrange                                                                  (lagrange)
     Pinocchio, MuJoCo where installed                        (pinocchio_tree, mujoco_tree)
 compare_invariants  every function                against the others          (invariants)
+compare_with_itself what no formulation gives     against itself      (self_consistency)
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, worst
+from gibbs_codegen.verification.comparison import Comparison, explained, worst
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
@@ -27,7 +28,8 @@ from gibbs_codegen.verification.invariants import compare_invariants
 from gibbs_codegen.verification.lagrange import Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.own_units import InOwnUnits
-from gibbs_codegen.verification.parameters import parameter_values
+from gibbs_codegen.verification.parameters import prepared
+from gibbs_codegen.verification.self_consistency import compare_with_itself, without_formulation
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.variation import variations
@@ -121,10 +123,12 @@ def compare_module(
     seed: int,
     progress: Progress = lambda _: None,
     extent: Extent = THOROUGH,
+    numpy: ModuleType | None = None,
 ) -> list[Comparison]:
     """Everything about one back end, at the `count` random states of a seed.
 
     `against` are formulations of the robot, of which the first gives the natural sizes of things.
+    What none of them gives is compared with the NumPy back end `numpy`, where there is another.
     """
     contents = compare_contents(module, robot)
     if not all(comparison.passed for comparison in contents):
@@ -141,13 +145,17 @@ def compare_module(
         parts.append(_compare_functions(module, against, some, seeds, extent.singly, progress))
     comparisons = contents + worst(parts)
     others = min(most, extent.others)
+    unknown = without_formulation(comparisons, against[0].name)
+    states = States.random(against[0].tree, others, (seed, 5))
+    there = Evaluation(numpy) if numpy else None
+    comparisons += compare_with_itself(Evaluation(module), there, unknown, states)
     if extent.any_angles:
         progress(ANY_ANGLES)
         tree = against[0].tree
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
         comparisons += _compare_again(Evaluation(module), tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
-    return comparisons + _with_other_parameters(module, robot, others, seed, extent)
+    return comparisons + _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
 
 
 def most_states(tree: Tree) -> int:
@@ -197,30 +205,31 @@ def _compare_again(
 
 
 def _with_other_parameters(
-    module: ModuleType, robot: Robot, count: int, seed: int, extent: Extent
+    module: ModuleType,
+    numpy: ModuleType | None,
+    robot: Robot,
+    unknown: Sequence[str],
+    count: int,
+    seed: int,
+    extent: Extent,
 ) -> list[Comparison]:
-    """The equations once more, with every parameter changed at run time, and zero by turns."""
+    """The equations once more, with every parameter changed at run time, and zero by turns.
+
+    Functions that are `unknown` to every formulation are compared with themselves.
+    """
     parts = []
     others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
     for number, other in enumerate(others):
-        numbers = parameter_values(other)
         try:
-            constants = module.prepare({name: numbers[name] for name in module.PARAMETERS})
+            evaluation = Evaluation(module, prepared(module, other))
+            there = Evaluation(numpy, prepared(numpy, other)) if numpy else None
         except (Exception, SystemExit) as error:  # Whatever was done to the module.
             fault = f"{type(error).__name__}: {error}"
             return [Comparison("prepare", OTHER_PARAMETERS, 0, float("inf"), 0.0, fault)]
         tree = Tree(other)
         states = States.extreme(tree, count, (seed, 1, number))
-        evaluation = Evaluation(module, constants)
-        parts.append(_compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS))
+        rows = _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
+        usual = States.random(tree, count, (seed, 1, number))
+        circumstance = f", {OTHER_PARAMETERS}"
+        parts.append(rows + compare_with_itself(evaluation, there, unknown, usual, circumstance))
     return worst(parts)
-
-
-def explained(comparisons: list[Comparison], faults: dict[str, str]) -> list[Comparison]:
-    """Comparisons with the reason why a function gave nothing."""
-    return [
-        comparison
-        if comparison.passed
-        else replace(comparison, fault=faults.get(comparison.what.split(".")[0], comparison.fault))
-        for comparison in comparisons
-    ]

@@ -137,7 +137,7 @@ def test_an_oracle_that_is_off_by_a_billionth_fails(shipped) -> None:
         ('ATTITUDE = "xyz"', 'ATTITUDE = "zyx"', {"ATTITUDE"}),
         ('"motor2", "motor3"', '"motor3", "motor2"', {"POINTS"}),
         ("\ndef _kinetic_energy(", "\ndef _kinetic_enemy(", {"kinetic_energy"}),
-        ("_array(entries[0:64], (8, 8), batch), ", "", {"mass_matrix_and_residual.M"}),
+        ("_array(entries[0:64], (8, 8), batch), ", "", {"mass_matrix_and_residual.mass_matrix"}),
         ("import math\n", "import maths\n", {"the module"}),
         ("import math\n", "import (math\n", {"the module"}),
         ("import math\n", "import math\nraise SystemError('no')\n", {"the module"}),

@@ -1,0 +1,74 @@
+"""Functions that no formulation gives, held against themselves, computed in another way.
+
+Nothing tells whether such a function is right. But it must give one by one what it gives for a
+batch, and in C what it gives in NumPy, with the default parameters and with others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.verification.comparison import Comparison, compared, explained
+from gibbs_codegen.verification.evaluation import Evaluation
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Array
+
+ONE_BY_ONE, OTHER_BACK_END = "itself, one state at a time", "the NumPy back end"
+NO_FORMULATION = (
+    "no formulation gives this function, so its values may be wrong; it was only compared with "
+    "itself, one state with a batch and one back end with the other"
+)
+# Two ways of computing the same, relative to the largest entry: a few digits more are lost at most.
+_LIMIT = 1e-10
+
+
+def without_formulation(comparisons: Sequence[Comparison], formulation: str) -> list[str]:
+    """Functions of the table that were not compared with the formulation of that name."""
+    known = {c.what.split(".")[0] for c in comparisons if c.against == formulation}
+    return [name for name in FUNCTIONS if name not in known]
+
+
+def compared_with_themselves(comparisons: Sequence[Comparison]) -> set[str]:
+    """Functions that were compared with nothing but themselves."""
+    return {c.what.split(".")[0] for c in comparisons if c.against == ONE_BY_ONE}
+
+
+def compare_with_itself(
+    evaluation: Evaluation,
+    numpy: Evaluation | None,
+    functions: Sequence[str],
+    states: States,
+    circumstance: str = "",
+) -> list[Comparison]:
+    """Compare functions for a batch with the same one by one, and with those of another back end.
+
+    Args:
+        evaluation: the back end to verify, with the constants of some parameters.
+        numpy: the NumPy back end with the same parameters, where `evaluation` is of another.
+        functions: names of functions, by the table.
+        states: the states to compare at.
+        circumstance: what to add to the names of what is compared with.
+
+    Returns:
+        A comparison of each array that they return with each other way of computing it.
+
+    """
+    rows: list[Comparison] = []
+    for name in functions:
+        together = evaluation.results(name, states)
+        alone = evaluation.results(name, states, singly=True)
+        rows += _alike(alone, together, ONE_BY_ONE + circumstance)
+        if numpy is not None:
+            rows += _alike(together, numpy.results(name, states), OTHER_BACK_END + circumstance)
+    return explained(rows, evaluation.faults)
+
+
+def _alike(
+    ours: Mapping[str, Array], theirs: Mapping[str, Array], against: str
+) -> Iterator[Comparison]:
+    for what, array in theirs.items():
+        size = np.abs(array).max(initial=0.0)
+        yield compared(what, against, ours[what], array, size, _LIMIT)
