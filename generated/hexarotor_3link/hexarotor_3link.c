@@ -425,6 +425,8 @@ int hexarotor_3link_init_constants(
     const real link3_section_inertia_xx = parameters[13];
     const real link3_section_inertia_yy = parameters[14];
     const real link3_section_inertia_zz = parameters[15];
+
+    /* second moments of base_arm */
     const real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
     const real k2 = base_arm_section_inertia_xx - k1;
     const real k3 = base_arm_section_inertia_yy - k2;
@@ -446,6 +448,8 @@ int hexarotor_3link_init_constants(
     const real k18 = base_arm_section_inertia_yy + k15;
     const real k19 = k17 + k18;
     const real k20 = R(0.5) * k19;
+
+    /* second moments of link2 */
     const real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
     const real k22 = link2_section_inertia_xx - k21;
     const real k23 = link2_section_inertia_yy - k22;
@@ -467,6 +471,8 @@ int hexarotor_3link_init_constants(
     const real k38 = link2_section_inertia_yy + k35;
     const real k39 = k37 + k38;
     const real k40 = R(0.5) * k39;
+
+    /* second moments of link3 */
     const real k41 = link3_section_inertia_xx - link3_section_inertia_yy;
     const real k42 = link3_section_inertia_xx - k41;
     const real k43 = link3_section_inertia_yy - k42;
@@ -488,6 +494,8 @@ int hexarotor_3link_init_constants(
     const real k58 = link3_section_inertia_yy + k55;
     const real k59 = k57 + k58;
     const real k60 = R(0.5) * k59;
+
+    /* inertia of the base, about the origin */
     const real k61 = R(6.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
     const real k62 = R(3.0) * k8;
     const real k63 = R(3.0) * k14;
@@ -497,22 +505,30 @@ int hexarotor_3link_init_constants(
     const real k66 = k62 + k63;
     const real k67 = R(6.0) * k20;
     const real k68 = R(6.0) * base_arm_length * base_arm_mass_per_length;
+
+    /* inertias of the links */
     const real k69 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
     const real k70 = link2_length * link2_mass_per_length;
     const real k71 = R(0.5) * link3_length * link3_length * link3_mass_per_length;
     const real k72 = link3_length * link3_mass_per_length;
+
+    /* inertia of link 2, with that of link 3 which joint 9 does not move */
     const real k73 = link2_length * k72;
     const real k74 = link2_length * k73;
     const real k75 = k70 + k72;
     const real k76 = k69 + k73;
     const real k77 = k28 + k74;
     const real k78 = k40 + k60;
+
+    /* inertia of the base, with that of link 1 which joint 7 does not move */
     const real k79 = base_arm_length * k75;
     const real k80 = R(2.0) * base_arm_length;
     const real k81 = base_arm_length * k79;
     const real k82 = k68 + k75;
     const real k83 = k61 + k79;
     const real k84 = k65 + k81;
+
+    /* constant terms and factors of the functions */
     const real k85 = k48 - k54;
     const real k86 = k34 - k77;
     const real k87 = k66 - k84;
@@ -524,7 +540,11 @@ int hexarotor_3link_init_constants(
     const real k93 = R(0.8660254037844386) * k90;
     const real k94 = k92 - k93;
     const real k95 = base_arm_length + k89;
+
+    /* inertia of base arm 1, about the origin */
     const real k96 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+
+    /* constant terms and factors of the functions */
     const real k97 = R(0.5) * k96;
     const real k98 = R(0.8660254037844386) * k96;
     const real k99 = k8 - k14;
@@ -665,6 +685,8 @@ static INLINE void mass_matrix_and_residual_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -738,6 +760,8 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[78 * stride] = R(0.0);
     mass_matrix[79 * stride] = R(0.0);
     mass_matrix[80 * stride] = k82;
+
+    /* motion of the base */
     const real t15 = s1 * gravity;
     const real t16 = c1 * gravity;
     const real t17 = v_theta_m1 * s2;
@@ -754,6 +778,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t28 = t22 - R(2.0) * t25 * t18;
     const real t29 = t18 * t18 + t26;
     const real t30 = t24 - R(2.0) * t25 * v_theta_0;
+
+    /* motion of link 1 */
     const real t31 = c3 * t27;
     const real t32 = c3 * t23 - s3 * t29;
     const real t33 = c3 * t28 + s3 * t30;
@@ -775,6 +801,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t49 = t19 - t41 * t42;
     const real t50 = s4 * t39 + t37 * t42 - c4 * t38;
     const real t51 = t43 + t47;
+
+    /* motion of link 2 */
     const real t52 = v_theta_8 - t42;
     const real t53 = t52 * t52;
     const real t54 = t40 + t53;
@@ -783,6 +811,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t57 = t46 + t53;
     const real t58 = R(2.0) * t37;
     const real t59 = t50 + t52 * t58;
+
+    /* motion of link 3 */
     const real t60 = s5 * t51 - c5 * t54;
     const real t61 = c5 * t48 + s5 * t57;
     const real t62 = s5 * t59 - c5 * t56;
@@ -793,6 +823,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t67 = t49 - t55 * t64;
     const real t68 = t46 + t65;
     const real t69 = t50 + t58 * t64;
+
+    /* inertia of link 3, turned by the joints */
     const real t70 = k71 * c6;
     const real t71 = k71 * s6;
     const real t72 = s6 * k85;
@@ -800,6 +832,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t74 = k48 - t73;
     const real t75 = k54 + t73;
     const real t76 = c6 * t72;
+
+    /* inertia forces of link 3, about joint 9 */
     const real t77 = t63 * t71 + t67 * t76 - t69 * t75;
     const real t78 = t63 * t70 + t67 * t74 - t69 * t76;
     const real t79 = (t36 - link2_length * t61) * t70;
@@ -810,8 +844,12 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t83 = k71 * (s6 * t51 - c6 * t66);
     const real t84 = k71 * (c6 * t48 + s6 * t68);
     const real t85 = k71 * (s6 * t69 - c6 * t67);
+
+    /* step from link 2 to link 3 */
     const real t86 = link2_length * c5;
     const real t87 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
     const real t88 = c5 * k76;
     const real t89 = s5 * k76;
     const real t90 = s5 * k86;
@@ -819,6 +857,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t92 = k77 + t91;
     const real t93 = k34 - t91;
     const real t94 = c5 * t90;
+
+    /* inertia forces of links 2 and 3, about joint 8 */
     const real t95 = t56 * t94 + t59 * t93 - t45 * t89;
     const real t96 = t45 * t88 + t56 * t92 + t59 * t94;
     const real t97 = t36 * t88;
@@ -830,13 +870,19 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t103 = t85 + k76 * t62;
     const real t104 = t82 + t83 * t87 + t84 * t86 + t100;
     residual[4 * stride] = t104;
+
+    /* inertia forces of links 1 to 3, about joint 7 */
     const real t105 = t77 - t85 * t87 - t95 - k78 * t50;
     const real t106 = t78 + t96 + k78 * t49 - t85 * t86;
     residual[3 * stride] = -t106;
     const real t107 = c4 * t101 + s4 * t103;
     const real t108 = s4 * t101 - c4 * t103;
+
+    /* step from the base to link 1 */
     const real t109 = c3 * base_arm_length;
     const real t110 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t111 = c3 * k83;
     const real t112 = s3 * k83;
     const real t113 = s3 * k87;
@@ -844,6 +890,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t115 = k84 + t114;
     const real t116 = k66 - t114;
     const real t117 = c3 * t113;
+
+    /* inertia forces of the base and links 1 to 3 */
     const real t118 = t30 * t116;
     const real t119 = t20 * t112 + t28 * t117 - k67 * t24 - t118;
     const real t120 = t30 * t117;
@@ -858,6 +906,8 @@ static INLINE void mass_matrix_and_residual_lane(
     residual[1 * stride] = -t128;
     const real t129 = t106 + t108 * t109 + t123 - t107 * t110;
     residual[2 * stride] = -t129;
+
+    /* inertia forces on attitude and position */
     const real t130 = c2 * t126 + s2 * t124;
     const real t131 = c2 * t124 - s2 * t126;
     residual[6 * stride] = -t131;
@@ -867,11 +917,15 @@ static INLINE void mass_matrix_and_residual_lane(
     residual[7 * stride] = -t133;
     const real t134 = s1 * t125 + k88 - c1 * t130;
     residual[8 * stride] = -t134;
+
+    /* composite inertia of links 2 and 3, about joint 8 */
     const real t135 = t70 + t88;
     const real t136 = t71 + t89;
     const real t137 = t92 + t74 + R(2.0) * t70 * t86;
     const real t138 = t93 + t75 + R(2.0) * t71 * t87;
     const real t139 = t94 - t76 - t70 * t87 - t71 * t86;
+
+    /* composite inertia of links 1 to 3, about joint 7 */
     const real t140 = c4 * t135;
     const real t141 = s4 * t135;
     const real t142 = c4 * t139;
@@ -882,6 +936,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t145 = s4 * t144;
     const real t146 = t137 + t145;
     const real t147 = k78 - t145;
+
+    /* composite inertia of the base and links 1 to 3 */
     const real t148 = t142 - t109 * t136;
     const real t149 = t143 - t110 * t136;
     mass_matrix[11 * stride] = t149;
@@ -892,6 +948,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t153 = t116 + t147 + R(2.0) * t141 * t110;
     const real t154 = k67 + t138;
     const real t155 = t117 + c4 * t144 - t109 * t141 - t110 * t140;
+
+    /* mass matrix, columns of the joints carried in to joint 7 */
     const real t156 = t146 + t147;
     mass_matrix[30 * stride] = t156;
     const real t157 = t156 + t109 * t140 + t110 * t141;
@@ -920,6 +978,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t168 = t110 * t165 - t109 * t166;
     mass_matrix[23 * stride] = t168;
     mass_matrix[47 * stride] = t168;
+
+    /* mass matrix of attitude and position */
     const real t169 = t152 + t153;
     mass_matrix[20 * stride] = t169;
     const real t170 = s2 * t151;
@@ -959,6 +1019,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t184 = c1 * t177 + s1 * t151;
     mass_matrix[7 * stride] = -t184;
     mass_matrix[63 * stride] = -t184;
+
+    /* mass matrix between the joints and attitude and position */
     const real t185 = s2 * t141;
     const real t186 = c2 * t141;
     mass_matrix[33 * stride] = -t186;
@@ -1093,6 +1155,8 @@ static INLINE void mass_matrix_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -1156,26 +1220,40 @@ static INLINE void mass_matrix_lane(
     mass_matrix[78 * stride] = R(0.0);
     mass_matrix[79 * stride] = R(0.0);
     mass_matrix[80 * stride] = k82;
+
+    /* inertia of link 3, turned by the joints */
     const real t15 = k71 * c6;
     const real t16 = k71 * s6;
     const real t17 = s6 * k85;
     const real t18 = s6 * t17;
     const real t19 = k48 - t18;
     const real t20 = k54 + t18;
+
+    /* step from link 2 to link 3 */
     const real t21 = link2_length * c5;
     const real t22 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
     const real t23 = s5 * k86;
     const real t24 = s5 * t23;
+
+    /* step from the base to link 1 */
     const real t25 = c3 * base_arm_length;
     const real t26 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t27 = s3 * k87;
     const real t28 = s3 * t27;
+
+    /* composite inertia of links 2 and 3, about joint 8 */
     const real t29 = c6 * t17 + t15 * t22 + t16 * t21;
     const real t30 = t15 + c5 * k76;
     const real t31 = t16 + s5 * k76;
     const real t32 = k77 + t24 + t19 + R(2.0) * t15 * t21;
     const real t33 = k34 + t20 + R(2.0) * t16 * t22 - t24;
     const real t34 = c5 * t23 - t29;
+
+    /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30;
     const real t36 = s4 * t30;
     const real t37 = c4 * t34;
@@ -1186,6 +1264,8 @@ static INLINE void mass_matrix_lane(
     const real t40 = s4 * t39;
     const real t41 = t32 + t40;
     const real t42 = k78 - t40;
+
+    /* composite inertia of the base and links 1 to 3 */
     const real t43 = t25 * t36 + t26 * t35 - c4 * t39;
     const real t44 = t37 - t25 * t31;
     const real t45 = t38 - t26 * t31;
@@ -1196,6 +1276,8 @@ static INLINE void mass_matrix_lane(
     const real t48 = k84 + t28 + t41 + R(2.0) * t35 * t25;
     const real t49 = k66 + t42 + R(2.0) * t36 * t26 - t28;
     const real t50 = k67 + t33;
+
+    /* mass matrix, columns of the joints carried in to joint 7 */
     const real t51 = t41 + t42;
     mass_matrix[30 * stride] = t51;
     const real t52 = t51 + t25 * t35 + t26 * t36;
@@ -1224,6 +1306,8 @@ static INLINE void mass_matrix_lane(
     const real t63 = t26 * t60 - t25 * t61;
     mass_matrix[23 * stride] = t63;
     mass_matrix[47 * stride] = t63;
+
+    /* mass matrix of attitude and position */
     const real t64 = t48 + t49;
     mass_matrix[20 * stride] = t64;
     const real t65 = s2 * t47;
@@ -1263,6 +1347,8 @@ static INLINE void mass_matrix_lane(
     const real t79 = c1 * t72 + s1 * t47;
     mass_matrix[7 * stride] = -t79;
     mass_matrix[63 * stride] = -t79;
+
+    /* mass matrix between the joints and attitude and position */
     const real t80 = s2 * t36;
     const real t81 = c2 * t36;
     mass_matrix[33 * stride] = -t81;
@@ -1382,6 +1468,8 @@ static INLINE void residual_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -1438,6 +1526,8 @@ static INLINE void residual_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
     const real t15 = s1 * gravity;
     const real t16 = c1 * gravity;
     const real t17 = v_theta_m1 * s2;
@@ -1454,6 +1544,8 @@ static INLINE void residual_lane(
     const real t28 = t22 - R(2.0) * t25 * t18;
     const real t29 = t18 * t18 + t26;
     const real t30 = t24 - R(2.0) * t25 * v_theta_0;
+
+    /* motion of link 1 */
     const real t31 = c3 * t27;
     const real t32 = c3 * t23 - s3 * t29;
     const real t33 = c3 * t28 + s3 * t30;
@@ -1475,6 +1567,8 @@ static INLINE void residual_lane(
     const real t49 = t19 - t41 * t42;
     const real t50 = s4 * t39 + t37 * t42 - c4 * t38;
     const real t51 = t43 + t47;
+
+    /* motion of link 2 */
     const real t52 = v_theta_8 - t42;
     const real t53 = t52 * t52;
     const real t54 = t40 + t53;
@@ -1483,6 +1577,8 @@ static INLINE void residual_lane(
     const real t57 = t46 + t53;
     const real t58 = R(2.0) * t37;
     const real t59 = t50 + t52 * t58;
+
+    /* motion of link 3 */
     const real t60 = s5 * t51 - c5 * t54;
     const real t61 = c5 * t48 + s5 * t57;
     const real t62 = s5 * t59 - c5 * t56;
@@ -1493,6 +1589,8 @@ static INLINE void residual_lane(
     const real t67 = t49 - t55 * t64;
     const real t68 = t46 + t65;
     const real t69 = t50 + t58 * t64;
+
+    /* inertia of link 3, turned by the joints */
     const real t70 = k71 * c6;
     const real t71 = k71 * s6;
     const real t72 = s6 * k85;
@@ -1500,6 +1598,8 @@ static INLINE void residual_lane(
     const real t74 = k48 - t73;
     const real t75 = k54 + t73;
     const real t76 = c6 * t72;
+
+    /* inertia forces of link 3, about joint 9 */
     const real t77 = t63 * t71 + t67 * t76 - t69 * t75;
     const real t78 = t63 * t70 + t67 * t74 - t69 * t76;
     const real t79 = (t36 - link2_length * t61) * t70;
@@ -1510,8 +1610,12 @@ static INLINE void residual_lane(
     const real t83 = k71 * (s6 * t51 - c6 * t66);
     const real t84 = k71 * (c6 * t48 + s6 * t68);
     const real t85 = k71 * (s6 * t69 - c6 * t67);
+
+    /* step from link 2 to link 3 */
     const real t86 = link2_length * c5;
     const real t87 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
     const real t88 = c5 * k76;
     const real t89 = s5 * k76;
     const real t90 = s5 * k86;
@@ -1519,6 +1623,8 @@ static INLINE void residual_lane(
     const real t92 = k77 + t91;
     const real t93 = k34 - t91;
     const real t94 = c5 * t90;
+
+    /* inertia forces of links 2 and 3, about joint 8 */
     const real t95 = t56 * t94 + t59 * t93 - t45 * t89;
     const real t96 = t45 * t88 + t56 * t92 + t59 * t94;
     const real t97 = t36 * t88;
@@ -1530,19 +1636,27 @@ static INLINE void residual_lane(
     const real t103 = t85 + k76 * t62;
     const real t104 = t82 + t83 * t87 + t84 * t86 + t100;
     residual[4 * stride] = t104;
+
+    /* inertia forces of links 1 to 3, about joint 7 */
     const real t105 = t77 - t85 * t87 - t95 - k78 * t50;
     const real t106 = t78 + t96 + k78 * t49 - t85 * t86;
     residual[3 * stride] = -t106;
     const real t107 = c4 * t101 + s4 * t103;
     const real t108 = s4 * t101 - c4 * t103;
+
+    /* step from the base to link 1 */
     const real t109 = c3 * base_arm_length;
     const real t110 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t111 = c3 * k83;
     const real t112 = s3 * k83;
     const real t113 = s3 * k87;
     const real t114 = s3 * t113;
     const real t115 = k84 + t114;
     const real t116 = c3 * t113;
+
+    /* inertia forces of the base and links 1 to 3 */
     const real t117 = t30 * (k66 - t114);
     const real t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117;
     const real t119 = t30 * t116;
@@ -1557,6 +1671,8 @@ static INLINE void residual_lane(
     residual[1 * stride] = -t127;
     const real t128 = t106 + t108 * t109 + t122 - t107 * t110;
     residual[2 * stride] = -t128;
+
+    /* inertia forces on attitude and position */
     const real t129 = c2 * t125 + s2 * t123;
     const real t130 = c2 * t123 - s2 * t125;
     residual[6 * stride] = -t130;
@@ -1685,6 +1801,8 @@ static INLINE void input_matrix_lane(
     input_matrix[54 * stride] = s2;
     input_matrix[56 * stride] = s2;
     input_matrix[58 * stride] = s2;
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t7 = s1 * c2;
     input_matrix[63 * stride] = -t7;
     input_matrix[65 * stride] = -t7;
@@ -1693,6 +1811,8 @@ static INLINE void input_matrix_lane(
     input_matrix[72 * stride] = t8;
     input_matrix[74 * stride] = t8;
     input_matrix[76 * stride] = t8;
+
+    /* thrust direction and generalised forces of motor 2 */
     const real t9 = R(0.5) * s3;
     const real t10 = R(0.8660254037844386) * c3;
     const real t11 = t9 + t10;
@@ -1709,6 +1829,8 @@ static INLINE void input_matrix_lane(
     input_matrix[64 * stride] = t18;
     const real t19 = c1 * t15 + s1 * t14;
     input_matrix[73 * stride] = -t19;
+
+    /* thrust direction and generalised forces of motor 3 */
     const real t20 = s3 * k95;
     const real t21 = c3 * k90;
     const real t22 = s3 * k90;
@@ -1717,6 +1839,8 @@ static INLINE void input_matrix_lane(
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
     input_matrix[2 * stride] = t25;
+
+    /* thrust direction and generalised forces of motor 4 */
     const real t26 = s2 * s3;
     const real t27 = c2 * s3;
     input_matrix[57 * stride] = -t27;
@@ -1726,10 +1850,14 @@ static INLINE void input_matrix_lane(
     input_matrix[66 * stride] = t29;
     const real t30 = c1 * t26 + s1 * c3;
     input_matrix[75 * stride] = t30;
+
+    /* thrust direction and generalised forces of motor 5 */
     const real t31 = t22 - t23;
     input_matrix[13 * stride] = t31;
     const real t32 = c2 * (t20 + t21);
     input_matrix[4 * stride] = t32;
+
+    /* thrust direction and generalised forces of motor 6 */
     const real t33 = t9 - t10;
     const real t34 = t12 + t13;
     const real t35 = s2 * t33;
@@ -1826,6 +1954,8 @@ static INLINE void forward_dynamics_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -1895,6 +2025,8 @@ static INLINE void forward_dynamics_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
     const real t17 = v_theta_0 * t16;
@@ -1904,6 +2036,8 @@ static INLINE void forward_dynamics_lane(
     const real t21 = v_theta_0 * t20;
     const real t22 = t16 * t20;
     const real t23 = t20 * t20;
+
+    /* motion of link 1 */
     const real t24 = v_theta_7 + t20;
     const real t25 = t19 - v_theta_0 * t24;
     const real t26 = t18 - t16 * t24;
@@ -1917,6 +2051,8 @@ static INLINE void forward_dynamics_lane(
     const real t34 = t17 - t28 * t29;
     const real t35 = s4 * t26 + t24 * t29 - c4 * t25;
     const real t36 = t30 + t32;
+
+    /* motion of link 2 */
     const real t37 = v_theta_8 - t29;
     const real t38 = t37 * t37;
     const real t39 = t27 + t38;
@@ -1925,6 +2061,8 @@ static INLINE void forward_dynamics_lane(
     const real t42 = t31 + t38;
     const real t43 = R(2.0) * t24;
     const real t44 = t35 + t37 * t43;
+
+    /* motion of link 3 */
     const real t45 = s5 * t36 - c5 * t39;
     const real t46 = c5 * t33 + s5 * t42;
     const real t47 = s5 * t44 - c5 * t41;
@@ -1935,6 +2073,8 @@ static INLINE void forward_dynamics_lane(
     const real t52 = t34 - t40 * t49;
     const real t53 = t31 + t50;
     const real t54 = t35 + t43 * t49;
+
+    /* inertia of link 3, turned by the joints */
     const real t55 = k71 * c6;
     const real t56 = k71 * s6;
     const real t57 = s6 * k85;
@@ -1942,10 +2082,16 @@ static INLINE void forward_dynamics_lane(
     const real t59 = k48 - t58;
     const real t60 = k54 + t58;
     const real t61 = c6 * t57;
+
+    /* inertia forces of link 3, about joint 9 */
     const real t62 = t61 * (t51 - t53);
     const real t63 = k71 * (s6 * t54 - c6 * t52);
+
+    /* step from link 2 to link 3 */
     const real t64 = link2_length * c5;
     const real t65 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
     const real t66 = c5 * k76;
     const real t67 = s5 * k76;
     const real t68 = s5 * k86;
@@ -1953,18 +2099,26 @@ static INLINE void forward_dynamics_lane(
     const real t70 = k77 + t69;
     const real t71 = k34 - t69;
     const real t72 = c5 * t68;
+
+    /* composite inertia of links 2 and 3, about joint 8 */
     const real t73 = t55 + t66;
     const real t74 = t72 - t61 - t55 * t65 - t56 * t64;
+
+    /* force and moment of all thrusts */
     const real t75 = F_3 * k90 - F_5 * k90;
     const real t76 = F_1 * base_arm_length - F_3 * k89 - F_5 * k89;
     const real t77 = R(0.8660254037844386) * F_2 - R(0.8660254037844386) * F_6;
     const real t78 = F_4 - R(0.5) * F_2 - R(0.5) * F_6;
     const real t79 = F_2 * k113 + F_4 * base_arm_length + F_6 * k113;
+
+    /* articulated inertia and load of link 3, about joint 9 */
     const real t80 = t54 * t60 + t48 * t56 - t52 * t61;
     const real t81 = t54 * t61 + t48 * t55 - t52 * t59;
     const real t82 = link2_length * t45 * t56;
     const real t83 = link2_length * t46 * t55;
     const real t84 = t33 * t59 + t36 * t60 + t82 + t83 - t62;
+
+    /* equation of joint 9, its acceleration eliminated */
     const real t85 = R(1.0) / (t59 + t60);
     const real t86 = t85 * (tau_9 + t84);
     const real t87 = t56 * t85;
@@ -1974,6 +2128,8 @@ static INLINE void forward_dynamics_lane(
     const real t91 = t56 * t87;
     const real t92 = t55 * t88;
     const real t93 = t55 * t87;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
     const real t94 = t65 * t91 + t64 * t93;
     const real t95 = t65 * t93 + t64 * t92;
     const real t96 = t33 * t70 + t36 * t71 + t72 * (t39 - t42);
@@ -1981,6 +2137,8 @@ static INLINE void forward_dynamics_lane(
     const real t98 = t66 - t95;
     const real t99 = t63 * t65 + t80 + t41 * t72 + t44 * t71;
     const real t100 = t63 * t64 + t81 - t41 * t70 - t44 * t72;
+
+    /* equation of joint 8, its acceleration eliminated */
     const real t101 = R(1.0) / (t64 * t95 + t65 * t94 - t70 - t71);
     const real t102 = tau_8 + t64 * t90 + t65 * t89 + t96 - tau_9;
     const real t103 = t101 * t102;
@@ -1989,7 +2147,11 @@ static INLINE void forward_dynamics_lane(
     const real t106 = k76 * t45 + t89 + t97 * t103;
     const real t107 = k76 * t46 + t90 + t98 * t103;
     const real t108 = t93 - t98 * t104;
+
+    /* articulated inertia and load of links 1 to 3, about joint 7 */
     const real t109 = k78 + t71 + t60 + R(2.0) * t56 * t65;
+
+    /* equation of joint 7, its acceleration eliminated */
     const real t110 = R(1.0) / (k78 + t70 + t59 + R(2.0) * t55 * t64);
     const real t111 = t110 * (tau_7 + t100 - k78 * t34);
     const real t112 = t73 * t110;
@@ -1997,6 +2159,8 @@ static INLINE void forward_dynamics_lane(
     const real t114 = t63 + k76 * t47 - t73 * t111;
     const real t115 = k78 * t35 + t99 + t74 * t111;
     const real t116 = t56 + t67 + t74 * t112;
+
+    /* articulated inertia and load of the base and links 1 to 3 */
     const real t117 = c3 * t77 - s3 * t78;
     const real t118 = c3 * t78 + s3 * t77;
     const real t119 = k67 * t19 + k66 * (t19 - R(2.0) * t20 * v_theta_0);
@@ -2005,6 +2169,8 @@ static INLINE void forward_dynamics_lane(
     const real t122 = c3 * t76 - s3 * t75 - t120;
     const real t123 = F_5 + F_1 + F_3 + t107;
     const real t124 = t115 + c4 * t121 - s4 * t122;
+
+    /* acceleration of the base, by LDL^T */
     const real t125 = R(1.0) / (t109 + k114 - t74 * t113);
     const real t126 = t116 * t125;
     const real t127 = t114 + c4 * t118 - s4 * t117 - t124 * t126;
@@ -2019,17 +2185,27 @@ static INLINE void forward_dynamics_lane(
     const real t136 = t126 * t135 - t124 * t125;
     const real t137 = (tau_8 + s4 * t121 + c4 * t122) * k117;
     const real t138 = (tau_7 + R(2.0) * k66 * t17 - t79) * k116;
+
+    /* acceleration of joint 7 */
     const real t139 = t138 + t111 - t112 * t135 - t113 * t136;
     acceleration[3 * stride] = t139;
+
+    /* acceleration of joint 8 */
     const real t140 = t104 * t133 + t105 * t134 - t103;
     const real t141 = t137 + t140;
     acceleration[4 * stride] = t141;
+
+    /* acceleration of joint 9 */
     const real t142 = t88 * (t134 + t64 * t140);
     const real t143 = t140 + t87 * (t133 + t65 * t140) + t142 - t86;
     acceleration[5 * stride] = -t143;
+
+    /* acceleration of the base */
     const real t144 = c4 * t136 - s4 * t137;
     const real t145 = s4 * t136 + c4 * t137;
     acceleration[1 * stride] = t145;
+
+    /* acceleration of the origin, in world axes */
     const real t146 = t17 - t138;
     const real t147 = c3 * (v_theta_0 * v_theta_0 + t23) - s3 * (t17 - t146);
     const real t148 = s3 * (t16 * t16 + t23) - c3 * (t17 + t146);
@@ -2043,11 +2219,15 @@ static INLINE void forward_dynamics_lane(
     acceleration[6 * stride] = t155;
     const real t156 = c1 * t152 - s1 * t154;
     acceleration[7 * stride] = t156;
+
+    /* accelerations of the attitude angles */
     const real t157 = R(1.0) / c2;
     const real t158 = t144 * t157;
     acceleration[0 * stride] = t158;
     const real t159 = t138 + s2 * t158;
     acceleration[2 * stride] = -t159;
+
+    /* acceleration of the origin, in world axes */
     const real t160 = gravity - c1 * t154 - s1 * t152;
     acceleration[8 * stride] = -t160;
 }
@@ -2155,6 +2335,8 @@ static INLINE void inverse_dynamics_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -2221,6 +2403,8 @@ static INLINE void inverse_dynamics_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
     const real t17 = v_theta_0 * t15;
@@ -2229,22 +2413,30 @@ static INLINE void inverse_dynamics_lane(
     const real t20 = t19 * t19;
     const real t21 = v_theta_0 * v_theta_0 + t20;
     const real t22 = t16 * t16 + t20;
+
+    /* motion of link 1 */
     const real t23 = v_theta_7 + t19;
     const real t24 = t23 * t23;
     const real t25 = c4 * t16 + v_theta_0 * s4;
     const real t26 = v_theta_0 * c4 - s4 * t16;
     const real t27 = t25 * t25;
     const real t28 = t23 * t25;
+
+    /* motion of link 2 */
     const real t29 = v_theta_8 - t26;
     const real t30 = t29 * t29;
     const real t31 = t24 + t30;
     const real t32 = R(2.0) * t25;
     const real t33 = t27 + t30;
     const real t34 = R(2.0) * t23;
+
+    /* motion of link 3 */
     const real t35 = v_theta_9 + t29;
     const real t36 = t35 * t35;
     const real t37 = t24 + t36;
     const real t38 = t27 + t36;
+
+    /* inertia of link 3, turned by the joints */
     const real t39 = k71 * c6;
     const real t40 = k71 * s6;
     const real t41 = s6 * k85;
@@ -2252,9 +2444,15 @@ static INLINE void inverse_dynamics_lane(
     const real t43 = k48 - t42;
     const real t44 = k54 + t42;
     const real t45 = c6 * t41;
+
+    /* inertia forces of link 3, about joint 9 */
     const real t46 = t45 * (t37 - t38);
+
+    /* step from link 2 to link 3 */
     const real t47 = link2_length * c5;
     const real t48 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
     const real t49 = c5 * k76;
     const real t50 = s5 * k76;
     const real t51 = s5 * k86;
@@ -2262,9 +2460,15 @@ static INLINE void inverse_dynamics_lane(
     const real t53 = k77 + t52;
     const real t54 = k34 - t52;
     const real t55 = c5 * t51;
+
+    /* inertia forces of links 2 and 3, about joint 8 */
     const real t56 = t55 * (t31 - t33);
+
+    /* step from the base to link 1 */
     const real t57 = c3 * base_arm_length;
     const real t58 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t59 = c3 * k83;
     const real t60 = s3 * k83;
     const real t61 = s3 * k87;
@@ -2272,7 +2476,11 @@ static INLINE void inverse_dynamics_lane(
     const real t63 = k84 + t62;
     const real t64 = k66 - t62;
     const real t65 = c3 * t61;
+
+    /* inertia forces of the base and links 1 to 3 */
     const real t66 = t65 * (t21 - t22);
+
+    /* motion of the base */
     const real t67 = a_z + gravity;
     const real t68 = a_y * c1 + s1 * t67;
     const real t69 = c1 * t67 - a_y * s1;
@@ -2285,6 +2493,8 @@ static INLINE void inverse_dynamics_lane(
     const real t76 = R(2.0) * t19 * t16 - t72;
     const real t77 = t18 - t74;
     const real t78 = R(2.0) * t19 * v_theta_0 - t73;
+
+    /* motion of link 1 */
     const real t79 = c3 * t21 - s3 * t77;
     const real t80 = s3 * t22 - c3 * t75;
     const real t81 = c3 * t76 + s3 * t78;
@@ -2297,11 +2507,15 @@ static INLINE void inverse_dynamics_lane(
     const real t88 = c4 * t83 - s4 * t82;
     const real t89 = t25 * t26 - a_theta_7 - t74;
     const real t90 = t23 * t26 + c4 * t85 - s4 * t86;
+
+    /* motion of link 2 */
     const real t91 = a_theta_8 + s4 * t85 + c4 * t86;
     const real t92 = t28 + t91;
     const real t93 = t29 * t32 + t89;
     const real t94 = t28 - t91;
     const real t95 = t29 * t34 + t90;
+
+    /* motion of link 3 */
     const real t96 = c5 * t31 - s5 * t94;
     const real t97 = s5 * t33 - c5 * t92;
     const real t98 = c5 * t93 + s5 * t95;
@@ -2311,6 +2525,8 @@ static INLINE void inverse_dynamics_lane(
     const real t102 = t32 * t35 + t89;
     const real t103 = t28 - t100;
     const real t104 = t34 * t35 + t90;
+
+    /* inertia forces of link 3, about joint 9 */
     const real t105 = t45 * t102 + t44 * t104 - t40 * t99;
     const real t106 = t43 * t102 + t45 * t104 - t39 * t99;
     const real t107 = t39 * (t84 - link2_length * t97);
@@ -2320,6 +2536,8 @@ static INLINE void inverse_dynamics_lane(
     const real t110 = k71 * (c6 * t37 - s6 * t103);
     const real t111 = k71 * (s6 * t38 - c6 * t101);
     const real t112 = k71 * (c6 * t102 + s6 * t104);
+
+    /* inertia forces of links 2 and 3, about joint 8 */
     const real t113 = t50 * t88 + t55 * t93 - t54 * t95;
     const real t114 = t49 * t88 + t55 * t95 - t53 * t93;
     const real t115 = t49 * t84;
@@ -2330,11 +2548,15 @@ static INLINE void inverse_dynamics_lane(
     const real t120 = t112 + k76 * t98;
     const real t121 = t109 + t48 * t110 - t47 * t111 - t117;
     force[4 * stride] = t121;
+
+    /* inertia forces of links 1 to 3, about joint 7 */
     const real t122 = t105 + t48 * t112 + k78 * t90 - t113;
     const real t123 = t106 + t47 * t112 + k78 * t89 - t114;
     force[3 * stride] = -t123;
     const real t124 = s4 * t120 - c4 * t118;
     const real t125 = s4 * t118 + c4 * t120;
+
+    /* inertia forces of the base and links 1 to 3 */
     const real t126 = t65 * t76;
     const real t127 = t60 * t70 + t64 * t78 - k67 * t73 - t126;
     const real t128 = t63 * t76;
@@ -2350,6 +2572,8 @@ static INLINE void inverse_dynamics_lane(
     force[1 * stride] = t137;
     const real t138 = t123 + t58 * t124 + t57 * t125 + t132;
     force[2 * stride] = -t138;
+
+    /* inertia forces on attitude and position */
     const real t139 = s2 * t133 + c2 * t135;
     const real t140 = c2 * t136 - s2 * t138;
     force[0 * stride] = t140;
@@ -2460,6 +2684,8 @@ static INLINE void hybrid_mass_matrix_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -2544,26 +2770,40 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[309 * stride] = R(1.0);
     mass_matrix[329 * stride] = R(1.0);
     mass_matrix[349 * stride] = R(1.0);
+
+    /* inertia of link 3, turned by the joints */
     const real t15 = k71 * c6;
     const real t16 = k71 * s6;
     const real t17 = s6 * k85;
     const real t18 = s6 * t17;
     const real t19 = k48 - t18;
     const real t20 = k54 + t18;
+
+    /* step from link 2 to link 3 */
     const real t21 = link2_length * c5;
     const real t22 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
     const real t23 = s5 * k86;
     const real t24 = s5 * t23;
+
+    /* step from the base to link 1 */
     const real t25 = c3 * base_arm_length;
     const real t26 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t27 = s3 * k87;
     const real t28 = s3 * t27;
+
+    /* composite inertia of links 2 and 3, about joint 8 */
     const real t29 = c6 * t17 + t15 * t22 + t16 * t21;
     const real t30 = t15 + c5 * k76;
     const real t31 = t16 + s5 * k76;
     const real t32 = k77 + t24 + t19 + R(2.0) * t15 * t21;
     const real t33 = k34 + t20 + R(2.0) * t16 * t22 - t24;
     const real t34 = c5 * t23 - t29;
+
+    /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30;
     const real t36 = s4 * t30;
     const real t37 = c4 * t34;
@@ -2574,6 +2814,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t40 = s4 * t39;
     const real t41 = t32 + t40;
     const real t42 = k78 - t40;
+
+    /* composite inertia of the base and links 1 to 3 */
     const real t43 = t25 * t36 + t26 * t35 - c4 * t39;
     const real t44 = t37 - t25 * t31;
     const real t45 = t38 - t26 * t31;
@@ -2584,6 +2826,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t48 = k84 + t28 + t41 + R(2.0) * t35 * t25;
     const real t49 = k66 + t42 + R(2.0) * t36 * t26 - t28;
     const real t50 = k67 + t33;
+
+    /* mass matrix, columns of the joints carried in to joint 7 */
     const real t51 = t41 + t42;
     mass_matrix[160 * stride] = t51;
     const real t52 = t51 + t25 * t35 + t26 * t36;
@@ -2612,6 +2856,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t63 = t26 * t60 - t25 * t61;
     mass_matrix[48 * stride] = t63;
     mass_matrix[192 * stride] = t63;
+
+    /* mass matrix of attitude and position */
     const real t64 = t48 + t49;
     mass_matrix[40 * stride] = t64;
     const real t65 = s2 * t47;
@@ -2651,6 +2897,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t79 = c1 * t72 + s1 * t47;
     mass_matrix[12 * stride] = -t79;
     mass_matrix[228 * stride] = -t79;
+
+    /* mass matrix between the joints and attitude and position */
     const real t80 = s2 * t36;
     const real t81 = c2 * t36;
     mass_matrix[163 * stride] = -t81;
@@ -2690,12 +2938,18 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t94 = c1 * t90 - s1 * t61;
     mass_matrix[203 * stride] = t94;
     mass_matrix[257 * stride] = t94;
+
+    /* composite inertia of the base and base arm 2 */
     const real t95 = s3 * k98;
     const real t96 = c3 * k98;
+
+    /* mass matrix, columns of the joints carried in to joint 2 */
     const real t97 = s3 * k97;
     const real t98 = t96 + t97;
     const real t99 = c3 * k97;
     const real t100 = t95 - t99;
+
+    /* mass matrix, column of joint 2 */
     const real t101 = s2 * t98;
     const real t102 = c2 * t98;
     mass_matrix[68 * stride] = t102;
@@ -2717,8 +2971,12 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[127 * stride] = -t105;
     mass_matrix[250 * stride] = t105;
     mass_matrix[253 * stride] = -t105;
+
+    /* mass matrix, columns of the joints carried in to joint 3 */
     const real t106 = t96 - t97;
     const real t107 = t95 + t99;
+
+    /* mass matrix, column of joint 3 */
     const real t108 = s2 * t106;
     const real t109 = c2 * t106;
     mass_matrix[87 * stride] = t109;
@@ -2740,8 +2998,12 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[146 * stride] = -t112;
     mass_matrix[251 * stride] = t112;
     mass_matrix[254 * stride] = -t112;
+
+    /* mass matrix, columns of the joints carried in to joint 4 */
     const real t113 = s3 * k96;
     const real t114 = c3 * k96;
+
+    /* mass matrix, column of joint 4 */
     const real t115 = s2 * t113;
     const real t116 = c2 * t113;
     mass_matrix[106 * stride] = -t116;
@@ -2841,6 +3103,8 @@ static INLINE void hybrid_residual_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -2910,6 +3174,8 @@ static INLINE void hybrid_residual_lane(
     residual[16 * stride] = R(0.0);
     residual[17 * stride] = R(0.0);
     residual[18 * stride] = R(0.0);
+
+    /* motion of the base */
     const real t15 = s1 * gravity;
     const real t16 = c1 * gravity;
     const real t17 = v_theta_m1 * s2;
@@ -2926,6 +3192,8 @@ static INLINE void hybrid_residual_lane(
     const real t28 = t22 - R(2.0) * t25 * t18;
     const real t29 = t18 * t18 + t26;
     const real t30 = t24 - R(2.0) * t25 * v_theta_0;
+
+    /* motion of link 1 */
     const real t31 = c3 * t27;
     const real t32 = c3 * t23 - s3 * t29;
     const real t33 = c3 * t28 + s3 * t30;
@@ -2947,6 +3215,8 @@ static INLINE void hybrid_residual_lane(
     const real t49 = t19 - t41 * t42;
     const real t50 = s4 * t39 + t37 * t42 - c4 * t38;
     const real t51 = t43 + t47;
+
+    /* motion of link 2 */
     const real t52 = v_theta_8 - t42;
     const real t53 = t52 * t52;
     const real t54 = t40 + t53;
@@ -2955,6 +3225,8 @@ static INLINE void hybrid_residual_lane(
     const real t57 = t46 + t53;
     const real t58 = R(2.0) * t37;
     const real t59 = t50 + t52 * t58;
+
+    /* motion of link 3 */
     const real t60 = s5 * t51 - c5 * t54;
     const real t61 = c5 * t48 + s5 * t57;
     const real t62 = s5 * t59 - c5 * t56;
@@ -2965,6 +3237,8 @@ static INLINE void hybrid_residual_lane(
     const real t67 = t49 - t55 * t64;
     const real t68 = t46 + t65;
     const real t69 = t50 + t58 * t64;
+
+    /* inertia of link 3, turned by the joints */
     const real t70 = k71 * c6;
     const real t71 = k71 * s6;
     const real t72 = s6 * k85;
@@ -2972,6 +3246,8 @@ static INLINE void hybrid_residual_lane(
     const real t74 = k48 - t73;
     const real t75 = k54 + t73;
     const real t76 = c6 * t72;
+
+    /* inertia forces of link 3, about joint 9 */
     const real t77 = t63 * t71 + t67 * t76 - t69 * t75;
     const real t78 = t63 * t70 + t67 * t74 - t69 * t76;
     const real t79 = (t36 - link2_length * t61) * t70;
@@ -2982,8 +3258,12 @@ static INLINE void hybrid_residual_lane(
     const real t83 = k71 * (s6 * t51 - c6 * t66);
     const real t84 = k71 * (c6 * t48 + s6 * t68);
     const real t85 = k71 * (s6 * t69 - c6 * t67);
+
+    /* step from link 2 to link 3 */
     const real t86 = link2_length * c5;
     const real t87 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
     const real t88 = c5 * k76;
     const real t89 = s5 * k76;
     const real t90 = s5 * k86;
@@ -2991,6 +3271,8 @@ static INLINE void hybrid_residual_lane(
     const real t92 = k77 + t91;
     const real t93 = k34 - t91;
     const real t94 = c5 * t90;
+
+    /* inertia forces of links 2 and 3, about joint 8 */
     const real t95 = t56 * t94 + t59 * t93 - t45 * t89;
     const real t96 = t45 * t88 + t56 * t92 + t59 * t94;
     const real t97 = t36 * t88;
@@ -3002,19 +3284,27 @@ static INLINE void hybrid_residual_lane(
     const real t103 = t85 + k76 * t62;
     const real t104 = t82 + t83 * t87 + t84 * t86 + t100;
     residual[9 * stride] = t104;
+
+    /* inertia forces of links 1 to 3, about joint 7 */
     const real t105 = t77 - t85 * t87 - t95 - k78 * t50;
     const real t106 = t78 + t96 + k78 * t49 - t85 * t86;
     residual[8 * stride] = -t106;
     const real t107 = c4 * t101 + s4 * t103;
     const real t108 = s4 * t101 - c4 * t103;
+
+    /* step from the base to link 1 */
     const real t109 = c3 * base_arm_length;
     const real t110 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t111 = c3 * k83;
     const real t112 = s3 * k83;
     const real t113 = s3 * k87;
     const real t114 = s3 * t113;
     const real t115 = k84 + t114;
     const real t116 = c3 * t113;
+
+    /* inertia forces of the base and links 1 to 3 */
     const real t117 = t30 * (k66 - t114);
     const real t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117;
     const real t119 = t30 * t116;
@@ -3029,6 +3319,8 @@ static INLINE void hybrid_residual_lane(
     residual[1 * stride] = -t127;
     const real t128 = t106 + t108 * t109 + t122 - t107 * t110;
     residual[2 * stride] = -t128;
+
+    /* inertia forces on attitude and position */
     const real t129 = c2 * t125 + s2 * t123;
     const real t130 = c2 * t123 - s2 * t125;
     residual[11 * stride] = -t130;
@@ -3038,13 +3330,19 @@ static INLINE void hybrid_residual_lane(
     residual[12 * stride] = -t132;
     const real t133 = s1 * t124 + k88 - c1 * t129;
     residual[13 * stride] = -t133;
+
+    /* motion of the base */
     const real t134 = c3 * t18 + v_theta_0 * s3;
     const real t135 = v_theta_0 * c3 - s3 * t18;
     const real t136 = t134 * t135;
     const real t137 = t26 + t135 * t135;
     const real t138 = t19 + t136;
     const real t139 = t19 - t136;
+
+    /* motion of base arm 2 */
     const real t140 = s3 * t21 + c3 * t15 + base_arm_length * t138;
+
+    /* inertia forces of base arm 2, about joint 2 */
     const real t141 = k98 * (s3 * t15 - c3 * t21 - base_arm_length * t137);
     const real t142 = k102 * t138;
     const real t143 = k103 * t139;
@@ -3052,12 +3350,20 @@ static INLINE void hybrid_residual_lane(
     const real t145 = k97 * t140;
     const real t146 = t141 + t142 + t143 + t144 - t145;
     residual[3 * stride] = -t146;
+
+    /* inertia forces of base arm 3, about joint 3 */
     const real t147 = t141 + t142 + t143 + t145 - t144;
     residual[4 * stride] = -t147;
+
+    /* inertia forces of base arm 4, about joint 4 */
     const real t148 = k8 * t138 + k14 * t139 + k96 * t140;
     residual[5 * stride] = -t148;
+
+    /* inertia forces of base arm 5, about joint 5 */
     const real t149 = t142 + t143 + t144 + t145 - t141;
     residual[6 * stride] = -t149;
+
+    /* inertia forces of base arm 6, about joint 6 */
     const real t150 = t141 + t144 + t145 - t142 - t143;
     residual[7 * stride] = t150;
 }
@@ -3183,6 +3489,8 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[99 * stride] = s2;
     input_matrix[101 * stride] = s2;
     input_matrix[103 * stride] = s2;
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t7 = s1 * c2;
     input_matrix[108 * stride] = -t7;
     input_matrix[110 * stride] = -t7;
@@ -3191,6 +3499,8 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[117 * stride] = t8;
     input_matrix[119 * stride] = t8;
     input_matrix[121 * stride] = t8;
+
+    /* thrust direction and generalised forces of motor 2 */
     const real t9 = R(0.5) * s3;
     const real t10 = R(0.8660254037844386) * c3;
     const real t11 = t9 + t10;
@@ -3207,6 +3517,8 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[109 * stride] = t18;
     const real t19 = c1 * t15 + s1 * t14;
     input_matrix[118 * stride] = -t19;
+
+    /* thrust direction and generalised forces of motor 3 */
     const real t20 = s3 * k95;
     const real t21 = c3 * k90;
     const real t22 = s3 * k90;
@@ -3215,6 +3527,8 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
     input_matrix[2 * stride] = t25;
+
+    /* thrust direction and generalised forces of motor 4 */
     const real t26 = s2 * s3;
     const real t27 = c2 * s3;
     input_matrix[102 * stride] = -t27;
@@ -3224,10 +3538,14 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[111 * stride] = t29;
     const real t30 = c1 * t26 + s1 * c3;
     input_matrix[120 * stride] = t30;
+
+    /* thrust direction and generalised forces of motor 5 */
     const real t31 = t22 - t23;
     input_matrix[13 * stride] = t31;
     const real t32 = c2 * (t20 + t21);
     input_matrix[4 * stride] = t32;
+
+    /* thrust direction and generalised forces of motor 6 */
     const real t33 = t9 - t10;
     const real t34 = t12 + t13;
     const real t35 = s2 * t33;
@@ -3367,6 +3685,8 @@ static INLINE void constraint_torques_lane(
     const real c2 = cosine[1 * stride];
     const real s3 = sine[2 * stride];
     const real c3 = cosine[2 * stride];
+
+    /* motion of the base */
     const real t7 = v_theta_m1 * c2;
     const real t8 = v_theta_1 + v_theta_m1 * s2;
     const real t9 = t8 * t8;
@@ -3374,27 +3694,47 @@ static INLINE void constraint_torques_lane(
     const real t11 = v_theta_0 * c3 - s3 * t7;
     const real t12 = t10 * t11;
     const real t13 = t9 + t11 * t11;
+
+    /* inertia forces of base arm 2, about joint 2 */
     const real t14 = k104 * (t13 - t9 - t10 * t10);
+
+    /* motion of the base */
     const real t15 = a_z + gravity;
     const real t16 = a_y * c1 + s1 * t15;
     const real t17 = a_x * c2 - s2 * (c1 * t15 - a_y * s1);
     const real t18 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2;
     const real t19 = t12 + t18;
     const real t20 = t12 - t18;
+
+    /* motion of base arm 2 */
     const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
+
+    /* inertia forces of base arm 2, about joint 2 */
     const real t22 = k102 * t19;
     const real t23 = k97 * t21;
     const real t24 = k98 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
     const real t25 = k103 * t20;
+
+    /* constraint torque on base arm 2 */
     const real t26 = t23 + t24 + t25 + F_2 * base_arm_length - t14 - t22;
     torque[0 * stride] = -t26;
+
+    /* inertia forces of base arm 3, about joint 3 */
     const real t27 = t14 + t24 + t25 - t22 - t23;
     torque[1 * stride] = -t27;
+
+    /* inertia forces of base arm 4, about joint 4 */
     const real t28 = k8 * t19 + k96 * t21 - k14 * t20;
+
+    /* constraint torque on base arm 4 */
     const real t29 = F_4 * base_arm_length - t28;
     torque[2 * stride] = -t29;
+
+    /* inertia forces of base arm 5, about joint 5 */
     const real t30 = t14 + t22 + t23 + t24 - t25;
     torque[3 * stride] = t30;
+
+    /* constraint torque on base arm 6 */
     const real t31 = t14 + t23 + t25 + F_6 * base_arm_length - t22 - t24;
     torque[4 * stride] = -t31;
 }
@@ -3512,6 +3852,8 @@ static INLINE void gibbs_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -3580,6 +3922,8 @@ static INLINE void gibbs_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
     const real t17 = v_theta_0 * t15;
@@ -3588,15 +3932,23 @@ static INLINE void gibbs_lane(
     const real t20 = v_theta_0 * t19;
     const real t21 = t16 * t19;
     const real t22 = t19 * t19;
+
+    /* motion of link 1 */
     const real t23 = v_theta_7 + t19;
     const real t24 = c4 * t16 + v_theta_0 * s4;
     const real t25 = v_theta_0 * c4 - s4 * t16;
     const real t26 = t24 * t25;
     const real t27 = t23 * t24;
     const real t28 = t23 * t25;
+
+    /* motion of link 2 */
     const real t29 = v_theta_8 - t25;
     const real t30 = t29 * t29;
+
+    /* motion of link 3 */
     const real t31 = v_theta_9 + t29;
+
+    /* inertia of link 3, turned by the joints */
     const real t32 = k71 * c6;
     const real t33 = k71 * s6;
     const real t34 = s6 * k85;
@@ -3604,6 +3956,8 @@ static INLINE void gibbs_lane(
     const real t36 = k48 - t35;
     const real t37 = k54 + t35;
     const real t38 = c6 * t34;
+
+    /* inertia of link 2, turned by the joints */
     const real t39 = c5 * k76;
     const real t40 = s5 * k76;
     const real t41 = s5 * k86;
@@ -3611,6 +3965,8 @@ static INLINE void gibbs_lane(
     const real t43 = k77 + t42;
     const real t44 = k34 - t42;
     const real t45 = c5 * t41;
+
+    /* inertia of the base, turned by the joints */
     const real t46 = c3 * k83;
     const real t47 = s3 * k83;
     const real t48 = s3 * k87;
@@ -3618,6 +3974,8 @@ static INLINE void gibbs_lane(
     const real t50 = k84 + t49;
     const real t51 = k66 - t49;
     const real t52 = c3 * t48;
+
+    /* motion of the base */
     const real t53 = a_z + gravity;
     const real t54 = a_y * c1 + s1 * t53;
     const real t55 = c1 * t53 - a_y * s1;
@@ -3628,6 +3986,8 @@ static INLINE void gibbs_lane(
     const real t60 = a_theta_1 + t18 + a_theta_m1 * s2;
     const real t61 = t20 - t59;
     const real t62 = t21 - t58;
+
+    /* motion of link 1 */
     const real t63 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t60);
     const real t64 = s3 * (t16 * t16 + t22) - c3 * (t18 + t60);
     const real t65 = s3 * (R(2.0) * t19 * v_theta_0 - t59);
@@ -3643,9 +4003,13 @@ static INLINE void gibbs_lane(
     const real t75 = c4 * t68 - s4 * t67;
     const real t76 = t26 - t70;
     const real t77 = t28 + t73;
+
+    /* motion of link 2 */
     const real t78 = a_theta_8 + s4 * t71 + c4 * t72;
     const real t79 = t23 * t29 + t77;
     const real t80 = t24 * t29 + t76;
+
+    /* motion of link 3 */
     const real t81 = c5 * (t23 * t23 + t30) - s5 * (t27 - t78);
     const real t82 = s5 * (t24 * t24 + t30) - c5 * (t27 + t78);
     const real t83 = s5 * (R(2.0) * t29 * t23 + t77);
@@ -3656,6 +4020,8 @@ static INLINE void gibbs_lane(
     const real t88 = a_theta_9 + t78;
     const real t89 = t23 * t31 + t77;
     const real t90 = t24 * t31 + t76;
+
+    /* Gibbs function of the base */
     const real t91 = t61 * t61 * k118;
     const real t92 = k118 * t62 * t62;
     const real t93 = t54 * t54 * k119;
@@ -3696,10 +4062,14 @@ static INLINE void gibbs_lane(
     const real t128 = t91 + t92 + t93 + t94 + t95 + t96 + t97 + t98 + t99 + t100 + t101 + t102 +
         t104 + t114 + t115 + t116 + t118 + t119 + t120 + t122 - t105 - t106 - t107 - t108 - t110 -
         t112 - t113 - t123 - t124 - t125 - t126 - t127;
+
+    /* Gibbs function of link 1 */
     const real t129 = k120 * t73 * t73;
     const real t130 = k78 * t28 * t73;
     const real t131 = k78 * t26 * t70;
     const real t132 = t70 * t70 * k120 + t129 + t130 - t131;
+
+    /* Gibbs function of link 2 */
     const real t133 = R(0.5) * t78 * t43 * t78;
     const real t134 = R(0.5) * t80 * t43 * t80;
     const real t135 = R(0.5) * t78 * t44 * t78;
@@ -3733,6 +4103,8 @@ static INLINE void gibbs_lane(
     const real t163 = t140 + t141 + t142 + t144 + t145 + t146 + t147 + t149 + t150 + t158 + t159 +
         t160 + t161 + t162 - t133 - t134 - t135 - t136 - t137 - t139 - t151 - t153 - t154 - t156 -
         t157;
+
+    /* Gibbs function of link 3 */
     const real t164 = R(0.5) * t88 * t36 * t88;
     const real t165 = R(0.5) * t90 * t36 * t90;
     const real t166 = R(0.5) * t88 * t37 * t88;
@@ -3766,6 +4138,8 @@ static INLINE void gibbs_lane(
     const real t194 = t164 + t165 + t166 + t167 + t168 + t170 + t171 + t183 + t184 + t185 + t187 +
         t188 + t189 + t190 - t172 - t174 - t175 - t176 - t177 - t178 - t179 - t181 - t191 - t192 -
         t193;
+
+    /* sum over the links */
     const real t195 = t128 + t132 + t194 - t163;
     value[0 * stride] = t195;
 }
@@ -3870,6 +4244,8 @@ static INLINE void kinetic_energy_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -3928,40 +4304,62 @@ static INLINE void kinetic_energy_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
     const real t15 = v_theta_m1 * c2;
     const real t16 = v_theta_1 + v_theta_m1 * s2;
+
+    /* motion of link 1 */
     const real t17 = v_theta_7 + t16;
     const real t18 = c4 * t15 + v_theta_0 * s4;
+
+    /* motion of link 2 */
     const real t19 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
+
+    /* motion of link 3 */
     const real t20 = v_theta_9 + t19;
+
+    /* inertia of link 3, turned by the joints */
     const real t21 = k71 * c6;
     const real t22 = k71 * s6;
     const real t23 = s6 * k85;
     const real t24 = s6 * t23;
     const real t25 = k48 - t24;
     const real t26 = k54 + t24;
+
+    /* inertia of link 2, turned by the joints */
     const real t27 = c5 * k76;
     const real t28 = s5 * k76;
     const real t29 = s5 * k86;
     const real t30 = s5 * t29;
     const real t31 = k77 + t30;
     const real t32 = k34 - t30;
+
+    /* inertia of the base, turned by the joints */
     const real t33 = c3 * k83;
     const real t34 = s3 * k83;
     const real t35 = s3 * k87;
     const real t36 = s3 * t35;
     const real t37 = k84 + t36;
     const real t38 = k66 - t36;
+
+    /* motion of the base */
     const real t39 = v_y * c1 + v_z * s1;
     const real t40 = v_z * c1 - v_y * s1;
     const real t41 = c2 * t40 + v_x * s2;
     const real t42 = v_x * c2 - s2 * t40;
+
+    /* motion of link 1 */
     const real t43 = t42 - base_arm_length * s3 * t16;
     const real t44 = t39 + base_arm_length * c3 * t16;
     const real t45 = t41 - base_arm_length * (v_theta_0 * c3 - s3 * t15);
     const real t46 = c4 * t43 + s4 * t44;
     const real t47 = c4 * t44 - s4 * t43;
+
+    /* motion of link 3 */
     const real t48 = t47 - link2_length * (s5 * t18 - c5 * t17);
+
+    /* Gibbs function of the base */
     const real t49 = t15 * t15 * k118;
     const real t50 = v_theta_0 * v_theta_0 * k118;
     const real t51 = k119 * t39 * t39;
@@ -3978,7 +4376,11 @@ static INLINE void kinetic_energy_lane(
     const real t62 = v_theta_0 * t33 * t41;
     const real t63 = t49 + t50 + t51 + t52 + t53 + t54 + t55 + t56 + t57 + t58 + t59 + t60 - t61 -
         t62;
+
+    /* Gibbs function of link 1 */
     const real t64 = t17 * t17 * k120 + t18 * t18 * k120;
+
+    /* Gibbs function of link 2 */
     const real t65 = R(0.5) * t17 * t17 * t31;
     const real t66 = R(0.5) * t19 * t19 * t31;
     const real t67 = R(0.5) * t18 * t18 * t32;
@@ -3989,6 +4391,8 @@ static INLINE void kinetic_energy_lane(
     const real t72 = t18 * t28 * t47;
     const real t73 = t19 * t28 * t46;
     const real t74 = t65 + t66 + t67 + t68 + t69 + t70 + t71 - t72 - t73;
+
+    /* Gibbs function of link 3 */
     const real t75 = R(0.5) * t17 * t17 * t25;
     const real t76 = R(0.5) * t20 * t20 * t25;
     const real t77 = R(0.5) * t18 * t18 * t26;
@@ -3999,6 +4403,8 @@ static INLINE void kinetic_energy_lane(
     const real t82 = t18 * t22 * t48;
     const real t83 = t20 * t22 * (t46 - link2_length * s5 * t19);
     const real t84 = t75 + t76 + t77 + t78 + t79 + t80 - t81 - t82 - t83;
+
+    /* sum over the links */
     const real t85 = t63 + t64 + t74 + t84;
     energy[0 * stride] = t85;
 }
@@ -4090,6 +4496,8 @@ static INLINE void potential_energy_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -4126,10 +4534,16 @@ static INLINE void potential_energy_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
+
+    /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k71 * c6 + c5 * k76;
+
+    /* mass matrix of attitude and position */
     const real t16 = s2 * (c3 * k83 + c4 * t15);
     const real t17 = c1 * (c2 * (k71 * s6 + s5 * k76) - t16);
     const real t18 = t17 + s1 * (s3 * k83 + s4 * t15);
+
+    /* first moment of mass above Z = 0, and its weight */
     const real t19 = gravity * (t18 + z * k82);
     energy[0 * stride] = t19;
 }
@@ -4210,6 +4624,8 @@ static INLINE void positions_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -4256,22 +4672,32 @@ static INLINE void positions_lane(
     position[6 * stride] = x;
     position[7 * stride] = y;
     position[8 * stride] = z;
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t15 = s1 * c2;
     const real t16 = c1 * c2;
+
+    /* axes of the base */
     const real t17 = s1 * s2;
     const real t18 = c1 * s2;
     const real t19 = c2 * c3;
     const real t20 = c1 * s3 + c3 * t17;
     const real t21 = s1 * s3 - c3 * t18;
+
+    /* joint 7 and the axes of link 1 */
     const real t22 = base_arm_length * t19;
     const real t23 = base_arm_length * t20;
     const real t24 = base_arm_length * t21;
     const real t25 = c2 * c4;
     const real t26 = c1 * s4 + c4 * t17;
     const real t27 = s1 * s4 - c4 * t18;
+
+    /* joint 9 and the axes of link 3 */
     const real t28 = t22 + link2_length * (c5 * t25 + s2 * s5);
     const real t29 = t23 + link2_length * (c5 * t26 - s5 * t15);
     const real t30 = t24 + link2_length * (c5 * t27 + s5 * t16);
+
+    /* base centre and motors */
     const real t31 = k91 * t19;
     const real t32 = k91 * t20;
     const real t33 = k91 * t21;
@@ -4281,6 +4707,8 @@ static INLINE void positions_lane(
     const real t37 = k95 * t19;
     const real t38 = k95 * t20;
     const real t39 = k95 * t21;
+
+    /* positions in the world */
     const real t40 = x + t22;
     position[3 * stride] = t40;
     position[24 * stride] = t40;
@@ -4413,6 +4841,8 @@ static INLINE void tip_pose_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -4453,10 +4883,16 @@ static INLINE void tip_pose_lane(
     pose[13 * stride] = R(0.0);
     pose[14 * stride] = R(0.0);
     pose[15 * stride] = R(1.0);
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t15 = s1 * c2;
     const real t16 = c1 * c2;
+
+    /* axes of the base */
     const real t17 = s1 * s2;
     const real t18 = c1 * s2;
+
+    /* joint 7 and the axes of link 1 */
     const real t19 = c2 * c4;
     const real t20 = c1 * s4 + c4 * t17;
     const real t21 = s1 * s4 - c4 * t18;
@@ -4466,6 +4902,8 @@ static INLINE void tip_pose_lane(
     pose[6 * stride] = -t23;
     const real t24 = s1 * c4 + s4 * t18;
     pose[10 * stride] = -t24;
+
+    /* joint 9 and the axes of link 3 */
     const real t25 = link2_length * (c5 * t19 + s2 * s5);
     const real t26 = link2_length * (c5 * t20 - s5 * t15);
     const real t27 = link2_length * (c5 * t21 + s5 * t16);
@@ -4483,6 +4921,8 @@ static INLINE void tip_pose_lane(
     pose[5 * stride] = -t34;
     const real t35 = c6 * t16 - s6 * t21;
     pose[9 * stride] = t35;
+
+    /* positions in the world */
     const real t36 = x + base_arm_length * c2 * c3 + t25 + link3_length * t30;
     pose[3 * stride] = t36;
     const real t37 = y + t28 + link3_length * t31;
@@ -4566,6 +5006,8 @@ static INLINE void tip_jacobian_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -4627,14 +5069,20 @@ static INLINE void tip_jacobian_lane(
     jacobian[51 * stride] = R(0.0);
     jacobian[52 * stride] = R(0.0);
     jacobian[53 * stride] = R(0.0);
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t15 = s1 * c2;
     jacobian[38 * stride] = -t15;
     jacobian[39 * stride] = -t15;
     const real t16 = c1 * c2;
     jacobian[47 * stride] = t16;
     jacobian[48 * stride] = t16;
+
+    /* axes of the base */
     const real t17 = s1 * s2;
     const real t18 = c1 * s2;
+
+    /* joint 7 and the axes of link 1 */
     const real t19 = base_arm_length * c2 * c3;
     const real t20 = base_arm_length * (c1 * s3 + c3 * t17);
     const real t21 = base_arm_length * (s1 * s3 - c3 * t18);
@@ -4650,14 +5098,20 @@ static INLINE void tip_jacobian_lane(
     const real t27 = s1 * c4 + s4 * t18;
     jacobian[49 * stride] = -t27;
     jacobian[50 * stride] = -t27;
+
+    /* joint 9 and the axes of link 3 */
     const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
     const real t29 = t20 + link2_length * (c5 * t23 - s5 * t15);
     const real t30 = t21 + link2_length * (c5 * t24 + s5 * t16);
+
+    /* tip */
     const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
     const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
     jacobian[18 * stride] = t32;
     const real t33 = t30 + link3_length * (c6 * t24 + s6 * t16);
     jacobian[9 * stride] = -t33;
+
+    /* columns of the attitude angles */
     const real t34 = c1 * t33 - s1 * t32;
     jacobian[1 * stride] = t34;
     const real t35 = s1 * t31;
@@ -4670,6 +5124,8 @@ static INLINE void tip_jacobian_lane(
     jacobian[11 * stride] = t38;
     const real t39 = t15 * t31 + s2 * t32;
     jacobian[20 * stride] = t39;
+
+    /* column of joint 7 */
     const real t40 = t19 - t31;
     const real t41 = t20 - t32;
     const real t42 = t21 - t33;
@@ -4679,12 +5135,16 @@ static INLINE void tip_jacobian_lane(
     jacobian[12 * stride] = t44;
     const real t45 = t15 * t40 + s2 * t41;
     jacobian[21 * stride] = -t45;
+
+    /* column of joint 8 */
     const real t46 = t26 * t42 - t27 * t41;
     jacobian[4 * stride] = t46;
     const real t47 = t25 * t42 + t27 * t40;
     jacobian[13 * stride] = t47;
     const real t48 = t25 * t41 + t26 * t40;
     jacobian[22 * stride] = -t48;
+
+    /* column of joint 9 */
     const real t49 = t28 - t31;
     const real t50 = t29 - t32;
     const real t51 = t30 - t33;
@@ -4774,6 +5234,8 @@ static INLINE void tip_bias_acceleration_angles(
     const real theta_7 = q[3 * stride];
     const real theta_8 = q[4 * stride];
     const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
@@ -4815,6 +5277,8 @@ static INLINE void tip_bias_acceleration_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
     const real t17 = v_theta_0 * t16;
@@ -4822,6 +5286,8 @@ static INLINE void tip_bias_acceleration_lane(
     const real t19 = R(2.0) * v_theta_0 * t15;
     const real t20 = v_theta_1 + t15;
     const real t21 = t20 * t20;
+
+    /* motion of link 1 */
     const real t22 = v_theta_7 + t20;
     const real t23 = t19 - v_theta_0 * t22;
     const real t24 = t18 - t16 * t22;
@@ -4835,37 +5301,55 @@ static INLINE void tip_bias_acceleration_lane(
     const real t32 = t17 - t26 * t27;
     const real t33 = s4 * t24 + t22 * t27 - c4 * t23;
     const real t34 = t28 + t30;
+
+    /* motion of link 2 */
     const real t35 = v_theta_8 - t27;
     const real t36 = t35 * t35;
     const real t37 = R(2.0) * t26;
     const real t38 = R(2.0) * t22;
+
+    /* motion of link 3 */
     const real t39 = v_theta_9 + t35;
     const real t40 = t33 + t22 * t39;
     const real t41 = t32 - t26 * t39;
     const real t42 = t39 * t39;
+
+    /* step from link 2 to link 3 */
     const real t43 = link2_length * c5;
     const real t44 = link2_length * s5;
+
+    /* step from the base to link 1 */
     const real t45 = c3 * base_arm_length;
     const real t46 = s3 * base_arm_length;
+
+    /* acceleration of the tip that link 3 adds */
     const real t47 = link3_length * c6;
     const real t48 = link3_length * s6;
     const real t49 = (t25 + t42) * t47 - t34 * t48;
     const real t50 = t31 * t47 + (t29 + t42) * t48;
     const real t51 = (t33 + t38 * t39) * t48;
     const real t52 = (t32 - t37 * t39) * t47 - t51;
+
+    /* acceleration of the tip that link 2 adds */
     const real t53 = t49 + (t25 + t36) * t43 - t34 * t44;
     const real t54 = t50 + t31 * t43 + (t29 + t36) * t44;
     const real t55 = (t33 + t35 * t38) * t44;
     const real t56 = t52 + (t32 - t35 * t37) * t43 - t55;
+
+    /* acceleration of the tip that link 1 adds */
     const real t57 = c4 * t56 - s4 * t53;
     const real t58 = c4 * t40 - s4 * t28;
     const real t59 = c4 * t28 + s4 * t40;
+
+    /* acceleration of the tip that the base adds */
     const real t60 = (v_theta_0 * v_theta_0 + t21) * t45;
     const real t61 = c4 * t53 + s4 * t56 + t60;
     const real t62 = (t16 * t16 + t21) * t46;
     const real t63 = t57 + R(2.0) * t17 * t45 - t62;
     const real t64 = (t19 - R(2.0) * t20 * v_theta_0) * t46;
     const real t65 = t54 + (t18 - R(2.0) * t20 * t16) * t45 + t64;
+
+    /* acceleration of the tip in world axes */
     const real t66 = s2 * t61 - c2 * t65;
     const real t67 = c2 * t61 + s2 * t65;
     bias_acceleration[0 * stride] = -t67;

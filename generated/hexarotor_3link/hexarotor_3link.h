@@ -166,6 +166,45 @@ enum {
     HEXAROTOR_3LINK_LINK3_SECTION_INERTIA_ZZ,
 };
 
+/** Places in q. */
+enum {
+    HEXAROTOR_3LINK_Q_THETA_M1,
+    HEXAROTOR_3LINK_Q_THETA_0,
+    HEXAROTOR_3LINK_Q_THETA_1,
+    HEXAROTOR_3LINK_Q_THETA_7,
+    HEXAROTOR_3LINK_Q_THETA_8,
+    HEXAROTOR_3LINK_Q_THETA_9,
+    HEXAROTOR_3LINK_Q_X,
+    HEXAROTOR_3LINK_Q_Y,
+    HEXAROTOR_3LINK_Q_Z,
+};
+
+/** Places in v, and in a. */
+enum {
+    HEXAROTOR_3LINK_V_THETA_M1,
+    HEXAROTOR_3LINK_V_THETA_0,
+    HEXAROTOR_3LINK_V_THETA_1,
+    HEXAROTOR_3LINK_V_THETA_7,
+    HEXAROTOR_3LINK_V_THETA_8,
+    HEXAROTOR_3LINK_V_THETA_9,
+    HEXAROTOR_3LINK_V_X,
+    HEXAROTOR_3LINK_V_Y,
+    HEXAROTOR_3LINK_V_Z,
+};
+
+/** Places in u. */
+enum {
+    HEXAROTOR_3LINK_U_F_1,
+    HEXAROTOR_3LINK_U_F_2,
+    HEXAROTOR_3LINK_U_F_3,
+    HEXAROTOR_3LINK_U_F_4,
+    HEXAROTOR_3LINK_U_F_5,
+    HEXAROTOR_3LINK_U_F_6,
+    HEXAROTOR_3LINK_U_TAU_7,
+    HEXAROTOR_3LINK_U_TAU_8,
+    HEXAROTOR_3LINK_U_TAU_9,
+};
+
 /** What the functions need of the parameters, computed once. */
 typedef struct hexarotor_3link_constants {
     hexarotor_3link_real gravity;

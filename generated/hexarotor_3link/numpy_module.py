@@ -172,6 +172,8 @@ def _constants(values):
     link3_section_inertia_xx = values["link3_section_inertia_xx"]
     link3_section_inertia_yy = values["link3_section_inertia_yy"]
     link3_section_inertia_zz = values["link3_section_inertia_zz"]
+
+    # second moments of base_arm
     k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy
     k2 = base_arm_section_inertia_xx - k1
     k3 = base_arm_section_inertia_yy - k2
@@ -195,6 +197,8 @@ def _constants(values):
     k18 = base_arm_section_inertia_yy + k15
     k19 = k17 + k18
     k20 = 0.5 * k19
+
+    # second moments of link2
     k21 = link2_section_inertia_xx - link2_section_inertia_yy
     k22 = link2_section_inertia_xx - k21
     k23 = link2_section_inertia_yy - k22
@@ -215,6 +219,8 @@ def _constants(values):
     k38 = link2_section_inertia_yy + k35
     k39 = k37 + k38
     k40 = 0.5 * k39
+
+    # second moments of link3
     k41 = link3_section_inertia_xx - link3_section_inertia_yy
     k42 = link3_section_inertia_xx - k41
     k43 = link3_section_inertia_yy - k42
@@ -235,6 +241,8 @@ def _constants(values):
     k58 = link3_section_inertia_yy + k55
     k59 = k57 + k58
     k60 = 0.5 * k59
+
+    # inertia of the base, about the origin
     k61 = 6.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
     k62 = 3.0 * k8
     k63 = 3.0 * k14
@@ -243,22 +251,30 @@ def _constants(values):
     k66 = k62 + k63
     k67 = 6.0 * k20
     k68 = 6.0 * base_arm_length * base_arm_mass_per_length
+
+    # inertias of the links
     k69 = 0.5 * link2_length * link2_length * link2_mass_per_length
     k70 = link2_length * link2_mass_per_length
     k71 = 0.5 * link3_length * link3_length * link3_mass_per_length
     k72 = link3_length * link3_mass_per_length
+
+    # inertia of link 2, with that of link 3 which joint 9 does not move
     k73 = link2_length * k72
     k74 = link2_length * k73
     k75 = k70 + k72
     k76 = k69 + k73
     k77 = k28 + k74
     k78 = k40 + k60
+
+    # inertia of the base, with that of link 1 which joint 7 does not move
     k79 = base_arm_length * k75
     k80 = 2.0 * base_arm_length
     k81 = base_arm_length * k79
     k82 = k68 + k75
     k83 = k61 + k79
     k84 = k65 + k81
+
+    # constant terms and factors of the functions
     k85 = k48 - k54
     k86 = k34 - k77
     k87 = k66 - k84
@@ -270,7 +286,11 @@ def _constants(values):
     k93 = 0.8660254037844386 * k90
     k94 = k92 - k93
     k95 = base_arm_length + k89
+
+    # inertia of base arm 1, about the origin
     k96 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
+
+    # constant terms and factors of the functions
     k97 = 0.5 * k96
     k98 = 0.8660254037844386 * k96
     k99 = k8 - k14
@@ -470,12 +490,16 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     v_theta_7 = v[3]
     v_theta_8 = v[4]
     v_theta_9 = v[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -484,6 +508,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = t2 * gravity
     t16 = t1 * gravity
     t17 = v_theta_m1 * t4
@@ -500,6 +526,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t28 = t22 - 2.0 * t25 * t18
     t29 = t18 * t18 + t26
     t30 = t24 - 2.0 * t25 * v_theta_0
+
+    # motion of link 1
     t31 = t5 * t27
     t32 = t5 * t23 - t6 * t29
     t33 = t5 * t28 + t6 * t30
@@ -521,6 +549,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t49 = t19 - t41 * t42
     t50 = t9 * t39 + t37 * t42 - t8 * t38
     t51 = t43 + t47
+
+    # motion of link 2
     t52 = v_theta_8 - t42
     t53 = t52 * t52
     t54 = t40 + t53
@@ -529,6 +559,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t57 = t46 + t53
     t58 = 2.0 * t37
     t59 = t50 + t52 * t58
+
+    # motion of link 3
     t60 = t11 * t51 - t10 * t54
     t61 = t10 * t48 + t11 * t57
     t62 = t11 * t59 - t10 * t56
@@ -539,6 +571,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t67 = t49 - t55 * t64
     t68 = t46 + t65
     t69 = t50 + t58 * t64
+
+    # inertia of link 3, turned by the joints
     t70 = k71 * t13
     t71 = k71 * t14
     t72 = t14 * k85
@@ -546,6 +580,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t74 = k48 - t73
     t75 = k54 + t73
     t76 = t13 * t72
+
+    # inertia forces of link 3, about joint 9
     t77 = t63 * t71 + t67 * t76 - t69 * t75
     t78 = t63 * t70 + t67 * t74 - t69 * t76
     t79 = (t36 - link2_length * t61) * t70
@@ -555,8 +591,12 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t83 = k71 * (t14 * t51 - t13 * t66)
     t84 = k71 * (t13 * t48 + t14 * t68)
     t85 = k71 * (t14 * t69 - t13 * t67)
+
+    # step from link 2 to link 3
     t86 = link2_length * t10
     t87 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
     t88 = t10 * k76
     t89 = t11 * k76
     t90 = t11 * k86
@@ -564,6 +604,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t92 = k77 + t91
     t93 = k34 - t91
     t94 = t10 * t90
+
+    # inertia forces of links 2 and 3, about joint 8
     t95 = t56 * t94 + t59 * t93 - t45 * t89
     t96 = t45 * t88 + t56 * t92 + t59 * t94
     t97 = t36 * t88
@@ -574,12 +616,18 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t102 = t84 + k76 * t61
     t103 = t85 + k76 * t62
     t104 = t82 + t83 * t87 + t84 * t86 + t100
+
+    # inertia forces of links 1 to 3, about joint 7
     t105 = t77 - t85 * t87 - t95 - k78 * t50
     t106 = t78 + t96 + k78 * t49 - t85 * t86
     t107 = t8 * t101 + t9 * t103
     t108 = t9 * t101 - t8 * t103
+
+    # step from the base to link 1
     t109 = t5 * base_arm_length
     t110 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t111 = t5 * k83
     t112 = t6 * k83
     t113 = t6 * k87
@@ -587,6 +635,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t115 = k84 + t114
     t116 = k66 - t114
     t117 = t5 * t113
+
+    # inertia forces of the base and links 1 to 3
     t118 = t30 * t116
     t119 = t20 * t112 + t28 * t117 - k67 * t24 - t118
     t120 = t30 * t117
@@ -599,16 +649,22 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t127 = t9 * t104 + t8 * t105 + t102 * t110 - t119
     t128 = t8 * t104 + t102 * t109 + t121 - t9 * t105
     t129 = t106 + t108 * t109 + t123 - t107 * t110
+
+    # inertia forces on attitude and position
     t130 = t3 * t126 + t4 * t124
     t131 = t3 * t124 - t4 * t126
     t132 = t4 * t129 - t3 * t127
     t133 = t1 * t125 + t2 * t130
     t134 = t2 * t125 + k88 - t1 * t130
+
+    # composite inertia of links 2 and 3, about joint 8
     t135 = t70 + t88
     t136 = t71 + t89
     t137 = t92 + t74 + 2.0 * t70 * t86
     t138 = t93 + t75 + 2.0 * t71 * t87
     t139 = t94 - t76 - t70 * t87 - t71 * t86
+
+    # composite inertia of links 1 to 3, about joint 7
     t140 = t8 * t135
     t141 = t9 * t135
     t142 = t8 * t139
@@ -617,6 +673,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t145 = t9 * t144
     t146 = t137 + t145
     t147 = k78 - t145
+
+    # composite inertia of the base and links 1 to 3
     t148 = t142 - t109 * t136
     t149 = t143 - t110 * t136
     t150 = t111 + t140
@@ -625,6 +683,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t153 = t116 + t147 + 2.0 * t141 * t110
     t154 = k67 + t138
     t155 = t117 + t8 * t144 - t109 * t141 - t110 * t140
+
+    # mass matrix, columns of the joints carried in to joint 7
     t156 = t146 + t147
     t157 = t156 + t109 * t140 + t110 * t141
     t158 = t137 + t138
@@ -638,6 +698,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t166 = t9 * t71
     t167 = t8 * t164 + t70 * t109
     t168 = t110 * t165 - t109 * t166
+
+    # mass matrix of attitude and position
     t169 = t152 + t153
     t170 = t4 * t151
     t171 = t3 * t151
@@ -654,6 +716,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t182 = t153 + t154 + t179
     t183 = t1 * t151 - t2 * t177
     t184 = t1 * t177 + t2 * t151
+
+    # mass matrix between the joints and attitude and position
     t185 = t4 * t141
     t186 = t3 * t141
     t187 = t3 * t142 + t4 * t157
@@ -728,12 +792,16 @@ def _mass_matrix(k, sin, cos, q):
     theta_7 = q[3]
     theta_8 = q[4]
     theta_9 = q[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -742,26 +810,40 @@ def _mass_matrix(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # inertia of link 3, turned by the joints
     t15 = k71 * t13
     t16 = k71 * t14
     t17 = t14 * k85
     t18 = t14 * t17
     t19 = k48 - t18
     t20 = k54 + t18
+
+    # step from link 2 to link 3
     t21 = link2_length * t10
     t22 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
     t23 = t11 * k86
     t24 = t11 * t23
+
+    # step from the base to link 1
     t25 = t5 * base_arm_length
     t26 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t27 = t6 * k87
     t28 = t6 * t27
+
+    # composite inertia of links 2 and 3, about joint 8
     t29 = t13 * t17 + t15 * t22 + t16 * t21
     t30 = t15 + t10 * k76
     t31 = t16 + t11 * k76
     t32 = k77 + t24 + t19 + 2.0 * t15 * t21
     t33 = k34 + t20 + 2.0 * t16 * t22 - t24
     t34 = t10 * t23 - t29
+
+    # composite inertia of links 1 to 3, about joint 7
     t35 = t8 * t30
     t36 = t9 * t30
     t37 = t8 * t34
@@ -770,6 +852,8 @@ def _mass_matrix(k, sin, cos, q):
     t40 = t9 * t39
     t41 = t32 + t40
     t42 = k78 - t40
+
+    # composite inertia of the base and links 1 to 3
     t43 = t25 * t36 + t26 * t35 - t8 * t39
     t44 = t37 - t25 * t31
     t45 = t38 - t26 * t31
@@ -778,6 +862,8 @@ def _mass_matrix(k, sin, cos, q):
     t48 = k84 + t28 + t41 + 2.0 * t35 * t25
     t49 = k66 + t42 + 2.0 * t36 * t26 - t28
     t50 = k67 + t33
+
+    # mass matrix, columns of the joints carried in to joint 7
     t51 = t41 + t42
     t52 = t51 + t25 * t35 + t26 * t36
     t53 = t32 + t33
@@ -791,6 +877,8 @@ def _mass_matrix(k, sin, cos, q):
     t61 = t9 * t16
     t62 = t8 * t59 + t15 * t25
     t63 = t26 * t60 - t25 * t61
+
+    # mass matrix of attitude and position
     t64 = t48 + t49
     t65 = t4 * t47
     t66 = t3 * t47
@@ -807,6 +895,8 @@ def _mass_matrix(k, sin, cos, q):
     t77 = t49 + t50 + t74
     t78 = t1 * t47 - t2 * t72
     t79 = t1 * t72 + t2 * t47
+
+    # mass matrix between the joints and attitude and position
     t80 = t4 * t36
     t81 = t3 * t36
     t82 = t3 * t37 + t4 * t52
@@ -891,12 +981,16 @@ def _residual(k, sin, cos, q, v):
     v_theta_7 = v[3]
     v_theta_8 = v[4]
     v_theta_9 = v[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -905,6 +999,8 @@ def _residual(k, sin, cos, q, v):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = t2 * gravity
     t16 = t1 * gravity
     t17 = v_theta_m1 * t4
@@ -921,6 +1017,8 @@ def _residual(k, sin, cos, q, v):
     t28 = t22 - 2.0 * t25 * t18
     t29 = t18 * t18 + t26
     t30 = t24 - 2.0 * t25 * v_theta_0
+
+    # motion of link 1
     t31 = t5 * t27
     t32 = t5 * t23 - t6 * t29
     t33 = t5 * t28 + t6 * t30
@@ -942,6 +1040,8 @@ def _residual(k, sin, cos, q, v):
     t49 = t19 - t41 * t42
     t50 = t9 * t39 + t37 * t42 - t8 * t38
     t51 = t43 + t47
+
+    # motion of link 2
     t52 = v_theta_8 - t42
     t53 = t52 * t52
     t54 = t40 + t53
@@ -950,6 +1050,8 @@ def _residual(k, sin, cos, q, v):
     t57 = t46 + t53
     t58 = 2.0 * t37
     t59 = t50 + t52 * t58
+
+    # motion of link 3
     t60 = t11 * t51 - t10 * t54
     t61 = t10 * t48 + t11 * t57
     t62 = t11 * t59 - t10 * t56
@@ -960,6 +1062,8 @@ def _residual(k, sin, cos, q, v):
     t67 = t49 - t55 * t64
     t68 = t46 + t65
     t69 = t50 + t58 * t64
+
+    # inertia of link 3, turned by the joints
     t70 = k71 * t13
     t71 = k71 * t14
     t72 = t14 * k85
@@ -967,6 +1071,8 @@ def _residual(k, sin, cos, q, v):
     t74 = k48 - t73
     t75 = k54 + t73
     t76 = t13 * t72
+
+    # inertia forces of link 3, about joint 9
     t77 = t63 * t71 + t67 * t76 - t69 * t75
     t78 = t63 * t70 + t67 * t74 - t69 * t76
     t79 = (t36 - link2_length * t61) * t70
@@ -976,8 +1082,12 @@ def _residual(k, sin, cos, q, v):
     t83 = k71 * (t14 * t51 - t13 * t66)
     t84 = k71 * (t13 * t48 + t14 * t68)
     t85 = k71 * (t14 * t69 - t13 * t67)
+
+    # step from link 2 to link 3
     t86 = link2_length * t10
     t87 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
     t88 = t10 * k76
     t89 = t11 * k76
     t90 = t11 * k86
@@ -985,6 +1095,8 @@ def _residual(k, sin, cos, q, v):
     t92 = k77 + t91
     t93 = k34 - t91
     t94 = t10 * t90
+
+    # inertia forces of links 2 and 3, about joint 8
     t95 = t56 * t94 + t59 * t93 - t45 * t89
     t96 = t45 * t88 + t56 * t92 + t59 * t94
     t97 = t36 * t88
@@ -995,18 +1107,26 @@ def _residual(k, sin, cos, q, v):
     t102 = t84 + k76 * t61
     t103 = t85 + k76 * t62
     t104 = t82 + t83 * t87 + t84 * t86 + t100
+
+    # inertia forces of links 1 to 3, about joint 7
     t105 = t77 - t85 * t87 - t95 - k78 * t50
     t106 = t78 + t96 + k78 * t49 - t85 * t86
     t107 = t8 * t101 + t9 * t103
     t108 = t9 * t101 - t8 * t103
+
+    # step from the base to link 1
     t109 = t5 * base_arm_length
     t110 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t111 = t5 * k83
     t112 = t6 * k83
     t113 = t6 * k87
     t114 = t6 * t113
     t115 = k84 + t114
     t116 = t5 * t113
+
+    # inertia forces of the base and links 1 to 3
     t117 = t30 * (k66 - t114)
     t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117
     t119 = t30 * t116
@@ -1019,6 +1139,8 @@ def _residual(k, sin, cos, q, v):
     t126 = t9 * t104 + t8 * t105 + t102 * t110 - t118
     t127 = t8 * t104 + t102 * t109 + t120 - t9 * t105
     t128 = t106 + t108 * t109 + t122 - t107 * t110
+
+    # inertia forces on attitude and position
     t129 = t3 * t125 + t4 * t123
     t130 = t3 * t123 - t4 * t125
     t131 = t4 * t128 - t3 * t126
@@ -1061,14 +1183,20 @@ def _input_matrix(k, sin, cos, q):
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # thrust direction and generalised forces of motor 1
     t7 = t2 * t3
     t8 = t1 * t3
+
+    # thrust direction and generalised forces of motor 2
     t9 = 0.5 * t6
     t10 = 0.8660254037844386 * t5
     t11 = t9 + t10
@@ -1080,19 +1208,27 @@ def _input_matrix(k, sin, cos, q):
     t17 = t4 * k94
     t18 = t2 * t15 - t1 * t14
     t19 = t1 * t15 + t2 * t14
+
+    # thrust direction and generalised forces of motor 3
     t20 = t6 * k95
     t21 = t5 * k90
     t22 = t6 * k90
     t23 = t5 * k95
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
+
+    # thrust direction and generalised forces of motor 4
     t26 = t4 * t6
     t27 = t3 * t6
     t28 = t4 * k80
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
+
+    # thrust direction and generalised forces of motor 5
     t31 = t22 - t23
     t32 = t3 * (t20 + t21)
+
+    # thrust direction and generalised forces of motor 6
     t33 = t9 - t10
     t34 = t12 + t13
     t35 = t4 * t33
@@ -1188,12 +1324,16 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     tau_7 = u[6]
     tau_8 = u[7]
     tau_9 = u[8]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -1202,6 +1342,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
     t17 = v_theta_0 * t16
@@ -1211,6 +1353,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t21 = v_theta_0 * t20
     t22 = t16 * t20
     t23 = t20 * t20
+
+    # motion of link 1
     t24 = v_theta_7 + t20
     t25 = t19 - v_theta_0 * t24
     t26 = t18 - t16 * t24
@@ -1224,6 +1368,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t34 = t17 - t28 * t29
     t35 = t9 * t26 + t24 * t29 - t8 * t25
     t36 = t30 + t32
+
+    # motion of link 2
     t37 = v_theta_8 - t29
     t38 = t37 * t37
     t39 = t27 + t38
@@ -1232,6 +1378,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t42 = t31 + t38
     t43 = 2.0 * t24
     t44 = t35 + t37 * t43
+
+    # motion of link 3
     t45 = t11 * t36 - t10 * t39
     t46 = t10 * t33 + t11 * t42
     t47 = t11 * t44 - t10 * t41
@@ -1242,6 +1390,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t52 = t34 - t40 * t49
     t53 = t31 + t50
     t54 = t35 + t43 * t49
+
+    # inertia of link 3, turned by the joints
     t55 = k71 * t13
     t56 = k71 * t14
     t57 = t14 * k85
@@ -1249,10 +1399,16 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t59 = k48 - t58
     t60 = k54 + t58
     t61 = t13 * t57
+
+    # inertia forces of link 3, about joint 9
     t62 = t61 * (t51 - t53)
     t63 = k71 * (t14 * t54 - t13 * t52)
+
+    # step from link 2 to link 3
     t64 = link2_length * t10
     t65 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
     t66 = t10 * k76
     t67 = t11 * k76
     t68 = t11 * k86
@@ -1260,18 +1416,26 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t70 = k77 + t69
     t71 = k34 - t69
     t72 = t10 * t68
+
+    # composite inertia of links 2 and 3, about joint 8
     t73 = t55 + t66
     t74 = t72 - t61 - t55 * t65 - t56 * t64
+
+    # force and moment of all thrusts
     t75 = F_3 * k90 - F_5 * k90
     t76 = F_1 * base_arm_length - F_3 * k89 - F_5 * k89
     t77 = 0.8660254037844386 * F_2 - 0.8660254037844386 * F_6
     t78 = F_4 - 0.5 * F_2 - 0.5 * F_6
     t79 = F_2 * k113 + F_4 * base_arm_length + F_6 * k113
+
+    # articulated inertia and load of link 3, about joint 9
     t80 = t54 * t60 + t48 * t56 - t52 * t61
     t81 = t54 * t61 + t48 * t55 - t52 * t59
     t82 = link2_length * t45 * t56
     t83 = link2_length * t46 * t55
     t84 = t33 * t59 + t36 * t60 + t82 + t83 - t62
+
+    # equation of joint 9, its acceleration eliminated
     t85 = 1.0 / (t59 + t60)
     t86 = t85 * (tau_9 + t84)
     t87 = t56 * t85
@@ -1281,6 +1445,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t91 = t56 * t87
     t92 = t55 * t88
     t93 = t55 * t87
+
+    # articulated inertia and load of links 2 and 3, about joint 8
     t94 = t65 * t91 + t64 * t93
     t95 = t65 * t93 + t64 * t92
     t96 = t33 * t70 + t36 * t71 + t72 * (t39 - t42)
@@ -1288,6 +1454,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t98 = t66 - t95
     t99 = t63 * t65 + t80 + t41 * t72 + t44 * t71
     t100 = t63 * t64 + t81 - t41 * t70 - t44 * t72
+
+    # equation of joint 8, its acceleration eliminated
     t101 = 1.0 / (t64 * t95 + t65 * t94 - t70 - t71)
     t102 = tau_8 + t64 * t90 + t65 * t89 + t96 - tau_9
     t103 = t101 * t102
@@ -1296,7 +1464,11 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t106 = k76 * t45 + t89 + t97 * t103
     t107 = k76 * t46 + t90 + t98 * t103
     t108 = t93 - t98 * t104
+
+    # articulated inertia and load of links 1 to 3, about joint 7
     t109 = k78 + t71 + t60 + 2.0 * t56 * t65
+
+    # equation of joint 7, its acceleration eliminated
     t110 = 1.0 / (k78 + t70 + t59 + 2.0 * t55 * t64)
     t111 = t110 * (tau_7 + t100 - k78 * t34)
     t112 = t73 * t110
@@ -1304,6 +1476,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t114 = t63 + k76 * t47 - t73 * t111
     t115 = k78 * t35 + t99 + t74 * t111
     t116 = t56 + t67 + t74 * t112
+
+    # articulated inertia and load of the base and links 1 to 3
     t117 = t5 * t77 - t6 * t78
     t118 = t5 * t78 + t6 * t77
     t119 = k67 * t19 + k66 * (t19 - 2.0 * t20 * v_theta_0)
@@ -1312,6 +1486,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t122 = t5 * t76 - t6 * t75 - t120
     t123 = F_5 + F_1 + F_3 + t107
     t124 = t115 + t8 * t121 - t9 * t122
+
+    # acceleration of the base, by LDL^T
     t125 = 1.0 / (t109 + k114 - t74 * t113)
     t126 = t116 * t125
     t127 = t114 + t8 * t118 - t9 * t117 - t124 * t126
@@ -1326,13 +1502,23 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t136 = t126 * t135 - t124 * t125
     t137 = (tau_8 + t9 * t121 + t8 * t122) * k117
     t138 = (tau_7 + 2.0 * k66 * t17 - t79) * k116
+
+    # acceleration of joint 7
     t139 = t138 + t111 - t112 * t135 - t113 * t136
+
+    # acceleration of joint 8
     t140 = t104 * t133 + t105 * t134 - t103
     t141 = t137 + t140
+
+    # acceleration of joint 9
     t142 = t88 * (t134 + t64 * t140)
     t143 = t140 + t87 * (t133 + t65 * t140) + t142 - t86
+
+    # acceleration of the base
     t144 = t8 * t136 - t9 * t137
     t145 = t9 * t136 + t8 * t137
+
+    # acceleration of the origin, in world axes
     t146 = t17 - t138
     t147 = t5 * (v_theta_0 * v_theta_0 + t23) - t6 * (t17 - t146)
     t148 = t6 * (t16 * t16 + t23) - t5 * (t17 + t146)
@@ -1344,9 +1530,13 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t154 = t4 * t151 + t3 * t153
     t155 = t4 * t153 - t3 * t151
     t156 = t1 * t152 - t2 * t154
+
+    # accelerations of the attitude angles
     t157 = 1.0 / t3
     t158 = t144 * t157
     t159 = t138 + t4 * t158
+
+    # acceleration of the origin, in world axes
     t160 = gravity - t1 * t154 - t2 * t152
     return (
         t158, t145, -t159, t139, t141, -t143, t155, t156, -t160,
@@ -1427,12 +1617,16 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     a_x = a[6]
     a_y = a[7]
     a_z = a[8]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -1441,6 +1635,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
     t17 = v_theta_0 * t15
@@ -1449,22 +1645,30 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t20 = t19 * t19
     t21 = v_theta_0 * v_theta_0 + t20
     t22 = t16 * t16 + t20
+
+    # motion of link 1
     t23 = v_theta_7 + t19
     t24 = t23 * t23
     t25 = t8 * t16 + v_theta_0 * t9
     t26 = v_theta_0 * t8 - t9 * t16
     t27 = t25 * t25
     t28 = t23 * t25
+
+    # motion of link 2
     t29 = v_theta_8 - t26
     t30 = t29 * t29
     t31 = t24 + t30
     t32 = 2.0 * t25
     t33 = t27 + t30
     t34 = 2.0 * t23
+
+    # motion of link 3
     t35 = v_theta_9 + t29
     t36 = t35 * t35
     t37 = t24 + t36
     t38 = t27 + t36
+
+    # inertia of link 3, turned by the joints
     t39 = k71 * t13
     t40 = k71 * t14
     t41 = t14 * k85
@@ -1472,9 +1676,15 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t43 = k48 - t42
     t44 = k54 + t42
     t45 = t13 * t41
+
+    # inertia forces of link 3, about joint 9
     t46 = t45 * (t37 - t38)
+
+    # step from link 2 to link 3
     t47 = link2_length * t10
     t48 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
     t49 = t10 * k76
     t50 = t11 * k76
     t51 = t11 * k86
@@ -1482,9 +1692,15 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t53 = k77 + t52
     t54 = k34 - t52
     t55 = t10 * t51
+
+    # inertia forces of links 2 and 3, about joint 8
     t56 = t55 * (t31 - t33)
+
+    # step from the base to link 1
     t57 = t5 * base_arm_length
     t58 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t59 = t5 * k83
     t60 = t6 * k83
     t61 = t6 * k87
@@ -1492,7 +1708,11 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t63 = k84 + t62
     t64 = k66 - t62
     t65 = t5 * t61
+
+    # inertia forces of the base and links 1 to 3
     t66 = t65 * (t21 - t22)
+
+    # motion of the base
     t67 = a_z + gravity
     t68 = a_y * t1 + t2 * t67
     t69 = t1 * t67 - a_y * t2
@@ -1505,6 +1725,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t76 = 2.0 * t19 * t16 - t72
     t77 = t18 - t74
     t78 = 2.0 * t19 * v_theta_0 - t73
+
+    # motion of link 1
     t79 = t5 * t21 - t6 * t77
     t80 = t6 * t22 - t5 * t75
     t81 = t5 * t76 + t6 * t78
@@ -1517,11 +1739,15 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t88 = t8 * t83 - t9 * t82
     t89 = t25 * t26 - a_theta_7 - t74
     t90 = t23 * t26 + t8 * t85 - t9 * t86
+
+    # motion of link 2
     t91 = a_theta_8 + t9 * t85 + t8 * t86
     t92 = t28 + t91
     t93 = t29 * t32 + t89
     t94 = t28 - t91
     t95 = t29 * t34 + t90
+
+    # motion of link 3
     t96 = t10 * t31 - t11 * t94
     t97 = t11 * t33 - t10 * t92
     t98 = t10 * t93 + t11 * t95
@@ -1531,6 +1757,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t102 = t32 * t35 + t89
     t103 = t28 - t100
     t104 = t34 * t35 + t90
+
+    # inertia forces of link 3, about joint 9
     t105 = t45 * t102 + t44 * t104 - t40 * t99
     t106 = t43 * t102 + t45 * t104 - t39 * t99
     t107 = t39 * (t84 - link2_length * t97)
@@ -1539,6 +1767,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t110 = k71 * (t13 * t37 - t14 * t103)
     t111 = k71 * (t14 * t38 - t13 * t101)
     t112 = k71 * (t13 * t102 + t14 * t104)
+
+    # inertia forces of links 2 and 3, about joint 8
     t113 = t50 * t88 + t55 * t93 - t54 * t95
     t114 = t49 * t88 + t55 * t95 - t53 * t93
     t115 = t49 * t84
@@ -1548,10 +1778,14 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t119 = t111 + k76 * t97
     t120 = t112 + k76 * t98
     t121 = t109 + t48 * t110 - t47 * t111 - t117
+
+    # inertia forces of links 1 to 3, about joint 7
     t122 = t105 + t48 * t112 + k78 * t90 - t113
     t123 = t106 + t47 * t112 + k78 * t89 - t114
     t124 = t9 * t120 - t8 * t118
     t125 = t9 * t118 + t8 * t120
+
+    # inertia forces of the base and links 1 to 3
     t126 = t65 * t76
     t127 = t60 * t70 + t64 * t78 - k67 * t73 - t126
     t128 = t63 * t76
@@ -1565,6 +1799,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t136 = t9 * t121 + t8 * t122 + t127 - t58 * t119
     t137 = t9 * t122 + t57 * t119 + t129 - t8 * t121
     t138 = t123 + t58 * t124 + t57 * t125 + t132
+
+    # inertia forces on attitude and position
     t139 = t4 * t133 + t3 * t135
     t140 = t3 * t136 - t4 * t138
     t141 = t3 * t133 + a_x * k82 - t4 * t135
@@ -1633,12 +1869,16 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     theta_7 = q[3]
     theta_8 = q[4]
     theta_9 = q[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -1647,26 +1887,40 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # inertia of link 3, turned by the joints
     t15 = k71 * t13
     t16 = k71 * t14
     t17 = t14 * k85
     t18 = t14 * t17
     t19 = k48 - t18
     t20 = k54 + t18
+
+    # step from link 2 to link 3
     t21 = link2_length * t10
     t22 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
     t23 = t11 * k86
     t24 = t11 * t23
+
+    # step from the base to link 1
     t25 = t5 * base_arm_length
     t26 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t27 = t6 * k87
     t28 = t6 * t27
+
+    # composite inertia of links 2 and 3, about joint 8
     t29 = t13 * t17 + t15 * t22 + t16 * t21
     t30 = t15 + t10 * k76
     t31 = t16 + t11 * k76
     t32 = k77 + t24 + t19 + 2.0 * t15 * t21
     t33 = k34 + t20 + 2.0 * t16 * t22 - t24
     t34 = t10 * t23 - t29
+
+    # composite inertia of links 1 to 3, about joint 7
     t35 = t8 * t30
     t36 = t9 * t30
     t37 = t8 * t34
@@ -1675,6 +1929,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t40 = t9 * t39
     t41 = t32 + t40
     t42 = k78 - t40
+
+    # composite inertia of the base and links 1 to 3
     t43 = t25 * t36 + t26 * t35 - t8 * t39
     t44 = t37 - t25 * t31
     t45 = t38 - t26 * t31
@@ -1683,6 +1939,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t48 = k84 + t28 + t41 + 2.0 * t35 * t25
     t49 = k66 + t42 + 2.0 * t36 * t26 - t28
     t50 = k67 + t33
+
+    # mass matrix, columns of the joints carried in to joint 7
     t51 = t41 + t42
     t52 = t51 + t25 * t35 + t26 * t36
     t53 = t32 + t33
@@ -1696,6 +1954,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t61 = t9 * t16
     t62 = t8 * t59 + t15 * t25
     t63 = t26 * t60 - t25 * t61
+
+    # mass matrix of attitude and position
     t64 = t48 + t49
     t65 = t4 * t47
     t66 = t3 * t47
@@ -1712,6 +1972,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t77 = t49 + t50 + t74
     t78 = t1 * t47 - t2 * t72
     t79 = t1 * t72 + t2 * t47
+
+    # mass matrix between the joints and attitude and position
     t80 = t4 * t36
     t81 = t3 * t36
     t82 = t3 * t37 + t4 * t52
@@ -1727,26 +1989,40 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t92 = t3 * (t9 * t59 + t15 * t26) + t4 * t63
     t93 = t1 * t61 + t2 * t90
     t94 = t1 * t90 - t2 * t61
+
+    # composite inertia of the base and base arm 2
     t95 = t6 * k98
     t96 = t5 * k98
+
+    # mass matrix, columns of the joints carried in to joint 2
     t97 = t6 * k97
     t98 = t96 + t97
     t99 = t5 * k97
     t100 = t95 - t99
+
+    # mass matrix, column of joint 2
     t101 = t4 * t98
     t102 = t3 * t98
     t103 = t4 * k107
     t104 = t1 * t100 + t2 * t101
     t105 = t2 * t100 - t1 * t101
+
+    # mass matrix, columns of the joints carried in to joint 3
     t106 = t96 - t97
     t107 = t95 + t99
+
+    # mass matrix, column of joint 3
     t108 = t4 * t106
     t109 = t3 * t106
     t110 = t4 * k108
     t111 = t1 * t107 + t2 * t108
     t112 = t2 * t107 - t1 * t108
+
+    # mass matrix, columns of the joints carried in to joint 4
     t113 = t6 * k96
     t114 = t5 * k96
+
+    # mass matrix, column of joint 4
     t115 = t4 * t113
     t116 = t3 * t113
     t117 = t4 * k111
@@ -1847,12 +2123,16 @@ def _hybrid_residual(k, sin, cos, q, v):
     v_theta_7 = v[3]
     v_theta_8 = v[4]
     v_theta_9 = v[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -1861,6 +2141,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = t2 * gravity
     t16 = t1 * gravity
     t17 = v_theta_m1 * t4
@@ -1877,6 +2159,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t28 = t22 - 2.0 * t25 * t18
     t29 = t18 * t18 + t26
     t30 = t24 - 2.0 * t25 * v_theta_0
+
+    # motion of link 1
     t31 = t5 * t27
     t32 = t5 * t23 - t6 * t29
     t33 = t5 * t28 + t6 * t30
@@ -1898,6 +2182,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t49 = t19 - t41 * t42
     t50 = t9 * t39 + t37 * t42 - t8 * t38
     t51 = t43 + t47
+
+    # motion of link 2
     t52 = v_theta_8 - t42
     t53 = t52 * t52
     t54 = t40 + t53
@@ -1906,6 +2192,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t57 = t46 + t53
     t58 = 2.0 * t37
     t59 = t50 + t52 * t58
+
+    # motion of link 3
     t60 = t11 * t51 - t10 * t54
     t61 = t10 * t48 + t11 * t57
     t62 = t11 * t59 - t10 * t56
@@ -1916,6 +2204,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t67 = t49 - t55 * t64
     t68 = t46 + t65
     t69 = t50 + t58 * t64
+
+    # inertia of link 3, turned by the joints
     t70 = k71 * t13
     t71 = k71 * t14
     t72 = t14 * k85
@@ -1923,6 +2213,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t74 = k48 - t73
     t75 = k54 + t73
     t76 = t13 * t72
+
+    # inertia forces of link 3, about joint 9
     t77 = t63 * t71 + t67 * t76 - t69 * t75
     t78 = t63 * t70 + t67 * t74 - t69 * t76
     t79 = (t36 - link2_length * t61) * t70
@@ -1932,8 +2224,12 @@ def _hybrid_residual(k, sin, cos, q, v):
     t83 = k71 * (t14 * t51 - t13 * t66)
     t84 = k71 * (t13 * t48 + t14 * t68)
     t85 = k71 * (t14 * t69 - t13 * t67)
+
+    # step from link 2 to link 3
     t86 = link2_length * t10
     t87 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
     t88 = t10 * k76
     t89 = t11 * k76
     t90 = t11 * k86
@@ -1941,6 +2237,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t92 = k77 + t91
     t93 = k34 - t91
     t94 = t10 * t90
+
+    # inertia forces of links 2 and 3, about joint 8
     t95 = t56 * t94 + t59 * t93 - t45 * t89
     t96 = t45 * t88 + t56 * t92 + t59 * t94
     t97 = t36 * t88
@@ -1951,18 +2249,26 @@ def _hybrid_residual(k, sin, cos, q, v):
     t102 = t84 + k76 * t61
     t103 = t85 + k76 * t62
     t104 = t82 + t83 * t87 + t84 * t86 + t100
+
+    # inertia forces of links 1 to 3, about joint 7
     t105 = t77 - t85 * t87 - t95 - k78 * t50
     t106 = t78 + t96 + k78 * t49 - t85 * t86
     t107 = t8 * t101 + t9 * t103
     t108 = t9 * t101 - t8 * t103
+
+    # step from the base to link 1
     t109 = t5 * base_arm_length
     t110 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t111 = t5 * k83
     t112 = t6 * k83
     t113 = t6 * k87
     t114 = t6 * t113
     t115 = k84 + t114
     t116 = t5 * t113
+
+    # inertia forces of the base and links 1 to 3
     t117 = t30 * (k66 - t114)
     t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117
     t119 = t30 * t116
@@ -1975,27 +2281,43 @@ def _hybrid_residual(k, sin, cos, q, v):
     t126 = t9 * t104 + t8 * t105 + t102 * t110 - t118
     t127 = t8 * t104 + t102 * t109 + t120 - t9 * t105
     t128 = t106 + t108 * t109 + t122 - t107 * t110
+
+    # inertia forces on attitude and position
     t129 = t3 * t125 + t4 * t123
     t130 = t3 * t123 - t4 * t125
     t131 = t4 * t128 - t3 * t126
     t132 = t1 * t124 + t2 * t129
     t133 = t2 * t124 + k88 - t1 * t129
+
+    # motion of the base
     t134 = t5 * t18 + v_theta_0 * t6
     t135 = v_theta_0 * t5 - t6 * t18
     t136 = t134 * t135
     t137 = t26 + t135 * t135
     t138 = t19 + t136
     t139 = t19 - t136
+
+    # motion of base arm 2
     t140 = t6 * t21 + t5 * t15 + base_arm_length * t138
+
+    # inertia forces of base arm 2, about joint 2
     t141 = k98 * (t6 * t15 - t5 * t21 - base_arm_length * t137)
     t142 = k102 * t138
     t143 = k103 * t139
     t144 = k104 * (t137 - t26 - t134 * t134)
     t145 = k97 * t140
     t146 = t141 + t142 + t143 + t144 - t145
+
+    # inertia forces of base arm 3, about joint 3
     t147 = t141 + t142 + t143 + t145 - t144
+
+    # inertia forces of base arm 4, about joint 4
     t148 = k8 * t138 + k14 * t139 + k96 * t140
+
+    # inertia forces of base arm 5, about joint 5
     t149 = t142 + t143 + t144 + t145 - t141
+
+    # inertia forces of base arm 6, about joint 6
     t150 = t141 + t144 + t145 - t142 - t143
     return (
         -t131, -t127, -t128, -t146, -t147, -t148, -t149, t150, -t106, t104, t82, -t130, -t132,
@@ -2036,14 +2358,20 @@ def _hybrid_input_matrix(k, sin, cos, q):
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # thrust direction and generalised forces of motor 1
     t7 = t2 * t3
     t8 = t1 * t3
+
+    # thrust direction and generalised forces of motor 2
     t9 = 0.5 * t6
     t10 = 0.8660254037844386 * t5
     t11 = t9 + t10
@@ -2055,19 +2383,27 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t17 = t4 * k94
     t18 = t2 * t15 - t1 * t14
     t19 = t1 * t15 + t2 * t14
+
+    # thrust direction and generalised forces of motor 3
     t20 = t6 * k95
     t21 = t5 * k90
     t22 = t6 * k90
     t23 = t5 * k95
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
+
+    # thrust direction and generalised forces of motor 4
     t26 = t4 * t6
     t27 = t3 * t6
     t28 = t4 * k80
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
+
+    # thrust direction and generalised forces of motor 5
     t31 = t22 - t23
     t32 = t3 * (t20 + t21)
+
+    # thrust direction and generalised forces of motor 6
     t33 = t9 - t10
     t34 = t12 + t13
     t35 = t4 * t33
@@ -2151,12 +2487,16 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     F_2 = u[1]
     F_4 = u[3]
     F_6 = u[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # motion of the base
     t7 = v_theta_m1 * t3
     t8 = v_theta_1 + v_theta_m1 * t4
     t9 = t8 * t8
@@ -2164,23 +2504,43 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t11 = v_theta_0 * t5 - t6 * t7
     t12 = t10 * t11
     t13 = t9 + t11 * t11
+
+    # inertia forces of base arm 2, about joint 2
     t14 = k104 * (t13 - t9 - t10 * t10)
+
+    # motion of the base
     t15 = a_z + gravity
     t16 = a_y * t1 + t2 * t15
     t17 = a_x * t3 - t4 * (t1 * t15 - a_y * t2)
     t18 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * t4
     t19 = t12 + t18
     t20 = t12 - t18
+
+    # motion of base arm 2
     t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
+
+    # inertia forces of base arm 2, about joint 2
     t22 = k102 * t19
     t23 = k97 * t21
     t24 = k98 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
     t25 = k103 * t20
+
+    # constraint torque on base arm 2
     t26 = t23 + t24 + t25 + F_2 * base_arm_length - t14 - t22
+
+    # inertia forces of base arm 3, about joint 3
     t27 = t14 + t24 + t25 - t22 - t23
+
+    # inertia forces of base arm 4, about joint 4
     t28 = k8 * t19 + k96 * t21 - k14 * t20
+
+    # constraint torque on base arm 4
     t29 = F_4 * base_arm_length - t28
+
+    # inertia forces of base arm 5, about joint 5
     t30 = t14 + t22 + t23 + t24 - t25
+
+    # constraint torque on base arm 6
     t31 = t14 + t23 + t25 + F_6 * base_arm_length - t22 - t24
     return (
         -t26, -t27, -t29, t30, -t31,
@@ -2262,12 +2622,16 @@ def _gibbs(k, sin, cos, q, v, a):
     a_x = a[6]
     a_y = a[7]
     a_z = a[8]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -2276,6 +2640,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
     t17 = v_theta_0 * t15
@@ -2284,15 +2650,23 @@ def _gibbs(k, sin, cos, q, v, a):
     t20 = v_theta_0 * t19
     t21 = t16 * t19
     t22 = t19 * t19
+
+    # motion of link 1
     t23 = v_theta_7 + t19
     t24 = t8 * t16 + v_theta_0 * t9
     t25 = v_theta_0 * t8 - t9 * t16
     t26 = t24 * t25
     t27 = t23 * t24
     t28 = t23 * t25
+
+    # motion of link 2
     t29 = v_theta_8 - t25
     t30 = t29 * t29
+
+    # motion of link 3
     t31 = v_theta_9 + t29
+
+    # inertia of link 3, turned by the joints
     t32 = k71 * t13
     t33 = k71 * t14
     t34 = t14 * k85
@@ -2300,6 +2674,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t36 = k48 - t35
     t37 = k54 + t35
     t38 = t13 * t34
+
+    # inertia of link 2, turned by the joints
     t39 = t10 * k76
     t40 = t11 * k76
     t41 = t11 * k86
@@ -2307,6 +2683,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t43 = k77 + t42
     t44 = k34 - t42
     t45 = t10 * t41
+
+    # inertia of the base, turned by the joints
     t46 = t5 * k83
     t47 = t6 * k83
     t48 = t6 * k87
@@ -2314,6 +2692,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t50 = k84 + t49
     t51 = k66 - t49
     t52 = t5 * t48
+
+    # motion of the base
     t53 = a_z + gravity
     t54 = a_y * t1 + t2 * t53
     t55 = t1 * t53 - a_y * t2
@@ -2324,6 +2704,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t60 = a_theta_1 + t18 + a_theta_m1 * t4
     t61 = t20 - t59
     t62 = t21 - t58
+
+    # motion of link 1
     t63 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t60)
     t64 = t6 * (t16 * t16 + t22) - t5 * (t18 + t60)
     t65 = t6 * (2.0 * t19 * v_theta_0 - t59)
@@ -2339,9 +2721,13 @@ def _gibbs(k, sin, cos, q, v, a):
     t75 = t8 * t68 - t9 * t67
     t76 = t26 - t70
     t77 = t28 + t73
+
+    # motion of link 2
     t78 = a_theta_8 + t9 * t71 + t8 * t72
     t79 = t23 * t29 + t77
     t80 = t24 * t29 + t76
+
+    # motion of link 3
     t81 = t10 * (t23 * t23 + t30) - t11 * (t27 - t78)
     t82 = t11 * (t24 * t24 + t30) - t10 * (t27 + t78)
     t83 = t11 * (2.0 * t29 * t23 + t77)
@@ -2352,6 +2738,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t88 = a_theta_9 + t78
     t89 = t23 * t31 + t77
     t90 = t24 * t31 + t76
+
+    # Gibbs function of the base
     t91 = t61 * t61 * k118
     t92 = k118 * t62 * t62
     t93 = t54 * t54 * k119
@@ -2394,10 +2782,14 @@ def _gibbs(k, sin, cos, q, v, a):
         t115 + t116 + t118 + t119 + t120 + t122 - t105 - t106 - t107 - t108 - t110 - t112 - t113 -
         t123 - t124 - t125 - t126 - t127
     )
+
+    # Gibbs function of link 1
     t129 = k120 * t73 * t73
     t130 = k78 * t28 * t73
     t131 = k78 * t26 * t70
     t132 = t70 * t70 * k120 + t129 + t130 - t131
+
+    # Gibbs function of link 2
     t133 = 0.5 * t78 * t43 * t78
     t134 = 0.5 * t80 * t43 * t80
     t135 = 0.5 * t78 * t44 * t78
@@ -2432,6 +2824,8 @@ def _gibbs(k, sin, cos, q, v, a):
         t140 + t141 + t142 + t144 + t145 + t146 + t147 + t149 + t150 + t158 + t159 + t160 + t161 +
         t162 - t133 - t134 - t135 - t136 - t137 - t139 - t151 - t153 - t154 - t156 - t157
     )
+
+    # Gibbs function of link 3
     t164 = 0.5 * t88 * t36 * t88
     t165 = 0.5 * t90 * t36 * t90
     t166 = 0.5 * t88 * t37 * t88
@@ -2466,6 +2860,8 @@ def _gibbs(k, sin, cos, q, v, a):
         t164 + t165 + t166 + t167 + t168 + t170 + t171 + t183 + t184 + t185 + t187 + t188 + t189 +
         t190 - t172 - t174 - t175 - t176 - t177 - t178 - t179 - t181 - t191 - t192 - t193
     )
+
+    # sum over the links
     t195 = t128 + t132 + t194 - t163
     return (
         t195,
@@ -2531,12 +2927,16 @@ def _kinetic_energy(k, sin, cos, q, v):
     v_x = v[6]
     v_y = v[7]
     v_z = v[8]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -2545,40 +2945,62 @@ def _kinetic_energy(k, sin, cos, q, v):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = v_theta_m1 * t3
     t16 = v_theta_1 + v_theta_m1 * t4
+
+    # motion of link 1
     t17 = v_theta_7 + t16
     t18 = t8 * t15 + v_theta_0 * t9
+
+    # motion of link 2
     t19 = v_theta_8 + t9 * t15 - v_theta_0 * t8
+
+    # motion of link 3
     t20 = v_theta_9 + t19
+
+    # inertia of link 3, turned by the joints
     t21 = k71 * t13
     t22 = k71 * t14
     t23 = t14 * k85
     t24 = t14 * t23
     t25 = k48 - t24
     t26 = k54 + t24
+
+    # inertia of link 2, turned by the joints
     t27 = t10 * k76
     t28 = t11 * k76
     t29 = t11 * k86
     t30 = t11 * t29
     t31 = k77 + t30
     t32 = k34 - t30
+
+    # inertia of the base, turned by the joints
     t33 = t5 * k83
     t34 = t6 * k83
     t35 = t6 * k87
     t36 = t6 * t35
     t37 = k84 + t36
     t38 = k66 - t36
+
+    # motion of the base
     t39 = v_y * t1 + v_z * t2
     t40 = v_z * t1 - v_y * t2
     t41 = t3 * t40 + v_x * t4
     t42 = v_x * t3 - t4 * t40
+
+    # motion of link 1
     t43 = t42 - base_arm_length * t6 * t16
     t44 = t39 + base_arm_length * t5 * t16
     t45 = t41 - base_arm_length * (v_theta_0 * t5 - t6 * t15)
     t46 = t8 * t43 + t9 * t44
     t47 = t8 * t44 - t9 * t43
+
+    # motion of link 3
     t48 = t47 - link2_length * (t11 * t18 - t10 * t17)
+
+    # Gibbs function of the base
     t49 = t15 * t15 * k118
     t50 = v_theta_0 * v_theta_0 * k118
     t51 = k119 * t39 * t39
@@ -2594,7 +3016,11 @@ def _kinetic_energy(k, sin, cos, q, v):
     t61 = t16 * t34 * t42
     t62 = v_theta_0 * t33 * t41
     t63 = t49 + t50 + t51 + t52 + t53 + t54 + t55 + t56 + t57 + t58 + t59 + t60 - t61 - t62
+
+    # Gibbs function of link 1
     t64 = t17 * t17 * k120 + t18 * t18 * k120
+
+    # Gibbs function of link 2
     t65 = 0.5 * t17 * t17 * t31
     t66 = 0.5 * t19 * t19 * t31
     t67 = 0.5 * t18 * t18 * t32
@@ -2605,6 +3031,8 @@ def _kinetic_energy(k, sin, cos, q, v):
     t72 = t18 * t28 * t47
     t73 = t19 * t28 * t46
     t74 = t65 + t66 + t67 + t68 + t69 + t70 + t71 - t72 - t73
+
+    # Gibbs function of link 3
     t75 = 0.5 * t17 * t17 * t25
     t76 = 0.5 * t20 * t20 * t25
     t77 = 0.5 * t18 * t18 * t26
@@ -2615,6 +3043,8 @@ def _kinetic_energy(k, sin, cos, q, v):
     t82 = t18 * t22 * t48
     t83 = t20 * t22 * (t46 - link2_length * t11 * t19)
     t84 = t75 + t76 + t77 + t78 + t79 + t80 - t81 - t82 - t83
+
+    # sum over the links
     t85 = t63 + t64 + t74 + t84
     return (
         t85,
@@ -2656,12 +3086,16 @@ def _potential_energy(k, sin, cos, q):
     theta_8 = q[4]
     theta_9 = q[5]
     z = q[8]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -2670,10 +3104,16 @@ def _potential_energy(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # composite inertia of links 2 and 3, about joint 8
     t15 = k71 * t13 + t10 * k76
+
+    # mass matrix of attitude and position
     t16 = t4 * (t5 * k83 + t8 * t15)
     t17 = t1 * (t3 * (k71 * t14 + t11 * k76) - t16)
     t18 = t17 + t2 * (t6 * k83 + t9 * t15)
+
+    # first moment of mass above Z = 0, and its weight
     t19 = gravity * (t18 + z * k82)
     return (
         t19,
@@ -2720,12 +3160,16 @@ def _positions(k, sin, cos, q):
     x = q[6]
     y = q[7]
     z = q[8]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -2734,22 +3178,32 @@ def _positions(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # thrust direction and generalised forces of motor 1
     t15 = t2 * t3
     t16 = t1 * t3
+
+    # axes of the base
     t17 = t2 * t4
     t18 = t1 * t4
     t19 = t3 * t5
     t20 = t1 * t6 + t5 * t17
     t21 = t2 * t6 - t5 * t18
+
+    # joint 7 and the axes of link 1
     t22 = base_arm_length * t19
     t23 = base_arm_length * t20
     t24 = base_arm_length * t21
     t25 = t3 * t8
     t26 = t1 * t9 + t8 * t17
     t27 = t2 * t9 - t8 * t18
+
+    # joint 9 and the axes of link 3
     t28 = t22 + link2_length * (t10 * t25 + t4 * t11)
     t29 = t23 + link2_length * (t10 * t26 - t11 * t15)
     t30 = t24 + link2_length * (t10 * t27 + t11 * t16)
+
+    # base centre and motors
     t31 = k91 * t19
     t32 = k91 * t20
     t33 = k91 * t21
@@ -2759,6 +3213,8 @@ def _positions(k, sin, cos, q):
     t37 = k95 * t19
     t38 = k95 * t20
     t39 = k95 * t21
+
+    # positions in the world
     t40 = x + t22
     t41 = y + t23
     t42 = z + t24
@@ -2826,12 +3282,16 @@ def _tip_pose(k, sin, cos, q):
     x = q[6]
     y = q[7]
     z = q[8]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -2840,16 +3300,24 @@ def _tip_pose(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # thrust direction and generalised forces of motor 1
     t15 = t2 * t3
     t16 = t1 * t3
+
+    # axes of the base
     t17 = t2 * t4
     t18 = t1 * t4
+
+    # joint 7 and the axes of link 1
     t19 = t3 * t8
     t20 = t1 * t9 + t8 * t17
     t21 = t2 * t9 - t8 * t18
     t22 = t3 * t9
     t23 = t1 * t8 - t9 * t17
     t24 = t2 * t8 + t9 * t18
+
+    # joint 9 and the axes of link 3
     t25 = link2_length * (t10 * t19 + t4 * t11)
     t26 = link2_length * (t10 * t20 - t11 * t15)
     t27 = link2_length * (t10 * t21 + t11 * t16)
@@ -2861,6 +3329,8 @@ def _tip_pose(k, sin, cos, q):
     t33 = t4 * t13 - t14 * t19
     t34 = t14 * t20 + t13 * t15
     t35 = t13 * t16 - t14 * t21
+
+    # positions in the world
     t36 = x + base_arm_length * t3 * t5 + t25 + link3_length * t30
     t37 = y + t28 + link3_length * t31
     t38 = z + t29 + link3_length * t32
@@ -2903,12 +3373,16 @@ def _tip_jacobian(k, sin, cos, q):
     theta_7 = q[3]
     theta_8 = q[4]
     theta_9 = q[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -2917,10 +3391,16 @@ def _tip_jacobian(k, sin, cos, q):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # thrust direction and generalised forces of motor 1
     t15 = t2 * t3
     t16 = t1 * t3
+
+    # axes of the base
     t17 = t2 * t4
     t18 = t1 * t4
+
+    # joint 7 and the axes of link 1
     t19 = base_arm_length * t3 * t5
     t20 = base_arm_length * (t1 * t6 + t5 * t17)
     t21 = base_arm_length * (t2 * t6 - t5 * t18)
@@ -2930,27 +3410,39 @@ def _tip_jacobian(k, sin, cos, q):
     t25 = t3 * t9
     t26 = t1 * t8 - t9 * t17
     t27 = t2 * t8 + t9 * t18
+
+    # joint 9 and the axes of link 3
     t28 = t19 + link2_length * (t10 * t22 + t4 * t11)
     t29 = t20 + link2_length * (t10 * t23 - t11 * t15)
     t30 = t21 + link2_length * (t10 * t24 + t11 * t16)
+
+    # tip
     t31 = t28 + link3_length * (t13 * t22 + t4 * t14)
     t32 = t29 + link3_length * (t13 * t23 - t14 * t15)
     t33 = t30 + link3_length * (t13 * t24 + t14 * t16)
+
+    # columns of the attitude angles
     t34 = t1 * t33 - t2 * t32
     t35 = t2 * t31
     t36 = t1 * t31
     t37 = t16 * t32 + t15 * t33
     t38 = t16 * t31 - t4 * t33
     t39 = t15 * t31 + t4 * t32
+
+    # column of joint 7
     t40 = t19 - t31
     t41 = t20 - t32
     t42 = t21 - t33
     t43 = t16 * t41 + t15 * t42
     t44 = t4 * t42 - t16 * t40
     t45 = t15 * t40 + t4 * t41
+
+    # column of joint 8
     t46 = t26 * t42 - t27 * t41
     t47 = t25 * t42 + t27 * t40
     t48 = t25 * t41 + t26 * t40
+
+    # column of joint 9
     t49 = t28 - t31
     t50 = t29 - t32
     t51 = t30 - t33
@@ -3010,12 +3502,16 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     v_theta_7 = v[3]
     v_theta_8 = v[4]
     v_theta_9 = v[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_7
     t8 = cos(t7)
     t9 = sin(t7)
@@ -3024,6 +3520,8 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t12 = theta_8 + theta_9
     t13 = cos(t12)
     t14 = sin(t12)
+
+    # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
     t17 = v_theta_0 * t16
@@ -3031,6 +3529,8 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t19 = 2.0 * v_theta_0 * t15
     t20 = v_theta_1 + t15
     t21 = t20 * t20
+
+    # motion of link 1
     t22 = v_theta_7 + t20
     t23 = t19 - v_theta_0 * t22
     t24 = t18 - t16 * t22
@@ -3044,37 +3544,55 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t32 = t17 - t26 * t27
     t33 = t9 * t24 + t22 * t27 - t8 * t23
     t34 = t28 + t30
+
+    # motion of link 2
     t35 = v_theta_8 - t27
     t36 = t35 * t35
     t37 = 2.0 * t26
     t38 = 2.0 * t22
+
+    # motion of link 3
     t39 = v_theta_9 + t35
     t40 = t33 + t22 * t39
     t41 = t32 - t26 * t39
     t42 = t39 * t39
+
+    # step from link 2 to link 3
     t43 = link2_length * t10
     t44 = link2_length * t11
+
+    # step from the base to link 1
     t45 = t5 * base_arm_length
     t46 = t6 * base_arm_length
+
+    # acceleration of the tip that link 3 adds
     t47 = link3_length * t13
     t48 = link3_length * t14
     t49 = (t25 + t42) * t47 - t34 * t48
     t50 = t31 * t47 + (t29 + t42) * t48
     t51 = (t33 + t38 * t39) * t48
     t52 = (t32 - t37 * t39) * t47 - t51
+
+    # acceleration of the tip that link 2 adds
     t53 = t49 + (t25 + t36) * t43 - t34 * t44
     t54 = t50 + t31 * t43 + (t29 + t36) * t44
     t55 = (t33 + t35 * t38) * t44
     t56 = t52 + (t32 - t35 * t37) * t43 - t55
+
+    # acceleration of the tip that link 1 adds
     t57 = t8 * t56 - t9 * t53
     t58 = t8 * t40 - t9 * t28
     t59 = t8 * t28 + t9 * t40
+
+    # acceleration of the tip that the base adds
     t60 = (v_theta_0 * v_theta_0 + t21) * t45
     t61 = t8 * t53 + t9 * t56 + t60
     t62 = (t16 * t16 + t21) * t46
     t63 = t57 + 2.0 * t17 * t45 - t62
     t64 = (t19 - 2.0 * t20 * v_theta_0) * t46
     t65 = t54 + (t18 - 2.0 * t20 * t16) * t45 + t64
+
+    # acceleration of the tip in world axes
     t66 = t4 * t61 - t3 * t65
     t67 = t3 * t61 + t4 * t65
     t68 = t1 * t63 - t2 * t66

@@ -156,6 +156,8 @@ def _constants(values):
     link2_section_inertia_xx = values["link2_section_inertia_xx"]
     link2_section_inertia_yy = values["link2_section_inertia_yy"]
     link2_section_inertia_zz = values["link2_section_inertia_zz"]
+
+    # second moments of base_arm
     k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy
     k2 = base_arm_section_inertia_xx - k1
     k3 = base_arm_section_inertia_yy - k2
@@ -179,6 +181,8 @@ def _constants(values):
     k18 = base_arm_section_inertia_yy + k15
     k19 = k17 + k18
     k20 = 0.5 * k19
+
+    # second moments of link2
     k21 = link2_section_inertia_xx - link2_section_inertia_yy
     k22 = link2_section_inertia_xx - k21
     k23 = link2_section_inertia_yy - k22
@@ -199,6 +203,8 @@ def _constants(values):
     k38 = link2_section_inertia_yy + k35
     k39 = k37 + k38
     k40 = 0.5 * k39
+
+    # inertia of the base, about the origin
     k41 = 4.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
     k42 = 2.0 * k8
     k43 = 2.0 * k14
@@ -207,18 +213,28 @@ def _constants(values):
     k46 = k42 + k43
     k47 = 4.0 * k20
     k48 = 4.0 * base_arm_length * base_arm_mass_per_length
+
+    # inertias of the links
     k49 = 0.5 * link2_length * link2_length * link2_mass_per_length
     k50 = link2_length * link2_mass_per_length
+
+    # inertia of the base, with that of link 1 which joint 5 does not move
     k51 = base_arm_length * k50
     k52 = 2.0 * base_arm_length
     k53 = base_arm_length * k51
     k54 = k48 + k50
     k55 = k41 + k51
     k56 = k45 + k53
+
+    # constant terms and factors of the functions
     k57 = k28 - k34
     k58 = k46 - k56
     k59 = gravity * k54
+
+    # inertia of base arm 1, about the origin
     k60 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
+
+    # constant terms and factors of the functions
     k61 = base_arm_length * k60
     k62 = k8 + k14
     k63 = k61 + k62
@@ -395,17 +411,23 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     v_theta_1 = v[2]
     v_theta_5 = v[3]
     v_theta_6 = v[4]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = t2 * gravity
     t13 = t1 * gravity
     t14 = v_theta_m1 * t4
@@ -422,6 +444,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t25 = t19 - 2.0 * t22 * t15
     t26 = t15 * t15 + t23
     t27 = t21 - 2.0 * t22 * v_theta_0
+
+    # motion of link 1
     t28 = t5 * t24
     t29 = t5 * t20 - t6 * t26
     t30 = t5 * t25 + t6 * t27
@@ -439,12 +463,16 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t42 = t16 - t36 * t37
     t43 = t9 * t35 + t33 * t37 - t8 * t34
     t44 = t38 + t40
+
+    # motion of link 2
     t45 = v_theta_6 - t37
     t46 = t45 * t45
     t47 = t33 * t33 + t46
     t48 = t42 - 2.0 * t45 * t36
     t49 = t36 * t36 + t46
     t50 = t43 + 2.0 * t45 * t33
+
+    # inertia of link 2, turned by the joints
     t51 = k49 * t10
     t52 = k49 * t11
     t53 = t11 * k57
@@ -452,6 +480,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t55 = k28 - t54
     t56 = k34 + t54
     t57 = t10 * t53
+
+    # inertia forces of link 2, about joint 6
     t58 = t39 * t52 + t48 * t57 - t50 * t56
     t59 = t39 * t51 + t48 * t55 - t50 * t57
     t60 = (t17 - base_arm_length * t30) * t51
@@ -461,12 +491,18 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t64 = k49 * (t11 * t44 - t10 * t47)
     t65 = k49 * (t10 * t41 + t11 * t49)
     t66 = k49 * (t11 * t50 - t10 * t48)
+
+    # inertia forces of links 1 and 2, about joint 5
     t67 = t58 - k40 * t43
     t68 = t59 + k40 * t42
     t69 = t8 * t64 + t9 * t66
     t70 = t9 * t64 - t8 * t66
+
+    # step from the base to link 1
     t71 = t5 * base_arm_length
     t72 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t73 = t5 * k55
     t74 = t6 * k55
     t75 = t6 * k58
@@ -474,6 +510,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t77 = k56 + t76
     t78 = k46 - t76
     t79 = t5 * t75
+
+    # inertia forces of the base and links 1 and 2
     t80 = t27 * t78
     t81 = t17 * t74 + t25 * t79 - k47 * t21 - t80
     t82 = t27 * t79
@@ -486,11 +524,15 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t89 = t9 * t63 + t8 * t67 + t65 * t72 - t81
     t90 = t8 * t63 + t65 * t71 + t83 - t9 * t67
     t91 = t68 + t70 * t71 + t85 - t69 * t72
+
+    # inertia forces on attitude and position
     t92 = t3 * t88 + t4 * t86
     t93 = t3 * t86 - t4 * t88
     t94 = t4 * t91 - t3 * t89
     t95 = t1 * t87 + t2 * t92
     t96 = t2 * t87 + k59 - t1 * t92
+
+    # composite inertia of links 1 and 2, about joint 5
     t97 = t8 * t51
     t98 = t9 * t51
     t99 = t8 * t57
@@ -499,6 +541,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t102 = t9 * t101
     t103 = t55 + t102
     t104 = k40 - t102
+
+    # composite inertia of the base and links 1 and 2
     t105 = t99 + t52 * t71
     t106 = t100 + t52 * t72
     t107 = t73 + t97
@@ -507,6 +551,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t110 = t78 + t104 + 2.0 * t98 * t72
     t111 = k47 + t56
     t112 = t79 + t8 * t101 - t71 * t98 - t72 * t97
+
+    # mass matrix, columns of the joints carried in to joint 5
     t113 = t103 + t104
     t114 = t113 + t71 * t97 + t72 * t98
     t115 = t55 + t56
@@ -514,6 +560,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t117 = t9 * t52
     t118 = t8 * t115 + t51 * t71
     t119 = t72 * t116 - t71 * t117
+
+    # mass matrix of attitude and position
     t120 = t109 + t110
     t121 = t4 * t108
     t122 = t3 * t108
@@ -530,6 +578,8 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t133 = t110 + t111 - t130
     t134 = t1 * t108 - t2 * t128
     t135 = t1 * t128 + t2 * t108
+
+    # mass matrix between the joints and attitude and position
     t136 = t4 * t98
     t137 = t3 * t98
     t138 = t4 * t114 - t3 * t99
@@ -592,17 +642,23 @@ def _mass_matrix(k, sin, cos, q):
     theta_1 = q[2]
     theta_5 = q[3]
     theta_6 = q[4]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # inertia of link 2, turned by the joints
     t12 = k49 * t10
     t13 = k49 * t11
     t14 = t11 * k57
@@ -610,10 +666,16 @@ def _mass_matrix(k, sin, cos, q):
     t16 = k28 - t15
     t17 = k34 + t15
     t18 = t10 * t14
+
+    # step from the base to link 1
     t19 = t5 * base_arm_length
     t20 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t21 = t6 * k58
     t22 = t6 * t21
+
+    # composite inertia of links 1 and 2, about joint 5
     t23 = t8 * t12
     t24 = t9 * t12
     t25 = t8 * t18
@@ -622,6 +684,8 @@ def _mass_matrix(k, sin, cos, q):
     t28 = t9 * t27
     t29 = t16 + t28
     t30 = k40 - t28
+
+    # composite inertia of the base and links 1 and 2
     t31 = t19 * t24 + t20 * t23 - t8 * t27
     t32 = t25 + t13 * t19
     t33 = t26 + t13 * t20
@@ -630,6 +694,8 @@ def _mass_matrix(k, sin, cos, q):
     t36 = k56 + t22 + t29 + 2.0 * t23 * t19
     t37 = k46 + t30 + 2.0 * t24 * t20 - t22
     t38 = k47 + t17
+
+    # mass matrix, columns of the joints carried in to joint 5
     t39 = t29 + t30
     t40 = t39 + t19 * t23 + t20 * t24
     t41 = t16 + t17
@@ -637,6 +703,8 @@ def _mass_matrix(k, sin, cos, q):
     t43 = t9 * t13
     t44 = t8 * t41 + t12 * t19
     t45 = t20 * t42 - t19 * t43
+
+    # mass matrix of attitude and position
     t46 = t36 + t37
     t47 = t4 * t35
     t48 = t3 * t35
@@ -653,6 +721,8 @@ def _mass_matrix(k, sin, cos, q):
     t59 = t37 + t38 - t56
     t60 = t1 * t35 - t2 * t54
     t61 = t1 * t54 + t2 * t35
+
+    # mass matrix between the joints and attitude and position
     t62 = t4 * t24
     t63 = t3 * t24
     t64 = t4 * t40 - t3 * t25
@@ -724,17 +794,23 @@ def _residual(k, sin, cos, q, v):
     v_theta_1 = v[2]
     v_theta_5 = v[3]
     v_theta_6 = v[4]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = t2 * gravity
     t13 = t1 * gravity
     t14 = v_theta_m1 * t4
@@ -751,6 +827,8 @@ def _residual(k, sin, cos, q, v):
     t25 = t19 - 2.0 * t22 * t15
     t26 = t15 * t15 + t23
     t27 = t21 - 2.0 * t22 * v_theta_0
+
+    # motion of link 1
     t28 = t5 * t24
     t29 = t5 * t20 - t6 * t26
     t30 = t5 * t25 + t6 * t27
@@ -768,12 +846,16 @@ def _residual(k, sin, cos, q, v):
     t42 = t16 - t36 * t37
     t43 = t9 * t35 + t33 * t37 - t8 * t34
     t44 = t38 + t40
+
+    # motion of link 2
     t45 = v_theta_6 - t37
     t46 = t45 * t45
     t47 = t33 * t33 + t46
     t48 = t42 - 2.0 * t45 * t36
     t49 = t36 * t36 + t46
     t50 = t43 + 2.0 * t45 * t33
+
+    # inertia of link 2, turned by the joints
     t51 = k49 * t10
     t52 = k49 * t11
     t53 = t11 * k57
@@ -781,6 +863,8 @@ def _residual(k, sin, cos, q, v):
     t55 = k28 - t54
     t56 = k34 + t54
     t57 = t10 * t53
+
+    # inertia forces of link 2, about joint 6
     t58 = t39 * t52 + t48 * t57 - t50 * t56
     t59 = t39 * t51 + t48 * t55 - t50 * t57
     t60 = (t17 - base_arm_length * t30) * t51
@@ -790,18 +874,26 @@ def _residual(k, sin, cos, q, v):
     t64 = k49 * (t11 * t44 - t10 * t47)
     t65 = k49 * (t10 * t41 + t11 * t49)
     t66 = k49 * (t11 * t50 - t10 * t48)
+
+    # inertia forces of links 1 and 2, about joint 5
     t67 = t58 - k40 * t43
     t68 = t59 + k40 * t42
     t69 = t8 * t64 + t9 * t66
     t70 = t9 * t64 - t8 * t66
+
+    # step from the base to link 1
     t71 = t5 * base_arm_length
     t72 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t73 = t5 * k55
     t74 = t6 * k55
     t75 = t6 * k58
     t76 = t6 * t75
     t77 = k56 + t76
     t78 = t5 * t75
+
+    # inertia forces of the base and links 1 and 2
     t79 = t27 * (k46 - t76)
     t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79
     t81 = t27 * t78
@@ -814,6 +906,8 @@ def _residual(k, sin, cos, q, v):
     t88 = t9 * t63 + t8 * t67 + t65 * t72 - t80
     t89 = t8 * t63 + t65 * t71 + t82 - t9 * t67
     t90 = t68 + t70 * t71 + t84 - t69 * t72
+
+    # inertia forces on attitude and position
     t91 = t3 * t87 + t4 * t85
     t92 = t3 * t85 - t4 * t87
     t93 = t4 * t90 - t3 * t88
@@ -854,19 +948,27 @@ def _input_matrix(k, sin, cos, q):
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # thrust direction and generalised forces of motor 1
     t7 = t2 * t3
     t8 = t1 * t3
+
+    # thrust direction and generalised forces of motor 2
     t9 = t4 * t5
     t10 = t3 * t5
     t11 = t4 * base_arm_length
     t12 = t1 * t6 + t2 * t9
     t13 = t2 * t6 - t1 * t9
+
+    # thrust direction and generalised forces of motor 3
     t14 = t5 * k52
     t15 = t3 * t6 * k52
     return (
@@ -941,17 +1043,23 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     F_4 = u[3]
     tau_5 = u[4]
     tau_6 = u[5]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
     t14 = v_theta_0 * t13
@@ -961,6 +1069,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t18 = v_theta_0 * t17
     t19 = t13 * t17
     t20 = t17 * t17
+
+    # motion of link 1
     t21 = v_theta_5 + t17
     t22 = t16 - v_theta_0 * t21
     t23 = t15 - t13 * t21
@@ -972,12 +1082,16 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t29 = t14 - t24 * t25
     t30 = t9 * t23 + t21 * t25 - t8 * t22
     t31 = t26 + t27
+
+    # motion of link 2
     t32 = v_theta_6 - t25
     t33 = t32 * t32
     t34 = t21 * t21 + t33
     t35 = t29 - 2.0 * t32 * t24
     t36 = t24 * t24 + t33
     t37 = t30 + 2.0 * t32 * t21
+
+    # inertia of link 2, turned by the joints
     t38 = k49 * t10
     t39 = k49 * t11
     t40 = t11 * k57
@@ -985,9 +1099,15 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t42 = k28 - t41
     t43 = k34 + t41
     t44 = t10 * t40
+
+    # force and moment of all thrusts
     t45 = F_1 * base_arm_length - F_3 * base_arm_length
     t46 = F_2 - F_4
+
+    # articulated inertia and load of link 2, about joint 6
     t47 = t28 * t42 + t31 * t43 - t44 * (t34 - t36)
+
+    # equation of joint 6, its acceleration eliminated
     t48 = 1.0 / (t42 + t43)
     t49 = t48 * (tau_6 + t47)
     t50 = t39 * t48
@@ -995,7 +1115,11 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t52 = k49 * (t11 * t31 - t10 * t34) - t39 * t49
     t53 = k49 * (t10 * t28 + t11 * t36) - t38 * t49
     t54 = t38 * t50
+
+    # articulated inertia and load of links 1 and 2, about joint 5
     t55 = k40 * t30 + t37 * t43 - t35 * t44
+
+    # equation of joint 5, its acceleration eliminated
     t56 = 1.0 / (k40 + t42)
     t57 = tau_5 + t37 * t44 - k40 * t29 - t35 * t42
     t58 = t56 * t57
@@ -1003,6 +1127,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t60 = t44 * t56
     t61 = k49 * (t11 * t37 - t10 * t35) - t38 * t58
     t62 = t39 - t44 * t59
+
+    # articulated inertia and load of the base and links 1 and 2
     t63 = t5 * t46
     t64 = t6 * t46
     t65 = k47 * t16 + k46 * (t16 - 2.0 * t17 * v_theta_0)
@@ -1012,6 +1138,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t69 = F_2 * base_arm_length + F_4 * base_arm_length - 2.0 * k46 * t14
     t70 = F_1 + F_3 + t53
     t71 = t55 + t8 * t67 - t44 * t58 - t9 * t68
+
+    # acceleration of the base, by LDL^T
     t72 = 1.0 / (k40 + t43 + k64 - t44 * t60)
     t73 = t62 * t72
     t74 = t61 + t8 * t64 - t9 * t63 - t71 * t73
@@ -1026,10 +1154,18 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t83 = t73 * t82 - t71 * t72
     t84 = (tau_6 + t8 * t68 + t9 * t67) * k67
     t85 = (tau_5 - t69) * k66
+
+    # acceleration of joint 5
     t86 = t85 + t58 + t60 * t83 - t59 * t82
+
+    # acceleration of joint 6
     t87 = t84 + t49 - t50 * t80 - t51 * t81
+
+    # acceleration of the base
     t88 = t8 * t83 - t9 * t84
     t89 = t8 * t84 + t9 * t83
+
+    # acceleration of the origin, in world axes
     t90 = t14 - t85
     t91 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t14 - t90)
     t92 = t6 * (t13 * t13 + t20) - t5 * (t14 + t90)
@@ -1041,9 +1177,13 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t98 = t3 * t97 + t4 * t95
     t99 = t4 * t97 - t3 * t95
     t100 = t1 * t96 - t2 * t98
+
+    # accelerations of the attitude angles
     t101 = 1.0 / t3
     t102 = t88 * t101
     t103 = t85 + t4 * t102
+
+    # acceleration of the origin, in world axes
     t104 = gravity - t1 * t98 - t2 * t96
     return (
         t102, t89, -t103, t86, t87, t99, t100, -t104,
@@ -1115,17 +1255,23 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     a_x = a[5]
     a_y = a[6]
     a_z = a[7]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
     t14 = v_theta_0 * t12
@@ -1134,14 +1280,20 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t17 = t16 * t16
     t18 = v_theta_0 * v_theta_0 + t17
     t19 = t13 * t13 + t17
+
+    # motion of link 1
     t20 = v_theta_5 + t16
     t21 = t8 * t13 + v_theta_0 * t9
     t22 = v_theta_0 * t8 - t9 * t13
     t23 = t20 * t21
+
+    # motion of link 2
     t24 = v_theta_6 - t22
     t25 = t24 * t24
     t26 = t20 * t20 + t25
     t27 = t21 * t21 + t25
+
+    # inertia of link 2, turned by the joints
     t28 = k49 * t10
     t29 = k49 * t11
     t30 = t11 * k57
@@ -1149,9 +1301,15 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t32 = k28 - t31
     t33 = k34 + t31
     t34 = t10 * t30
+
+    # inertia forces of link 2, about joint 6
     t35 = t34 * (t26 - t27)
+
+    # step from the base to link 1
     t36 = t5 * base_arm_length
     t37 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t38 = t5 * k55
     t39 = t6 * k55
     t40 = t6 * k58
@@ -1159,7 +1317,11 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t42 = k56 + t41
     t43 = k46 - t41
     t44 = t5 * t40
+
+    # inertia forces of the base and links 1 and 2
     t45 = t44 * (t18 - t19)
+
+    # motion of the base
     t46 = a_z + gravity
     t47 = a_y * t1 + t2 * t46
     t48 = t1 * t46 - a_y * t2
@@ -1172,6 +1334,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t55 = 2.0 * t16 * t13 - t51
     t56 = t15 - t53
     t57 = 2.0 * t16 * v_theta_0 - t52
+
+    # motion of link 1
     t58 = t5 * t18 - t6 * t56
     t59 = t6 * t19 - t5 * t54
     t60 = t5 * t55 + t6 * t57
@@ -1182,11 +1346,15 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t65 = t8 * t62 - t9 * t61
     t66 = t21 * t22 - a_theta_5 - t53
     t67 = t20 * t22 + t8 * t63 - t9 * t64
+
+    # motion of link 2
     t68 = a_theta_6 + t9 * t63 + t8 * t64
     t69 = t23 + t68
     t70 = 2.0 * t24 * t21 + t66
     t71 = t23 - t68
     t72 = 2.0 * t24 * t20 + t67
+
+    # inertia forces of link 2, about joint 6
     t73 = t34 * t70 + t33 * t72 - t29 * t65
     t74 = t32 * t70 + t34 * t72 - t28 * t65
     t75 = t28 * (t49 + base_arm_length * t60)
@@ -1195,10 +1363,14 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t78 = k49 * (t10 * t26 - t11 * t71)
     t79 = k49 * (t11 * t27 - t10 * t69)
     t80 = k49 * (t10 * t70 + t11 * t72)
+
+    # inertia forces of links 1 and 2, about joint 5
     t81 = t73 + k40 * t67
     t82 = t74 + k40 * t66
     t83 = t9 * t80 - t8 * t78
     t84 = t9 * t78 + t8 * t80
+
+    # inertia forces of the base and links 1 and 2
     t85 = t44 * t55
     t86 = t39 * t49 + t43 * t57 - k47 * t52 - t85
     t87 = t42 * t55
@@ -1212,6 +1384,8 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t95 = t9 * t77 + t8 * t81 + t86 - t37 * t79
     t96 = t9 * t81 + t36 * t79 + t88 - t8 * t77
     t97 = t82 + t37 * t83 + t36 * t84 + t91
+
+    # inertia forces on attitude and position
     t98 = t4 * t92 + t3 * t94
     t99 = t3 * t95 - t4 * t97
     t100 = t3 * t92 + a_x * k54 - t4 * t94
@@ -1269,17 +1443,23 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     theta_1 = q[2]
     theta_5 = q[3]
     theta_6 = q[4]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # inertia of link 2, turned by the joints
     t12 = k49 * t10
     t13 = k49 * t11
     t14 = t11 * k57
@@ -1287,10 +1467,16 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t16 = k28 - t15
     t17 = k34 + t15
     t18 = t10 * t14
+
+    # step from the base to link 1
     t19 = t5 * base_arm_length
     t20 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t21 = t6 * k58
     t22 = t6 * t21
+
+    # composite inertia of links 1 and 2, about joint 5
     t23 = t8 * t12
     t24 = t9 * t12
     t25 = t8 * t18
@@ -1299,6 +1485,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t28 = t9 * t27
     t29 = t16 + t28
     t30 = k40 - t28
+
+    # composite inertia of the base and links 1 and 2
     t31 = t19 * t24 + t20 * t23 - t8 * t27
     t32 = t25 + t13 * t19
     t33 = t26 + t13 * t20
@@ -1307,6 +1495,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t36 = k56 + t22 + t29 + 2.0 * t23 * t19
     t37 = k46 + t30 + 2.0 * t24 * t20 - t22
     t38 = k47 + t17
+
+    # mass matrix, columns of the joints carried in to joint 5
     t39 = t29 + t30
     t40 = t39 + t19 * t23 + t20 * t24
     t41 = t16 + t17
@@ -1314,6 +1504,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t43 = t9 * t13
     t44 = t8 * t41 + t12 * t19
     t45 = t20 * t42 - t19 * t43
+
+    # mass matrix of attitude and position
     t46 = t36 + t37
     t47 = t4 * t35
     t48 = t3 * t35
@@ -1330,6 +1522,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t59 = t37 + t38 - t56
     t60 = t1 * t35 - t2 * t54
     t61 = t1 * t54 + t2 * t35
+
+    # mass matrix between the joints and attitude and position
     t62 = t4 * t24
     t63 = t3 * t24
     t64 = t4 * t40 - t3 * t25
@@ -1340,13 +1534,19 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t69 = t3 * (t9 * t41 + t12 * t20) + t4 * t45
     t70 = t1 * t43 + t2 * t67
     t71 = t1 * t67 - t2 * t43
+
+    # composite inertia of the base and base arm 2
     t72 = t6 * k60
     t73 = t5 * k60
+
+    # mass matrix, column of joint 2
     t74 = t4 * t73
     t75 = t3 * t73
     t76 = t4 * k62
     t77 = t1 * t72 + t2 * t74
     t78 = t2 * t72 - t1 * t74
+
+    # mass matrix, column of joint 3
     t79 = t4 * t72
     t80 = t3 * t72
     t81 = t4 * k63
@@ -1425,17 +1625,23 @@ def _hybrid_residual(k, sin, cos, q, v):
     v_theta_1 = v[2]
     v_theta_5 = v[3]
     v_theta_6 = v[4]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = t2 * gravity
     t13 = t1 * gravity
     t14 = v_theta_m1 * t4
@@ -1452,6 +1658,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t25 = t19 - 2.0 * t22 * t15
     t26 = t15 * t15 + t23
     t27 = t21 - 2.0 * t22 * v_theta_0
+
+    # motion of link 1
     t28 = t5 * t24
     t29 = t5 * t20 - t6 * t26
     t30 = t5 * t25 + t6 * t27
@@ -1469,12 +1677,16 @@ def _hybrid_residual(k, sin, cos, q, v):
     t42 = t16 - t36 * t37
     t43 = t9 * t35 + t33 * t37 - t8 * t34
     t44 = t38 + t40
+
+    # motion of link 2
     t45 = v_theta_6 - t37
     t46 = t45 * t45
     t47 = t33 * t33 + t46
     t48 = t42 - 2.0 * t45 * t36
     t49 = t36 * t36 + t46
     t50 = t43 + 2.0 * t45 * t33
+
+    # inertia of link 2, turned by the joints
     t51 = k49 * t10
     t52 = k49 * t11
     t53 = t11 * k57
@@ -1482,6 +1694,8 @@ def _hybrid_residual(k, sin, cos, q, v):
     t55 = k28 - t54
     t56 = k34 + t54
     t57 = t10 * t53
+
+    # inertia forces of link 2, about joint 6
     t58 = t39 * t52 + t48 * t57 - t50 * t56
     t59 = t39 * t51 + t48 * t55 - t50 * t57
     t60 = (t17 - base_arm_length * t30) * t51
@@ -1491,18 +1705,26 @@ def _hybrid_residual(k, sin, cos, q, v):
     t64 = k49 * (t11 * t44 - t10 * t47)
     t65 = k49 * (t10 * t41 + t11 * t49)
     t66 = k49 * (t11 * t50 - t10 * t48)
+
+    # inertia forces of links 1 and 2, about joint 5
     t67 = t58 - k40 * t43
     t68 = t59 + k40 * t42
     t69 = t8 * t64 + t9 * t66
     t70 = t9 * t64 - t8 * t66
+
+    # step from the base to link 1
     t71 = t5 * base_arm_length
     t72 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
     t73 = t5 * k55
     t74 = t6 * k55
     t75 = t6 * k58
     t76 = t6 * t75
     t77 = k56 + t76
     t78 = t5 * t75
+
+    # inertia forces of the base and links 1 and 2
     t79 = t27 * (k46 - t76)
     t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79
     t81 = t27 * t78
@@ -1515,22 +1737,34 @@ def _hybrid_residual(k, sin, cos, q, v):
     t88 = t9 * t63 + t8 * t67 + t65 * t72 - t80
     t89 = t8 * t63 + t65 * t71 + t82 - t9 * t67
     t90 = t68 + t70 * t71 + t84 - t69 * t72
+
+    # inertia forces on attitude and position
     t91 = t3 * t87 + t4 * t85
     t92 = t3 * t85 - t4 * t87
     t93 = t4 * t90 - t3 * t88
     t94 = t1 * t86 + t2 * t91
     t95 = t2 * t86 + k59 - t1 * t91
+
+    # motion of the base
     t96 = v_theta_0 * t5 - t6 * t15
     t97 = (t5 * t15 + v_theta_0 * t6) * t96
     t98 = t16 + t97
     t99 = t16 - t97
+
+    # motion of base arm 2
     t100 = base_arm_length * (t23 + t96 * t96)
+
+    # inertia forces of base arm 2, about joint 2
     t101 = k8 * t99
     t102 = k14 * t98
     t103 = k60 * (t6 * t12 - t5 * t18 - t100)
     t104 = t101 + t102 + t103
+
+    # inertia forces of base arm 3, about joint 3
     t105 = k60 * (t5 * t12 + t6 * t18 + base_arm_length * t98)
     t106 = k8 * t98 + k14 * t99 + t105
+
+    # inertia forces of base arm 4, about joint 4
     t107 = t101 + t102 - t103
     return (
         -t93, -t89, -t90, -t104, -t106, -t107, -t68, t63, -t92, -t94, -t95, 0.0, 0.0, 0.0,
@@ -1567,19 +1801,27 @@ def _hybrid_input_matrix(k, sin, cos, q):
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # thrust direction and generalised forces of motor 1
     t7 = t2 * t3
     t8 = t1 * t3
+
+    # thrust direction and generalised forces of motor 2
     t9 = t4 * t5
     t10 = t3 * t5
     t11 = t4 * base_arm_length
     t12 = t1 * t6 + t2 * t9
     t13 = t2 * t6 - t1 * t9
+
+    # thrust direction and generalised forces of motor 3
     t14 = t5 * k52
     t15 = t3 * t6 * k52
     return (
@@ -1646,29 +1888,45 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     a_z = a[7]
     F_2 = u[1]
     F_4 = u[3]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # motion of the base
     t7 = v_theta_m1 * t3
     t8 = v_theta_1 + v_theta_m1 * t4
     t9 = v_theta_0 * t5 - t6 * t7
     t10 = (t5 * t7 + v_theta_0 * t6) * t9
+
+    # motion of base arm 2
     t11 = base_arm_length * (t8 * t8 + t9 * t9)
+
+    # motion of the base
     t12 = a_z + gravity
     t13 = a_y * t1 + t2 * t12
     t14 = a_x * t3 - t4 * (t1 * t12 - a_y * t2)
     t15 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * t4
     t16 = t10 + t15
     t17 = t10 - t15
+
+    # inertia forces of base arm 2, about joint 2
     t18 = k14 * t16
     t19 = k8 * t17
     t20 = k60 * (t11 - t6 * t13 - t5 * t14)
+
+    # constraint torque on base arm 2
     t21 = F_2 * base_arm_length + t19 + t20 - t18
+
+    # inertia forces of base arm 3, about joint 3
     t22 = k60 * (t5 * t13 + base_arm_length * t16 - t6 * t14)
     t23 = k8 * t16 + t22 - k14 * t17
+
+    # constraint torque on base arm 4
     t24 = F_4 * base_arm_length + t19 - t18 - t20
     return (
         -t21, t23, -t24,
@@ -1741,17 +1999,23 @@ def _gibbs(k, sin, cos, q, v, a):
     a_x = a[5]
     a_y = a[6]
     a_z = a[7]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
     t14 = v_theta_0 * t12
@@ -1760,12 +2024,18 @@ def _gibbs(k, sin, cos, q, v, a):
     t17 = v_theta_0 * t16
     t18 = t13 * t16
     t19 = t16 * t16
+
+    # motion of link 1
     t20 = v_theta_5 + t16
     t21 = t8 * t13 + v_theta_0 * t9
     t22 = v_theta_0 * t8 - t9 * t13
     t23 = t21 * t22
     t24 = t20 * t22
+
+    # motion of link 2
     t25 = v_theta_6 - t22
+
+    # inertia of link 2, turned by the joints
     t26 = k49 * t10
     t27 = k49 * t11
     t28 = t11 * k57
@@ -1773,6 +2043,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t30 = k28 - t29
     t31 = k34 + t29
     t32 = t10 * t28
+
+    # inertia of the base, turned by the joints
     t33 = t5 * k55
     t34 = t6 * k55
     t35 = t6 * k58
@@ -1780,6 +2052,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t37 = k56 + t36
     t38 = k46 - t36
     t39 = t5 * t35
+
+    # motion of the base
     t40 = a_z + gravity
     t41 = a_y * t1 + t2 * t40
     t42 = t1 * t40 - a_y * t2
@@ -1790,6 +2064,8 @@ def _gibbs(k, sin, cos, q, v, a):
     t47 = a_theta_1 + t15 + a_theta_m1 * t4
     t48 = t17 - t46
     t49 = t18 - t45
+
+    # motion of link 1
     t50 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t15 - t47)
     t51 = t6 * (t13 * t13 + t19) - t5 * (t15 + t47)
     t52 = t6 * (2.0 * t16 * v_theta_0 - t46)
@@ -1803,9 +2079,13 @@ def _gibbs(k, sin, cos, q, v, a):
     t60 = t8 * t58 - t9 * t59
     t61 = t8 * t54 + t9 * t55
     t62 = t8 * t55 - t9 * t54
+
+    # motion of link 2
     t63 = a_theta_6 + t9 * t58 + t8 * t59
     t64 = t20 * t25 + t24 + t60
     t65 = t21 * t25 + t23 - t57
+
+    # Gibbs function of the base
     t66 = t48 * t48 * k68
     t67 = k68 * t49 * t49
     t68 = t41 * t41 * k69
@@ -1848,10 +2128,14 @@ def _gibbs(k, sin, cos, q, v, a):
         t92 + t93 + t94 + t96 + t97 - t80 - t81 - t82 - t83 - t85 - t87 - t88 - t98 - t99 - t100 -
         t101 - t102
     )
+
+    # Gibbs function of link 1
     t104 = k70 * t60 * t60
     t105 = k40 * t24 * t60
     t106 = k40 * t23 * t57
     t107 = t57 * t57 * k70 + t104 + t105 - t106
+
+    # Gibbs function of link 2
     t108 = 0.5 * t63 * t30 * t63
     t109 = 0.5 * t65 * t30 * t65
     t110 = 0.5 * t63 * t31 * t63
@@ -1886,6 +2170,8 @@ def _gibbs(k, sin, cos, q, v, a):
         t108 + t109 + t110 + t111 + t112 + t114 + t115 + t126 + t128 + t129 + t131 + t132 + t133 +
         t134 - t116 - t117 - t118 - t120 - t121 - t122 - t123 - t125 - t135 - t136 - t137
     )
+
+    # sum over the links
     t139 = t103 + t107 + t138
     return (
         t139,
@@ -1944,42 +2230,62 @@ def _kinetic_energy(k, sin, cos, q, v):
     v_x = v[5]
     v_y = v[6]
     v_z = v[7]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = v_theta_m1 * t3
     t13 = v_theta_1 + v_theta_m1 * t4
+
+    # motion of link 1
     t14 = v_theta_5 + t13
     t15 = t8 * t12 + v_theta_0 * t9
+
+    # motion of link 2
     t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
+
+    # inertia of link 2, turned by the joints
     t17 = k49 * t10
     t18 = k49 * t11
     t19 = t11 * k57
     t20 = t11 * t19
     t21 = k28 - t20
     t22 = k34 + t20
+
+    # inertia of the base, turned by the joints
     t23 = t5 * k55
     t24 = t6 * k55
     t25 = t6 * k58
     t26 = t6 * t25
     t27 = k56 + t26
     t28 = k46 - t26
+
+    # motion of the base
     t29 = v_y * t1 + v_z * t2
     t30 = v_z * t1 - v_y * t2
     t31 = t3 * t30 + v_x * t4
     t32 = v_x * t3 - t4 * t30
+
+    # motion of link 1
     t33 = t32 - base_arm_length * t6 * t13
     t34 = t29 + base_arm_length * t5 * t13
     t35 = t31 - base_arm_length * (v_theta_0 * t5 - t6 * t12)
     t36 = t8 * t34 - t9 * t33
+
+    # Gibbs function of the base
     t37 = t12 * t12 * k68
     t38 = v_theta_0 * v_theta_0 * k68
     t39 = k69 * t29 * t29
@@ -1995,7 +2301,11 @@ def _kinetic_energy(k, sin, cos, q, v):
     t49 = v_theta_0 * t23 * t31
     t50 = t13 * t24 * t32
     t51 = t37 + t38 + t39 + t40 + t41 + t42 + t43 + t44 + t45 + t46 + t47 + t48 - t49 - t50
+
+    # Gibbs function of link 1
     t52 = t14 * t14 * k70 + t15 * t15 * k70
+
+    # Gibbs function of link 2
     t53 = 0.5 * t14 * t14 * t21
     t54 = 0.5 * t16 * t16 * t21
     t55 = 0.5 * t15 * t15 * t22
@@ -2006,6 +2316,8 @@ def _kinetic_energy(k, sin, cos, q, v):
     t60 = t15 * t18 * t36
     t61 = t16 * t18 * (t8 * t33 + t9 * t34)
     t62 = t53 + t54 + t55 + t56 + t57 + t58 - t59 - t60 - t61
+
+    # sum over the links
     t63 = t51 + t52 + t62
     return (
         t63,
@@ -2045,21 +2357,31 @@ def _potential_energy(k, sin, cos, q):
     theta_5 = q[3]
     theta_6 = q[4]
     z = q[7]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # inertia of link 2, turned by the joints
     t12 = k49 * t10
+
+    # mass matrix of attitude and position
     t13 = t4 * (t5 * k55 + t8 * t12)
     t14 = t2 * (t6 * k55 + t9 * t12)
     t15 = t1 * (t3 * k49 * t11 - t13) + t14
+
+    # first moment of mass above Z = 0, and its weight
     t16 = gravity * (t15 + z * k54)
     return (
         t16,
@@ -2100,31 +2422,49 @@ def _positions(k, sin, cos, q):
     x = q[5]
     y = q[6]
     z = q[7]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # thrust direction and generalised forces of motor 2
     t12 = t3 * t5
+
+    # axes of the base
     t13 = t2 * t4
     t14 = t1 * t4
     t15 = t1 * t6 + t5 * t13
     t16 = t2 * t6 - t5 * t14
+
+    # joint 5 and the axes of link 1
     t17 = base_arm_length * t12
     t18 = base_arm_length * t15
     t19 = base_arm_length * t16
+
+    # joint 6 and the axes of link 2
     t20 = t10 * (t1 * t9 + t8 * t13)
     t21 = t10 * (t2 * t9 - t8 * t14)
+
+    # tip
     t22 = t17 + link2_length * (t10 * t3 * t8 + t4 * t11)
+
+    # base centre and motors
     t23 = base_arm_length * t3 * t6
     t24 = base_arm_length * (t1 * t5 - t6 * t13)
     t25 = base_arm_length * (t2 * t5 + t6 * t14)
+
+    # positions in the world
     t26 = x + t17
     t27 = y + t18
     t28 = z + t19
@@ -2181,35 +2521,51 @@ def _tip_pose(k, sin, cos, q):
     x = q[5]
     y = q[6]
     z = q[7]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # thrust direction and generalised forces of motor 1
     t12 = t2 * t3
     t13 = t1 * t3
+
+    # axes of the base
     t14 = t2 * t4
     t15 = t1 * t4
+
+    # joint 5 and the axes of link 1
     t16 = t3 * t8
     t17 = t1 * t9 + t8 * t14
     t18 = t2 * t9 - t8 * t15
     t19 = t3 * t9
     t20 = t1 * t8 - t9 * t14
     t21 = t2 * t8 + t9 * t15
+
+    # joint 6 and the axes of link 2
     t22 = t10 * t16 + t4 * t11
     t23 = t10 * t17 - t11 * t12
     t24 = t10 * t18 + t11 * t13
     t25 = t4 * t10 - t11 * t16
     t26 = t11 * t17 + t10 * t12
     t27 = t10 * t13 - t11 * t18
+
+    # tip
     t28 = base_arm_length * (t1 * t6 + t5 * t14) + link2_length * t23
     t29 = base_arm_length * (t2 * t6 - t5 * t15) + link2_length * t24
+
+    # positions in the world
     t30 = x + base_arm_length * t3 * t5 + link2_length * t22
     t31 = y + t28
     t32 = z + t29
@@ -2250,44 +2606,64 @@ def _tip_jacobian(k, sin, cos, q):
     theta_1 = q[2]
     theta_5 = q[3]
     theta_6 = q[4]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # thrust direction and generalised forces of motor 1
     t12 = t2 * t3
     t13 = t1 * t3
+
+    # axes of the base
     t14 = t2 * t4
     t15 = t1 * t4
+
+    # joint 5 and the axes of link 1
     t16 = base_arm_length * t3 * t5
     t17 = base_arm_length * (t1 * t6 + t5 * t14)
     t18 = base_arm_length * (t2 * t6 - t5 * t15)
     t19 = t3 * t9
     t20 = t1 * t8 - t9 * t14
     t21 = t2 * t8 + t9 * t15
+
+    # joint 6 and the axes of link 2
     t22 = t10 * (t1 * t9 + t8 * t14) - t11 * t12
     t23 = t10 * (t2 * t9 - t8 * t15) + t11 * t13
+
+    # tip
     t24 = t16 + link2_length * (t10 * t3 * t8 + t4 * t11)
     t25 = t17 + link2_length * t22
     t26 = t18 + link2_length * t23
+
+    # columns of the attitude angles
     t27 = t1 * t26 - t2 * t25
     t28 = t2 * t24
     t29 = t1 * t24
     t30 = t13 * t25 + t12 * t26
     t31 = t13 * t24 - t4 * t26
     t32 = t12 * t24 + t4 * t25
+
+    # column of joint 5
     t33 = t16 - t24
     t34 = t17 - t25
     t35 = t18 - t26
     t36 = t13 * t34 + t12 * t35
     t37 = t4 * t35 - t13 * t33
     t38 = t12 * t33 + t4 * t34
+
+    # column of joint 6
     t39 = t20 * t35 - t21 * t34
     t40 = t19 * t35 + t21 * t33
     t41 = t19 * t34 + t20 * t33
@@ -2340,17 +2716,23 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     v_theta_1 = v[2]
     v_theta_5 = v[3]
     v_theta_6 = v[4]
+
+    # attitude
     t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
+
+    # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
+
+    # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
     t14 = v_theta_0 * t13
@@ -2358,6 +2740,8 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t16 = 2.0 * v_theta_0 * t12
     t17 = v_theta_1 + t12
     t18 = t17 * t17
+
+    # motion of link 1
     t19 = v_theta_5 + t17
     t20 = t16 - v_theta_0 * t19
     t21 = t15 - t13 * t19
@@ -2367,27 +2751,39 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t25 = t19 * t22
     t26 = t14 - t22 * t23
     t27 = t9 * t21 + t19 * t23 - t8 * t20
+
+    # motion of link 2
     t28 = v_theta_6 - t23
     t29 = t27 + t19 * t28
     t30 = t26 - t22 * t28
     t31 = t28 * t28
+
+    # step from the base to link 1
     t32 = t5 * base_arm_length
     t33 = t6 * base_arm_length
+
+    # acceleration of the tip that link 2 adds
     t34 = link2_length * t10
     t35 = link2_length * t11
     t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35
     t37 = (t24 - t25) * t34 + (t22 * t22 + t31) * t35
     t38 = (t27 + 2.0 * t28 * t19) * t35
     t39 = (t26 - 2.0 * t28 * t22) * t34 - t38
+
+    # acceleration of the tip that link 1 adds
     t40 = t8 * t39 - t9 * t36
     t41 = t8 * t29 - t9 * t24
     t42 = t8 * t24 + t9 * t29
+
+    # acceleration of the tip that the base adds
     t43 = (v_theta_0 * v_theta_0 + t18) * t32
     t44 = t8 * t36 + t9 * t39 + t43
     t45 = (t13 * t13 + t18) * t33
     t46 = t40 + 2.0 * t14 * t32 - t45
     t47 = (t16 - 2.0 * t17 * v_theta_0) * t33
     t48 = t37 + (t15 - 2.0 * t17 * t13) * t32 + t47
+
+    # acceleration of the tip in world axes
     t49 = t4 * t44 - t3 * t48
     t50 = t3 * t44 + t4 * t48
     t51 = t1 * t46 - t2 * t49

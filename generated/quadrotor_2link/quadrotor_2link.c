@@ -396,6 +396,8 @@ int quadrotor_2link_init_constants(
     const real link2_section_inertia_xx = parameters[8];
     const real link2_section_inertia_yy = parameters[9];
     const real link2_section_inertia_zz = parameters[10];
+
+    /* second moments of base_arm */
     const real k1 = base_arm_section_inertia_xx - base_arm_section_inertia_yy;
     const real k2 = base_arm_section_inertia_xx - k1;
     const real k3 = base_arm_section_inertia_yy - k2;
@@ -417,6 +419,8 @@ int quadrotor_2link_init_constants(
     const real k18 = base_arm_section_inertia_yy + k15;
     const real k19 = k17 + k18;
     const real k20 = R(0.5) * k19;
+
+    /* second moments of link2 */
     const real k21 = link2_section_inertia_xx - link2_section_inertia_yy;
     const real k22 = link2_section_inertia_xx - k21;
     const real k23 = link2_section_inertia_yy - k22;
@@ -438,6 +442,8 @@ int quadrotor_2link_init_constants(
     const real k38 = link2_section_inertia_yy + k35;
     const real k39 = k37 + k38;
     const real k40 = R(0.5) * k39;
+
+    /* inertia of the base, about the origin */
     const real k41 = R(4.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
     const real k42 = R(2.0) * k8;
     const real k43 = R(2.0) * k14;
@@ -447,18 +453,28 @@ int quadrotor_2link_init_constants(
     const real k46 = k42 + k43;
     const real k47 = R(4.0) * k20;
     const real k48 = R(4.0) * base_arm_length * base_arm_mass_per_length;
+
+    /* inertias of the links */
     const real k49 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
     const real k50 = link2_length * link2_mass_per_length;
+
+    /* inertia of the base, with that of link 1 which joint 5 does not move */
     const real k51 = base_arm_length * k50;
     const real k52 = R(2.0) * base_arm_length;
     const real k53 = base_arm_length * k51;
     const real k54 = k48 + k50;
     const real k55 = k41 + k51;
     const real k56 = k45 + k53;
+
+    /* constant terms and factors of the functions */
     const real k57 = k28 - k34;
     const real k58 = k46 - k56;
     const real k59 = gravity * k54;
+
+    /* inertia of base arm 1, about the origin */
     const real k60 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+
+    /* constant terms and factors of the functions */
     const real k61 = base_arm_length * k60;
     const real k62 = k8 + k14;
     const real k63 = k61 + k62;
@@ -546,6 +562,8 @@ static INLINE void mass_matrix_and_residual_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -607,6 +625,8 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
     mass_matrix[63 * stride] = k54;
+
+    /* motion of the base */
     const real t12 = s1 * gravity;
     const real t13 = c1 * gravity;
     const real t14 = v_theta_m1 * s2;
@@ -623,6 +643,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t25 = t19 - R(2.0) * t22 * t15;
     const real t26 = t15 * t15 + t23;
     const real t27 = t21 - R(2.0) * t22 * v_theta_0;
+
+    /* motion of link 1 */
     const real t28 = c3 * t24;
     const real t29 = c3 * t20 - s3 * t26;
     const real t30 = c3 * t25 + s3 * t27;
@@ -640,12 +662,16 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t42 = t16 - t36 * t37;
     const real t43 = s4 * t35 + t33 * t37 - c4 * t34;
     const real t44 = t38 + t40;
+
+    /* motion of link 2 */
     const real t45 = v_theta_6 - t37;
     const real t46 = t45 * t45;
     const real t47 = t33 * t33 + t46;
     const real t48 = t42 - R(2.0) * t45 * t36;
     const real t49 = t36 * t36 + t46;
     const real t50 = t43 + R(2.0) * t45 * t33;
+
+    /* inertia of link 2, turned by the joints */
     const real t51 = k49 * c5;
     const real t52 = k49 * s5;
     const real t53 = s5 * k57;
@@ -653,6 +679,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t55 = k28 - t54;
     const real t56 = k34 + t54;
     const real t57 = c5 * t53;
+
+    /* inertia forces of link 2, about joint 6 */
     const real t58 = t39 * t52 + t48 * t57 - t50 * t56;
     const real t59 = t39 * t51 + t48 * t55 - t50 * t57;
     const real t60 = (t17 - base_arm_length * t30) * t51;
@@ -663,13 +691,19 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t64 = k49 * (s5 * t44 - c5 * t47);
     const real t65 = k49 * (c5 * t41 + s5 * t49);
     const real t66 = k49 * (s5 * t50 - c5 * t48);
+
+    /* inertia forces of links 1 and 2, about joint 5 */
     const real t67 = t58 - k40 * t43;
     const real t68 = t59 + k40 * t42;
     residual[3 * stride] = -t68;
     const real t69 = c4 * t64 + s4 * t66;
     const real t70 = s4 * t64 - c4 * t66;
+
+    /* step from the base to link 1 */
     const real t71 = c3 * base_arm_length;
     const real t72 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t73 = c3 * k55;
     const real t74 = s3 * k55;
     const real t75 = s3 * k58;
@@ -677,6 +711,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t77 = k56 + t76;
     const real t78 = k46 - t76;
     const real t79 = c3 * t75;
+
+    /* inertia forces of the base and links 1 and 2 */
     const real t80 = t27 * t78;
     const real t81 = t17 * t74 + t25 * t79 - k47 * t21 - t80;
     const real t82 = t27 * t79;
@@ -691,6 +727,8 @@ static INLINE void mass_matrix_and_residual_lane(
     residual[1 * stride] = -t90;
     const real t91 = t68 + t70 * t71 + t85 - t69 * t72;
     residual[2 * stride] = -t91;
+
+    /* inertia forces on attitude and position */
     const real t92 = c2 * t88 + s2 * t86;
     const real t93 = c2 * t86 - s2 * t88;
     residual[5 * stride] = -t93;
@@ -700,6 +738,8 @@ static INLINE void mass_matrix_and_residual_lane(
     residual[6 * stride] = -t95;
     const real t96 = s1 * t87 + k59 - c1 * t92;
     residual[7 * stride] = -t96;
+
+    /* composite inertia of links 1 and 2, about joint 5 */
     const real t97 = c4 * t51;
     const real t98 = s4 * t51;
     const real t99 = c4 * t57;
@@ -710,6 +750,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t102 = s4 * t101;
     const real t103 = t55 + t102;
     const real t104 = k40 - t102;
+
+    /* composite inertia of the base and links 1 and 2 */
     const real t105 = t99 + t52 * t71;
     const real t106 = t100 + t52 * t72;
     mass_matrix[10 * stride] = -t106;
@@ -720,6 +762,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t110 = t78 + t104 + R(2.0) * t98 * t72;
     const real t111 = k47 + t56;
     const real t112 = t79 + c4 * t101 - t71 * t98 - t72 * t97;
+
+    /* mass matrix, columns of the joints carried in to joint 5 */
     const real t113 = t103 + t104;
     mass_matrix[27 * stride] = t113;
     const real t114 = t113 + t71 * t97 + t72 * t98;
@@ -735,6 +779,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t119 = t72 * t116 - t71 * t117;
     mass_matrix[20 * stride] = t119;
     mass_matrix[34 * stride] = t119;
+
+    /* mass matrix of attitude and position */
     const real t120 = t109 + t110;
     mass_matrix[18 * stride] = t120;
     const real t121 = s2 * t108;
@@ -774,6 +820,8 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t135 = c1 * t128 + s1 * t108;
     mass_matrix[6 * stride] = -t135;
     mass_matrix[48 * stride] = -t135;
+
+    /* mass matrix between the joints and attitude and position */
     const real t136 = s2 * t98;
     const real t137 = c2 * t98;
     mass_matrix[29 * stride] = -t137;
@@ -894,6 +942,8 @@ static INLINE void mass_matrix_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -946,6 +996,8 @@ static INLINE void mass_matrix_lane(
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
     mass_matrix[63 * stride] = k54;
+
+    /* inertia of link 2, turned by the joints */
     const real t12 = k49 * c5;
     const real t13 = k49 * s5;
     const real t14 = s5 * k57;
@@ -953,10 +1005,16 @@ static INLINE void mass_matrix_lane(
     const real t16 = k28 - t15;
     const real t17 = k34 + t15;
     const real t18 = c5 * t14;
+
+    /* step from the base to link 1 */
     const real t19 = c3 * base_arm_length;
     const real t20 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t21 = s3 * k58;
     const real t22 = s3 * t21;
+
+    /* composite inertia of links 1 and 2, about joint 5 */
     const real t23 = c4 * t12;
     const real t24 = s4 * t12;
     const real t25 = c4 * t18;
@@ -967,6 +1025,8 @@ static INLINE void mass_matrix_lane(
     const real t28 = s4 * t27;
     const real t29 = t16 + t28;
     const real t30 = k40 - t28;
+
+    /* composite inertia of the base and links 1 and 2 */
     const real t31 = t19 * t24 + t20 * t23 - c4 * t27;
     const real t32 = t25 + t13 * t19;
     const real t33 = t26 + t13 * t20;
@@ -977,6 +1037,8 @@ static INLINE void mass_matrix_lane(
     const real t36 = k56 + t22 + t29 + R(2.0) * t23 * t19;
     const real t37 = k46 + t30 + R(2.0) * t24 * t20 - t22;
     const real t38 = k47 + t17;
+
+    /* mass matrix, columns of the joints carried in to joint 5 */
     const real t39 = t29 + t30;
     mass_matrix[27 * stride] = t39;
     const real t40 = t39 + t19 * t23 + t20 * t24;
@@ -992,6 +1054,8 @@ static INLINE void mass_matrix_lane(
     const real t45 = t20 * t42 - t19 * t43;
     mass_matrix[20 * stride] = t45;
     mass_matrix[34 * stride] = t45;
+
+    /* mass matrix of attitude and position */
     const real t46 = t36 + t37;
     mass_matrix[18 * stride] = t46;
     const real t47 = s2 * t35;
@@ -1031,6 +1095,8 @@ static INLINE void mass_matrix_lane(
     const real t61 = c1 * t54 + s1 * t35;
     mass_matrix[6 * stride] = -t61;
     mass_matrix[48 * stride] = -t61;
+
+    /* mass matrix between the joints and attitude and position */
     const real t62 = s2 * t24;
     const real t63 = c2 * t24;
     mass_matrix[29 * stride] = -t63;
@@ -1136,6 +1202,8 @@ static INLINE void residual_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -1182,6 +1250,8 @@ static INLINE void residual_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
     const real t12 = s1 * gravity;
     const real t13 = c1 * gravity;
     const real t14 = v_theta_m1 * s2;
@@ -1198,6 +1268,8 @@ static INLINE void residual_lane(
     const real t25 = t19 - R(2.0) * t22 * t15;
     const real t26 = t15 * t15 + t23;
     const real t27 = t21 - R(2.0) * t22 * v_theta_0;
+
+    /* motion of link 1 */
     const real t28 = c3 * t24;
     const real t29 = c3 * t20 - s3 * t26;
     const real t30 = c3 * t25 + s3 * t27;
@@ -1215,12 +1287,16 @@ static INLINE void residual_lane(
     const real t42 = t16 - t36 * t37;
     const real t43 = s4 * t35 + t33 * t37 - c4 * t34;
     const real t44 = t38 + t40;
+
+    /* motion of link 2 */
     const real t45 = v_theta_6 - t37;
     const real t46 = t45 * t45;
     const real t47 = t33 * t33 + t46;
     const real t48 = t42 - R(2.0) * t45 * t36;
     const real t49 = t36 * t36 + t46;
     const real t50 = t43 + R(2.0) * t45 * t33;
+
+    /* inertia of link 2, turned by the joints */
     const real t51 = k49 * c5;
     const real t52 = k49 * s5;
     const real t53 = s5 * k57;
@@ -1228,6 +1304,8 @@ static INLINE void residual_lane(
     const real t55 = k28 - t54;
     const real t56 = k34 + t54;
     const real t57 = c5 * t53;
+
+    /* inertia forces of link 2, about joint 6 */
     const real t58 = t39 * t52 + t48 * t57 - t50 * t56;
     const real t59 = t39 * t51 + t48 * t55 - t50 * t57;
     const real t60 = (t17 - base_arm_length * t30) * t51;
@@ -1238,19 +1316,27 @@ static INLINE void residual_lane(
     const real t64 = k49 * (s5 * t44 - c5 * t47);
     const real t65 = k49 * (c5 * t41 + s5 * t49);
     const real t66 = k49 * (s5 * t50 - c5 * t48);
+
+    /* inertia forces of links 1 and 2, about joint 5 */
     const real t67 = t58 - k40 * t43;
     const real t68 = t59 + k40 * t42;
     residual[3 * stride] = -t68;
     const real t69 = c4 * t64 + s4 * t66;
     const real t70 = s4 * t64 - c4 * t66;
+
+    /* step from the base to link 1 */
     const real t71 = c3 * base_arm_length;
     const real t72 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t73 = c3 * k55;
     const real t74 = s3 * k55;
     const real t75 = s3 * k58;
     const real t76 = s3 * t75;
     const real t77 = k56 + t76;
     const real t78 = c3 * t75;
+
+    /* inertia forces of the base and links 1 and 2 */
     const real t79 = t27 * (k46 - t76);
     const real t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79;
     const real t81 = t27 * t78;
@@ -1265,6 +1351,8 @@ static INLINE void residual_lane(
     residual[1 * stride] = -t89;
     const real t90 = t68 + t70 * t71 + t84 - t69 * t72;
     residual[2 * stride] = -t90;
+
+    /* inertia forces on attitude and position */
     const real t91 = c2 * t87 + s2 * t85;
     const real t92 = c2 * t85 - s2 * t87;
     residual[5 * stride] = -t92;
@@ -1416,12 +1504,16 @@ static INLINE void input_matrix_lane(
     input_matrix[41 * stride] = R(0.0);
     input_matrix[46 * stride] = R(0.0);
     input_matrix[47 * stride] = R(0.0);
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t7 = s1 * c2;
     input_matrix[36 * stride] = -t7;
     input_matrix[38 * stride] = -t7;
     const real t8 = c1 * c2;
     input_matrix[42 * stride] = t8;
     input_matrix[44 * stride] = t8;
+
+    /* thrust direction and generalised forces of motor 2 */
     const real t9 = s2 * c3;
     const real t10 = c2 * c3;
     input_matrix[31 * stride] = t10;
@@ -1435,6 +1527,8 @@ static INLINE void input_matrix_lane(
     const real t13 = s1 * s3 - c1 * t9;
     input_matrix[43 * stride] = t13;
     input_matrix[45 * stride] = -t13;
+
+    /* thrust direction and generalised forces of motor 3 */
     const real t14 = c3 * k52;
     input_matrix[8 * stride] = -t14;
     const real t15 = c2 * s3 * k52;
@@ -1519,6 +1613,8 @@ static INLINE void forward_dynamics_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -1572,6 +1668,8 @@ static INLINE void forward_dynamics_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
     const real t14 = v_theta_0 * t13;
@@ -1581,6 +1679,8 @@ static INLINE void forward_dynamics_lane(
     const real t18 = v_theta_0 * t17;
     const real t19 = t13 * t17;
     const real t20 = t17 * t17;
+
+    /* motion of link 1 */
     const real t21 = v_theta_5 + t17;
     const real t22 = t16 - v_theta_0 * t21;
     const real t23 = t15 - t13 * t21;
@@ -1592,12 +1692,16 @@ static INLINE void forward_dynamics_lane(
     const real t29 = t14 - t24 * t25;
     const real t30 = s4 * t23 + t21 * t25 - c4 * t22;
     const real t31 = t26 + t27;
+
+    /* motion of link 2 */
     const real t32 = v_theta_6 - t25;
     const real t33 = t32 * t32;
     const real t34 = t21 * t21 + t33;
     const real t35 = t29 - R(2.0) * t32 * t24;
     const real t36 = t24 * t24 + t33;
     const real t37 = t30 + R(2.0) * t32 * t21;
+
+    /* inertia of link 2, turned by the joints */
     const real t38 = k49 * c5;
     const real t39 = k49 * s5;
     const real t40 = s5 * k57;
@@ -1605,9 +1709,15 @@ static INLINE void forward_dynamics_lane(
     const real t42 = k28 - t41;
     const real t43 = k34 + t41;
     const real t44 = c5 * t40;
+
+    /* force and moment of all thrusts */
     const real t45 = F_1 * base_arm_length - F_3 * base_arm_length;
     const real t46 = F_2 - F_4;
+
+    /* articulated inertia and load of link 2, about joint 6 */
     const real t47 = t28 * t42 + t31 * t43 - t44 * (t34 - t36);
+
+    /* equation of joint 6, its acceleration eliminated */
     const real t48 = R(1.0) / (t42 + t43);
     const real t49 = t48 * (tau_6 + t47);
     const real t50 = t39 * t48;
@@ -1615,7 +1725,11 @@ static INLINE void forward_dynamics_lane(
     const real t52 = k49 * (s5 * t31 - c5 * t34) - t39 * t49;
     const real t53 = k49 * (c5 * t28 + s5 * t36) - t38 * t49;
     const real t54 = t38 * t50;
+
+    /* articulated inertia and load of links 1 and 2, about joint 5 */
     const real t55 = k40 * t30 + t37 * t43 - t35 * t44;
+
+    /* equation of joint 5, its acceleration eliminated */
     const real t56 = R(1.0) / (k40 + t42);
     const real t57 = tau_5 + t37 * t44 - k40 * t29 - t35 * t42;
     const real t58 = t56 * t57;
@@ -1623,6 +1737,8 @@ static INLINE void forward_dynamics_lane(
     const real t60 = t44 * t56;
     const real t61 = k49 * (s5 * t37 - c5 * t35) - t38 * t58;
     const real t62 = t39 - t44 * t59;
+
+    /* articulated inertia and load of the base and links 1 and 2 */
     const real t63 = c3 * t46;
     const real t64 = s3 * t46;
     const real t65 = k47 * t16 + k46 * (t16 - R(2.0) * t17 * v_theta_0);
@@ -1632,6 +1748,8 @@ static INLINE void forward_dynamics_lane(
     const real t69 = F_2 * base_arm_length + F_4 * base_arm_length - R(2.0) * k46 * t14;
     const real t70 = F_1 + F_3 + t53;
     const real t71 = t55 + c4 * t67 - t44 * t58 - s4 * t68;
+
+    /* acceleration of the base, by LDL^T */
     const real t72 = R(1.0) / (k40 + t43 + k64 - t44 * t60);
     const real t73 = t62 * t72;
     const real t74 = t61 + c4 * t64 - s4 * t63 - t71 * t73;
@@ -1646,13 +1764,21 @@ static INLINE void forward_dynamics_lane(
     const real t83 = t73 * t82 - t71 * t72;
     const real t84 = (tau_6 + c4 * t68 + s4 * t67) * k67;
     const real t85 = (tau_5 - t69) * k66;
+
+    /* acceleration of joint 5 */
     const real t86 = t85 + t58 + t60 * t83 - t59 * t82;
     acceleration[3 * stride] = t86;
+
+    /* acceleration of joint 6 */
     const real t87 = t84 + t49 - t50 * t80 - t51 * t81;
     acceleration[4 * stride] = t87;
+
+    /* acceleration of the base */
     const real t88 = c4 * t83 - s4 * t84;
     const real t89 = c4 * t84 + s4 * t83;
     acceleration[1 * stride] = t89;
+
+    /* acceleration of the origin, in world axes */
     const real t90 = t14 - t85;
     const real t91 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t14 - t90);
     const real t92 = s3 * (t13 * t13 + t20) - c3 * (t14 + t90);
@@ -1666,11 +1792,15 @@ static INLINE void forward_dynamics_lane(
     acceleration[5 * stride] = t99;
     const real t100 = c1 * t96 - s1 * t98;
     acceleration[6 * stride] = t100;
+
+    /* accelerations of the attitude angles */
     const real t101 = R(1.0) / c2;
     const real t102 = t88 * t101;
     acceleration[0 * stride] = t102;
     const real t103 = t85 + s2 * t102;
     acceleration[2 * stride] = -t103;
+
+    /* acceleration of the origin, in world axes */
     const real t104 = gravity - c1 * t98 - s1 * t96;
     acceleration[7 * stride] = -t104;
 }
@@ -1777,6 +1907,8 @@ static INLINE void inverse_dynamics_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -1832,6 +1964,8 @@ static INLINE void inverse_dynamics_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
     const real t14 = v_theta_0 * t12;
@@ -1840,14 +1974,20 @@ static INLINE void inverse_dynamics_lane(
     const real t17 = t16 * t16;
     const real t18 = v_theta_0 * v_theta_0 + t17;
     const real t19 = t13 * t13 + t17;
+
+    /* motion of link 1 */
     const real t20 = v_theta_5 + t16;
     const real t21 = c4 * t13 + v_theta_0 * s4;
     const real t22 = v_theta_0 * c4 - s4 * t13;
     const real t23 = t20 * t21;
+
+    /* motion of link 2 */
     const real t24 = v_theta_6 - t22;
     const real t25 = t24 * t24;
     const real t26 = t20 * t20 + t25;
     const real t27 = t21 * t21 + t25;
+
+    /* inertia of link 2, turned by the joints */
     const real t28 = k49 * c5;
     const real t29 = k49 * s5;
     const real t30 = s5 * k57;
@@ -1855,9 +1995,15 @@ static INLINE void inverse_dynamics_lane(
     const real t32 = k28 - t31;
     const real t33 = k34 + t31;
     const real t34 = c5 * t30;
+
+    /* inertia forces of link 2, about joint 6 */
     const real t35 = t34 * (t26 - t27);
+
+    /* step from the base to link 1 */
     const real t36 = c3 * base_arm_length;
     const real t37 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t38 = c3 * k55;
     const real t39 = s3 * k55;
     const real t40 = s3 * k58;
@@ -1865,7 +2011,11 @@ static INLINE void inverse_dynamics_lane(
     const real t42 = k56 + t41;
     const real t43 = k46 - t41;
     const real t44 = c3 * t40;
+
+    /* inertia forces of the base and links 1 and 2 */
     const real t45 = t44 * (t18 - t19);
+
+    /* motion of the base */
     const real t46 = a_z + gravity;
     const real t47 = a_y * c1 + s1 * t46;
     const real t48 = c1 * t46 - a_y * s1;
@@ -1878,6 +2028,8 @@ static INLINE void inverse_dynamics_lane(
     const real t55 = R(2.0) * t16 * t13 - t51;
     const real t56 = t15 - t53;
     const real t57 = R(2.0) * t16 * v_theta_0 - t52;
+
+    /* motion of link 1 */
     const real t58 = c3 * t18 - s3 * t56;
     const real t59 = s3 * t19 - c3 * t54;
     const real t60 = c3 * t55 + s3 * t57;
@@ -1888,11 +2040,15 @@ static INLINE void inverse_dynamics_lane(
     const real t65 = c4 * t62 - s4 * t61;
     const real t66 = t21 * t22 - a_theta_5 - t53;
     const real t67 = t20 * t22 + c4 * t63 - s4 * t64;
+
+    /* motion of link 2 */
     const real t68 = a_theta_6 + s4 * t63 + c4 * t64;
     const real t69 = t23 + t68;
     const real t70 = R(2.0) * t24 * t21 + t66;
     const real t71 = t23 - t68;
     const real t72 = R(2.0) * t24 * t20 + t67;
+
+    /* inertia forces of link 2, about joint 6 */
     const real t73 = t34 * t70 + t33 * t72 - t29 * t65;
     const real t74 = t32 * t70 + t34 * t72 - t28 * t65;
     const real t75 = t28 * (t49 + base_arm_length * t60);
@@ -1902,11 +2058,15 @@ static INLINE void inverse_dynamics_lane(
     const real t78 = k49 * (c5 * t26 - s5 * t71);
     const real t79 = k49 * (s5 * t27 - c5 * t69);
     const real t80 = k49 * (c5 * t70 + s5 * t72);
+
+    /* inertia forces of links 1 and 2, about joint 5 */
     const real t81 = t73 + k40 * t67;
     const real t82 = t74 + k40 * t66;
     force[3 * stride] = -t82;
     const real t83 = s4 * t80 - c4 * t78;
     const real t84 = s4 * t78 + c4 * t80;
+
+    /* inertia forces of the base and links 1 and 2 */
     const real t85 = t44 * t55;
     const real t86 = t39 * t49 + t43 * t57 - k47 * t52 - t85;
     const real t87 = t42 * t55;
@@ -1922,6 +2082,8 @@ static INLINE void inverse_dynamics_lane(
     force[1 * stride] = t96;
     const real t97 = t82 + t37 * t83 + t36 * t84 + t91;
     force[2 * stride] = -t97;
+
+    /* inertia forces on attitude and position */
     const real t98 = s2 * t92 + c2 * t94;
     const real t99 = c2 * t95 - s2 * t97;
     force[0 * stride] = t99;
@@ -2031,6 +2193,8 @@ static INLINE void hybrid_mass_matrix_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -2091,6 +2255,8 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[157 * stride] = R(1.0);
     mass_matrix[172 * stride] = R(1.0);
     mass_matrix[187 * stride] = R(1.0);
+
+    /* inertia of link 2, turned by the joints */
     const real t12 = k49 * c5;
     const real t13 = k49 * s5;
     const real t14 = s5 * k57;
@@ -2098,10 +2264,16 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t16 = k28 - t15;
     const real t17 = k34 + t15;
     const real t18 = c5 * t14;
+
+    /* step from the base to link 1 */
     const real t19 = c3 * base_arm_length;
     const real t20 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t21 = s3 * k58;
     const real t22 = s3 * t21;
+
+    /* composite inertia of links 1 and 2, about joint 5 */
     const real t23 = c4 * t12;
     const real t24 = s4 * t12;
     const real t25 = c4 * t18;
@@ -2112,6 +2284,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t28 = s4 * t27;
     const real t29 = t16 + t28;
     const real t30 = k40 - t28;
+
+    /* composite inertia of the base and links 1 and 2 */
     const real t31 = t19 * t24 + t20 * t23 - c4 * t27;
     const real t32 = t25 + t13 * t19;
     const real t33 = t26 + t13 * t20;
@@ -2122,6 +2296,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t36 = k56 + t22 + t29 + R(2.0) * t23 * t19;
     const real t37 = k46 + t30 + R(2.0) * t24 * t20 - t22;
     const real t38 = k47 + t17;
+
+    /* mass matrix, columns of the joints carried in to joint 5 */
     const real t39 = t29 + t30;
     mass_matrix[90 * stride] = t39;
     const real t40 = t39 + t19 * t23 + t20 * t24;
@@ -2137,6 +2313,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t45 = t20 * t42 - t19 * t43;
     mass_matrix[35 * stride] = t45;
     mass_matrix[100 * stride] = t45;
+
+    /* mass matrix of attitude and position */
     const real t46 = t36 + t37;
     mass_matrix[30 * stride] = t46;
     const real t47 = s2 * t35;
@@ -2176,6 +2354,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t61 = c1 * t54 + s1 * t35;
     mass_matrix[9 * stride] = -t61;
     mass_matrix[126 * stride] = -t61;
+
+    /* mass matrix between the joints and attitude and position */
     const real t62 = s2 * t24;
     const real t63 = c2 * t24;
     mass_matrix[92 * stride] = -t63;
@@ -2202,8 +2382,12 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t71 = c1 * t67 - s1 * t43;
     mass_matrix[108 * stride] = t71;
     mass_matrix[147 * stride] = t71;
+
+    /* composite inertia of the base and base arm 2 */
     const real t72 = s3 * k60;
     const real t73 = c3 * k60;
+
+    /* mass matrix, column of joint 2 */
     const real t74 = s2 * t73;
     const real t75 = c2 * t73;
     mass_matrix[50 * stride] = t75;
@@ -2225,6 +2409,8 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[80 * stride] = -t78;
     mass_matrix[143 * stride] = t78;
     mass_matrix[145 * stride] = -t78;
+
+    /* mass matrix, column of joint 3 */
     const real t79 = s2 * t72;
     const real t80 = c2 * t72;
     mass_matrix[64 * stride] = -t80;
@@ -2323,6 +2509,8 @@ static INLINE void hybrid_residual_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -2375,6 +2563,8 @@ static INLINE void hybrid_residual_lane(
     residual[11 * stride] = R(0.0);
     residual[12 * stride] = R(0.0);
     residual[13 * stride] = R(0.0);
+
+    /* motion of the base */
     const real t12 = s1 * gravity;
     const real t13 = c1 * gravity;
     const real t14 = v_theta_m1 * s2;
@@ -2391,6 +2581,8 @@ static INLINE void hybrid_residual_lane(
     const real t25 = t19 - R(2.0) * t22 * t15;
     const real t26 = t15 * t15 + t23;
     const real t27 = t21 - R(2.0) * t22 * v_theta_0;
+
+    /* motion of link 1 */
     const real t28 = c3 * t24;
     const real t29 = c3 * t20 - s3 * t26;
     const real t30 = c3 * t25 + s3 * t27;
@@ -2408,12 +2600,16 @@ static INLINE void hybrid_residual_lane(
     const real t42 = t16 - t36 * t37;
     const real t43 = s4 * t35 + t33 * t37 - c4 * t34;
     const real t44 = t38 + t40;
+
+    /* motion of link 2 */
     const real t45 = v_theta_6 - t37;
     const real t46 = t45 * t45;
     const real t47 = t33 * t33 + t46;
     const real t48 = t42 - R(2.0) * t45 * t36;
     const real t49 = t36 * t36 + t46;
     const real t50 = t43 + R(2.0) * t45 * t33;
+
+    /* inertia of link 2, turned by the joints */
     const real t51 = k49 * c5;
     const real t52 = k49 * s5;
     const real t53 = s5 * k57;
@@ -2421,6 +2617,8 @@ static INLINE void hybrid_residual_lane(
     const real t55 = k28 - t54;
     const real t56 = k34 + t54;
     const real t57 = c5 * t53;
+
+    /* inertia forces of link 2, about joint 6 */
     const real t58 = t39 * t52 + t48 * t57 - t50 * t56;
     const real t59 = t39 * t51 + t48 * t55 - t50 * t57;
     const real t60 = (t17 - base_arm_length * t30) * t51;
@@ -2431,19 +2629,27 @@ static INLINE void hybrid_residual_lane(
     const real t64 = k49 * (s5 * t44 - c5 * t47);
     const real t65 = k49 * (c5 * t41 + s5 * t49);
     const real t66 = k49 * (s5 * t50 - c5 * t48);
+
+    /* inertia forces of links 1 and 2, about joint 5 */
     const real t67 = t58 - k40 * t43;
     const real t68 = t59 + k40 * t42;
     residual[6 * stride] = -t68;
     const real t69 = c4 * t64 + s4 * t66;
     const real t70 = s4 * t64 - c4 * t66;
+
+    /* step from the base to link 1 */
     const real t71 = c3 * base_arm_length;
     const real t72 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
     const real t73 = c3 * k55;
     const real t74 = s3 * k55;
     const real t75 = s3 * k58;
     const real t76 = s3 * t75;
     const real t77 = k56 + t76;
     const real t78 = c3 * t75;
+
+    /* inertia forces of the base and links 1 and 2 */
     const real t79 = t27 * (k46 - t76);
     const real t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79;
     const real t81 = t27 * t78;
@@ -2458,6 +2664,8 @@ static INLINE void hybrid_residual_lane(
     residual[1 * stride] = -t89;
     const real t90 = t68 + t70 * t71 + t84 - t69 * t72;
     residual[2 * stride] = -t90;
+
+    /* inertia forces on attitude and position */
     const real t91 = c2 * t87 + s2 * t85;
     const real t92 = c2 * t85 - s2 * t87;
     residual[8 * stride] = -t92;
@@ -2467,19 +2675,29 @@ static INLINE void hybrid_residual_lane(
     residual[9 * stride] = -t94;
     const real t95 = s1 * t86 + k59 - c1 * t91;
     residual[10 * stride] = -t95;
+
+    /* motion of the base */
     const real t96 = v_theta_0 * c3 - s3 * t15;
     const real t97 = (c3 * t15 + v_theta_0 * s3) * t96;
     const real t98 = t16 + t97;
     const real t99 = t16 - t97;
+
+    /* motion of base arm 2 */
     const real t100 = base_arm_length * (t23 + t96 * t96);
+
+    /* inertia forces of base arm 2, about joint 2 */
     const real t101 = k8 * t99;
     const real t102 = k14 * t98;
     const real t103 = k60 * (s3 * t12 - c3 * t18 - t100);
     const real t104 = t101 + t102 + t103;
     residual[3 * stride] = -t104;
+
+    /* inertia forces of base arm 3, about joint 3 */
     const real t105 = k60 * (c3 * t12 + s3 * t18 + base_arm_length * t98);
     const real t106 = k8 * t98 + k14 * t99 + t105;
     residual[4 * stride] = -t106;
+
+    /* inertia forces of base arm 4, about joint 4 */
     const real t107 = t101 + t102 - t103;
     residual[5 * stride] = -t107;
 }
@@ -2598,12 +2816,16 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[47 * stride] = R(1.0);
     input_matrix[48 * stride] = s2;
     input_matrix[50 * stride] = s2;
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t7 = s1 * c2;
     input_matrix[54 * stride] = -t7;
     input_matrix[56 * stride] = -t7;
     const real t8 = c1 * c2;
     input_matrix[60 * stride] = t8;
     input_matrix[62 * stride] = t8;
+
+    /* thrust direction and generalised forces of motor 2 */
     const real t9 = s2 * c3;
     const real t10 = c2 * c3;
     input_matrix[49 * stride] = t10;
@@ -2617,6 +2839,8 @@ static INLINE void hybrid_input_matrix_lane(
     const real t13 = s1 * s3 - c1 * t9;
     input_matrix[61 * stride] = t13;
     input_matrix[63 * stride] = -t13;
+
+    /* thrust direction and generalised forces of motor 3 */
     const real t14 = c3 * k52;
     input_matrix[8 * stride] = -t14;
     const real t15 = c2 * s3 * k52;
@@ -2745,25 +2969,39 @@ static INLINE void constraint_torques_lane(
     const real c2 = cosine[1 * stride];
     const real s3 = sine[2 * stride];
     const real c3 = cosine[2 * stride];
+
+    /* motion of the base */
     const real t7 = v_theta_m1 * c2;
     const real t8 = v_theta_1 + v_theta_m1 * s2;
     const real t9 = v_theta_0 * c3 - s3 * t7;
     const real t10 = (c3 * t7 + v_theta_0 * s3) * t9;
+
+    /* motion of base arm 2 */
     const real t11 = base_arm_length * (t8 * t8 + t9 * t9);
+
+    /* motion of the base */
     const real t12 = a_z + gravity;
     const real t13 = a_y * c1 + s1 * t12;
     const real t14 = a_x * c2 - s2 * (c1 * t12 - a_y * s1);
     const real t15 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2;
     const real t16 = t10 + t15;
     const real t17 = t10 - t15;
+
+    /* inertia forces of base arm 2, about joint 2 */
     const real t18 = k14 * t16;
     const real t19 = k8 * t17;
     const real t20 = k60 * (t11 - s3 * t13 - c3 * t14);
+
+    /* constraint torque on base arm 2 */
     const real t21 = F_2 * base_arm_length + t19 + t20 - t18;
     torque[0 * stride] = -t21;
+
+    /* inertia forces of base arm 3, about joint 3 */
     const real t22 = k60 * (c3 * t13 + base_arm_length * t16 - s3 * t14);
     const real t23 = k8 * t16 + t22 - k14 * t17;
     torque[1 * stride] = t23;
+
+    /* constraint torque on base arm 4 */
     const real t24 = F_4 * base_arm_length + t19 - t18 - t20;
     torque[2 * stride] = -t24;
 }
@@ -2880,6 +3118,8 @@ static INLINE void gibbs_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -2937,6 +3177,8 @@ static INLINE void gibbs_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
     const real t14 = v_theta_0 * t12;
@@ -2945,12 +3187,18 @@ static INLINE void gibbs_lane(
     const real t17 = v_theta_0 * t16;
     const real t18 = t13 * t16;
     const real t19 = t16 * t16;
+
+    /* motion of link 1 */
     const real t20 = v_theta_5 + t16;
     const real t21 = c4 * t13 + v_theta_0 * s4;
     const real t22 = v_theta_0 * c4 - s4 * t13;
     const real t23 = t21 * t22;
     const real t24 = t20 * t22;
+
+    /* motion of link 2 */
     const real t25 = v_theta_6 - t22;
+
+    /* inertia of link 2, turned by the joints */
     const real t26 = k49 * c5;
     const real t27 = k49 * s5;
     const real t28 = s5 * k57;
@@ -2958,6 +3206,8 @@ static INLINE void gibbs_lane(
     const real t30 = k28 - t29;
     const real t31 = k34 + t29;
     const real t32 = c5 * t28;
+
+    /* inertia of the base, turned by the joints */
     const real t33 = c3 * k55;
     const real t34 = s3 * k55;
     const real t35 = s3 * k58;
@@ -2965,6 +3215,8 @@ static INLINE void gibbs_lane(
     const real t37 = k56 + t36;
     const real t38 = k46 - t36;
     const real t39 = c3 * t35;
+
+    /* motion of the base */
     const real t40 = a_z + gravity;
     const real t41 = a_y * c1 + s1 * t40;
     const real t42 = c1 * t40 - a_y * s1;
@@ -2975,6 +3227,8 @@ static INLINE void gibbs_lane(
     const real t47 = a_theta_1 + t15 + a_theta_m1 * s2;
     const real t48 = t17 - t46;
     const real t49 = t18 - t45;
+
+    /* motion of link 1 */
     const real t50 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t47);
     const real t51 = s3 * (t13 * t13 + t19) - c3 * (t15 + t47);
     const real t52 = s3 * (R(2.0) * t16 * v_theta_0 - t46);
@@ -2988,9 +3242,13 @@ static INLINE void gibbs_lane(
     const real t60 = c4 * t58 - s4 * t59;
     const real t61 = c4 * t54 + s4 * t55;
     const real t62 = c4 * t55 - s4 * t54;
+
+    /* motion of link 2 */
     const real t63 = a_theta_6 + s4 * t58 + c4 * t59;
     const real t64 = t20 * t25 + t24 + t60;
     const real t65 = t21 * t25 + t23 - t57;
+
+    /* Gibbs function of the base */
     const real t66 = t48 * t48 * k68;
     const real t67 = k68 * t49 * t49;
     const real t68 = t41 * t41 * k69;
@@ -3031,10 +3289,14 @@ static INLINE void gibbs_lane(
     const real t103 = t66 + t67 + t68 + t69 + t70 + t71 + t72 + t73 + t74 + t75 + t76 + t77 + t79 +
         t89 + t90 + t92 + t93 + t94 + t96 + t97 - t80 - t81 - t82 - t83 - t85 - t87 - t88 - t98 -
         t99 - t100 - t101 - t102;
+
+    /* Gibbs function of link 1 */
     const real t104 = k70 * t60 * t60;
     const real t105 = k40 * t24 * t60;
     const real t106 = k40 * t23 * t57;
     const real t107 = t57 * t57 * k70 + t104 + t105 - t106;
+
+    /* Gibbs function of link 2 */
     const real t108 = R(0.5) * t63 * t30 * t63;
     const real t109 = R(0.5) * t65 * t30 * t65;
     const real t110 = R(0.5) * t63 * t31 * t63;
@@ -3068,6 +3330,8 @@ static INLINE void gibbs_lane(
     const real t138 = t108 + t109 + t110 + t111 + t112 + t114 + t115 + t126 + t128 + t129 + t131 +
         t132 + t133 + t134 - t116 - t117 - t118 - t120 - t121 - t122 - t123 - t125 - t135 - t136 -
         t137;
+
+    /* sum over the links */
     const real t139 = t103 + t107 + t138;
     value[0 * stride] = t139;
 }
@@ -3171,6 +3435,8 @@ static INLINE void kinetic_energy_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -3219,31 +3485,47 @@ static INLINE void kinetic_energy_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
     const real t12 = v_theta_m1 * c2;
     const real t13 = v_theta_1 + v_theta_m1 * s2;
+
+    /* motion of link 1 */
     const real t14 = v_theta_5 + t13;
     const real t15 = c4 * t12 + v_theta_0 * s4;
+
+    /* motion of link 2 */
     const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
+
+    /* inertia of link 2, turned by the joints */
     const real t17 = k49 * c5;
     const real t18 = k49 * s5;
     const real t19 = s5 * k57;
     const real t20 = s5 * t19;
     const real t21 = k28 - t20;
     const real t22 = k34 + t20;
+
+    /* inertia of the base, turned by the joints */
     const real t23 = c3 * k55;
     const real t24 = s3 * k55;
     const real t25 = s3 * k58;
     const real t26 = s3 * t25;
     const real t27 = k56 + t26;
     const real t28 = k46 - t26;
+
+    /* motion of the base */
     const real t29 = v_y * c1 + v_z * s1;
     const real t30 = v_z * c1 - v_y * s1;
     const real t31 = c2 * t30 + v_x * s2;
     const real t32 = v_x * c2 - s2 * t30;
+
+    /* motion of link 1 */
     const real t33 = t32 - base_arm_length * s3 * t13;
     const real t34 = t29 + base_arm_length * c3 * t13;
     const real t35 = t31 - base_arm_length * (v_theta_0 * c3 - s3 * t12);
     const real t36 = c4 * t34 - s4 * t33;
+
+    /* Gibbs function of the base */
     const real t37 = t12 * t12 * k68;
     const real t38 = v_theta_0 * v_theta_0 * k68;
     const real t39 = k69 * t29 * t29;
@@ -3260,7 +3542,11 @@ static INLINE void kinetic_energy_lane(
     const real t50 = t13 * t24 * t32;
     const real t51 = t37 + t38 + t39 + t40 + t41 + t42 + t43 + t44 + t45 + t46 + t47 + t48 - t49 -
         t50;
+
+    /* Gibbs function of link 1 */
     const real t52 = t14 * t14 * k70 + t15 * t15 * k70;
+
+    /* Gibbs function of link 2 */
     const real t53 = R(0.5) * t14 * t14 * t21;
     const real t54 = R(0.5) * t16 * t16 * t21;
     const real t55 = R(0.5) * t15 * t15 * t22;
@@ -3271,6 +3557,8 @@ static INLINE void kinetic_energy_lane(
     const real t60 = t15 * t18 * t36;
     const real t61 = t16 * t18 * (c4 * t33 + s4 * t34);
     const real t62 = t53 + t54 + t55 + t56 + t57 + t58 - t59 - t60 - t61;
+
+    /* sum over the links */
     const real t63 = t51 + t52 + t62;
     energy[0 * stride] = t63;
 }
@@ -3361,6 +3649,8 @@ static INLINE void potential_energy_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -3392,10 +3682,16 @@ static INLINE void potential_energy_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
+
+    /* inertia of link 2, turned by the joints */
     const real t12 = k49 * c5;
+
+    /* mass matrix of attitude and position */
     const real t13 = s2 * (c3 * k55 + c4 * t12);
     const real t14 = s1 * (s3 * k55 + s4 * t12);
     const real t15 = c1 * (c2 * k49 * s5 - t13) + t14;
+
+    /* first moment of mass above Z = 0, and its weight */
     const real t16 = gravity * (t15 + z * k54);
     energy[0 * stride] = t16;
 }
@@ -3475,6 +3771,8 @@ static INLINE void positions_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -3513,20 +3811,34 @@ static INLINE void positions_lane(
     position[6 * stride] = x;
     position[7 * stride] = y;
     position[8 * stride] = z;
+
+    /* thrust direction and generalised forces of motor 2 */
     const real t12 = c2 * c3;
+
+    /* axes of the base */
     const real t13 = s1 * s2;
     const real t14 = c1 * s2;
     const real t15 = c1 * s3 + c3 * t13;
     const real t16 = s1 * s3 - c3 * t14;
+
+    /* joint 5 and the axes of link 1 */
     const real t17 = base_arm_length * t12;
     const real t18 = base_arm_length * t15;
     const real t19 = base_arm_length * t16;
+
+    /* joint 6 and the axes of link 2 */
     const real t20 = c5 * (c1 * s4 + c4 * t13);
     const real t21 = c5 * (s1 * s4 - c4 * t14);
+
+    /* tip */
     const real t22 = t17 + link2_length * (c5 * c2 * c4 + s2 * s5);
+
+    /* base centre and motors */
     const real t23 = base_arm_length * c2 * s3;
     const real t24 = base_arm_length * (c1 * c3 - s3 * t13);
     const real t25 = base_arm_length * (s1 * c3 + s3 * t14);
+
+    /* positions in the world */
     const real t26 = x + t17;
     position[3 * stride] = t26;
     position[18 * stride] = t26;
@@ -3640,6 +3952,8 @@ static INLINE void tip_pose_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -3675,10 +3989,16 @@ static INLINE void tip_pose_lane(
     pose[13 * stride] = R(0.0);
     pose[14 * stride] = R(0.0);
     pose[15 * stride] = R(1.0);
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t12 = s1 * c2;
     const real t13 = c1 * c2;
+
+    /* axes of the base */
     const real t14 = s1 * s2;
     const real t15 = c1 * s2;
+
+    /* joint 5 and the axes of link 1 */
     const real t16 = c2 * c4;
     const real t17 = c1 * s4 + c4 * t14;
     const real t18 = s1 * s4 - c4 * t15;
@@ -3688,6 +4008,8 @@ static INLINE void tip_pose_lane(
     pose[6 * stride] = -t20;
     const real t21 = s1 * c4 + s4 * t15;
     pose[10 * stride] = -t21;
+
+    /* joint 6 and the axes of link 2 */
     const real t22 = c5 * t16 + s2 * s5;
     pose[0 * stride] = t22;
     const real t23 = c5 * t17 - s5 * t12;
@@ -3700,8 +4022,12 @@ static INLINE void tip_pose_lane(
     pose[5 * stride] = -t26;
     const real t27 = c5 * t13 - s5 * t18;
     pose[9 * stride] = t27;
+
+    /* tip */
     const real t28 = base_arm_length * (c1 * s3 + c3 * t14) + link2_length * t23;
     const real t29 = base_arm_length * (s1 * s3 - c3 * t15) + link2_length * t24;
+
+    /* positions in the world */
     const real t30 = x + base_arm_length * c2 * c3 + link2_length * t22;
     pose[3 * stride] = t30;
     const real t31 = y + t28;
@@ -3784,6 +4110,8 @@ static INLINE void tip_jacobian_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -3840,14 +4168,20 @@ static INLINE void tip_jacobian_lane(
     jacobian[45 * stride] = R(0.0);
     jacobian[46 * stride] = R(0.0);
     jacobian[47 * stride] = R(0.0);
+
+    /* thrust direction and generalised forces of motor 1 */
     const real t12 = s1 * c2;
     jacobian[34 * stride] = -t12;
     jacobian[35 * stride] = -t12;
     const real t13 = c1 * c2;
     jacobian[42 * stride] = t13;
     jacobian[43 * stride] = t13;
+
+    /* axes of the base */
     const real t14 = s1 * s2;
     const real t15 = c1 * s2;
+
+    /* joint 5 and the axes of link 1 */
     const real t16 = base_arm_length * c2 * c3;
     const real t17 = base_arm_length * (c1 * s3 + c3 * t14);
     const real t18 = base_arm_length * (s1 * s3 - c3 * t15);
@@ -3857,13 +4191,19 @@ static INLINE void tip_jacobian_lane(
     jacobian[36 * stride] = -t20;
     const real t21 = s1 * c4 + s4 * t15;
     jacobian[44 * stride] = -t21;
+
+    /* joint 6 and the axes of link 2 */
     const real t22 = c5 * (c1 * s4 + c4 * t14) - s5 * t12;
     const real t23 = c5 * (s1 * s4 - c4 * t15) + s5 * t13;
+
+    /* tip */
     const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
     const real t25 = t17 + link2_length * t22;
     jacobian[16 * stride] = t25;
     const real t26 = t18 + link2_length * t23;
     jacobian[8 * stride] = -t26;
+
+    /* columns of the attitude angles */
     const real t27 = c1 * t26 - s1 * t25;
     jacobian[1 * stride] = t27;
     const real t28 = s1 * t24;
@@ -3876,6 +4216,8 @@ static INLINE void tip_jacobian_lane(
     jacobian[10 * stride] = t31;
     const real t32 = t12 * t24 + s2 * t25;
     jacobian[18 * stride] = t32;
+
+    /* column of joint 5 */
     const real t33 = t16 - t24;
     const real t34 = t17 - t25;
     const real t35 = t18 - t26;
@@ -3885,6 +4227,8 @@ static INLINE void tip_jacobian_lane(
     jacobian[11 * stride] = t37;
     const real t38 = t12 * t33 + s2 * t34;
     jacobian[19 * stride] = -t38;
+
+    /* column of joint 6 */
     const real t39 = t20 * t35 - t21 * t34;
     jacobian[4 * stride] = t39;
     const real t40 = t19 * t35 + t21 * t33;
@@ -3970,6 +4314,8 @@ static INLINE void tip_bias_acceleration_angles(
     const real theta_1 = q[2 * stride];
     const real theta_5 = q[3 * stride];
     const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
     const real t7 = theta_1 + theta_5;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -4005,6 +4351,8 @@ static INLINE void tip_bias_acceleration_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
     const real t14 = v_theta_0 * t13;
@@ -4012,6 +4360,8 @@ static INLINE void tip_bias_acceleration_lane(
     const real t16 = R(2.0) * v_theta_0 * t12;
     const real t17 = v_theta_1 + t12;
     const real t18 = t17 * t17;
+
+    /* motion of link 1 */
     const real t19 = v_theta_5 + t17;
     const real t20 = t16 - v_theta_0 * t19;
     const real t21 = t15 - t13 * t19;
@@ -4021,27 +4371,39 @@ static INLINE void tip_bias_acceleration_lane(
     const real t25 = t19 * t22;
     const real t26 = t14 - t22 * t23;
     const real t27 = s4 * t21 + t19 * t23 - c4 * t20;
+
+    /* motion of link 2 */
     const real t28 = v_theta_6 - t23;
     const real t29 = t27 + t19 * t28;
     const real t30 = t26 - t22 * t28;
     const real t31 = t28 * t28;
+
+    /* step from the base to link 1 */
     const real t32 = c3 * base_arm_length;
     const real t33 = s3 * base_arm_length;
+
+    /* acceleration of the tip that link 2 adds */
     const real t34 = link2_length * c5;
     const real t35 = link2_length * s5;
     const real t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35;
     const real t37 = (t24 - t25) * t34 + (t22 * t22 + t31) * t35;
     const real t38 = (t27 + R(2.0) * t28 * t19) * t35;
     const real t39 = (t26 - R(2.0) * t28 * t22) * t34 - t38;
+
+    /* acceleration of the tip that link 1 adds */
     const real t40 = c4 * t39 - s4 * t36;
     const real t41 = c4 * t29 - s4 * t24;
     const real t42 = c4 * t24 + s4 * t29;
+
+    /* acceleration of the tip that the base adds */
     const real t43 = (v_theta_0 * v_theta_0 + t18) * t32;
     const real t44 = c4 * t36 + s4 * t39 + t43;
     const real t45 = (t13 * t13 + t18) * t33;
     const real t46 = t40 + R(2.0) * t14 * t32 - t45;
     const real t47 = (t16 - R(2.0) * t17 * v_theta_0) * t33;
     const real t48 = t37 + (t15 - R(2.0) * t17 * t13) * t32 + t47;
+
+    /* acceleration of the tip in world axes */
     const real t49 = s2 * t44 - c2 * t48;
     const real t50 = c2 * t44 + s2 * t48;
     bias_acceleration[0 * stride] = -t50;

@@ -146,6 +146,40 @@ enum {
     QUADROTOR_2LINK_LINK2_SECTION_INERTIA_ZZ,
 };
 
+/** Places in q. */
+enum {
+    QUADROTOR_2LINK_Q_THETA_M1,
+    QUADROTOR_2LINK_Q_THETA_0,
+    QUADROTOR_2LINK_Q_THETA_1,
+    QUADROTOR_2LINK_Q_THETA_5,
+    QUADROTOR_2LINK_Q_THETA_6,
+    QUADROTOR_2LINK_Q_X,
+    QUADROTOR_2LINK_Q_Y,
+    QUADROTOR_2LINK_Q_Z,
+};
+
+/** Places in v, and in a. */
+enum {
+    QUADROTOR_2LINK_V_THETA_M1,
+    QUADROTOR_2LINK_V_THETA_0,
+    QUADROTOR_2LINK_V_THETA_1,
+    QUADROTOR_2LINK_V_THETA_5,
+    QUADROTOR_2LINK_V_THETA_6,
+    QUADROTOR_2LINK_V_X,
+    QUADROTOR_2LINK_V_Y,
+    QUADROTOR_2LINK_V_Z,
+};
+
+/** Places in u. */
+enum {
+    QUADROTOR_2LINK_U_F_1,
+    QUADROTOR_2LINK_U_F_2,
+    QUADROTOR_2LINK_U_F_3,
+    QUADROTOR_2LINK_U_F_4,
+    QUADROTOR_2LINK_U_TAU_5,
+    QUADROTOR_2LINK_U_TAU_6,
+};
+
 /** What the functions need of the parameters, computed once. */
 typedef struct quadrotor_2link_constants {
     quadrotor_2link_real gravity;

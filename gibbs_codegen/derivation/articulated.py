@@ -129,25 +129,41 @@ def articulated_accelerations(
     joints: list[_Joint] = []
     carried = _Body(NO_ARTICULATED_INERTIA, NO_WRENCH)
     for k in range(len(chain.segments) - 1, 0, -1):
-        body = carried.plus(tape, _link(tape, chain, k, motions[k]))
-        joint, freed = _freed(tape, chain, k, body, efforts[k - 1])
+        with tape.group(f"articulated inertia and load of {chain.carried_about(k)}"):
+            body = carried.plus(tape, _link(tape, chain, k, motions[k]))
+        with tape.group(f"equation of {chain.segments[k].joint_name}, its acceleration eliminated"):
+            joint, freed = _freed(tape, chain, k, body, efforts[k - 1])
         joints.append(joint)
-        carried = freed.passed_in(tape, ways[k - 1])
-    own = chain.segments[0].rotation
-    turn = _root_turn(chain)
-    if not chain.works_in_own_frame(0):
-        thrust = thrust.rotated(tape, own)
-    base = _link(tape, chain, 0, motions[0], thrust).passed_in(tape, [turn.inverse])
-    root = _solved(tape, base.plus(tape, carried), len(joints))
+        with tape.group(f"articulated inertia and load of {chain.carried_about(k - 1)}"):
+            carried = freed.passed_in(tape, ways[k - 1])
+    root = _root_acceleration(tape, chain, motions[0], thrust, carried)
     accelerations = []
     moving = root
-    for joint, way in zip(reversed(joints), ways, strict=True):
-        relative, moving = joint.accelerated(tape, moving.passed_out(tape, way))
+    for segment, joint, way in zip(chain.segments[1:], reversed(joints), ways, strict=True):
+        with tape.group(f"acceleration of {segment.joint_name}"):
+            relative, moving = joint.accelerated(tape, moving.passed_out(tape, way))
         accelerations.append(relative)
-    root = root.rotated(tape, turn)
-    if chain.works_in_own_frame(0):
-        root = root.rotated(tape, own)
+    with tape.group("acceleration of the base"):
+        root = root.rotated(tape, _root_turn(chain))
+        if chain.works_in_own_frame(0):
+            root = root.rotated(tape, chain.segments[0].rotation)
     return accelerations, root
+
+
+def _root_acceleration(
+    tape: Scalars, chain: SerialChain, motion: Motion, thrust: Wrench, carried: _Body
+) -> Acceleration:
+    """The root's acceleration, where its system is solved, from what it carries and what drives it.
+
+    `thrust` is a wrench about the root in its own frame. Raises `ZeroPivotError`.
+    """
+    with tape.group(f"articulated inertia and load of {chain.carried(0)}"):
+        if not chain.works_in_own_frame(0):
+            thrust = thrust.rotated(tape, chain.segments[0].rotation)
+        base = _link(tape, chain, 0, motion, thrust)
+        base = base.passed_in(tape, [_root_turn(chain).inverse]).plus(tape, carried)
+    with tape.group("acceleration of the base, by LDL^T"):
+        return _solved(tape, base, len(chain.segments) - 1)
 
 
 def _freed(

@@ -53,9 +53,10 @@ def chain_motions(
     """Motion of every segment in its working frame."""
     rates, accelerations = state.rates, state.accelerations
     linear = state.linear
-    carrier = root.carrier_motion(
-        tape, rates, accelerations, (linear[0], linear[1], tape.let(linear[2]))
-    )
+    with tape.group(f"motion of {chain.segments[0].name}"):
+        carrier = root.carrier_motion(
+            tape, rates, accelerations, (linear[0], linear[1], tape.let(linear[2]))
+        )
     return outward(
         tape,
         chain,
@@ -79,9 +80,10 @@ def generalised_inertia_forces(
     """∂S/∂θ̈, row by row (eq. 5): M a − R, or −R where the accelerations are zero."""
     motions = chain_motions(tape, root, chain, state)
     wrench, joints = inward(tape, chain, motions)
-    rows = root.rows(tape, wrench)
-    mass = chain.segments[0].inertia.mass
-    linear = [tape.let(row + mass * r) for row, r in zip(rows[3:], state.linear, strict=True)]
+    with tape.group("inertia forces on attitude and position"):
+        rows = root.rows(tape, wrench)
+        mass = chain.segments[0].inertia.mass
+        linear = [tape.let(row + mass * r) for row, r in zip(rows[3:], state.linear, strict=True)]
     return [*rows[:3], *joints, *linear]
 
 
@@ -97,11 +99,15 @@ def mass_matrix(tape: Scalars, root: TaitBryanRoot, chain: SerialChain) -> Matri
     size = joints + 6
     places = [0, 1, 2, size - 3, size - 2, size - 1]
     matrix: Matrix = [[sp.S.Zero] * size for _ in range(size)]
-    for i, row in zip(places, root.mass_block(tape, composite), strict=True):
+    with tape.group("mass matrix of attitude and position"):
+        root_block = root.mass_block(tape, composite)
+    for i, row in zip(places, root_block, strict=True):
         for j, entry in zip(places, row, strict=True):
             matrix[i][j] = entry
     for k, wrench in enumerate(wrenches):
-        for i, entry in zip(places, root.rows(tape, wrench), strict=True):
+        with tape.group("mass matrix between the joints and attitude and position"):
+            entries = root.rows(tape, wrench)
+        for i, entry in zip(places, entries, strict=True):
             matrix[i][3 + k] = matrix[3 + k][i] = entry
     for (j, k), entry in block.items():
         matrix[3 + j][3 + k] = entry

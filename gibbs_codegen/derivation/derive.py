@@ -1,38 +1,23 @@
-"""The functions of a generated module: what each returns, in terms of the derivation."""
+"""From a robot to its model: every function of the table derived, and lowered into a program."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import (
-    State,
-    generalised_inertia_forces,
-    gibbs_function,
-)
-from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
-from gibbs_codegen.derivation.forward_kinematics import (
-    positions,
-    tip_bias_acceleration,
-    tip_jacobian,
-    tip_pose,
-)
-from gibbs_codegen.derivation.hybrid import (
-    LinearSystem,
-    constraint_torques,
-    hybrid_system,
-    reduced_system,
-)
+from gibbs_codegen.derivation.functions import DERIVATIONS, Array, Systems
+from gibbs_codegen.derivation.hybrid import hybrid_system, reduced_system
 from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.regularity import (
     refuse_drowned,
     refuse_uncomputable,
     refuse_undetermined,
 )
-from gibbs_codegen.derivation.serial_chain import composites
-from gibbs_codegen.program.lower import Slice, lower, operations
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
+from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.model import Model, Progress
+from gibbs_codegen.robot.coordinates import hybrid_coordinates, points
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
 
@@ -50,8 +35,8 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     slices = _slices(tape, machine, progress)
     progress("lowering the program")
     inputs = {
-        name: tuple(symbol.name for symbol in symbols)
-        for name, symbols in zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
+        argument: tuple(symbol.name for symbol in getattr(machine, argument))
+        for argument in ARGUMENTS
     }
     names = tuple(parameters.defaults)
     # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
@@ -73,89 +58,31 @@ def _slices(tape: Tape, machine: Machine, progress: Progress) -> list[Slice]:
     progress("reduced system")
     reduced = reduced_system(machine)
     progress("hybrid system")
-    hybrid = hybrid_system(machine, reduced)
-    progress("forward dynamics")
-    forward = _forward_dynamics(tape, machine)
-    progress("inverse dynamics, energies and kinematics")
-    mass = _matrix(reduced.matrix)
-    residual = _vector(reduced.residual)
-    return [
-        Slice("mass_matrix_and_residual", ("q", "v"), (mass, residual)),
-        Slice("mass_matrix", ("q",), (mass,)),
-        Slice("residual", ("q", "v"), (residual,)),
-        Slice("input_matrix", ("q",), (_matrix(reduced.inputs),)),
-        forward,
-        Slice("inverse_dynamics", ("q", "v", "a"), (_vector(_inverse_dynamics(machine)),)),
-        *_hybrid_slices(hybrid),
-        Slice("constraint_torques", ("q", "v", "a", "u"), (_vector(constraint_torques(machine)),)),
-        Slice("gibbs", ("q", "v", "a"), (_scalar(_gibbs(machine)),)),
-        Slice("kinetic_energy", ("q", "v"), (_scalar(_kinetic_energy(machine)),)),
-        Slice("potential_energy", ("q",), (_scalar(_potential_energy(machine)),)),
-        Slice("positions", ("q",), (_matrix(positions(machine)),)),
-        Slice("tip_pose", ("q",), (_matrix(tip_pose(machine)),)),
-        Slice("tip_jacobian", ("q",), (_matrix(tip_jacobian(machine)),)),
-        Slice("tip_bias_acceleration", ("q", "v"), (_vector(tip_bias_acceleration(machine)),)),
-    ]
+    systems = Systems(tape, machine, reduced, hybrid_system(machine, reduced))
+    lists = (machine.q, hybrid_coordinates(machine.robot), machine.u, points(machine.robot))
+    slices = []
+    for signature in signatures(*map(len, lists)):
+        progress(signature.name.replace("_", " "))
+        slices.append(_slice(systems, signature))
+    return slices
 
 
-def _forward_dynamics(tape: Tape, machine: Machine) -> Slice:
-    """Forward dynamics in the way that takes fewer operations: by articulated bodies, or by M."""
-
-    def piece(accelerations: list[sp.Expr]) -> Slice:
-        return Slice("forward_dynamics", ("q", "v", "u"), (_vector(accelerations),))
-
-    articulated = piece(articulated_dynamics(machine))
-    most = operations(tape, articulated)
-    accelerations = factorised_dynamics(machine, most)
-    if accelerations is None:
-        return articulated
-    factorised = piece(accelerations)
-    return factorised if operations(tape, factorised) < most else articulated
-
-
-def _hybrid_slices(hybrid: LinearSystem) -> list[Slice]:
-    return [
-        Slice("hybrid_mass_matrix", ("q",), (_matrix(hybrid.matrix),)),
-        Slice("hybrid_residual", ("q", "v"), (_vector(hybrid.residual),)),
-        Slice("hybrid_input_matrix", ("q",), (_matrix(hybrid.inputs),)),
-    ]
+def _slice(systems: Systems, signature: Signature) -> Slice:
+    """A function of the table. Raises `ValueError` where its derivation contradicts its shape."""
+    arrays = []
+    for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True):
+        entries = _entries(DERIVATIONS[output.derivation](systems))
+        if len(entries) != math.prod(shape):
+            raise ValueError(
+                f"derivation {output.derivation!r} gives {len(entries)} entries; "
+                f"{output.name} of {signature.name} has shape {shape} in the table"
+            )
+        arrays.append((shape, entries))
+    return Slice(signature.name, signature.arguments, tuple(arrays))
 
 
-def _inverse_dynamics(machine: Machine) -> list[sp.Expr]:
-    """M a − R = ∂S/∂θ̈ at the given accelerations."""
-    state = State(machine.v, machine.a, machine.parameters.gravity)
-    return generalised_inertia_forces(machine.tape, machine.root, machine.reduced_chain, state)
-
-
-def _gibbs(machine: Machine) -> sp.Expr:
-    state = State(machine.v, machine.a, machine.parameters.gravity)
-    return gibbs_function(machine.tape, machine.root, machine.reduced_chain, state)
-
-
-def _kinetic_energy(machine: Machine) -> sp.Expr:
-    """The Gibbs function of a machine at rest, weightless, whose accelerations are the rates."""
-    zero = sp.S.Zero
-    state = State([zero] * len(machine.q), machine.v, zero)
-    return gibbs_function(machine.tape, machine.root, machine.reduced_chain, state)
-
-
-def _potential_energy(machine: Machine) -> sp.Expr:
-    """Gravity times the first moment of mass above the world's Z = 0."""
-    tape = machine.tape
-    composite = composites(tape, machine.reduced_chain)[0]
-    height = machine.root.world(tape, composite.moment)[2]
-    moment = tape.let(composite.mass * machine.q[-1] + height)
-    return tape.let(machine.parameters.gravity * moment)
-
-
-def _matrix(rows: Sequence[Sequence[sp.Expr]]) -> tuple[tuple[int, ...], tuple[sp.Expr, ...]]:
-    return (len(rows), len(rows[0])), tuple(entry for row in rows for entry in row)
-
-
-def _vector(entries: Iterable[sp.Expr]) -> tuple[tuple[int, ...], tuple[sp.Expr, ...]]:
-    vector = tuple(entries)
-    return (len(vector),), vector
-
-
-def _scalar(entry: sp.Expr) -> tuple[tuple[int, ...], tuple[sp.Expr, ...]]:
-    return (), (entry,)
+def _entries(array: Array) -> tuple[sp.Expr, ...]:
+    """Entries of a scalar, a vector or a matrix, row by row."""
+    if isinstance(array, list | tuple):
+        return tuple(entry for part in array for entry in _entries(part))
+    return (array,)

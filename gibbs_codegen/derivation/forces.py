@@ -58,23 +58,26 @@ def motor_wrench(machine: Machine, k: int) -> Wrench:
 def motor_torque_about_arm_joint(machine: Machine, k: int) -> sp.Expr:
     """Row of the constrained joint of arm k = 2 … N in Ψ of motor k: torque about z at O₂."""
     _, y, z = thrust_direction(machine, k)
-    parameters = machine.parameters
-    return machine.tape.let(parameters.arm_length(k) * y + parameters.drag(k) * z)
+    tape, parameters = machine.tape, machine.parameters
+    with tape.group(f"torque of motor {k} about joint {k}"):
+        return tape.let(parameters.arm_length(k) * y + parameters.drag(k) * z)
 
 
 def motor_column(machine: Machine, k: int) -> tuple[sp.Expr, ...]:
     """Generalised forces of motor k on θ₋₁, θ₀, θ₁, x, y, z per unit of thrust (eq. 13)."""
     tape, root = machine.tape, machine.root
-    return root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
+    with tape.group(f"thrust direction and generalised forces of motor {k}"):
+        return root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
 
 
 def total_thrust_wrench(machine: Machine) -> Wrench:
     """Wrench of all motors about the origin for the inputs u, in arm 1's frame."""
     tape, total = machine.tape, NO_WRENCH
-    for k, thrust in enumerate(machine.u[: machine.robot.rotors], start=1):
-        unit = motor_wrench(machine, k)
-        force, moment = (scale(tape, thrust, v) for v in (unit.force, unit.moment))
-        total = total.plus(tape, Wrench(force, moment))
+    with tape.group("force and moment of all thrusts"):
+        for k, thrust in enumerate(machine.u[: machine.robot.rotors], start=1):
+            unit = motor_wrench(machine, k)
+            force, moment = (scale(tape, thrust, v) for v in (unit.force, unit.moment))
+            total = total.plus(tape, Wrench(force, moment))
     return total
 
 

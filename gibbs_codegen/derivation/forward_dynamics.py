@@ -9,7 +9,7 @@ so gravity enters once, at the end: accelerations are relative to free fall.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -56,9 +56,45 @@ def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
     centred = _about_base_centre(machine)
     chain = centred.reduced_chain
     composite, wrenches, block = unprojected_mass_matrix(tape, chain)
-    lightness = tape.let(1 / composite.mass)
-    centre = scale(tape, lightness, composite.moment)
-    light = [scale(tape, lightness, wrench.force) for wrench in wrenches]
+    with tape.group("mass matrix with the translation eliminated"):
+        lightness = tape.let(1 / composite.mass)
+        centre = scale(tape, lightness, composite.moment)
+        light = [scale(tape, lightness, wrench.force) for wrench in wrenches]
+        matrix = _without_translation(tape, composite, wrenches, block, centre, light)
+    # Tip first: the last joint couples to all others, the root is left for the end.
+    order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
+    if operations_to_solve(matrix, order) >= most:
+        return None
+    drive, efforts = _driving_forces(centred)
+    with tape.group("driving forces with the translation eliminated"):
+        right = [_minus_dot(tape, e, light[i], drive.force) for i, e in enumerate(efforts)]
+        right.extend(_about(tape, drive, centre))
+    with _refused_as_singular(machine), tape.group("accelerations of joints and base, by LDL^T"):
+        solution = solve_symmetric(tape, matrix, right, order)
+    angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
+    with tape.group("acceleration of the base centre"):
+        spin = cross(tape, angular, centre)
+        shares = [[light[i][k] * solution[i] for i in range(n)] for k in range(3)]
+        x, y, z = (
+            tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares[k])) for k in range(3)
+        )
+    return _in_coordinates(machine, solution[:n], Acceleration((x, y, z), angular))
+
+
+def _without_translation(
+    tape: Scalars,
+    composite: Inertia,
+    wrenches: Sequence[Wrench],
+    block: Mapping[tuple[int, int], sp.Expr],
+    centre: Vector,
+    light: Sequence[Vector],
+) -> Matrix:
+    """Mass matrix of the joints and of the root's Ω about `centre`, the centre of mass.
+
+    `composite`, `wrenches` and `block` are the mass matrix before projection, `light` are the
+    wrenches' forces divided by the mass.
+    """
+    n = len(wrenches)
     matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
     for (i, j), entry in block.items():
         if i >= j:
@@ -71,22 +107,7 @@ def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
     for k in range(3):
         for m, entry in enumerate(about_centre.response(tape, ANGULAR + k).moment):
             matrix[n + k][n + m] = entry
-    # Tip first: the last joint couples to all others, the root is left for the end.
-    order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
-    if operations_to_solve(matrix, order) >= most:
-        return None
-    drive, efforts = _driving_forces(centred)
-    right = [_minus_dot(tape, effort, light[i], drive.force) for i, effort in enumerate(efforts)]
-    right.extend(_about(tape, drive, centre))
-    with _refused_as_singular(machine):
-        solution = solve_symmetric(tape, matrix, right, order)
-    angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
-    spin = cross(tape, angular, centre)
-    shares = [[light[i][k] * solution[i] for i in range(n)] for k in range(3)]
-    x, y, z = (
-        tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares[k])) for k in range(3)
-    )
-    return _in_coordinates(machine, solution[:n], Acceleration((x, y, z), angular))
+    return matrix
 
 
 @contextmanager
@@ -111,14 +132,12 @@ def _about_base_centre(machine: Machine) -> Machine:
 def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration) -> list[sp.Expr]:
     """Accelerations in the order of q, from those of the joints and the base centre."""
     tape, turns = machine.tape, machine.root
-    x, y, z = turns.world(tape, _at_origin(machine, root))
-    return [
-        *turns.angle_accelerations(tape, root.angular),
-        *joints,
-        x,
-        y,
-        tape.let(z - machine.parameters.gravity),
-    ]
+    with tape.group("acceleration of the origin, in world axes"):
+        x, y, z = turns.world(tape, _at_origin(machine, root))
+    with tape.group("accelerations of the attitude angles"):
+        angles = turns.angle_accelerations(tape, root.angular)
+    with tape.group("acceleration of the origin, in world axes"):
+        return [*angles, *joints, x, y, tape.let(z - machine.parameters.gravity)]
 
 
 def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
@@ -146,11 +165,12 @@ def _driving_forces(machine: Machine) -> tuple[Wrench, list[sp.Expr]]:
     """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
     tape = machine.tape
     bias, joints = inward(tape, machine.reduced_chain, _free_motions(machine))
-    thrust = total_thrust_wrench(machine).rotated(tape, machine.root.segment_rotation)
-    efforts = [tape.let(u - row) for u, row in zip(_efforts(machine), joints, strict=True)]
-    return Wrench(
-        _difference(tape, thrust.force, bias.force), _difference(tape, thrust.moment, bias.moment)
-    ), efforts
+    thrust = total_thrust_wrench(machine)
+    with tape.group("thrusts and joint torques less inertia forces"):
+        thrust = thrust.rotated(tape, machine.root.segment_rotation)
+        efforts = [tape.let(u - row) for u, row in zip(_efforts(machine), joints, strict=True)]
+        force = _difference(tape, thrust.force, bias.force)
+        return Wrench(force, _difference(tape, thrust.moment, bias.moment)), efforts
 
 
 def _about(tape: Scalars, wrench: Wrench, centre: Vector) -> Vector:

@@ -44,42 +44,48 @@ class Geometry:
 def arm_geometry(machine: Machine) -> Geometry:
     """Forward kinematics from the root to the tip."""
     tape, root = machine.tape, machine.root
-    carrier: Frame = (
-        root.world(tape, axis_vector(0)),
-        root.world(tape, axis_vector(1)),
-        root.world(tape, axis_vector(2)),
-    )
     segments = machine.reduced_chain.segments
-    own = base = _turned(tape, carrier, segments[0].rotation)
+    with tape.group("axes of the base"):
+        carrier: Frame = (
+            root.world(tape, axis_vector(0)),
+            root.world(tape, axis_vector(1)),
+            root.world(tape, axis_vector(2)),
+        )
+        own = base = _turned(tape, carrier, segments[0].rotation)
     position = ZERO
     positions, axes = [], []
     for segment in segments[1:]:
-        position = add(tape, position, scale(tape, segment.a, own[0]))
-        carrier = _twisted(tape, own, segment) if segment.leads else carrier
-        position = add(tape, position, scale(tape, segment.d, carrier[2]))
-        own = _turned(tape, carrier, segment.rotation)
+        with tape.group(f"{segment.joint_name} and the axes of {segment.name}"):
+            position = add(tape, position, scale(tape, segment.a, own[0]))
+            carrier = _twisted(tape, own, segment) if segment.leads else carrier
+            position = add(tape, position, scale(tape, segment.d, carrier[2]))
+            own = _turned(tape, carrier, segment.rotation)
         positions.append(position)
         axes.append(carrier[2])
-    tip = add(tape, position, scale(tape, machine.reach, own[0]))
+    with tape.group("tip"):
+        tip = add(tape, position, scale(tape, machine.reach, own[0]))
     return Geometry(base, tuple(positions), tuple(axes), own, tip)
 
 
 def positions(machine: Machine) -> list[Vector]:
     """World positions of the points, in their order: O1, O2, motors, joints, tip."""
     tape, geometry = machine.tape, arm_geometry(machine)
-    base = [axis_vector(0, machine.centre_offset)]
-    base += [motor_position(machine, k) for k in range(1, machine.robot.rotors + 1)]
-    on_base = [_combined(tape, geometry.base_frame, point) for point in base]
+    with tape.group("base centre and motors"):
+        base = [axis_vector(0, machine.centre_offset)]
+        base += [motor_position(machine, k) for k in range(1, machine.robot.rotors + 1)]
+        on_base = [_combined(tape, geometry.base_frame, point) for point in base]
     motor_1 = on_base[1]
     origin = _origin(machine)
     relative = [motor_1, *on_base, *geometry.joint_positions, geometry.tip]
-    return [add(tape, origin, point) for point in relative]
+    with tape.group("positions in the world"):
+        return [add(tape, origin, point) for point in relative]
 
 
 def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
     """Homogeneous transform of the tip: the last link's axes and the tip's position."""
     geometry = arm_geometry(machine)
-    position = add(machine.tape, _origin(machine), geometry.tip)
+    with machine.tape.group("position of the tip"):
+        position = add(machine.tape, _origin(machine), geometry.tip)
     rows = [[axis[i] for axis in geometry.tip_frame] + [position[i]] for i in range(3)]
     zero = sp.S.Zero
     return [*rows, [zero, zero, zero, sp.S.One]]
@@ -88,15 +94,20 @@ def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
 def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
     """Linear rows, then angular, in world axes; columns in the order of q."""
     tape, geometry = machine.tape, arm_geometry(machine)
-    columns: list[tuple[Vector, Vector]] = [
-        (cross(tape, axis, geometry.tip), axis) for axis in machine.root.world_axes(tape)
-    ]
-    for link, axis, joint in zip(
-        machine.robot.links, geometry.joint_axes, geometry.joint_positions, strict=True
+    with tape.group("columns of the attitude angles"):
+        columns: list[tuple[Vector, Vector]] = [
+            (cross(tape, axis, geometry.tip), axis) for axis in machine.root.world_axes(tape)
+        ]
+    for segment, axis, joint in zip(
+        machine.reduced_chain.segments[1:],
+        geometry.joint_axes,
+        geometry.joint_positions,
+        strict=True,
     ):
-        if link.joint == "revolute":
-            arm = add(tape, geometry.tip, (-joint[0], -joint[1], -joint[2]))
-            columns.append((cross(tape, axis, arm), axis))
+        if segment.joint == "revolute":
+            with tape.group(f"column of {segment.joint_name}"):
+                arm = add(tape, geometry.tip, (-joint[0], -joint[1], -joint[2]))
+                columns.append((cross(tape, axis, arm), axis))
         else:
             columns.append((axis, ZERO))
     columns += [(axis_vector(k), ZERO) for k in range(3)]
@@ -118,13 +129,15 @@ def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
         own_to_working, working_to_carrier = segment.rotation, NO_ROTATION
         if chain.works_in_own_frame(k):
             own_to_working, working_to_carrier = working_to_carrier, own_to_working
-        x, y, _ = own_to_working.vector(tape, axis_vector(0, reaches[k]))
-        motion = replace(motions[k], acceleration=tip.linear).displaced(tape, (x, y, segment.d))
-        if segment.joint == "prismatic":
-            motion = motion.slid(tape, machine.v[2 + k], sp.S.Zero)
-        tip = Acceleration(motion.acceleration, tip.angular)
-        tip = tip.rotated(tape, working_to_carrier).rotated(tape, segment.twist)
-    return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
+        with tape.group(f"acceleration of the tip that {segment.name} adds"):
+            x, y, _ = own_to_working.vector(tape, axis_vector(0, reaches[k]))
+            motion = replace(motions[k], acceleration=tip.linear).displaced(tape, (x, y, segment.d))
+            if segment.joint == "prismatic":
+                motion = motion.slid(tape, machine.v[2 + k], sp.S.Zero)
+            tip = Acceleration(motion.acceleration, tip.angular)
+            tip = tip.rotated(tape, working_to_carrier).rotated(tape, segment.twist)
+    with tape.group("acceleration of the tip in world axes"):
+        return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
 
 
 def _origin(machine: Machine) -> Vector:

@@ -57,7 +57,8 @@ def constrained_joint_column(
     """Column of I_H for a constrained joint: its entries at θ₋₁, θ₀, θ₁, x, y, z and its own."""
     tape = machine.tape
     _, wrenches, entries = joint_columns(tape, serial)
-    return machine.root.rows(tape, wrenches[0]), entries[1, 1]
+    with tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
+        return machine.root.rows(tape, wrenches[0]), entries[1, 1]
 
 
 def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -> sp.Expr:
@@ -69,7 +70,8 @@ def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -
         state.gravity,
     )
     motions = chain_motions(machine.tape, machine.root, serial, own)
-    return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
+    with machine.tape.group(f"inertia forces of {serial.carried_about(1)}"):
+        return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
 
 
 def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
@@ -114,9 +116,10 @@ def constraint_torques(machine: Machine) -> list[sp.Expr]:
         if chain.is_constrained:
             arm = chain.links[-1]
             inertia_force = constrained_joint_row(machine, serial, state)
-            lever = motor_torque_about_arm_joint(machine, arm)
-            active = machine.tape.let(lever * machine.u[arm - 1])
-            torques.append(machine.tape.let(inertia_force - active))
+            with machine.tape.group(f"constraint torque on base arm {arm}"):
+                lever = motor_torque_about_arm_joint(machine, arm)
+                active = machine.tape.let(lever * machine.u[arm - 1])
+                torques.append(machine.tape.let(inertia_force - active))
     return torques
 
 

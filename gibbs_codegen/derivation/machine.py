@@ -47,7 +47,8 @@ class Machine:
             for letter in "va"
         )
         u = tuple(tape.symbol(entry.name, Stage.MOTION) for entry in inputs(robot))
-        root = TaitBryanRoot.make(tape, robot.base.attitude, q[:3])
+        with tape.group("attitude"):
+            root = TaitBryanRoot.make(tape, robot.base.attitude, q[:3])
         return cls(robot, tape, Parameters(robot, tape, keep_zeros), root, q, v, a, u)
 
     @property
@@ -92,7 +93,8 @@ class Machine:
             for k in range(2, base.rotors + 1)
         ]
         outer = total(inline, arms).shifted(inline, axis_vector(0, self.centre_offset))
-        return total(inline, [outer, self.arm_1_inertia()]).mapped(gather).mapped(self.tape.let)
+        with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
+            return total(inline, [outer, self.arm_1_inertia()]).mapped(gather).mapped(self.tape.let)
 
     @cached_property
     def reduced_chain(self) -> SerialChain:
@@ -107,21 +109,26 @@ class Machine:
         return tuple((chain, self._serial_chain(chain)) for chain in decompose(self.robot))
 
     def _serial_chain(self, chain: Chain) -> SerialChain:
-        inertia = self.arm_1_inertia().mapped(self.tape.let) if 1 in chain.massive else NO_INERTIA
-        root = self._root_segment(inertia)
+        with self.tape.group("inertia of base arm 1, about the origin", Stage.PARAMETER):
+            inertia = self.arm_1_inertia() if 1 in chain.massive else NO_INERTIA
+            root = self._root_segment(inertia.mapped(self.tape.let))
         if chain.is_constrained:
             return SerialChain((root, self._base_arm_segment(chain.links[-1])))
         return SerialChain((root, *self._arm_segments()))
 
     def _root_segment(self, inertia: Inertia) -> Segment:
-        return Segment(inertia, self.root.segment_rotation)
+        return Segment(inertia, self.root.segment_rotation, name="the base")
 
     def _base_arm_segment(self, k: int) -> Segment:
-        angle = self.robot.base.arm_angle_deg(k)
+        angle, name = self.robot.base.arm_angle_deg(k), f"base arm {k}"
+        with self.tape.group(f"inertia of {name}", Stage.PARAMETER):
+            inertia = self.parameters.arm_inertia(k).mapped(self.tape.let)
         return Segment(
-            inertia=self.parameters.arm_inertia(k).mapped(self.tape.let),
+            inertia=inertia,
             rotation=Rotation.degrees(2, angle),
             a=self.centre_offset,
+            name=name,
+            joint_name=f"joint {k}",
         )
 
     def _arm_segments(self) -> list[Segment]:
@@ -141,17 +148,22 @@ class Machine:
                 angle += joint
             else:
                 d += joint
-            segments.append(
-                Segment(
-                    inertia=symbols.body.inertia.mapped(self.tape.let),
-                    rotation=self._carrier_rotation(angle, structural),
-                    joint=link.joint,
-                    a=self.tape.let(symbols.a + (self.centre_offset if i == 1 else 0)),
-                    d=self.tape.let(d),
-                    twist=Rotation.degrees(0, link.alpha_deg),
-                    leads=leads,
+            with self.tape.group("inertias of the links", Stage.PARAMETER):
+                inertia = symbols.body.inertia.mapped(self.tape.let)
+            with self.tape.group("angles and places of the joints", Stage.PARAMETER):
+                segments.append(
+                    Segment(
+                        inertia=inertia,
+                        rotation=self._carrier_rotation(angle, structural),
+                        joint=link.joint,
+                        a=self.tape.let(symbols.a + (self.centre_offset if i == 1 else 0)),
+                        d=self.tape.let(d),
+                        twist=Rotation.degrees(0, link.alpha_deg),
+                        leads=leads,
+                        name=f"link {i}",
+                        joint_name=f"joint {self.robot.rotors + i}",
+                    )
                 )
-            )
         return segments
 
     def _carrier_rotation(self, angle: sp.Expr, structural: Fraction) -> Rotation:

@@ -98,9 +98,10 @@ class Parameters:
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
         length = self._value(f"{prefix}_length", body.length, "m")
-        if isinstance(body, Rod):
-            return BodySymbols(length, self._rod(prefix, body, length))
-        return BodySymbols(length, self._rigid_body(prefix, body))
+        with self._tape.group(f"second moments of {prefix}", Stage.PARAMETER):
+            if isinstance(body, Rod):
+                return BodySymbols(length, self._rod(prefix, body, length))
+            return BodySymbols(length, self._rigid_body(prefix, body))
 
     def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
         """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃."""

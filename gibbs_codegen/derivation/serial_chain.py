@@ -12,7 +12,7 @@ another group hangs on it, since all that passes through has to be turned once a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -37,7 +37,7 @@ from gibbs_codegen.derivation.inertia import (
 )
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.robot.model import JointKind
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,
@@ -61,7 +61,8 @@ class Segment:
 
     From the parent's frame: `a` along x, `twist` about x, `d` along z (a prismatic joint's travel
     included), then `rotation` about z, counted from the carrier. `leads` marks the first segment of
-    a carrier's group. `inertia` is about the joint, in the link's own frame.
+    a carrier's group. `inertia` is about the joint, in the link's own frame. Comments call the link
+    `name` and its joint `joint_name`.
     """
 
     inertia: Inertia
@@ -71,6 +72,8 @@ class Segment:
     d: sp.Expr = sp.S.Zero
     twist: Rotation = NO_ROTATION
     leads: bool = True
+    name: str = ""
+    joint_name: str = ""
 
     def row(self, wrench: Wrench) -> sp.Expr:
         """Share of a wrench, about the joint in its carrier, that acts along the joint."""
@@ -82,6 +85,20 @@ class SerialChain:
     """A row of segments from the root link outwards."""
 
     segments: tuple[Segment, ...]
+
+    def carried(self, k: int) -> str:
+        """Segment k and all that it carries, in words."""
+        own, rest = self.segments[k].name, self.segments[k + 1 :]
+        if not rest:
+            return own
+        if k == 0:
+            return f"{own} and {self.carried(1)}"
+        return f"links {k} {'and' if len(rest) == 1 else 'to'} {k + len(rest)}"
+
+    def carried_about(self, k: int) -> str:
+        """Segment k and all that it carries, about its joint, in words."""
+        joint = self.segments[k].joint_name
+        return f"{self.carried(k)}, about {joint}" if joint else self.carried(k)
 
     def works_in_own_frame(self, k: int) -> bool:
         """Whether segment k works in its own frame: another group hangs on it."""
@@ -98,7 +115,9 @@ class SerialChain:
         step = axis_vector(0, segment.a)
         if segment.leads:
             return item.rotated(tape, segment.twist).shifted(tape, step)
-        return item.shifted(tape, parent.rotation.vector(tape, step))
+        with tape.group(f"step from {parent.name} to {segment.name}"):
+            arm = parent.rotation.vector(tape, step)
+        return item.shifted(tape, arm)
 
     def to_carrier(self, tape: Scalars, k: int, item: Carried) -> Carried:
         """Take what is in the working frame of segment k to its carrier."""
@@ -111,7 +130,8 @@ class SerialChain:
         segment = self.segments[k]
         if self.works_in_own_frame(k):
             return segment.inertia
-        return segment.inertia.rotated(tape, segment.rotation)
+        with tape.group(f"inertia of {segment.name}, turned by the joints"):
+            return segment.inertia.rotated(tape, segment.rotation)
 
 
 def regrouped(tape: Scalars, chain: SerialChain, offsets: Sequence[Rotation]) -> SerialChain:
@@ -125,15 +145,17 @@ def regrouped(tape: Scalars, chain: SerialChain, offsets: Sequence[Rotation]) ->
     segments = list(chain.segments)
     for k in range(len(segments) - 1, 0, -1):
         segment, parent = segments[k], segments[k - 1]
-        if segment.joint == "revolute":
-            own, given = split_revolute(segment.inertia)
-            given = given.shifted(tape, axis_vector(2, segment.d))
-        else:
-            own, given = split_prismatic(segment.inertia)
-            given = given.rotated(tape, offsets[k])
-        given = given.rotated(tape, segment.twist).shifted(tape, axis_vector(0, segment.a))
-        segments[k] = replace(segment, inertia=own)
-        segments[k - 1] = replace(parent, inertia=parent.inertia.plus(tape, given))
+        given_part = f"that of {segment.name} which {segment.joint_name} does not move"
+        with tape.group(f"inertia of {parent.name}, with {given_part}", Stage.PARAMETER):
+            if segment.joint == "revolute":
+                own, given = split_revolute(segment.inertia)
+                given = given.shifted(tape, axis_vector(2, segment.d))
+            else:
+                own, given = split_prismatic(segment.inertia)
+                given = given.rotated(tape, offsets[k])
+            given = given.rotated(tape, segment.twist).shifted(tape, axis_vector(0, segment.a))
+            segments[k] = replace(segment, inertia=own)
+            segments[k - 1] = replace(parent, inertia=parent.inertia.plus(tape, given))
     return SerialChain(tuple(segments))
 
 
@@ -152,12 +174,13 @@ def outward(
     motions: list[Motion] = []
     motion = carrier_motion
     for k, segment in enumerate(chain.segments):
-        if k > 0:
-            motion = _passed_out(tape, chain, k, motion)
-        move = motion.spun if segment.joint == "revolute" else motion.slid
-        motion = move(tape, rates[k], accelerations[k])
-        if chain.works_in_own_frame(k):
-            motion = motion.rotated(tape, segment.rotation.inverse)
+        with tape.group(f"motion of {segment.name}"):
+            if k > 0:
+                motion = _passed_out(tape, chain, k, motion)
+            move = motion.spun if segment.joint == "revolute" else motion.slid
+            motion = move(tape, rates[k], accelerations[k])
+            if chain.works_in_own_frame(k):
+                motion = motion.rotated(tape, segment.rotation.inverse)
         motions.append(motion)
     return motions
 
@@ -208,11 +231,13 @@ def inward(
     rows: list[sp.Expr] = []
     wrench = NO_WRENCH
     for k in range(len(chain.segments) - 1, -1, -1):
-        wrench = link_wrench(tape, chain, k, motions[k]).plus(tape, wrench)
-        wrench = chain.to_carrier(tape, k, wrench)
+        with tape.group(f"inertia forces of {chain.carried_about(k)}"):
+            wrench = link_wrench(tape, chain, k, motions[k]).plus(tape, wrench)
+            wrench = chain.to_carrier(tape, k, wrench)
         if k > 0:
             rows.append(chain.segments[k].row(wrench))
-            wrench = chain.passed_in(tape, k, wrench)
+            with tape.group(f"inertia forces of {chain.carried_about(k - 1)}"):
+                wrench = chain.passed_in(tape, k, wrench)
     return wrench, rows[::-1]
 
 
@@ -224,10 +249,11 @@ def composites(tape: Scalars, chain: SerialChain) -> list[Inertia]:
 def _composites_inward(tape: Scalars, chain: SerialChain) -> Iterator[Inertia]:
     composite = NO_INERTIA
     for k in range(len(chain.segments) - 1, -1, -1):
-        own = chain.working_inertia(tape, k)
-        if k + 1 < len(chain.segments):
-            own = own.plus(tape, chain.passed_in(tape, k + 1, composite))
-        composite = chain.to_carrier(tape, k, own)
+        with tape.group(f"composite inertia of {chain.carried_about(k)}"):
+            own = chain.working_inertia(tape, k)
+            if k + 1 < len(chain.segments):
+                own = own.plus(tape, chain.passed_in(tape, k + 1, composite))
+            composite = chain.to_carrier(tape, k, own)
         yield composite
 
 
@@ -250,25 +276,38 @@ def joint_columns(
         start = max(end - _JOINTS_AT_ONCE + 1, 0)
         inertias.update(zip(range(end, start - 1, -1), inward, strict=False))
         for k in range(max(start, 1), last + 1):
-            for j in range(min(k, end), start - 1, -1):
-                segment = chain.segments[j]
-                if j == k:
-                    turns = segment.joint == "revolute"
-                    columns[k] = inertias[k].response(tape, ANGULAR + Z if turns else LINEAR + Z)
-                else:
-                    wrench = chain.passed_in(tape, j + 1, columns[k])
-                    columns[k] = chain.to_carrier(tape, j, wrench)
-                entries[j, k] = segment.row(columns[k])
+            nearest = chain.segments[max(start, 1)].joint_name
+            with tape.group(f"mass matrix, columns of the joints carried in to {nearest}"):
+                for j in range(min(k, end), start - 1, -1):
+                    columns[k] = _carried_column(tape, chain, j, k, inertias, columns)
+                    entries[j, k] = chain.segments[j].row(columns[k])
     return inertias[0], [columns[k] for k in range(1, last + 1)], entries
+
+
+def _carried_column(
+    tape: Scalars,
+    chain: SerialChain,
+    j: int,
+    k: int,
+    inertias: Mapping[int, Inertia],
+    columns: Mapping[int, Wrench],
+) -> Wrench:
+    """Column k about joint j, from where it began if j is k, or from about joint j + 1."""
+    if j == k:
+        turns = chain.segments[k].joint == "revolute"
+        return inertias[k].response(tape, ANGULAR + Z if turns else LINEAR + Z)
+    return chain.to_carrier(tape, j, chain.passed_in(tape, j + 1, columns[k]))
 
 
 def chain_gibbs_function(tape: Scalars, chain: SerialChain, motions: Sequence[Motion]) -> sp.Expr:
     """Σ of eq. 2 over the chain's links, at given motions."""
     terms = []
     for k, motion in enumerate(motions):
-        values = chain.working_inertia(tape, k).values
-        values.update(zip(ACCELERATION, motion.acceleration, strict=True))
-        values.update(zip(OMEGA, motion.omega, strict=True))
-        values.update(zip(OMEGA_DOT, motion.omega_dot, strict=True))
-        terms.append(tape.let(link_gibbs_function().xreplace(values)))
-    return tape.let(sp.Add(*terms))
+        with tape.group(f"Gibbs function of {chain.segments[k].name}"):
+            values = chain.working_inertia(tape, k).values
+            values.update(zip(ACCELERATION, motion.acceleration, strict=True))
+            values.update(zip(OMEGA, motion.omega, strict=True))
+            values.update(zip(OMEGA_DOT, motion.omega_dot, strict=True))
+            terms.append(tape.let(link_gibbs_function().xreplace(values)))
+    with tape.group("sum over the links"):
+        return tape.let(sp.Add(*terms))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.files.output_folder import check_output_folder
+from gibbs_codegen.files.staging import staging_folder
 from gibbs_codegen.simulator.flight import Flight, is_flight
 
 ANIMATIONS = ("gif", "mp4")
@@ -26,7 +26,6 @@ FIGURE_NAMES = (
 )
 _NAMES = {f"flight.{suffix}" for suffix in ("npz", "csv", *ANIMATIONS)}
 _NAMES |= {f"{name}.{suffix}" for name in FIGURE_NAMES for suffix in ("png", "pdf")}
-_STAGING_PREFIX = ".gibbs_codegen_flight_"
 
 
 def write_results(
@@ -98,27 +97,14 @@ def _refuse_foreign(folder: Path) -> None:
 
 @contextmanager
 def _staged(folder: Path) -> Iterator[Path]:
-    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not.
-
-    Folders that had to be made, and hold nothing in the end, go again.
-    """
-    made = [path for path in (folder, *folder.parents) if not path.exists()]
+    """A hidden folder whose files go to `folder` if all goes well, and nowhere if not."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        staging = Path(tempfile.mkdtemp(prefix=_STAGING_PREFIX, dir=folder))
-    except OSError as error:
-        raise OutputError(f"{printable(folder)}: cannot be written: {error.strerror}") from None
-    try:
-        yield staging
-        # The series first: by them the folder is known for one of results from then on.
-        for path in sorted(staging.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
-            os.replace(path, folder / path.name)
+        with staging_folder(folder) as new:
+            yield new
+            # The series first: by them the folder is known for one of results from then on.
+            for path in sorted(new.iterdir(), key=lambda path: (path.name != "flight.npz", path)):
+                os.replace(path, folder / path.name)
     except OSError as error:
         raise OutputError(f"{printable(folder)}: cannot be written: {error.strerror}") from None
     except OutputError as error:
-        raise OutputError(str(error).replace(printable(staging), printable(folder))) from None
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        for path in made:
-            with suppress(OSError):  # Not empty: then it is wanted.
-                path.rmdir()
+        raise OutputError(str(error).replace(printable(new), printable(folder))) from None

@@ -26,36 +26,35 @@ def alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
     `held` has a signal; or after a minute, longer than many that take turns need, with an
     `OutputError`.
     """
+    from filelock import unlock_descriptor  # Late, as a lock is needed by few commands.
+
     number = None
     with suppress(OSError):  # Windows opens no folders.
         number = os.open(folder, os.O_RDONLY)
     if number is None:
         yield
         return
-    import fcntl
-
     try:
         _wait_for_lock(number, folder, held)
         yield
     finally:
         # Closing is not enough where a child that was forked meanwhile has it open too.
         with suppress(OSError):
-            fcntl.flock(number, fcntl.LOCK_UN)
+            unlock_descriptor(number)
         os.close(number)
 
 
 def _wait_for_lock(number: int, folder: Path, held: Sequence[int]) -> None:
-    import fcntl
+    from filelock import lock_descriptor
 
     begin, said = time.monotonic(), False
     while not held:
         try:
-            fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
-        except BlockingIOError:
-            waited = time.monotonic() - begin
+            if lock_descriptor(number, blocking=False):
+                return
         except OSError:  # Not every file system has locks; a module is written whole without.
             return
+        waited = time.monotonic() - begin
         if waited > _PATIENCE_SECONDS:
             raise OutputError(
                 f"{printable(folder)}: {_holder(number)} has held the lock of this folder for "

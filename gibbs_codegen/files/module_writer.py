@@ -4,24 +4,17 @@ from __future__ import annotations
 
 import logging
 import os
-import shutil
 import signal
-import tempfile
 import threading
-import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.files.folder_lock import alone_in
 from gibbs_codegen.files.manifest import MANIFEST, entries, foreign, generated_files, with_manifest
 from gibbs_codegen.files.output_folder import check_output_folder
-
-_STAGING_PREFIX = ".gibbs_codegen_new_"
-# No module has this name, since a robot's name begins with a letter.
-_NEW = "_new"
-_STALE_SECONDS = 60.0
+from gibbs_codegen.files.staging import made, put_in_place, staging_folder
 
 _log = logging.getLogger("gibbs_codegen")
 
@@ -97,14 +90,11 @@ def write_module(folder: Path, files: Mapping[str, str], force: bool = False) ->
     """
     check_output_folder(folder.parent)
     files = with_manifest(files)
-    made = _missing_parents(folder.parent)
     # A path through the module itself, or relative to it, would lead astray while it is replaced.
     place = Path(os.path.realpath(folder.parent)) / folder.name
     with _signals_held() as held:
         try:
-            place.parent.mkdir(parents=True, exist_ok=True)
-            with alone_in(folder.parent, held):
-                _remove_stale(place.parent)
+            with made(place.parent), alone_in(folder.parent, held):
                 names = _foreign(place, files)
                 if names and not force:
                     raise _refusal(folder, names)
@@ -115,8 +105,6 @@ def write_module(folder: Path, files: Mapping[str, str], force: bool = False) ->
             raise OutputError(
                 f"{printable(folder)}: cannot be written: {reason}; nothing was changed"
             ) from None
-        finally:
-            _remove_empty(made)
     if not written:  # The signal's handler, which is the program's own, has returned.
         raise OutputError(
             f"{printable(folder)}: writing was ended by a signal; nothing was changed"
@@ -143,26 +131,13 @@ def _write_and_swap(
 
     What is there goes to `aside`, or is removed where there is no such path.
     """
-    staging = Path(tempfile.mkdtemp(prefix=_STAGING_PREFIX, dir=folder.parent))
-    try:
-        new = staging / _NEW
-        new.mkdir()
+    with staging_folder(folder.parent) as new:
         for name, text in files.items():
             _write_flushed(new / name, text)
             if held:
                 return False
-        old = aside or staging / folder.name
-        if folder.exists():
-            os.replace(folder, old)
-        try:
-            os.replace(new, folder)
-        except BaseException:
-            if old.exists():
-                os.replace(old, folder)
-            raise
+        put_in_place(new, folder, aside)
         return True
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
 
 
 def write_new_file(path: Path, text: str) -> None:
@@ -180,11 +155,6 @@ def write_new_file(path: Path, text: str) -> None:
         raise UsageError(f"{printable(path)}: exists already; choose another name") from None
     except OSError as error:
         raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
-
-
-def _missing_parents(folder: Path) -> list[Path]:
-    """Folders that will have to be made, innermost first."""
-    return [path for path in (folder, *folder.parents) if not path.exists()]
 
 
 def _write_flushed(path: Path, text: str) -> None:
@@ -214,21 +184,3 @@ def _signals_held() -> Iterator[list[int]]:
             signal.signal(number, handler)
         if held:
             signal.raise_signal(held[0])
-
-
-def _remove_stale(parent: Path) -> None:
-    """Remove what a process that was killed outright could not, and put back what it had taken."""
-    for staging in parent.glob(f"{_STAGING_PREFIX}*"):
-        with suppress(OSError):
-            # Writing takes moments; a younger folder may be another machine's on a shared disk.
-            if staging.is_dir() and time.time() - staging.stat().st_mtime > _STALE_SECONDS:
-                for path in staging.iterdir():
-                    if path.name != _NEW and not (parent / path.name).exists():
-                        os.replace(path, parent / path.name)
-                shutil.rmtree(staging, ignore_errors=True)
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    for folder in folders:
-        with suppress(OSError):  # Not empty: then it is wanted. Or it could not be made.
-            folder.rmdir()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
@@ -66,7 +66,11 @@ def lower(
         parameters=tuple(name for name in parameters if name in read),
         constants=tuple(names.get(s.name, s.name) for s in lowering.in_order(needed)),
         prepare=tuple(
-            Statement(names[s.name], _replaced(lowering.node(tape.statements[s]), constants))
+            Statement(
+                names[s.name],
+                _replaced(lowering.node(tape.statements[s]), constants),
+                tape.groups[s],
+            )
             for s in prepare
         ),
         functions=tuple(
@@ -81,11 +85,10 @@ def lower(
     )
 
 
-def operations(tape: Tape, piece: Slice) -> int:
-    """Operations that a slice takes as a function, sine–cosine pairs apart."""
-    draft = _Lowering(tape).draft(piece)
-    entries = (entry for output in draft.outputs for entry in output.entries)
-    nodes = (*(statement.value for statement in draft.statements), *dict.fromkeys(entries))
+def operations(tape: Tape, entries: Sequence[sp.Expr]) -> int:
+    """Operations that a function with these entries takes, sine–cosine pairs apart."""
+    draft = _Lowering(tape).draft(Slice("", (), (((len(entries),), tuple(entries)),)))
+    nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
     return count_operations(nodes).total
 
 
@@ -118,7 +121,9 @@ class _Lowering:
         order = self.reachable(roots, Stage.CONFIGURATION)
         read = roots.union(*(self._operands(symbol) for symbol in order))
         constants = {symbol for symbol in read if tape.stage(symbol) is Stage.PARAMETER}
-        statements = [Statement(s.name, self.node(tape.statements[s])) for s in order]
+        statements = [
+            Statement(s.name, self.node(tape.statements[s]), tape.groups[s]) for s in order
+        ]
         outputs = [
             Output(shape, tuple(self.node(entry) for entry in output))
             for shape, output in piece.outputs
@@ -213,7 +218,7 @@ def _folded(statements: list[Statement], outputs: list[Output]) -> list[Statemen
         if uses[statement.name] == 1 and not isinstance(value, Call | Reciprocal):
             pending[statement.name] = value
             continue
-        kept.append(Statement(statement.name, value))
+        kept.append(replace(statement, value=value))
     return _spilled(kept, pending, statements)
 
 
@@ -244,7 +249,7 @@ def _spilled(
             missing.extend(n for n in names_in(pending[name]) if n in pending)
     values = {statement.name: statement.value for statement in kept}
     values.update({name: pending[name] for name in needed})
-    return [Statement(s.name, values[s.name]) for s in statements if s.name in values]
+    return [replace(s, value=values[s.name]) for s in statements if s.name in values]
 
 
 def _replaced(node: Node, values: Mapping[str, Node]) -> Node:
@@ -292,7 +297,7 @@ def _renamed(
     names = dict(constants)
     names.update({s.name: Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)})
     statements = tuple(
-        Statement(f"t{i}", _replaced(statement.value, names))
+        Statement(f"t{i}", _replaced(statement.value, names), statement.group)
         for i, statement in enumerate(draft.statements, start=1)
     )
     outputs = tuple(

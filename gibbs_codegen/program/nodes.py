@@ -63,10 +63,11 @@ Node = Name | Number | Sum | Product | Reciprocal | Call
 
 @dataclass(frozen=True)
 class Statement:
-    """`name` = `value`."""
+    """`name` = `value`; `group` says what it is a part of, as "motion of link 3"."""
 
     name: str
     value: Node
+    group: str = ""
 
 
 @dataclass(frozen=True)

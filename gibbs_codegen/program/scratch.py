@@ -144,7 +144,7 @@ def _fitted(items: Sequence[Item], groups: _Groups) -> tuple[list[Item], dict[st
         for row in item.results.values():
             _fitted_row(row, "", set(row), here, groups)
         copies |= here
-        fitted += [Statement(copy, Name(name)) for copy, name in here.items()]
+        fitted += [Statement(copy, Name(name), item.group) for copy, name in here.items()]
         fitted.append(replace(item, operands=operands))
     return fitted, copies
 

@@ -7,8 +7,9 @@ long row is cut. Among the steps may be loops, each a piece by itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 from gibbs_codegen.program.nodes import Node, Number, Output, Statement, names_in
 
@@ -23,6 +24,7 @@ class Store:
 
 
 Step = Statement | Store
+AnyStep = TypeVar("AnyStep", bound=Step)
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,12 @@ class Loop:
     places: tuple[int, ...]
     pitches: tuple[int, ...]
     straight: tuple[Step, ...]
+
+    @property
+    def group(self) -> str:
+        """Words of the group that all its statements are of, or "" where they are of several."""
+        groups = {step.group for step in self.straight if isinstance(step, Statement)}
+        return groups.pop() if len(groups) == 1 else ""
 
     @property
     def shared(self) -> list[str]:
@@ -87,6 +95,18 @@ def interleaved(
         steps.append(statement)
         steps.extend(ready.get(i, []))
     return steps
+
+
+def headed(steps: Iterable[AnyStep]) -> Iterator[tuple[str, AnyStep]]:
+    """Steps in order, each with the words of its group where a group begins, and "" elsewhere.
+
+    A store belongs to the statement before it.
+    """
+    last = ""
+    for step in steps:
+        group = step.group if isinstance(step, Statement) else last
+        yield (group if group != last else ""), step
+        last = group
 
 
 def cut(items: Sequence[Item], limit: int) -> list[tuple[Item, ...]]:

@@ -6,7 +6,7 @@ has a way to do them so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gibbs_codegen.program.nodes import (
     Function,
@@ -59,7 +59,7 @@ def gathered(function: Function) -> GatheredFunction:
         if isinstance(value, Name):
             names[Name(statement.name)] = value
         else:
-            statements.append(Statement(statement.name, value))
+            statements.append(replace(statement, value=value))
     outputs = tuple(
         Output(output.shape, tuple(replaced(entry, names) for entry in output.entries))
         for output in function.outputs

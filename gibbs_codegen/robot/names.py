@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import keyword
 import re
 import sys
+
+from gibbs_codegen.interface import FUNCTIONS
 
 _PATTERN = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
 
@@ -186,8 +189,13 @@ _PACKAGES = frozenset(
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
-# With these a C function of one robot could have the name of another robot's.
-_ENDINGS = ("_casadi", "_default", "_hybrid", "_init", "_mass_matrix_and")
+# With these a C function of one robot could have the name of another robot's, since some functions
+# have names that end in those of others.
+_ENDINGS = {"_casadi", "_default", "_init"} | {
+    f"_{longer[: -len(shorter) - 1]}"
+    for longer, shorter in itertools.permutations(FUNCTIONS, 2)
+    if longer.endswith(f"_{shorter}")
+}
 
 
 def name_fault(name: str) -> str | None:

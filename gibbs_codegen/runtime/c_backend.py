@@ -27,7 +27,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.interface import LANES, Signature, signatures
+from gibbs_codegen.interface import DATA, LANES, Signature, module_signatures
 from gibbs_codegen.runtime.arguments import common_batch, state_array
 from gibbs_codegen.runtime.c_library import NATIVE, compiled_library
 from gibbs_codegen.runtime.cache import CacheError, cached_library
@@ -36,15 +36,6 @@ from gibbs_codegen.runtime.compiler import Compiler, CompilerError
 _log = logging.getLogger("gibbs_codegen")
 # Fewer states a thread are mostly sooner done than handed over.
 _MIN_ROWS = 16_384
-_DATA = (
-    "NAME",
-    "ATTITUDE",
-    "COORDINATES",
-    "HYBRID_COORDINATES",
-    "INPUTS",
-    "POINTS",
-    "PARAMETERS",
-)
 
 Arrays = Sequence[NDArray[np.float64]]
 
@@ -59,12 +50,11 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         library = ctypes.CDLL(str(path))
     except OSError as error:
         raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
-    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-    functions = signatures(*map(len, lists))
+    functions = module_signatures(module)
     _check_symbols(library, module.NAME, functions)
     made = ModuleType(module.__name__, module.__doc__)
     made.__file__ = str(path)
-    for name in _DATA:
+    for name in DATA:
         setattr(made, name, getattr(module, name))
     constants = _Constants(library, module)
     prepare = _General(lambda given: constants.prepare(**given), module.prepare)

@@ -9,19 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import stat
-import sys
-import tempfile
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from pathlib import Path
+
+from gibbs_codegen.files.staging import put_in_place, staging_folder
 
 _LIBRARY = "library.so"
 _DIGEST = "sha256"
-_STAGING = ".new_"
-_STALE_SECONDS = 3600.0
 
 
 class CacheError(Exception):
@@ -37,9 +32,11 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
         root = _private_folder()
         entry = root / hashlib.sha256(key.encode()).hexdigest()
         if not _is_whole(entry):
-            with _lock(root / f"{entry.name}.lock"):
+            from filelock import FileLock  # Late, as most calls find the library there.
+
+            with FileLock(root / f"{entry.name}.lock", mode=0o600):
                 if not _is_whole(entry):
-                    _fill(root, entry, make)
+                    _fill(entry, make)
     except OSError as error:
         where = error.filename or cache_folder()
         raise CacheError(f"{where}: {error.strerror or error}") from None
@@ -51,19 +48,16 @@ def cache_folder() -> Path:
 
     Raises `RuntimeError` where there is no home.
     """
+    from platformdirs import user_cache_path
+
     chosen = os.environ.get("GIBBS_CODEGEN_CACHE")
     if chosen:
         return Path(chosen).expanduser().absolute()
-    base = os.environ.get("XDG_CACHE_HOME", "")
-    # The specification has relative paths ignored.
-    if os.path.isabs(base) and sys.platform != "darwin":
-        return Path(base) / "gibbs_codegen"
-    home = Path.home()
-    if not home.is_absolute():
+    folder = user_cache_path("gibbs_codegen", appauthor=False)
+    if not folder.is_absolute():
         # Nobody has chosen the working directory, in which a library might have been planted.
         raise RuntimeError("the home folder is a relative path")
-    caches = home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache"
-    return caches / "gibbs_codegen"
+    return folder
 
 
 def _private_folder() -> Path:
@@ -99,47 +93,13 @@ def _is_whole(entry: Path) -> bool:
         return False
 
 
-def _fill(root: Path, entry: Path, make: Callable[[Path], None]) -> None:
-    _remove_stale(root)
-    staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=root))
-    try:
-        library = staging / _LIBRARY
-        make(library)
-        (staging / _DIGEST).write_text(_digest(library), encoding="ascii")
-        if entry.is_symlink() or entry.exists():
-            # Aside first: a library that another process has loaded must not change under it.
-            os.replace(entry, staging / "old")
-        os.rename(staging, entry)
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-    shutil.rmtree(entry / "old", ignore_errors=True)
-
-
-def _remove_stale(root: Path) -> None:
-    """Remove what processes that were killed have left."""
-    for path in root.glob(f"{_STAGING}*"):
-        with suppress(OSError):
-            if time.time() - path.stat().st_mtime > _STALE_SECONDS:
-                shutil.rmtree(path, ignore_errors=True)
+def _fill(entry: Path, make: Callable[[Path], None]) -> None:
+    # What was there is renamed: a library that another process has loaded must not change under it.
+    with staging_folder(entry.parent) as new:
+        make(new / _LIBRARY)
+        (new / _DIGEST).write_text(_digest(new / _LIBRARY), encoding="ascii")
+        put_in_place(new, entry)
 
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-@contextmanager
-def _lock(path: Path) -> Iterator[None]:
-    """Wait until no other process holds the lock. The system lets go of it when a process ends."""
-    import fcntl
-
-    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)
-    number = os.open(path, flags, 0o600)
-    try:
-        with suppress(OSError):  # Not every file system has locks; entries are atomic without.
-            fcntl.flock(number, fcntl.LOCK_EX)
-        yield
-    finally:
-        # Closing is not enough where a child that was forked meanwhile has the file open too.
-        with suppress(OSError):
-            fcntl.flock(number, fcntl.LOCK_UN)
-        os.close(number)

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import ModuleType
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.interface import FUNCTIONS
 
 BACKENDS = ("numpy", "c")
 
@@ -87,8 +88,14 @@ def _import(folder: Path) -> ModuleType:
     except BaseException:
         del sys.modules[module_name]
         raise
+    missing = [name for name in FUNCTIONS if not hasattr(module, name)]
     if not hasattr(getattr(module, "numpy_module", None), "report_not_finite"):
-        raise UsageError(f"{printable(folder)}: was made by an older version; generate it again")
+        missing.append("report_not_finite")
+    if missing:
+        raise UsageError(
+            f"{printable(folder)}: has no {', '.join(missing)}, "
+            "so it was made by an older version; generate it again"
+        )
     # What help() and repr() show; it is imported under a name that no other folder's module has.
     module.__name__ = spec.name = module.NAME
     module.__doc__ = module.numpy_module.__doc__

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.interface import DATA, FUNCTIONS
 from gibbs_codegen.scenario.attitude import rate_matrix, rotation_matrix
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-
-_NEEDED = ("ATTITUDE", "tip_bias_acceleration")
 
 
 class Vehicle:
@@ -31,7 +30,7 @@ class Vehicle:
     """
 
     def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
-        if missing := [name for name in _NEEDED if not hasattr(module, name)]:
+        if missing := [name for name in (*DATA, *FUNCTIONS) if not hasattr(module, name)]:
             raise UsageError(
                 f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
             )

@@ -8,17 +8,24 @@ multiplied by 0 or 1, and x − y and y − x share one name.
 Each name belongs to the earliest stage that knows its symbols. Factors and terms of the parameter
 stage are combined first, so that whatever depends on parameters alone is a statement of that stage.
 
+The derivation says what it computes with `Tape.group`, and each name keeps the words under which it
+was first made: they become the comments of the emitted code.
+
 With `InlineTape`, whose `let` returns its argument, the same derivation yields closed forms.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from enum import IntEnum
 from typing import Protocol
 
 import sympy as sp
 
 _MINUS_ONE = sp.S.NegativeOne
+# The group of what a recursion over the state makes of parameters alone.
+_CONSTANTS = "constant terms and factors of the functions"
 
 
 class Stage(IntEnum):
@@ -38,6 +45,14 @@ class Scalars(Protocol):
     def let(self, expression: sp.Expr) -> sp.Expr:
         """Name a result."""
 
+    def group(
+        self, words: str, earliest: Stage = Stage.CONFIGURATION
+    ) -> AbstractContextManager[None]:
+        """Say what is computed in a `with` block; of nested blocks the innermost counts.
+
+        What is made there of an earlier stage than `earliest` belongs to the constants.
+        """
+
 
 class InlineTape:
     """A tape that names nothing: the derivation's results are closed-form expressions."""
@@ -50,16 +65,24 @@ class InlineTape:
         """Return the expression itself."""
         return expression
 
+    def group(
+        self, words: str, earliest: Stage = Stage.CONFIGURATION
+    ) -> AbstractContextManager[None]:
+        """Nothing is named, so there is nothing to say of it."""
+        return nullcontext()
+
 
 class Tape:
     """A tape that names every non-trivial result.
 
     `statements` maps each temporary to its definition, an expression of one kind of operation in
-    earlier symbols, in the order in which they were made.
+    earlier symbols, in the order in which they were made; `groups` to the words of its group.
     """
 
     def __init__(self) -> None:
         self.statements: dict[sp.Symbol, sp.Expr] = {}
+        self.groups: dict[sp.Symbol, str] = {}
+        self._group = ("", Stage.PARAMETER)
         self._stages: dict[sp.Symbol, Stage] = {}
         self._ranks: dict[sp.Symbol, int] = {}
         self._known: dict[sp.Expr, sp.Expr] = {}
@@ -78,6 +101,15 @@ class Tape:
     def rank(self, symbol: sp.Symbol) -> int:
         """Place of a symbol in the order of creation."""
         return self._ranks[symbol]
+
+    @contextmanager
+    def group(self, words: str, earliest: Stage = Stage.CONFIGURATION) -> Iterator[None]:
+        """Put what is first named in a `with` block into the group `words`."""
+        outer, self._group = self._group, (words, earliest)
+        try:
+            yield
+        finally:
+            self._group = outer
 
     def let(self, expression: sp.Expr) -> sp.Expr:
         """Name `expression`, a sum of products of what earlier calls returned.
@@ -189,6 +221,8 @@ class Tape:
             known = sp.Symbol(f"{prefix}{len(self.statements)}")
             self._register(known, stage)
             self.statements[known] = expression
+            words, earliest = self._group
+            self.groups[known] = words if stage >= earliest else _CONSTANTS
             self._known[expression] = known
         return known
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
+from gibbs_codegen.interface import ARGUMENTS, DATA, FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, Statement, count_operations, names_in, total_mass
+from gibbs_codegen.program.steps import headed
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.documentation import (
-    DESCRIPTIONS,
-    argument_meaning,
     argument_text,
     attitude_text,
     coordinate_table,
@@ -20,15 +20,6 @@ from gibbs_codegen.targets.documentation import (
 from gibbs_codegen.targets.printers import InfixPrinter
 
 _WIDTH = 100
-_DATA_NAMES = (
-    "NAME",
-    "ATTITUDE",
-    "COORDINATES",
-    "HYBRID_COORDINATES",
-    "INPUTS",
-    "POINTS",
-    "PARAMETERS",
-)
 
 
 def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
@@ -38,7 +29,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
     functions = [_function(model, function, constants, printer) for function in program.functions]
     return {
         "name": robot.name,
-        "exports": sorted([*_DATA_NAMES, "prepare", *(f["name"] for f in functions)]),
+        "exports": sorted([*DATA, "prepare", *(f["name"] for f in functions)]),
         "attitude": robot.base.attitude,
         "attitude_text": attitude_text(robot),
         "coordinate_lines": coordinate_table(reduced_coordinates(robot)),
@@ -90,29 +81,29 @@ def _function(
 
 
 def _doc_lines(robot: Robot, function: Function) -> list[str]:
-    description = DESCRIPTIONS[function.name]
+    row = FUNCTIONS[function.name]
     paragraphs: list[list[str]] = []
     arguments = [
-        f"{a}: {argument_meaning(a)}, {argument_text(robot, a)}" for a in function.arguments
+        f"{a}: {ARGUMENTS[a].meaning}, {argument_text(robot, a)}" for a in function.arguments
     ]
     arguments.append(
         "constants: what `prepare` returns; those of the default parameters if omitted"
     )
     returned = [
-        f"{name}: {_shape_text(output.shape)}; {output_text(robot, function.name, name)}"
-        for name, output in zip(description.outputs, function.outputs, strict=True)
+        f"{output.name}: {_shape_text(shaped.shape)}; {output_text(robot, output)}"
+        for output, shaped in zip(row.outputs, function.outputs, strict=True)
     ]
     counts = count_operations(function.nodes())
     source = (
-        f"Source: {description.source}. {counts.total} operations, "
+        f"Source: {row.source}. {counts.total} operations, "
         f"{counts.sine_cosine_pairs} sine-cosine pairs."
     )
     paragraphs += [arguments, ["Returns:", *returned, source]]
-    lines = [f'    """{description.summary}']
-    if description.details:
+    lines = [f'    """{row.summary}']
+    if row.details:
         lines.append("")
         lines += textwrap.wrap(
-            description.details, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 4
+            row.details, _WIDTH, initial_indent=" " * 4, subsequent_indent=" " * 4
         )
     for paragraph in paragraphs:
         lines.append("")
@@ -154,7 +145,9 @@ def _used_parameters(model: Model) -> list[str]:
 
 def _statements(statements: tuple[Statement, ...], printer: InfixPrinter) -> list[str]:
     lines: list[str] = []
-    for statement in statements:
+    for words, statement in headed(statements):
+        if words:
+            lines += ["", f"# {words}"]
         lines += _wrapped(f"{statement.name} = ", printer.expression(statement.value))
     return lines
 

@@ -2,8 +2,8 @@
 
 Libraries have numbers of their own that are no part of mechanics: Pinocchio adds 2e-16 kg to the
 mass it divides by, MuJoCo takes a body below 1e-15 kg or kg m² for one without. So they are given
-the machine with lengths, masses and times of the order of 1, and their results are turned back. The
-units are powers of two, which takes no digit from any number.
+the machine with lengths and times of the order of 1 and no mass below that, and their results are
+turned back. The units are powers of two, which takes no digit from any number.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ class InOwnUnits:
 
     def __init__(self, kind: Callable[[Tree], Formulation], tree: Tree) -> None:
         self.tree = tree
-        self._length, self._mass = _power_of_two(tree.reach), _power_of_two(tree.mass)
+        self._length = _power_of_two(tree.reach)
+        self._mass = _power_of_two(_lightest(tree))
         self._time = _power_of_two(1.0 / tree.tempo)
         self._inner = kind(tree.in_units(self._length, self._mass, self._time))
         self.name, self.gives = self._inner.name, self._inner.gives
@@ -85,6 +86,14 @@ class InOwnUnits:
         """Coordinates, their rates or accelerations in the machine's units."""
         own: Array = values / self._units[self.tree.free] * self._time**rate
         return own
+
+
+def _lightest(tree: Tree) -> float:
+    """The smallest mass, or moment of inertia over the square of the reach, but zero."""
+    masses = np.array([joint.mass for joint in tree.joints])
+    moments = np.array([np.diagonal(joint.inertia) for joint in tree.joints]) / tree.reach**2
+    every = np.concatenate([masses, moments.ravel()])
+    return float(every[every > 0.0].min())
 
 
 def _power_of_two(value: float) -> float:

@@ -14,12 +14,12 @@ from gibbs_codegen.verification.parameters import (
     parameter_values,
     with_values,
 )
-from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 
 # Larger or smaller by 2 to 8 times.
 _OCTAVES = (1.0, 3.0)
-# Least eigenvalue of a mass matrix of unit diagonal that rounding leaves positive for certain.
+# Least eigenvalue of a mass matrix of unit diagonal that rounding surely leaves positive.
 _DETERMINED = 1e-10
 
 
@@ -75,7 +75,7 @@ def _zero_together(varied: Robot, names: Sequence[str]) -> list[str]:
     waiting = [list(names)]
     while waiting:
         part = waiting.pop()
-        if _determined(_with_zeros(varied, [*zero, *part])):
+        if determined(_with_zeros(varied, [*zero, *part])):
             zero += part
         elif len(part) > 1:
             half = len(part) // 2
@@ -87,15 +87,21 @@ def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
     return with_values(robot, dict.fromkeys(names, 0.0))
 
 
-def _determined(robot: Robot) -> bool:
+def determined(robot: Robot, least: float = _DETERMINED) -> bool:
+    """Whether something resists every acceleration by more than rounding would.
+
+    `least` bounds the eigenvalues of the mass matrix once its diagonal is 1.
+    """
     tree = Tree(robot)
-    matrix = NewtonEuler(tree).mass_matrix(States.random(tree, 2, 0).q)
-    free = matrix[:, tree.free][:, :, tree.free]
-    diagonal = np.sqrt(np.maximum(np.diagonal(free, axis1=1, axis2=2), 0.0))
-    if not diagonal.all():
+    formulation, states = NewtonEuler(tree), States.random(tree, 2, 0)
+    matrix = formulation.mass_matrix(states.q)[:, tree.free][:, :, tree.free]
+    diagonal = np.diagonal(matrix, axis1=1, axis2=2)
+    # Next to what the coordinate could move, what is left by rounding is nothing.
+    if not (diagonal > _DETERMINED * Sizes(formulation, states).free_units ** 2).all():
         return False
-    scaled = free / diagonal[:, :, None] / diagonal[:, None, :]
-    return bool(np.linalg.eigvalsh(scaled).min() > _DETERMINED)
+    roots = np.sqrt(diagonal)
+    scaled = matrix / roots[:, :, None] / roots[:, None, :]
+    return bool(np.linalg.eigvalsh(scaled).min() > least)
 
 
 class _Draw:

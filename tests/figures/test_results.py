@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -92,3 +93,12 @@ def test_what_cannot_be_a_folder_is_refused(flight: Flight, tmp_path: Path) -> N
             write_results(flight, folder)
     with pytest.raises(UsageError, match="animation 'avi': unknown"):
         write_results(flight, tmp_path, animation="avi")
+
+
+def test_what_a_killed_simulation_left_is_removed(flight: Flight, tmp_path: Path) -> None:
+    left = tmp_path / ".gibbs_codegen_new_x"
+    (left / "_new").mkdir(parents=True)
+    (left / "_new" / "flight.npz").write_text("half")
+    os.utime(left, (0, 0))
+    write_results(flight, tmp_path, figures=False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flight.csv", "flight.npz"]

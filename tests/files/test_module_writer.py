@@ -256,7 +256,8 @@ def test_signals_during_the_swap_leave_a_whole_module(
     """Also when a second signal comes while the first is being dealt with."""
     write_module(tmp_path / "robot", FILES)
     code = (
-        "import os, signal, sys; from pathlib import Path; from gibbs_codegen import write\n"
+        "import os, signal, sys; from pathlib import Path\n"
+        "from gibbs_codegen.files import module_writer as write\n"
         # Tests that run in the background begin with signals ignored, and a child inherits that.
         f"signal.signal({int(number)}, signal.SIG_DFL)\n"
         "real, seen = os.replace, []\n"
@@ -372,7 +373,8 @@ def test_nothing_is_left_behind_when_ended(
 def test_a_write_in_progress_is_cleaned_up_when_ended(tmp_path: Path) -> None:
     """The signal comes while the files are half written."""
     code = (
-        "import sys, time; from pathlib import Path; from gibbs_codegen import write\n"
+        "import sys, time; from pathlib import Path\n"
+        "from gibbs_codegen.files import module_writer as write\n"
         "def slow(path, text):\n"
         "    path.write_text('half'); print('writing', flush=True); time.sleep(1)\n"
         "write._write_flushed = slow\n"
@@ -486,7 +488,8 @@ def test_a_wait_of_seconds_is_said_where_the_command_runs(tmp_path: Path) -> Non
 def test_waiting_for_another_process_can_be_ended(tmp_path: Path) -> None:
     """And then nothing is written."""
     code = (
-        "from pathlib import Path; from gibbs_codegen import write\n"
+        "from pathlib import Path\n"
+        "from gibbs_codegen.files import module_writer as write\n"
         "write.check_output_folder = lambda _: print('ready', flush=True)\n"
         f"write.write_module(Path('robot'), {FILES!r})"
     )

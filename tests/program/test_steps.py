@@ -31,7 +31,7 @@ from gibbs_codegen.program.nodes import (
     node_value,
 )
 from gibbs_codegen.program.scratch import Piece, laid_out
-from gibbs_codegen.program.steps import Step, Store, cut, interleaved
+from gibbs_codegen.program.steps import Loop, Step, Store, cut, headed, interleaved
 from gibbs_codegen.program.trigonometry import GatheredFunction, gathered
 
 X, Y, Z, P, ZERO = Name("x"), Name("y"), Name("z"), Name("p"), Number(0.0)
@@ -218,3 +218,20 @@ def test_slots_are_as_few_as_names_alive_between_pieces(function: Function, limi
         most = max(most, len(alive))
     held = {slot for piece in pieces for slot in piece.held.values()}
     assert held == set(range(most))
+
+
+def test_a_group_has_its_words_where_it_begins_and_again_where_it_returns() -> None:
+    rows = [Statement(name, X, group) for name, group in zip("abcde", "ppqqp", strict=True)]
+    store = Store(0, 0, Name("a"))
+    steps = [rows[0], store, *rows[1:3], store, *rows[3:]]
+    assert [words for words, _ in headed(steps)] == ["p", "", "", "q", "", "", "p"]
+    assert [step for _, step in headed(steps)] == steps
+
+
+def test_a_loop_has_words_only_if_all_its_statements_are_of_one_group() -> None:
+    def loop(*groups: str) -> Loop:
+        straight = tuple(Statement(f"a{i}", X, group) for i, group in enumerate(groups))
+        return Loop(len(groups), straight[-1:], {}, {}, (), (), straight)
+
+    assert loop("p", "p").group == "p"
+    assert loop("p", "q").group == ""

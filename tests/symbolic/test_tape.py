@@ -83,6 +83,28 @@ def test_reciprocals_are_one_division(tape: Tape) -> None:
     assert 1 / x in tape.statements.values()
 
 
+def test_a_name_keeps_the_group_in_which_it_was_first_made(tape: Tape) -> None:
+    _, x, y, w = symbols(tape)
+    with tape.group("outer"):
+        with tape.group("inner"):
+            first = tape.let(x * y)
+        assert tape.let(x * y) is first
+        second = tape.let(x + y)
+    third = tape.let(x * w)
+    assert tape.groups == {first: "inner", second: "outer", third: ""}
+
+
+def test_what_a_group_makes_of_parameters_alone_belongs_to_the_constants(tape: Tape) -> None:
+    p, x, _, _ = symbols(tape)
+    with tape.group("of the state"):
+        name = tape.let(p * p * x)
+    with tape.group("of the parameters", Stage.PARAMETER):
+        own = tape.let(p + 1)
+    assert tape.groups[name] == "of the state"
+    assert tape.groups[tape.let(p * p)].startswith("constant")
+    assert tape.groups[own] == "of the parameters"
+
+
 def test_unknown_node_is_an_error_that_names_it(tape: Tape) -> None:
     _, x, _, _ = symbols(tape)
     with pytest.raises(TypeError, match="tan"):

@@ -35,13 +35,13 @@ from support.compiled import (
 from support.random_robots import random_robot
 from support.tools import run, tool
 
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.nodes import Function, count_operations
 from gibbs_codegen.program.stack import stack_bytes
 from gibbs_codegen.program.trigonometry import gathered
 from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
-from gibbs_codegen.targets.documentation import DESCRIPTIONS
 
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
@@ -419,6 +419,36 @@ def test_places_of_parameters_are_in_numpy_s_order(emitted: Callable[[str], Emit
     ]
 
 
+def test_places_in_arguments_are_in_the_order_of_their_names(
+    emitted: Callable[[str], Emitted], tmp_path: Path
+) -> None:
+    small = emitted(SMALL)
+    module, prefix = small.module, small.name.upper()
+    named = zip("QVU", (module.COORDINATES, module.COORDINATES, module.INPUTS), strict=True)
+    macros = [[f"{prefix}_{letter}_{name}".upper() for name in names] for letter, names in named]
+    lines = [f'#include "{small.name}.h"', "#include <stdio.h>", "", "int main(void)", "{"]
+    lines += [f'    printf("%d\\n", (int){macro});' for macro in itertools.chain(*macros)]
+    program = tmp_path / "places.c"
+    program.write_text("\n".join([*lines, "    return 0;", "}", ""]), encoding="utf-8")
+    built = build("gcc", [f"-I{small.folder}"], [str(program)], tmp_path / "places")
+    assert [int(line) for line in run([built]).split()] == [
+        place for names in macros for place in range(len(names))
+    ]
+
+
+def test_every_group_of_a_function_has_a_comment(emitted: Callable[[str], Emitted]) -> None:
+    """In the function for one state, whether it goes straight, in pieces or in loops."""
+    for label in (SMALL, "random_cut_at_40", ROLLED):
+        robot = emitted(label)
+        text = robot.text(".c")
+        for function in robot.model.program.functions:
+            section = text.partition(f"/* ---- {function.name} ---- */")[2].partition("/* ---- ")[0]
+            said = set(re.findall(r"^ +/\* (.*) \*/$", section, re.MULTILINE))
+            parts = gathered(function)
+            words = {s.group for s in (*parts.angle_statements, *parts.statements)}
+            assert said == words, (label, function.name)
+
+
 def test_constants_of_other_parameters_are_those_of_numpy(strict: tuple[Emitted, Library]) -> None:
     """To the last bit: the operations are the same ones."""
     emitted, library = strict
@@ -671,15 +701,15 @@ def test_comments_tell_arguments_shapes_units_and_cost(
     for signature in robot.signatures():
         function = robot.model.program.function(signature.name)
         comment = _comment(header, f"{robot.name}_{signature.name}")
-        described = DESCRIPTIONS[signature.name]
+        described = FUNCTIONS[signature.name]
         said = f"@brief {described.summary} {described.details}".rstrip()
         assert comment.startswith(f"{said} @param[in] constants ")
         assert f"@par Source: {described.source}." in comment
         for name, width in zip(signature.arguments, signature.widths, strict=True):
             entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
             assert f", {width} entries: {_entries(robot.model.robot, name)}" in entries
-        for name, shape in zip(described.outputs, signature.shapes, strict=True):
-            assert f"@param[out] {name} {' x '.join(map(str, shape)) or '1'}" in comment
+        for output, shape in zip(described.outputs, signature.shapes, strict=True):
+            assert f"@param[out] {output.name} {' x '.join(map(str, shape)) or '1'}" in comment
         assert _cost(function) in comment
         assert f"The same for `count` states in blocks. */\nvoid\n{robot.name}_" in header
 

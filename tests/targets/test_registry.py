@@ -16,10 +16,10 @@ from conftest import ROOT
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.targets.documentation import DESCRIPTIONS
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.targets.registry import TARGETS, Target, find_targets, render_module
 
@@ -94,7 +94,7 @@ def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
         for node in ast.parse(files["numpy_module.py"]).body
         if isinstance(node, ast.FunctionDef)
     }
-    for name, described in DESCRIPTIONS.items():
+    for name, described in FUNCTIONS.items():
         said = (
             f"{described.summary} {described.details}".rstrip() + " q: coordinates, theta_m1 [rad]"
         )

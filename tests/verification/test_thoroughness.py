@@ -10,14 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.degenerate_robots import degenerate_robot
 from support.emitted import NUMPY
 from support.tools import tool
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import render_module
+from gibbs_codegen.verification.c_program import compare_single_precision
 from gibbs_codegen.verification.modules import refuse_wrong, verify
+from gibbs_codegen.verification.parameters import parameter_values, with_values
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 
@@ -220,3 +224,17 @@ def test_extreme_states_are_what_they_are_called() -> None:
     assert distances.min() < 1e-6
     assert (np.abs(several) > math.pi).mean() > 0.5
     assert np.abs(far).min() > 1e5
+
+
+@pytest.mark.parametrize("light", [True, False])
+def test_what_single_precision_cannot_hold_is_told(light: bool, copied: Path) -> None:
+    """Before anything is computed in it: too light, or with too little beside too much."""
+    robot = degenerate_robot(3013, 5, 3)
+    if light:
+        robot = read_robot("quadrotor_2link")[0]
+        values = parameter_values(robot)
+        masses = {n: 1e-30 * v for n, v in values.items() if "mass" in n or "inertia" in n}
+        robot = with_values(robot, masses)
+    said = compare_single_precision(str(copied), load(copied), robot, 0)
+    assert isinstance(said, str)
+    assert ("leave the range" if light else "hides what resists") in said

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 from typing import Any
 
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS
 from gibbs_codegen.program.loops import rolled
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import (
@@ -17,14 +18,9 @@ from gibbs_codegen.program.nodes import (
 )
 from gibbs_codegen.program.scratch import Layout, Piece, laid_out
 from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.steps import Loop, Step, Store, interleaved
+from gibbs_codegen.program.steps import Loop, Step, Store, headed, interleaved
 from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
-from gibbs_codegen.targets.documentation import (
-    DESCRIPTIONS,
-    argument_meaning,
-    argument_text,
-    output_text,
-)
+from gibbs_codegen.targets.documentation import argument_text, output_text
 from gibbs_codegen.targets.printers import InfixPrinter
 
 WIDTH = 100
@@ -45,7 +41,8 @@ class CFunction:
         self._function = function
         self._printer = printer
         self._parts: GatheredFunction = gathered(function)
-        self._outputs = DESCRIPTIONS[function.name].outputs
+        self._row = FUNCTIONS[function.name]
+        self._outputs = [output.name for output in self._row.outputs]
         self._sparse = [_is_sparse(output) for output in function.outputs]
         steps = interleaved(
             self._parts.statements, self._parts.outputs, [not sparse for sparse in self._sparse]
@@ -163,7 +160,8 @@ class CFunction:
         lines = []
         for name, slot in piece.taken.items():
             lines.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
-        for step in steps:
+        for words, step in headed(steps):
+            lines += _heading(words)
             text = self._printer.expression(step.value)
             if isinstance(step, Store):
                 output = self._outputs[step.output]
@@ -194,7 +192,7 @@ class CFunction:
             if step.name in piece.held:
                 lines.append(f"held[({piece.held[step.name]} + i) * stride] = {step.name};")
         head = ["VECTORISE", f"for (int i = 0; i < {loop.count}; ++i) {{"]
-        return [*before, *head, *(f"    {line}" for line in lines), "}"]
+        return [*before, *_heading(loop.group), *head, *(f"    {line}" for line in lines), "}"]
 
     def _scratch_parameters(self, layout: Layout) -> list[str]:
         scratch = []
@@ -266,11 +264,10 @@ class CFunction:
 
     def _doc_lines(self) -> list[str]:
         robot, function = self._model.robot, self._function
-        description = DESCRIPTIONS[function.name]
         counts = count_operations(function.nodes())
-        lines = [f"@brief {description.summary}", ""]
-        if description.details:
-            lines += [*textwrap.wrap(description.details, WIDTH - 3), ""]
+        lines = [f"@brief {self._row.summary}", ""]
+        if self._row.details:
+            lines += [*textwrap.wrap(self._row.details, WIDTH - 3), ""]
         items = [
             f"@param[in] constants what {robot.name}_init_constants() made, or "
             f"&{robot.name}_default_constants"
@@ -278,15 +275,14 @@ class CFunction:
         for a in function.arguments:
             width = len(self._model.program.inputs[a])
             text = argument_text(robot, a)
-            items.append(f"@param[in] {a} {argument_meaning(a)}, {width} entries: {text}")
-        for name, output in zip(self._outputs, function.outputs, strict=True):
-            shape = " x ".join(map(str, output.shape)) or "1"
-            entries = output_text(robot, function.name, name)
-            items.append(f"@param[out] {name} {shape}: {entries}")
+            items.append(f"@param[in] {a} {ARGUMENTS[a].meaning}, {width} entries: {text}")
+        for output, shaped in zip(self._row.outputs, function.outputs, strict=True):
+            shape = " x ".join(map(str, shaped.shape)) or "1"
+            items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
         items += [
             f"@note {counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
             f"about {stack_bytes(self._parts)} bytes of stack for one state of doubles, optimised.",
-            f"@par Source: {description.source}.",
+            f"@par Source: {self._row.source}.",
         ]
         for item in items:
             lines += textwrap.wrap(item, WIDTH - 3, subsequent_indent="    ")
@@ -326,9 +322,15 @@ def _sine_lines(count: int, one: bool) -> list[str]:
 def statement_lines(statements: tuple[Statement, ...], printer: InfixPrinter) -> list[str]:
     """Statements as constants of a C function, within the line width."""
     lines: list[str] = []
-    for statement in statements:
+    for words, statement in headed(statements):
+        lines += _heading(words)
         lines += _wrapped(f"const real {statement.name} = ", printer.expression(statement.value))
     return lines
+
+
+def _heading(words: str) -> list[str]:
+    """A comment above a group of statements, if one begins."""
+    return ["", f"/* {words} */"] if words else []
 
 
 def _wrapped(start: str, expression: str, indent: int = 0) -> list[str]:

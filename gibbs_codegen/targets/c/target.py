@@ -11,7 +11,13 @@ from gibbs_codegen.program.nodes import (
     names_in,
     total_mass,
 )
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
+from gibbs_codegen.robot.coordinates import (
+    Coordinate,
+    hybrid_coordinates,
+    inputs,
+    points,
+    reduced_coordinates,
+)
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.c.function import WIDTH, CFunction, statement_lines
 from gibbs_codegen.targets.documentation import attitude_text, coordinate_table
@@ -50,6 +56,14 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
             }
             for name, value in model.defaults.items()
         ],
+        "places": [
+            {"of": of, "macros": _place_macros(robot, letter, coordinates)}
+            for letter, of, coordinates in (
+                ("q", "q", reduced_coordinates(robot)),
+                ("v", "v, and in a", reduced_coordinates(robot)),
+                ("u", "u", inputs(robot)),
+            )
+        ],
         "constants": list(program.constants),
         "default_constants": [printer.number(values[name]) for name in program.constants],
         "parameter_loads": [
@@ -78,6 +92,11 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
         "widest": max(map(len, program.inputs.values())),
         "functions": [function.context() for function in functions],
     }
+
+
+def _place_macros(robot: Robot, letter: str, coordinates: tuple[Coordinate, ...]) -> list[str]:
+    """Enumerators of the places in an argument; no parameter's begins with a single letter."""
+    return [f"{robot.name}_{letter}_{c.name}".upper() for c in coordinates]
 
 
 def _convention_lines(robot: Robot) -> list[str]:

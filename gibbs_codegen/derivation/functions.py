@@ -1,0 +1,100 @@
+"""What derives each array of the table of emitted functions, under the name that it has there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import sympy as sp
+
+from gibbs_codegen.derivation.chain_dynamics import (
+    State,
+    generalised_inertia_forces,
+    gibbs_function,
+)
+from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
+from gibbs_codegen.derivation.forward_kinematics import (
+    positions,
+    tip_bias_acceleration,
+    tip_jacobian,
+    tip_pose,
+)
+from gibbs_codegen.derivation.hybrid import LinearSystem, constraint_torques
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.serial_chain import composites
+from gibbs_codegen.program.lower import operations
+from gibbs_codegen.symbolic.tape import Tape
+
+# A scalar, a vector, or a matrix by rows.
+Array: TypeAlias = sp.Expr | Sequence[sp.Expr] | Sequence[Sequence[sp.Expr]]
+
+
+@dataclass(frozen=True)
+class Systems:
+    """A machine on its tape, with M a = R + B u and the hybrid system, which others build on."""
+
+    tape: Tape
+    machine: Machine
+    reduced: LinearSystem
+    hybrid: LinearSystem
+
+
+def _forward_dynamics(systems: Systems) -> list[sp.Expr]:
+    """Forward dynamics in the way that takes fewer operations: by articulated bodies, or by M."""
+    articulated = articulated_dynamics(systems.machine)
+    most = operations(systems.tape, articulated)
+    factorised = factorised_dynamics(systems.machine, most)
+    if factorised is None or operations(systems.tape, factorised) >= most:
+        return articulated
+    return factorised
+
+
+def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
+    """M a − R = ∂S/∂θ̈ at the given accelerations."""
+    machine = systems.machine
+    state = State(machine.v, machine.a, machine.parameters.gravity)
+    return generalised_inertia_forces(machine.tape, machine.root, machine.reduced_chain, state)
+
+
+def _gibbs(systems: Systems) -> sp.Expr:
+    machine = systems.machine
+    state = State(machine.v, machine.a, machine.parameters.gravity)
+    return gibbs_function(machine.tape, machine.root, machine.reduced_chain, state)
+
+
+def _kinetic_energy(systems: Systems) -> sp.Expr:
+    """The Gibbs function of a machine at rest, weightless, whose accelerations are the rates."""
+    machine, zero = systems.machine, sp.S.Zero
+    state = State([zero] * len(machine.q), machine.v, zero)
+    return gibbs_function(machine.tape, machine.root, machine.reduced_chain, state)
+
+
+def _potential_energy(systems: Systems) -> sp.Expr:
+    """Gravity times the first moment of mass above the world's Z = 0."""
+    tape, machine = systems.tape, systems.machine
+    composite = composites(tape, machine.reduced_chain)[0]
+    with tape.group("first moment of mass above Z = 0, and its weight"):
+        height = machine.root.world(tape, composite.moment)[2]
+        moment = tape.let(composite.mass * machine.q[-1] + height)
+        return tape.let(machine.parameters.gravity * moment)
+
+
+DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
+    "mass_matrix": lambda systems: systems.reduced.matrix,
+    "residual": lambda systems: systems.reduced.residual,
+    "input_matrix": lambda systems: systems.reduced.inputs,
+    "forward_dynamics": _forward_dynamics,
+    "inverse_dynamics": _inverse_dynamics,
+    "hybrid_mass_matrix": lambda systems: systems.hybrid.matrix,
+    "hybrid_residual": lambda systems: systems.hybrid.residual,
+    "hybrid_input_matrix": lambda systems: systems.hybrid.inputs,
+    "constraint_torques": lambda systems: constraint_torques(systems.machine),
+    "gibbs": _gibbs,
+    "kinetic_energy": _kinetic_energy,
+    "potential_energy": _potential_energy,
+    "positions": lambda systems: positions(systems.machine),
+    "tip_pose": lambda systems: tip_pose(systems.machine),
+    "tip_jacobian": lambda systems: tip_jacobian(systems.machine),
+    "tip_bias_acceleration": lambda systems: tip_bias_acceleration(systems.machine),
+}
