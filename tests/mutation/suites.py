@@ -118,6 +118,7 @@ _REST = {
     "targets.numpy": (_EMITTED, _SHIPPED, "tests/runtime/test_c_backend.py"),
     "targets.c.target": (_EMITTED, *_IN_C),
     "targets.c.function": (_EMITTED, *_IN_C),
+    "targets.c.statements": (_EMITTED, *_IN_C),
     "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
     "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),

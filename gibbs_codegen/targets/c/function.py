@@ -12,7 +12,6 @@ from gibbs_codegen.program.nodes import (
     Function,
     Number,
     Output,
-    Statement,
     count_operations,
     names_in,
 )
@@ -20,10 +19,20 @@ from gibbs_codegen.program.scratch import Layout, Piece, laid_out
 from gibbs_codegen.program.stack import stack_bytes
 from gibbs_codegen.program.steps import Loop, Step, Store, headed, interleaved
 from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
+from gibbs_codegen.targets.c.statements import (
+    WIDTH,
+    StatementPrinter,
+    call,
+    heading,
+    hold,
+    load,
+    local_arrays,
+    unused,
+    vector_loop,
+)
 from gibbs_codegen.targets.documentation import argument_text, output_text
 from gibbs_codegen.targets.printers import InfixPrinter
 
-WIDTH = 100
 # gcc vectorises no loop with more than 1000 memory references, and does smaller ones better.
 _MAX_REFERENCES = 250
 # Fewer steps in loops are not faster than straight on. Blocks of states never are faster in loops,
@@ -39,7 +48,7 @@ class CFunction:
     def __init__(self, model: Model, function: Function, printer: InfixPrinter) -> None:
         self._model = model
         self._function = function
-        self._printer = printer
+        self._statements = StatementPrinter(printer)
         self._parts: GatheredFunction = gathered(function)
         self._row = FUNCTIONS[function.name]
         self._outputs = [output.name for output in self._row.outputs]
@@ -124,15 +133,15 @@ class CFunction:
     def _angle_helper(self, name: str) -> dict[str, Any]:
         parts = self._parts
         nodes = [*(s.value for s in parts.angle_statements), *parts.angles]
-        lines, unused = self._loads({n for node in nodes for n in names_in(node)})
-        lines += statement_lines(parts.angle_statements, self._printer)
+        lines, idle = self._loads({n for node in nodes for n in names_in(node)})
+        lines += self._statements.declare_all(parts.angle_statements)
         for i, angle in enumerate(parts.angles):
-            lines += _wrapped(f"angle[{i} * stride] = ", self._printer.expression(angle))
+            lines += self._statements.store("angle", i, angle)
         inputs = [f"const real *RESTRICT {a}" for a in self._function.arguments]
         return {
             "name": name,
             "parameters": ",\n    ".join([*inputs, "real *RESTRICT angle"]),
-            "lines": [*unused, *lines],
+            "lines": [*map(unused, idle), *lines],
         }
 
     def _piece_helper(self, name: str, piece: Piece, layout: Layout) -> dict[str, Any]:
@@ -141,58 +150,54 @@ class CFunction:
         else:
             steps = piece.part
             read = {name for step in steps for name in names_in(step.value)}
-        lines, unused = self._loads(read)
+        lines, idle = self._loads(read)
         if isinstance(piece.part, Loop):
             lines += self._loop_lines(piece.part, piece, layout)
         else:
             lines += self._straight_lines(piece.part, piece, layout)
         stored = {step.output for step in steps if isinstance(step, Store)}
-        unused += [f"(void){o};" for i, o in enumerate(self._outputs) if i not in stored]
+        idle += [output for i, output in enumerate(self._outputs) if i not in stored]
         return {
             "name": name,
             "parameters": ",\n    ".join(
                 [*self._scratch_parameters(layout), *self._array_parameters("RESTRICT ", "real")]
             ),
-            "lines": [*self._unused_scratch(piece, read, layout), *unused, *lines],
+            "lines": [*map(unused, self._idle_scratch(piece, read, layout) + idle), *lines],
         }
 
     def _straight_lines(self, steps: tuple[Step, ...], piece: Piece, layout: Layout) -> list[str]:
         lines = []
         for name, slot in piece.taken.items():
-            lines.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
+            lines.append(load(name, "held", slot, layout.sign(name)))
         for words, step in headed(steps):
-            lines += _heading(words)
-            text = self._printer.expression(step.value)
+            lines += heading(words)
             if isinstance(step, Store):
-                output = self._outputs[step.output]
-                lines += _wrapped(f"{output}[{step.place} * stride] = ", text)
+                lines += self._statements.store(self._outputs[step.output], step.place, step.value)
                 continue
-            lines += _wrapped(f"const real {step.name} = ", text)
+            lines += self._statements.declare(step.name, step.value)
             if step.name in piece.held:
                 slot = piece.held[step.name]
-                lines.append(f"held[{slot} * stride] = {layout.sign(step.name)}{step.name};")
+                lines.append(hold("held", slot, step.name, layout.sign(step.name)))
         return lines
 
     def _loop_lines(self, loop: Loop, piece: Piece, layout: Layout) -> list[str]:
-        before, lines = [], []
+        before, lines, inside = [], [], self._statements.inside
         for name, slot in piece.taken.items():
             if name in loop.operands:
-                lines.append(f"const real {name} = held[({slot} + i) * stride];")
+                lines.append(load(name, "held", f"({slot} + i)"))
             else:
-                before.append(f"const real {name} = {layout.sign(name)}held[{slot} * stride];")
+                before.append(load(name, "held", slot, layout.sign(name)))
         places = iter(zip(loop.places, loop.pitches, strict=True))
         for step in loop.body:
-            text = self._printer.expression(step.value)
             if isinstance(step, Store):
                 first, pitch = next(places)
-                place = f"({first} + {pitch} * i) * stride"
-                lines += _wrapped(f"{self._outputs[step.output]}[{place}] = ", text, 4)
+                place = f"({first} + {pitch} * i)"
+                lines += inside.store(self._outputs[step.output], place, step.value)
                 continue
-            lines += _wrapped(f"const real {step.name} = ", text, 4)
+            lines += inside.declare(step.name, step.value)
             if step.name in piece.held:
-                lines.append(f"held[({piece.held[step.name]} + i) * stride] = {step.name};")
-        head = ["VECTORISE", f"for (int i = 0; i < {loop.count}; ++i) {{"]
-        return [*before, *_heading(loop.group), *head, *(f"    {line}" for line in lines), "}"]
+                lines.append(hold("held", f"({piece.held[step.name]} + i)", step.name))
+        return [*before, *heading(loop.group), *vector_loop("i", loop.count, lines)]
 
     def _scratch_parameters(self, layout: Layout) -> list[str]:
         scratch = []
@@ -202,35 +207,36 @@ class CFunction:
             scratch.append("real *RESTRICT held")
         return scratch
 
-    def _unused_scratch(self, piece: Piece, read: set[str], layout: Layout) -> list[str]:
+    def _idle_scratch(self, piece: Piece, read: set[str], layout: Layout) -> list[str]:
+        """Scratch arrays that a piece does not use."""
         count = range(len(self._parts.angles))
-        unused = []
+        idle = []
         if count and not any(sine_name(i) in read for i in count):
-            unused.append("(void)sine;")
+            idle.append("sine")
         if count and not any(cosine_name(i) in read for i in count):
-            unused.append("(void)cosine;")
+            idle.append("cosine")
         if layout.slots and not (piece.taken or piece.held):
-            unused.append("(void)held;")
-        return unused
+            idle.append("held")
+        return idle
 
     def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
-        """Lines that load what is neither made nor held, and those that say what is not used."""
+        """Lines that load what is neither made nor held, and the arguments that are not used."""
         constants = [name for name in self._function.constants if name in read]
         lines = [f"const real {name} = constants->{name};" for name in constants]
-        unused = [] if constants else ["(void)constants;"]
+        idle = [] if constants else ["constants"]
         for argument in self._function.arguments:
             loads = [
-                f"const real {name} = {argument}[{i} * stride];"
+                load(name, argument, i)
                 for i, name in enumerate(self._model.program.inputs[argument])
                 if name in read
             ]
             lines += loads
-            unused += [] if loads else [f"(void){argument};"]
+            idle += [] if loads else [argument]
         for i in range(len(self._parts.angles)):
             for array, entry in (("sine", sine_name(i)), ("cosine", cosine_name(i))):
                 if entry in read:
-                    lines.append(f"const real {entry} = {array}[{i} * stride];")
-        return lines, unused
+                    lines.append(load(entry, array, i))
+        return lines, idle
 
     def _call_lines(self, stride: str, offset: str) -> list[str]:
         """Body of the function for one state, or for a block of states, one a lane."""
@@ -239,17 +245,12 @@ class CFunction:
         size = "" if one else " * LANES"
         count, lines = len(self._parts.angles), []
         if count:
-            local = ", ".join(f"{name}[{count}{size}]" for name in ("angle", "sine", "cosine"))
-            lines.append(f"real {local};")
+            lines.append(local_arrays(("angle", "sine", "cosine"), f"{count}{size}"))
         if layout.slots:
-            lines.append(f"real held[{layout.slots}{size}];")
+            lines.append(local_arrays(["held"], f"{layout.slots}{size}"))
         for output, sparse in zip(self._outputs, self._sparse, strict=True):
             if sparse:
-                lines += [
-                    f"for (int i = 0; i < {self._width(output)}{size}; ++i) {{",
-                    f"    {output}[i] = {self._printer.number(0.0)};",
-                    "}",
-                ]
+                lines += self._statements.clear(output, f"{self._width(output)}{size}")
         name = self._function.name
         arrays = [*self._function.arguments]
         if count:
@@ -302,48 +303,15 @@ def _is_sparse(output: Output) -> bool:
 
 
 def _lane_call(name: str, arrays: list[str], stride: str, offset: str) -> list[str]:
-    arguments = ", ".join(["constants", *(f"{a}{offset}" for a in arrays), stride])
-    call = textwrap.wrap(f"{name}({arguments});", WIDTH - 16, subsequent_indent="    ")
-    if not offset:
-        return call
-    loop = "for (int lane = 0; lane < LANES; ++lane) {"
-    return ["VECTORISE", loop, *(f"    {line}" for line in call), "}"]
+    lines = call(name, ["constants", *(f"{array}{offset}" for array in arrays), stride])
+    return vector_loop("lane", "LANES", lines) if offset else lines
 
 
 def _sine_lines(count: int, one: bool) -> list[str]:
     if not one:
-        return [f"sine_cosine_many({count} * LANES, angle, sine, cosine);"]
-    return [
-        f"sine_cosine_few({min(_AT_ONCE, count - i)}, angle + {i}, sine + {i}, cosine + {i});"
-        for i in range(0, count, _AT_ONCE)
-    ]
-
-
-def statement_lines(
-    statements: tuple[Statement, ...], printer: InfixPrinter, kind: str = "real"
-) -> list[str]:
-    """Statements as constants of a C function, of a `kind` of number, within the line width."""
-    lines: list[str] = []
-    for words, statement in headed(statements):
-        lines += _heading(words)
-        text = printer.expression(statement.value)
-        lines += _wrapped(f"const {kind} {statement.name} = ", text)
+        return call("sine_cosine_many", [f"{count} * LANES", "angle", "sine", "cosine"])
+    lines = []
+    for i in range(0, count, _AT_ONCE):
+        arrays = [f"{array} + {i}" for array in ("angle", "sine", "cosine")]
+        lines += call("sine_cosine_few", [f"{min(_AT_ONCE, count - i)}", *arrays])
     return lines
-
-
-def _heading(words: str) -> list[str]:
-    """A comment above a group of statements, if one begins."""
-    return ["", f"/* {words} */"] if words else []
-
-
-def _wrapped(start: str, expression: str, indent: int = 0) -> list[str]:
-    """An assignment within the line width, continued on further lines if need be."""
-    if len(start) + len(expression) < WIDTH - 4:
-        return [f"{start}{expression};"]
-    return textwrap.wrap(
-        f"{start}{expression};",
-        WIDTH - 4 - indent,
-        subsequent_indent="    ",
-        break_long_words=False,
-        break_on_hyphens=False,
-    )

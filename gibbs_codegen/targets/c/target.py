@@ -19,7 +19,8 @@ from gibbs_codegen.robot.coordinates import (
     reduced_coordinates,
 )
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.targets.c.function import WIDTH, CFunction, statement_lines
+from gibbs_codegen.targets.c.function import CFunction
+from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter
 from gibbs_codegen.targets.documentation import attitude_text, coordinate_table
 from gibbs_codegen.targets.printers import InfixPrinter
 
@@ -71,7 +72,7 @@ def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
             for place, name in enumerate(program.parameters)
             if name in used
         ],
-        "prepare": statement_lines(program.prepare, printer, "STEPWISE real"),
+        "prepare": StatementPrinter(printer, kind="STEPWISE real").declare_all(program.prepare),
         "total_mass": printer.expression(total_mass(program)),
         "sine_kinds": [
             {

@@ -1,0 +1,56 @@
+"""Statements in C: their text, their comments, and lines that are never too long."""
+
+from __future__ import annotations
+
+import pytest
+
+from gibbs_codegen.program.nodes import Name, Number, Product, Statement, Sum
+from gibbs_codegen.targets.c.statements import (
+    StatementPrinter,
+    call,
+    hold,
+    load,
+    loop,
+    unused,
+    vector_loop,
+)
+from gibbs_codegen.targets.printers import CPrinter
+
+PRINTER = StatementPrinter(CPrinter())
+TWICE = Product((Number(2.0), Name("x")))
+
+
+def test_statements_are_c() -> None:
+    assert PRINTER.declare("t1", TWICE) == ["const real t1 = R(2.0) * x;"]
+    assert PRINTER.store("residual", 3, Name("t1")) == ["residual[3 * stride] = t1;"]
+    assert load("x", "q", 4) == "const real x = q[4 * stride];"
+    assert load("t1", "held", 2, "-") == "const real t1 = -held[2 * stride];"
+    assert hold("held", "(2 + i)", "t1", "-") == "held[(2 + i) * stride] = -t1;"
+    assert unused("v") == "(void)v;"
+    assert call("f", ["a", "b + 1"]) == ["f(a, b + 1);"]
+
+
+def test_loops_hold_their_body() -> None:
+    lines = loop("i", 3, ["x[i] = y;"])
+    assert lines == ["for (int i = 0; i < 3; ++i) {", "    x[i] = y;", "}"]
+    assert vector_loop("i", 3, ["x[i] = y;"]) == ["VECTORISE", *lines]
+    assert PRINTER.clear("x", "3 * LANES")[1] == "    x[i] = R(0.0);"
+
+
+def test_a_group_begins_with_its_comment() -> None:
+    rows = [Statement("a", TWICE, "p"), Statement("b", TWICE, "p"), Statement("c", TWICE, "q")]
+    lines = [line for line in PRINTER.declare_all(rows) if not line.startswith("const")]
+    assert lines == ["", "/* p */", "", "/* q */"]
+
+
+@pytest.mark.parametrize("length", range(1, 60))
+def test_no_line_is_longer_than_100_columns(length: int) -> None:
+    """Within a function, whose body is indented once, and in a loop there, indented twice."""
+    total = Sum((*((1, Name(f"name_{i}")) for i in range(8)), (1, Name("n" * length))))
+    for printer, room in ((PRINTER, 96), (PRINTER.inside, 92)):
+        lines = printer.declare("t1", total)
+        assert max(map(len, lines)) <= room
+        assert " ".join(map(str.strip, lines)) == PRINTER.declare("t1", Name("?"))[0].replace(
+            "?", " + ".join([f"name_{i}" for i in range(8)] + ["n" * length])
+        )
+        assert len(lines) == 1 or len(" ".join(map(str.strip, lines))) > room
