@@ -97,38 +97,38 @@ class ScenarioFileError(RefusedFileError):
 
 
 class SingularRobotError(GibbsCodegenError):
-    """A robot whose mass matrix is singular at every configuration, but for rounding.
+    """A robot whose mass matrix is singular, or too ill-conditioned, at every configuration.
 
-    `motions` holds the coordinates of each motion that no mass or inertia resists: one coordinate,
-    or several that move together. `drowned` says that something resists it, but so little beside
-    the rest that rounding hides it.
+    `motions` holds the coordinates of each massless degree of freedom: one coordinate, or several
+    that move together. `ill_conditioned` says that it has inertia, but so little beside the rest
+    that rounding hides it.
     """
 
     def __init__(
-        self, robot: str, motions: Sequence[tuple[str, ...]], drowned: bool = False
+        self, robot: str, motions: Sequence[tuple[str, ...]], ill_conditioned: bool = False
     ) -> None:
         self.robot = robot
         self.motions = tuple(motions)
-        self.drowned = drowned
+        self.ill_conditioned = ill_conditioned
         listed = [_listed(motion) for motion in self.motions[:_MOTIONS]]
         if len(self.motions) > _MOTIONS:
-            listed.append(f"{len(self.motions) - _MOTIONS} more motions")
-        what = "; nor ".join(listed)
-        together = any(len(motion) > 1 for motion in self.motions)
-        if drowned:
+            listed.append(f"and {len(self.motions) - _MOTIONS} more")
+        what = "; ".join(listed)
+        if ill_conditioned:
             super().__init__(
-                f"{robot}: what resists {what} is so little beside the rest that rounding hides "
-                "it: the acceleration is not determined in double precision; give what it moves "
-                "more mass or inertia, or the rest less"
+                f"{robot}: the mass matrix is ill-conditioned: the inertia that {what} moves is so "
+                "small beside the rest that rounding hides it, and double precision cannot "
+                "determine the acceleration; give what it moves more mass or inertia, or the rest "
+                "less"
             )
             return
-        advice = "give what it moves mass or inertia about its axis"
-        if together:
-            advice += ", for coordinates that move together what lies between them"
+        noun = "degree" if len(self.motions) == 1 else "degrees"
+        advice = "give what it moves mass, or inertia about its axis"
+        if any(len(motion) > 1 for motion in self.motions):
+            advice += "; where coordinates move together, give it to what lies between them"
         super().__init__(
-            f"{robot}: nothing resists {what}: "
-            f"{'accelerations are' if together or len(listed) > 1 else 'its acceleration is'} "
-            f"not determined; {advice}"
+            f"{robot}: massless {noun} of freedom, whose acceleration is not determined: {what}; "
+            f"{advice}"
         )
 
     @property

@@ -115,7 +115,7 @@ def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, flo
 
 def _refused(robot: Robot, error: SingularRobotError) -> str:
     """Check that a refusal is right, and names what it should."""
-    if error.drowned:
+    if error.ill_conditioned:
         if smallest_eigenvalue(robot)[0] < SMALLEST:
             raise DisagreementError(f"is singular, not but for rounding: {error}")
         return "refused for rounding"

@@ -10,9 +10,9 @@ from gibbs_codegen.derivation.functions import DERIVATIONS, Array, Systems
 from gibbs_codegen.derivation.hybrid import hybrid_system, reduced_system
 from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.regularity import (
-    refuse_drowned,
-    refuse_uncomputable,
-    refuse_undetermined,
+    check_conditioning,
+    check_massless_motions,
+    check_range,
 )
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
 from gibbs_codegen.program.lower import Slice, lower
@@ -26,12 +26,12 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     """Derive everything that is emitted for a robot.
 
     `progress` is told the name of each step as it begins. Raises `SingularRobotError` for a robot
-    with a motion that nothing resists, and `UsageError` for one whose numbers overflow.
+    with a massless degree of freedom, and `UsageError` for one whose numbers overflow.
     """
     tape = Tape()
     machine = Machine.of(robot, tape, keep_zeros)
     parameters = machine.parameters
-    refuse_undetermined(robot, parameters.defaults)
+    check_massless_motions(robot, parameters.defaults)
     slices = _slices(tape, machine, progress)
     progress("lowering the program")
     inputs = {
@@ -41,9 +41,9 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     names = tuple(parameters.defaults)
     # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
     mass_matrix = [piece for piece in slices if piece.name == "mass_matrix"]
-    refuse_drowned(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
+    check_conditioning(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
     program = lower(tape, inputs, names, slices)
-    refuse_uncomputable(robot, program, parameters.defaults)
+    check_range(robot, program, parameters.defaults)
     return Model(
         robot,
         program,

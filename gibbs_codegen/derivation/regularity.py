@@ -1,4 +1,10 @@
-"""Is every acceleration determined, and can it be computed? Asked before anything is emitted."""
+"""Is every acceleration determined, and can it be computed? Asked before anything is emitted.
+
+A massless degree of freedom is a motion that every body's inertia annihilates. Whether there is one
+is found in the robot's data. It does not depend on how heavy the bodies are, so each is scaled by
+its own mass: ratios that make the mass matrix ill-conditioned do no harm, and neither do those of
+lengths below 1e12.
+"""
 
 from __future__ import annotations
 
@@ -12,18 +18,29 @@ from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.robot.magnitude import size_fault
-from gibbs_codegen.robot.massless_motions import undetermined_motions
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import Body, Robot, Rod
+from gibbs_codegen.robot.posture import turn
+
+Array = NDArray[np.float64]
+Motion = tuple[str, ...]
 
 # Smallest eigenvalue of the mass matrix with a unit diagonal: rounding leaves up to 3e-16 of a
 # singular one, while a 3 m rod of 1 µm thickness still has 9e-15.
 _SMALLEST = 2e-15
 # A regular machine may be singular at one configuration by accident; three are not.
 _CONFIGURATIONS = 3
+# Of a unit motion that moves nothing rounding leaves 1e-14; what is above this is inertia, be it
+# the spin of a rod that is 1e11 times longer than thick.
+_NOTHING = 1e-12
+# Principal moments that are zero but for the rounding of the matrix they were computed from.
+_NO_MOMENT = 1e-15
+# Shares below this in a motion of unit shares are rounding; those that are real are geometry.
+_NO_SHARE = 1e-7
+_LINEAR, _ANGULAR, _JOINTS = slice(0, 3), slice(3, 6), 6
 
 
-def refuse_undetermined(robot: Robot, defaults: Mapping[str, float]) -> None:
-    """Refuse a robot with a motion that nothing resists, from its data alone.
+def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
+    """Refuse a robot with a massless degree of freedom, from its data alone.
 
     Raises `SingularRobotError`, naming all such motions, or `UsageError` for a parameter of a size
     that cannot be computed with.
@@ -31,29 +48,29 @@ def refuse_undetermined(robot: Robot, defaults: Mapping[str, float]) -> None:
     for name, value in defaults.items():
         if fault := size_fault(value):
             raise UsageError(f"{robot.name}: {name} {fault}")
-    if motions := undetermined_motions(robot):
+    if motions := massless_motions(robot):
         raise SingularRobotError(robot.name, motions)
 
 
-def refuse_drowned(robot: Robot, mass_matrix: Program, defaults: Mapping[str, float]) -> None:
-    """Refuse a robot whose mass matrix cannot be told from a singular one in double precision.
+def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str, float]) -> None:
+    """Refuse a robot whose mass matrix is singular to the accuracy of double precision.
 
     `mass_matrix` is the program of that function. Raises `SingularRobotError`, naming the
-    coordinate that most of the hidden motion is made of.
+    coordinate that most of the motion of least inertia is made of.
     """
     found = []
     size = len(mass_matrix.inputs["q"])
     for number in range(_CONFIGURATIONS):
         values = mass_matrix.evaluate("mass_matrix", defaults, {"q": _configuration(size, number)})
-        least, coordinate = _least_resisted(np.array(values[0]).reshape(size, size))
+        least, coordinate = _least_inertia(np.array(values[0]).reshape(size, size))
         if least >= _SMALLEST:
             return
         found.append((least, coordinate))
-    hidden = coordinate_text(robot, max(found)[1])
-    raise SingularRobotError(robot.name, [(hidden,)], drowned=True)
+    largest = coordinate_text(robot, max(found)[1])
+    raise SingularRobotError(robot.name, [(largest,)], ill_conditioned=True)
 
 
-def refuse_uncomputable(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
+def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
     """Refuse a robot whose emitted functions could not compute with their own parameters.
 
     Raises `UsageError`, naming the parameters that are the furthest from 1.
@@ -87,7 +104,7 @@ def _configuration(size: int, number: int) -> list[float]:
     return [0.3 + 0.7 * math.sin(1.7 * i + 0.9 * number) for i in range(size)]
 
 
-def _least_resisted(matrix: NDArray[np.float64]) -> tuple[float, int]:
+def _least_inertia(matrix: NDArray[np.float64]) -> tuple[float, int]:
     """Smallest eigenvalue of a mass matrix with a unit diagonal; the coordinate it is most of."""
     diagonal = np.diag(matrix)
     if (diagonal <= 0).any():
@@ -95,3 +112,139 @@ def _least_resisted(matrix: NDArray[np.float64]) -> tuple[float, int]:
     unit = np.sqrt(diagonal)
     eigenvalues, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
     return float(eigenvalues[0]), int(np.argmax(np.abs(vectors[:, 0])))
+
+
+def massless_motions(robot: Robot) -> list[Motion]:
+    """Motions that move no mass, whatever the configuration; empty for a machine as it should be.
+
+    Each is given by the coordinates that must move together, outermost joint first. No coordinate
+    can be left out of a motion without its moving mass.
+    """
+    found = [_null_motions(*_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
+    fewest = min(found, key=len)
+    return list(dict.fromkeys(_named(robot, motion) for motion in fewest))
+
+
+def _null_motions(momenta: Array, levers: Array) -> list[list[int]]:
+    """Smallest sets of dependent columns, each by its last column that those before depend on."""
+    independent: list[int] = []
+    units: list[Array] = []
+    directions = np.zeros((0, len(momenta)))
+    motions = []
+    for k, (column, lever) in enumerate(zip(momenta.T, levers, strict=True)):
+        size = float(np.linalg.norm(column))
+        rest = column
+        for _ in range(2):
+            rest = rest - directions.T @ (directions @ rest)
+        left = float(np.linalg.norm(rest))
+        if left > _NOTHING * lever:
+            independent.append(k)
+            units.append(column / size)
+            directions = np.vstack([directions, rest / left])
+        elif size <= _NOTHING * lever:
+            motions.append([k])
+        else:
+            shares = np.linalg.lstsq(np.transpose(units), column / size, rcond=None)[0]
+            pairs = zip(independent, np.abs(shares), strict=True)
+            motions.append([k, *(i for i, share in reversed(list(pairs)) if share > _NO_SHARE)])
+    return motions
+
+
+def _named(robot: Robot, motion: list[int]) -> Motion:
+    """Names of the coordinates of a motion of the base's twist and the joints."""
+    names = [coordinate_text(robot, k - 3) for k in motion if k >= _JOINTS]
+    if any(3 <= k < _JOINTS for k in motion):  # The origin only follows when the base turns.
+        return (*names, "the attitude (theta_m1, theta_0, theta_1)")
+    if any(k < 3 for k in motion):
+        return (*names, "the position (x, y, z)")
+    return tuple(names)
+
+
+def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
+    """Momenta of all bodies, each by its own mass, for unit rates: a column a coordinate.
+
+    Columns are the base centre's velocity, the base's angular velocity, and the joints' rates, at
+    an arbitrary configuration of the joints. With them go the lengths that rounding is relative to.
+    """
+    swarm = _Swarm(_JOINTS + len(robot.links))
+    length = robot.base.arm(1).length
+    for k in range(1, robot.rotors + 1):
+        angle = 0.0 if k == 1 else np.deg2rad(float(robot.base.arm_angle_deg(k)))
+        # Arm 1 is given from its motor, the others from the centre.
+        start = np.array([-length if k == 1 else 0.0, 0.0, 0.0])
+        swarm.add(robot.base.arm(k), turn(2, angle), start)
+    reaches = [size for i in robot.links for size in (i.body.length, abs(i.a or 0.0), abs(i.d))]
+    scale = max([length, *reaches]) or 1.0
+    attitude = np.eye(3)
+    positions = _configuration(len(robot.links), number)
+    before = 0.0
+    for column, (link, position) in enumerate(zip(robot.links, positions, strict=True), _JOINTS):
+        swarm.step(attitude[:, 0] * (before if link.a is None else link.a))
+        before = link.body.length
+        attitude = attitude @ turn(0, np.deg2rad(float(link.alpha_deg)))
+        attitude = attitude @ turn(2, np.deg2rad(float(link.theta_deg)))
+        axis = attitude[:, 2]
+        swarm.step(axis * link.d)
+        if link.joint == "prismatic":
+            swarm.step(axis * (position * scale))
+            swarm.twists[_LINEAR, column] = axis
+        else:
+            attitude = attitude @ turn(2, position)
+            swarm.twists[_ANGULAR, column] = axis
+        swarm.add(link.body, attitude, np.zeros(3))
+    return np.vstack(swarm.momenta), swarm.levers
+
+
+class _Swarm:
+    """Bodies by themselves: momenta so far, and what unit rates make of the point reached."""
+
+    def __init__(self, coordinates: int) -> None:
+        self.momenta: list[Array] = []
+        self.twists = np.zeros((6, coordinates))
+        self.twists[:, :_JOINTS] = np.eye(6)
+        self._way = np.zeros(coordinates)
+        self._reach = np.zeros(coordinates)
+
+    @property
+    def levers(self) -> Array:
+        """Lengths that momenta are made of; of translations 1."""
+        return np.where(self._turning, self._reach, 1.0)
+
+    def step(self, step: Array) -> None:
+        """Go on to another point of the same body."""
+        self.twists[_LINEAR] += np.cross(self.twists[_ANGULAR].T, step).T
+        self._way += self._turning * np.linalg.norm(step)
+
+    def add(self, body: Body, attitude: Array, start: Array) -> None:
+        """Add linear and angular momentum of a body whose own frame begins at `start` from here.
+
+        Masses are taken out, and of the moments of inertia the roots: what is left are lengths.
+        """
+        mass, com, inertia = _central(body)
+        arm = start + attitude @ com
+        moments, axes = np.linalg.eigh(inertia)
+        radii = np.sqrt(np.where(moments < _NO_MOMENT * moments[-1], 0.0, moments))
+        self.momenta.append(radii[:, None] * (attitude @ axes).T @ self.twists[_ANGULAR])
+        if mass > 0.0:
+            self.momenta.append(self.twists[_LINEAR] + np.cross(self.twists[_ANGULAR].T, arm).T)
+            reach = self._turning * (self._way + np.linalg.norm(arm) + radii[-1])
+            self._reach = np.maximum(self._reach, reach)
+
+    @property
+    def _turning(self) -> NDArray[np.bool_]:
+        """Which coordinates turn what is reached."""
+        turning: NDArray[np.bool_] = np.linalg.norm(self.twists[_ANGULAR], axis=0) > 0.5
+        return turning
+
+
+def _central(body: Body) -> tuple[float, Array, Array]:
+    """Mass, centre of mass, and inertia about it per unit of mass."""
+    mass = body.total_mass
+    per_mass = 1.0 / mass if mass > 0.0 else 1.0
+    if isinstance(body, Rod):
+        thin = body.length**2 / 12.0 if mass > 0.0 else 0.0
+        section = np.diag(body.section_inertia) * per_mass
+        return mass, np.array([body.length / 2, 0.0, 0.0]), section + np.diag([0.0, thin, thin])
+    xx, yy, zz, xy, xz, yz = body.inertia
+    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) * per_mass
+    return mass, np.array(body.com), matrix

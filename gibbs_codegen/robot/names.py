@@ -1,191 +1,20 @@
-"""Which robot names may become a Python module and a C prefix."""
+"""Which robot names may become a Python package and a prefix in C.
+
+Names in C are `<name>_<function>` and `<NAME>_<SIZE>`, so that words of C, macros of compilers and
+functions of libraries are harmless as names of robots. So are those of headers and of other Python
+modules: emitted sources include their own header by its place, and `load` imports a module by its
+folder. What is left cannot work, and is refused on every platform alike.
+"""
 
 from __future__ import annotations
 
 import itertools
 import keyword
 import re
-import sys
 
 from gibbs_codegen.interface import FUNCTIONS
 
 _PATTERN = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
-
-# Lower-case words that C99 … C23 or C++98 … C++23 reserve, Python's being asked of `keyword`.
-_C_KEYWORDS = frozenset(
-    [
-        "alignas",
-        "alignof",
-        "and",
-        "and_eq",
-        "asm",
-        "atomic_cancel",
-        "atomic_commit",
-        "atomic_noexcept",
-        "auto",
-        "bitand",
-        "bitor",
-        "bool",
-        "break",
-        "case",
-        "catch",
-        "char",
-        "char8_t",
-        "char16_t",
-        "char32_t",
-        "class",
-        "compl",
-        "concept",
-        "const",
-        "consteval",
-        "constexpr",
-        "constinit",
-        "const_cast",
-        "continue",
-        "co_await",
-        "co_return",
-        "co_yield",
-        "decltype",
-        "default",
-        "delete",
-        "do",
-        "double",
-        "dynamic_cast",
-        "else",
-        "enum",
-        "explicit",
-        "export",
-        "extern",
-        "false",
-        "float",
-        "for",
-        "fortran",
-        "friend",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "mutable",
-        "namespace",
-        "new",
-        "noexcept",
-        "not",
-        "not_eq",
-        "nullptr",
-        "operator",
-        "or",
-        "or_eq",
-        "private",
-        "protected",
-        "public",
-        "reflexpr",
-        "register",
-        "reinterpret_cast",
-        "requires",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "static_assert",
-        "static_cast",
-        "struct",
-        "switch",
-        "synchronized",
-        "template",
-        "this",
-        "thread_local",
-        "throw",
-        "true",
-        "try",
-        "typedef",
-        "typeid",
-        "typename",
-        "typeof",
-        "typeof_unqual",
-        "union",
-        "unsigned",
-        "using",
-        "virtual",
-        "void",
-        "volatile",
-        "wchar_t",
-        "while",
-        "xor",
-        "xor_eq",
-    ]
-)
-
-# Headers of C and POSIX, and what glibc's include, beside those named like a module of Python's: a
-# module's folder is put on the include path, and its header would be read in place of them.
-_C_HEADERS = frozenset(
-    [
-        "aio",
-        "alloca",
-        "complex",
-        "cpio",
-        "ctype",
-        "dirent",
-        "dlfcn",
-        "endian",
-        "features",
-        "fenv",
-        "fmtmsg",
-        "ftw",
-        "iconv",
-        "inttypes",
-        "iso646",
-        "langinfo",
-        "libgen",
-        "limits",
-        "malloc",
-        "memory",
-        "monetary",
-        "mqueue",
-        "ndbm",
-        "netdb",
-        "nl_types",
-        "omp",
-        "poll",
-        "pthread",
-        "regex",
-        "search",
-        "semaphore",
-        "setjmp",
-        "spawn",
-        "stdalign",
-        "stdarg",
-        "stdatomic",
-        "stdbit",
-        "stdbool",
-        "stdckdint",
-        "stddef",
-        "stdint",
-        "stdio",
-        "stdlib",
-        "stdnoreturn",
-        "strings",
-        "stropts",
-        "tar",
-        "tgmath",
-        "threads",
-        "uchar",
-        "ulimit",
-        "unistd",
-        "utime",
-        "utmpx",
-        "wchar",
-        "wctype",
-        "wordexp",
-    ]
-)
-
-# A module of one of these names and the package could not be imported in one program.
-_PACKAGES = frozenset(
-    ["casadi", "gibbs_codegen", "jinja2", "matplotlib", "numpy", "rich", "scipy", "sympy"]
-)
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
@@ -206,21 +35,17 @@ def name_fault(name: str) -> str | None:
             f"{shown} is not a name for a module: use a lower-case letter, then lower-case "
             "letters, digits and _, at most 64 in all"
         )
-    if keyword.iskeyword(name) or keyword.issoftkeyword(name) or name in _C_KEYWORDS:
-        return f"{shown} is a keyword of Python, C or C++; add a word, e.g. {name}_arm"
-    if name in _PACKAGES or name in sys.stdlib_module_names:
-        return f"{shown} is the name of another Python module; add a word, e.g. {name}_arm"
-    if name in _C_HEADERS:
-        return f"{shown}.h is a header of the C library; add a word, e.g. {name}_arm"
-    if _WINDOWS_DEVICE.fullmatch(name):
-        return f"{shown} can be no folder's name on Windows; add a word, e.g. {name}_arm"
-    for ending in _ENDINGS:
-        if name.endswith(ending):
-            return (
-                f"{shown} ends in {ending}, as the names of C functions go on; add a word, "
-                f"e.g. {name}_arm"
-            )
-    return None
+    if keyword.iskeyword(name):
+        why = "is a keyword of Python, which no module can be named"
+    elif name == "numpy":
+        why = "is the package that the generated module itself imports"
+    elif _WINDOWS_DEVICE.fullmatch(name):
+        why = "cannot be a folder's name on Windows"
+    elif ending := next(filter(name.endswith, _ENDINGS), None):
+        why = f"ends in {ending}, as the names of C functions go on"
+    else:
+        return None
+    return f"{shown} {why}; add a word, e.g. {name}_arm"
 
 
 def name_from(text: str) -> str:

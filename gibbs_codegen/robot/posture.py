@@ -66,13 +66,13 @@ def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
         raise UsageError(f"{robot.name} has {size} coordinates, not {np.shape(q)}")
     attitude = np.eye(3)
     for letter, angle in zip(base.attitude, q[:3], strict=True):
-        attitude = attitude @ _turn("xyz".index(letter), angle)
+        attitude = attitude @ turn("xyz".index(letter), angle)
     length = base.arm(1).length
     origin = np.array(q[-3:]) - (0.0 if base.origin == "motor1" else length) * attitude[:, 0]
     arm_1 = Frame(origin, attitude)
     centre = arm_1.point(length)
     angles = [np.deg2rad(float(base.arm_angle_deg(k))) for k in range(2, base.rotors + 1)]
-    arms = tuple(Frame(centre, attitude @ _turn(2, angle)) for angle in angles)
+    arms = tuple(Frame(centre, attitude @ turn(2, angle)) for angle in angles)
     motors = [origin, *(frame.point(base.arm(k).length) for k, frame in enumerate(arms, start=2))]
     links = _links(robot, Frame(centre, attitude), q[3:-3])
     tip = links[-1].point(robot.links[-1].body.length) if links else centre
@@ -87,16 +87,16 @@ def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tup
     for link, joint in zip(robot.links, joints, strict=True):
         turns = link.joint == "revolute"
         origin = carrier.point(before if link.a is None else link.a)
-        axes = carrier.axes @ _turn(0, np.deg2rad(float(link.alpha_deg)))
+        axes = carrier.axes @ turn(0, np.deg2rad(float(link.alpha_deg)))
         origin = origin + (link.d + (0.0 if turns else joint)) * axes[:, 2]
-        axes = axes @ _turn(2, np.deg2rad(float(link.theta_deg)) + (joint if turns else 0.0))
+        axes = axes @ turn(2, np.deg2rad(float(link.theta_deg)) + (joint if turns else 0.0))
         carrier = Frame(origin, axes)
         frames.append(carrier)
         before = link.body.length
     return tuple(frames)
 
 
-def _turn(axis: int, angle: float) -> Array:
+def turn(axis: int, angle: float) -> Array:
     """Rotation matrix about a coordinate axis."""
     c, s = np.cos(angle), np.sin(angle)
     p, q = (axis + 1) % 3, (axis + 2) % 3

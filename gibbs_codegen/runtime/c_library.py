@@ -14,6 +14,8 @@ from gibbs_codegen.runtime.cache import cached_library
 from gibbs_codegen.runtime.compiler import Compiler
 
 NATIVE = Path(__file__).parent / "native"
+# As a source beside those of a robot, whose name begins with a letter.
+_ROWS = "_rows.c"
 
 
 def compiled_library(
@@ -26,7 +28,7 @@ def compiled_library(
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
     texts = {file: (folder / file).read_bytes() for file in c_files(name)}
-    texts["rows.c"] = (NATIVE / "rows.c").read_bytes()
+    texts[_ROWS] = (NATIVE / "rows.c").read_bytes()
     _check_of_one_make(folder, texts)
     digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
 
@@ -59,7 +61,7 @@ def _check_of_one_make(folder: Path, texts: Mapping[str, bytes]) -> None:
     """Refuse C that was not generated together with the module's Python. Raises `UsageError`."""
     made = _make_of((folder / "numpy_module.py").read_bytes())
     for file, text in texts.items():
-        if file != "rows.c" and _make_of(text) != made:
+        if file != _ROWS and _make_of(text) != made:
             raise UsageError(
                 f"{printable(folder / file)}: was not generated together with numpy_module.py; "
                 f"generate the module again"

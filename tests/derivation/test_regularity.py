@@ -17,12 +17,11 @@ from support.null_space import SMALLEST, short_names, smallest_eigenvalue, unres
 from support.tools import tool
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.derivation.regularity import refuse_uncomputable
+from gibbs_codegen.derivation.regularity import check_range, massless_motions
 from gibbs_codegen.errors import RobotFileError, SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Function, Name, Output, Program, Reciprocal, Statement, Sum
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.massless_motions import undetermined_motions
 from gibbs_codegen.robot.model import Link, RigidBody, Robot, Rod
 from gibbs_codegen.runtime.load import load
 
@@ -56,8 +55,8 @@ def check(robot: Robot) -> None:
         assert error <= 1.0, f"{name}: {error:.2g}"
         assert not singular, unresisted(robot)
         return
-    assert refusal.drowned != singular, refusal
-    assert refusal.drowned or short_names(refusal.joints) == unresisted(robot), refusal
+    assert refusal.ill_conditioned != singular, refusal
+    assert refusal.ill_conditioned or short_names(refusal.joints) == unresisted(robot), refusal
 
 
 @settings(max_examples=7)
@@ -86,7 +85,7 @@ def test_what_nothing_resists_is_the_null_space_of_the_oracle(first: int) -> Non
     count, singular = (1500 if first else 100), 0
     for number in range(first * 10_000, first * 10_000 + count):
         robot = numbered(number)
-        motions = undetermined_motions(robot)
+        motions = massless_motions(robot)
         named = short_names(name for motion in motions for name in motion)
         assert named == unresisted(robot), f"degenerate robot {number}"
         assert bool(motions) == (smallest_eigenvalue(robot)[0] < SMALLEST), number
@@ -120,7 +119,7 @@ def test_what_nothing_resists_is_the_null_space_of_the_oracle(first: int) -> Non
 def test_every_motion_that_nothing_resists_is_named(base, links, motions) -> None:
     """Tips without mass, thickness or lever; axes in line with nothing between; hollow bases."""
     robot = Robot("singular", base, links)
-    assert {frozenset(motion) for motion in undetermined_motions(robot)} == {
+    assert {frozenset(motion) for motion in massless_motions(robot)} == {
         frozenset(motion) for motion in motions
     }
     for keep_zeros in (False, True):
@@ -135,14 +134,15 @@ def test_the_message_says_what_to_do() -> None:
     for robot, text in (
         (
             one,
-            "one: nothing resists theta_6 (the joint of link 2): its acceleration is not "
-            "determined; give what it moves mass or inertia about its axis",
+            "one: massless degree of freedom, whose acceleration is not determined: theta_6 (the "
+            "joint of link 2); give what it moves mass, or inertia about its axis",
         ),
         (
             two,
-            "two: nothing resists theta_6 (the joint of link 2) and theta_5 (the joint of link 1) "
-            "moving together: accelerations are not determined; give what it moves mass or "
-            "inertia about its axis, for coordinates that move together what lies between them",
+            "two: massless degree of freedom, whose acceleration is not determined: theta_6 (the "
+            "joint of link 2) and theta_5 (the joint of link 1) moving together; give what it "
+            "moves mass, or inertia about its axis; where coordinates move together, give it to "
+            "what lies between them",
         ),
     ):
         with pytest.raises(SingularRobotError) as refused:
@@ -151,7 +151,7 @@ def test_the_message_says_what_to_do() -> None:
 
 
 def test_of_many_motions_the_message_names_some_and_the_error_all() -> None:
-    with pytest.raises(SingularRobotError, match=r"theta_8 \(.*; nor 2 more motions") as refused:
+    with pytest.raises(SingularRobotError, match=r"theta_8 \(.*; and 2 more") as refused:
         derive(Robot("limp", BASE, (Link(NOTHING, TURNED),) * 6))
     assert len(refused.value.motions) == len(refused.value.joints) == 6
 
@@ -168,9 +168,9 @@ def test_what_only_rounding_hides_is_told_apart() -> None:
     """A point 1e20 times as heavy as the base that is to be told from it."""
     heavy = Link(sized(RigidBody(0.0, 1.0, (0.5, 0.0, 0.0)), 1e20, 1.0))
     with pytest.raises(SingularRobotError, match="rounding hides") as refused:
-        derive(Robot("drowned", BASE, (heavy,)))
-    assert refused.value.drowned
-    assert undetermined_motions(Robot("drowned", BASE, (heavy,))) == []
+        derive(Robot("ill_conditioned", BASE, (heavy,)))
+    assert refused.value.ill_conditioned
+    assert massless_motions(Robot("ill_conditioned", BASE, (heavy,))) == []
 
 
 FILE = """name = "far"
@@ -221,9 +221,9 @@ def test_what_cannot_be_computed_is_not_emitted() -> None:
         {"q": ("x",), "u": ()}, ("link1_length", "link2_length"), ("c0",), (division,), (forward,)
     )
     robot = Robot("close", BASE)
-    refuse_uncomputable(robot, program, {"link1_length": 2.0, "link2_length": 1.0})
+    check_range(robot, program, {"link1_length": 2.0, "link2_length": 1.0})
     with pytest.raises(UsageError, match="close: its accelerations overflow, or are lost") as error:
-        refuse_uncomputable(robot, program, {"link1_length": 1e30, "link2_length": 1e30})
+        check_range(robot, program, {"link1_length": 1e30, "link2_length": 1e30})
     assert "link1_length = 1e+30" in str(error.value)
 
 

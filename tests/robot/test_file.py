@@ -105,7 +105,8 @@ inertia = [1, 1, 5, 0, 0, 0]
 lenght = 1.0
 """
     assert faults(text) == [
-        "robot.toml:1: name: 'class' is a keyword of Python, C or C++; add a word, e.g. class_arm",
+        "robot.toml:1: name: 'class' is a keyword of Python, which no module can be named; "
+        "add a word, e.g. class_arm",
         "robot.toml:2: gravity: must be a number, not a string",
         "robot.toml:3: base.rotors: missing",
         "robot.toml:4: base.rotor: unknown key; did you mean rotors?",

@@ -30,20 +30,18 @@ HOSTILE = [
     "a" * 65,
     "class",
     "lambda",
-    "match",
-    "int",
-    "register",
-    "template",
-    "constexpr",
     "while",
     "numpy",
-    "math",
     "arm_hybrid",
     "arm_casadi",
     "arm_default",
     "arm_init",
     "arm_mass_matrix_and",
 ]
+
+
+# Words of C, headers and modules of Python.
+FAMILIAR = ["double", "main", "register", "math", "time", "imp", "match", "sympy", "gibbs_codegen"]
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -54,7 +52,7 @@ def test_hostile_names_are_refused(name: str) -> None:
     assert message.isascii()
 
 
-@pytest.mark.parametrize("name", ["a", "a" * 64, "hexarotor_3link", "int_arm", "x9_"])
+@pytest.mark.parametrize("name", ["a", "a" * 64, "hexarotor_3link", "int_arm", "x9_", *FAMILIAR])
 def test_plain_names_are_welcome(name: str) -> None:
     assert name_fault(name) is None
 

@@ -131,7 +131,26 @@ LOOK_ALIKES = [
     for twin in twins
 ] + ["ﬁeld", "ﬂyer", "ĳ", "ﬆep", "Ⅷ", "ⅷ", "aerobot²", "aerobot₂", "ß", "ı", "İ", "K"]
 
-# Lower-case words that C and C++ reserve, put down here once more.
+DEVICES = ["con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))]
+PLAIN = ["arm", "aerobot_x", "my_uav", "hexarotor", "q", "con", "class"]
+CASE_TWINS = [twin for name in PLAIN for twin in (name.upper(), name.title(), f"{name}X")]
+
+NAMES = list(
+    dict.fromkeys(
+        [
+            *INJECTIONS,
+            *TERMINAL,
+            *CONTROLS,
+            *LOOK_ALIKES,
+            *DEVICES,
+            *CASE_TWINS,
+            "numpy",
+            *keyword.kwlist,
+        ]
+    )
+)
+
+# Lower-case words that C and C++ reserve.
 C_WORDS = re.findall(
     r"\w+",
     "alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t "
@@ -150,32 +169,6 @@ C_HEADERS = re.findall(
     "stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string tgmath "
     "threads time uchar wchar wctype features strings unistd pthread",
 )
-DEVICES = ["con", "prn", "aux", "nul", *(f"{d}{i}" for d in ("com", "lpt") for i in range(10))]
-MODULES = [
-    "numpy",
-    "scipy",
-    "sympy",
-    "casadi",
-    "gibbs_codegen",
-    *(n for n in sys.stdlib_module_names if n[0] != "_"),
-]
-PLAIN = ["arm", "aerobot_x", "my_uav", "hexarotor", "q", "con", "class"]
-CASE_TWINS = [twin for name in PLAIN for twin in (name.upper(), name.title(), f"{name}X")]
-
-NAMES = list(
-    dict.fromkeys(
-        [
-            *INJECTIONS,
-            *TERMINAL,
-            *CONTROLS,
-            *LOOK_ALIKES,
-            *C_WORDS,
-            *C_HEADERS,
-            *DEVICES,
-            *MODULES,
-            *CASE_TWINS,
-            *keyword.kwlist,
-            *keyword.softkwlist,
-        ]
-    )
-)
+# What is accepted though it means something elsewhere.
+FAMILIAR = sorted({*C_WORDS, *C_HEADERS, *keyword.softkwlist, *sys.stdlib_module_names})
+FAMILIAR = [name for name in FAMILIAR if name[0] != "_" and name.islower() and name not in NAMES]
