@@ -144,7 +144,7 @@ def _potential_energy(machine: Machine) -> sp.Expr:
     tape = machine.tape
     composite = composites(tape, machine.reduced_chain)[0]
     height = machine.root.world(tape, composite.moment)[2]
-    moment = tape.let(composite.mass * machine.q[-1] + height)
+    moment = tape.let(composite.mass * machine.origin[2] + height)
     return tape.let(machine.parameters.gravity * moment)
 
 

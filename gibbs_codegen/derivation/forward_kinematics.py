@@ -71,7 +71,7 @@ def positions(machine: Machine) -> list[Vector]:
     base += [motor_position(machine, k) for k in range(1, machine.robot.rotors + 1)]
     on_base = [_combined(tape, geometry.base_frame, point) for point in base]
     motor_1 = on_base[1]
-    origin = _origin(machine)
+    origin = machine.origin
     relative = [motor_1, *on_base, *geometry.joint_positions, geometry.tip]
     return [add(tape, origin, point) for point in relative]
 
@@ -79,7 +79,7 @@ def positions(machine: Machine) -> list[Vector]:
 def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
     """Homogeneous transform of the tip: the last link's axes and the tip's position."""
     geometry = arm_geometry(machine)
-    position = add(machine.tape, _origin(machine), geometry.tip)
+    position = add(machine.tape, machine.origin, geometry.tip)
     rows = [[axis[i] for axis in geometry.tip_frame] + [position[i]] for i in range(3)]
     zero = sp.S.Zero
     return [*rows, [zero, zero, zero, sp.S.One]]
@@ -88,18 +88,17 @@ def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
 def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
     """Linear rows, then angular, in world axes; columns in the order of q."""
     tape, geometry = machine.tape, arm_geometry(machine)
-    columns: list[tuple[Vector, Vector]] = [
-        (cross(tape, axis, geometry.tip), axis) for axis in machine.root.world_axes(tape)
-    ]
+    base = machine.root.velocities_at(tape, geometry.tip)
+    joints: list[tuple[Vector, Vector]] = []
     for link, axis, joint in zip(
         machine.robot.links, geometry.joint_axes, geometry.joint_positions, strict=True
     ):
         if link.joint == "revolute":
             arm = add(tape, geometry.tip, (-joint[0], -joint[1], -joint[2]))
-            columns.append((cross(tape, axis, arm), axis))
+            joints.append((cross(tape, axis, arm), axis))
         else:
-            columns.append((axis, ZERO))
-    columns += [(axis_vector(k), ZERO) for k in range(3)]
+            joints.append((axis, ZERO))
+    columns = machine.places.joined(base, joints)
     return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
 
 
@@ -111,6 +110,7 @@ def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
     """
     tape, root, chain = machine.tape, machine.root, machine.reduced_chain
     motions = free_motions(tape, root, chain, machine.v)
+    _, rates = machine.places.split(machine.v)
     reaches = [*(segment.a for segment in chain.segments[1:]), machine.reach]
     tip = Acceleration(ZERO, motions[-1].omega_dot)
     for k in range(len(motions) - 1, -1, -1):
@@ -121,15 +121,10 @@ def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
         x, y, _ = own_to_working.vector(tape, axis_vector(0, reaches[k]))
         motion = replace(motions[k], acceleration=tip.linear).displaced(tape, (x, y, segment.d))
         if segment.joint == "prismatic":
-            motion = motion.slid(tape, machine.v[2 + k], sp.S.Zero)
+            motion = motion.slid(tape, rates[k - 1], sp.S.Zero)
         tip = Acceleration(motion.acceleration, tip.angular)
         tip = tip.rotated(tape, working_to_carrier).rotated(tape, segment.twist)
     return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
-
-
-def _origin(machine: Machine) -> Vector:
-    x, y, z = machine.q[-3:]
-    return (x, y, z)
 
 
 def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:

@@ -83,6 +83,11 @@ class SerialChain:
 
     segments: tuple[Segment, ...]
 
+    @property
+    def joints(self) -> int:
+        """Number of joints after the root."""
+        return len(self.segments) - 1
+
     def works_in_own_frame(self, k: int) -> bool:
         """Whether segment k works in its own frame: another group hangs on it."""
         return k + 1 < len(self.segments) and self.segments[k + 1].leads

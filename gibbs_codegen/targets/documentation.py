@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gibbs_codegen.robot.coordinates import (
-    ATTITUDE,
     Coordinate,
     constraint_torque,
     hybrid_coordinates,
@@ -13,6 +12,7 @@ from gibbs_codegen.robot.coordinates import (
     points,
     reduced_coordinates,
 )
+from gibbs_codegen.robot.layout import ATTITUDE
 from gibbs_codegen.robot.model import Robot
 
 
