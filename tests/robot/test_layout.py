@@ -34,6 +34,7 @@ def test_layout_agrees_with_the_coordinates(name: str) -> None:
     assert layout.names[layout.attitude] == ("theta_m1", "theta_0", "theta_1")
     assert layout.names[layout.position] == ("x", "y", "z")
     assert layout.names[layout.middle_angle] == "theta_0"
+    assert layout.size == len(coordinates)
     assert [layout.names[k] for k in layout.base] == ["theta_m1", "theta_0", "theta_1", *"xyz"]
     assert tuple(layout.names[k] for k in layout.joint_places) == layout.names[layout.joints]
 
