@@ -2,7 +2,7 @@
 
 The same code derives a single open chain of the decomposition and the reduced system, which is the
 arm's chain on a root that carries the sum of all chains' inertia: *sum before projecting*.
-Coordinates are θ₋₁, θ₀, θ₁, the joints of the segments, x, y, z.
+Coordinates are those of the root and of the joints of the segments, where the root places them.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.motion import Motion
-from gibbs_codegen.derivation.root.tait_bryan import TaitBryanRoot
+from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.serial_chain import (
     SerialChain,
     chain_gibbs_function,
@@ -23,7 +23,7 @@ from gibbs_codegen.derivation.serial_chain import (
     outward,
 )
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Vector, Wrench
+from gibbs_codegen.symbolic.vectors import Wrench
 
 Matrix = list[list[sp.Expr]]
 
@@ -40,34 +40,25 @@ class State:
     accelerations: Sequence[sp.Expr]
     gravity: sp.Expr
 
-    @property
-    def linear(self) -> Vector:
-        """Acceleration of the origin in world axes, gravity included as upward acceleration."""
-        x, y, z = self.accelerations[-3:]
-        return (x, y, z + self.gravity)
 
-
-def chain_motions(
-    tape: Scalars, root: TaitBryanRoot, chain: SerialChain, state: State
-) -> list[Motion]:
+def chain_motions(tape: Scalars, root: Root, chain: SerialChain, state: State) -> list[Motion]:
     """Motion of every segment in its working frame."""
-    rates, accelerations = state.rates, state.accelerations
-    linear = state.linear
+    places = root.places(chain.joints)
+    rates, joint_rates = places.split(state.rates)
+    accelerations, joint_accelerations = places.split(state.accelerations)
     with tape.group(f"motion of {chain.segments[0].name}"):
-        carrier = root.carrier_motion(
-            tape, rates, accelerations, (linear[0], linear[1], tape.let(linear[2]))
-        )
+        carrier = root.carrier_motion(tape, rates, accelerations, state.gravity)
     return outward(
         tape,
         chain,
         carrier,
-        [root.segment_spin(rates), *rates[3:-3]],
-        [root.segment_spin(accelerations), *accelerations[3:-3]],
+        [root.segment_spin(rates), *joint_rates],
+        [root.segment_spin(accelerations), *joint_accelerations],
     )
 
 
 def free_motions(
-    tape: Scalars, root: TaitBryanRoot, chain: SerialChain, rates: Sequence[sp.Expr]
+    tape: Scalars, root: Root, chain: SerialChain, rates: Sequence[sp.Expr]
 ) -> list[Motion]:
     """Motions that the rates alone make: every θ̈ is zero, and the origin does not accelerate."""
     state = State(rates, [sp.S.Zero] * len(rates), sp.S.Zero)
@@ -75,42 +66,41 @@ def free_motions(
 
 
 def generalised_inertia_forces(
-    tape: Scalars, root: TaitBryanRoot, chain: SerialChain, state: State
+    tape: Scalars, root: Root, chain: SerialChain, state: State
 ) -> list[sp.Expr]:
     """∂S/∂θ̈, row by row (eq. 5): M a − R, or −R where the accelerations are zero."""
     motions = chain_motions(tape, root, chain, state)
     wrench, joints = inward(tape, chain, motions)
+    places, mass = root.places(chain.joints), chain.segments[0].inertia.mass
+    accelerations, _ = places.split(state.accelerations)
     with tape.group("inertia forces on attitude and position"):
-        rows = root.rows(tape, wrench)
-        mass = chain.segments[0].inertia.mass
-        linear = [tape.let(row + mass * r) for row, r in zip(rows[3:], state.linear, strict=True)]
-    return [*rows[:3], *joints, *linear]
+        rows = root.inertia_rows(tape, wrench, mass, accelerations, state.gravity)
+    return places.joined(rows, joints)
 
 
-def gibbs_function(tape: Scalars, root: TaitBryanRoot, chain: SerialChain, state: State) -> sp.Expr:
+def gibbs_function(tape: Scalars, root: Root, chain: SerialChain, state: State) -> sp.Expr:
     """S of the chain up to terms free of accelerations (eqs. 2–3)."""
     return chain_gibbs_function(tape, chain, chain_motions(tape, root, chain, state))
 
 
-def mass_matrix(tape: Scalars, root: TaitBryanRoot, chain: SerialChain) -> Matrix:
+def mass_matrix(tape: Scalars, root: Root, chain: SerialChain) -> Matrix:
     """Mass matrix of the chain, both triangles."""
     composite, wrenches, block = unprojected_mass_matrix(tape, chain)
-    joints = len(wrenches)
-    size = joints + 6
-    places = [0, 1, 2, size - 3, size - 2, size - 1]
-    matrix: Matrix = [[sp.S.Zero] * size for _ in range(size)]
+    places = root.places(chain.joints)
+    base, joints = places.base, places.joint_places
+    matrix: Matrix = [[sp.S.Zero] * places.size for _ in range(places.size)]
     with tape.group("mass matrix of attitude and position"):
         root_block = root.mass_block(tape, composite)
-    for i, row in zip(places, root_block, strict=True):
-        for j, entry in zip(places, row, strict=True):
+    for i, row in zip(base, root_block, strict=True):
+        for j, entry in zip(base, row, strict=True):
             matrix[i][j] = entry
-    for k, wrench in enumerate(wrenches):
+    for k, wrench in zip(joints, wrenches, strict=True):
         with tape.group("mass matrix between the joints and attitude and position"):
             entries = root.rows(tape, wrench)
-        for i, entry in zip(places, entries, strict=True):
-            matrix[i][3 + k] = matrix[3 + k][i] = entry
+        for i, entry in zip(base, entries, strict=True):
+            matrix[i][k] = matrix[k][i] = entry
     for (j, k), entry in block.items():
-        matrix[3 + j][3 + k] = entry
+        matrix[joints[j]][joints[k]] = entry
     return matrix
 
 

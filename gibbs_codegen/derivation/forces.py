@@ -64,7 +64,7 @@ def motor_torque_about_arm_joint(machine: Machine, k: int) -> sp.Expr:
 
 
 def motor_column(machine: Machine, k: int) -> tuple[sp.Expr, ...]:
-    """Generalised forces of motor k on θ₋₁, θ₀, θ₁, x, y, z per unit of thrust (eq. 13)."""
+    """Generalised forces of motor k on the base's coordinates per unit of thrust (eq. 13)."""
     tape, root = machine.tape, machine.root
     with tape.group(f"thrust direction and generalised forces of motor {k}"):
         return root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
@@ -83,13 +83,12 @@ def total_thrust_wrench(machine: Machine) -> Wrench:
 
 def input_matrix(machine: Machine) -> list[list[sp.Expr]]:
     """B of M a = R + B u: rows in the order of q, columns in that of u."""
-    n, rotors = machine.joints, machine.robot.rotors
+    places, rotors = machine.places, machine.robot.rotors
     zero, one = sp.S.Zero, sp.S.One
-    matrix = [[zero] * (rotors + n) for _ in range(6 + n)]
+    matrix = [[zero] * len(machine.u) for _ in machine.q]
     for k in range(1, rotors + 1):
-        rows = motor_column(machine, k)
-        for row, entry in zip((0, 1, 2, n + 3, n + 4, n + 5), rows, strict=True):
+        for row, entry in zip(places.base, motor_column(machine, k), strict=True):
             matrix[row][k - 1] = entry
-    for i in range(n):
-        matrix[3 + i][rotors + i] = one
+    for i, row in enumerate(places.joint_places):
+        matrix[row][rotors + i] = one
     return matrix

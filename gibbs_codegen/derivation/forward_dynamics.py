@@ -113,8 +113,7 @@ def _without_translation(
 @contextmanager
 def _refused_as_singular(machine: Machine) -> Iterator[None]:
     """Name the coordinate of an unknown: the joints come first, then Ω, then the position."""
-    n = machine.joints
-    places = [*range(3, n + 3), 0, 1, 2, *range(n + 3, n + 6)]
+    places = [*machine.places.joint_places, *machine.places.base]
     try:
         yield
     except ZeroPivotError as error:
@@ -131,21 +130,19 @@ def _about_base_centre(machine: Machine) -> Machine:
 
 def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration) -> list[sp.Expr]:
     """Accelerations in the order of q, from those of the joints and the base centre."""
-    tape, turns = machine.tape, machine.root
-    with tape.group("acceleration of the origin, in world axes"):
-        x, y, z = turns.world(tape, _at_origin(machine, root))
-    with tape.group("accelerations of the attitude angles"):
-        angles = turns.angle_accelerations(tape, root.angular)
-    with tape.group("acceleration of the origin, in world axes"):
-        return [*angles, *joints, x, y, tape.let(z - machine.parameters.gravity)]
+    with machine.tape.group("acceleration of the origin, in world axes"):
+        linear = _at_origin(machine, root)
+    gravity = machine.parameters.gravity
+    base = machine.root.accelerations(machine.tape, linear, root.angular, gravity)
+    return machine.places.joined(base, joints)
 
 
 def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
     """Acceleration of the origin of the coordinates, from that of the base centre."""
     tape, root = machine.tape, machine.root
-    zeros = [sp.S.Zero] * 3
-    still = root.carrier_motion(tape, machine.v[:3], zeros, ZERO)
-    still = still.spun(tape, root.segment_spin(machine.v), sp.S.Zero)
+    rates, _ = machine.places.split(machine.v)
+    still = root.carrier_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
+    still = still.spun(tape, root.segment_spin(rates), sp.S.Zero)
     omega_dot = add(tape, still.omega_dot, centre.angular)
     base = Motion.of(tape, still.omega, omega_dot, centre.linear)
     return base.displaced_along(tape, root.segment_rotation, -machine.centre_offset).acceleration

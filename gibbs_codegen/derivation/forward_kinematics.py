@@ -75,7 +75,7 @@ def positions(machine: Machine) -> list[Vector]:
         base += [motor_position(machine, k) for k in range(1, machine.robot.rotors + 1)]
         on_base = [_combined(tape, geometry.base_frame, point) for point in base]
     motor_1 = on_base[1]
-    origin = _origin(machine)
+    origin = machine.origin
     relative = [motor_1, *on_base, *geometry.joint_positions, geometry.tip]
     with tape.group("positions in the world"):
         return [add(tape, origin, point) for point in relative]
@@ -85,7 +85,7 @@ def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
     """Homogeneous transform of the tip: the last link's axes and the tip's position."""
     geometry = arm_geometry(machine)
     with machine.tape.group("position of the tip"):
-        position = add(machine.tape, _origin(machine), geometry.tip)
+        position = add(machine.tape, machine.origin, geometry.tip)
     rows = [[axis[i] for axis in geometry.tip_frame] + [position[i]] for i in range(3)]
     zero = sp.S.Zero
     return [*rows, [zero, zero, zero, sp.S.One]]
@@ -95,9 +95,8 @@ def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
     """Linear rows, then angular, in world axes; columns in the order of q."""
     tape, geometry = machine.tape, arm_geometry(machine)
     with tape.group("columns of the attitude angles"):
-        columns: list[tuple[Vector, Vector]] = [
-            (cross(tape, axis, geometry.tip), axis) for axis in machine.root.world_axes(tape)
-        ]
+        base = machine.root.velocities_at(tape, geometry.tip)
+    joints: list[tuple[Vector, Vector]] = []
     for segment, axis, joint in zip(
         machine.reduced_chain.segments[1:],
         geometry.joint_axes,
@@ -107,10 +106,10 @@ def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
         if segment.joint == "revolute":
             with tape.group(f"column of {segment.joint_name}"):
                 arm = add(tape, geometry.tip, (-joint[0], -joint[1], -joint[2]))
-                columns.append((cross(tape, axis, arm), axis))
+                joints.append((cross(tape, axis, arm), axis))
         else:
-            columns.append((axis, ZERO))
-    columns += [(axis_vector(k), ZERO) for k in range(3)]
+            joints.append((axis, ZERO))
+    columns = machine.places.joined(base, joints)
     return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
 
 
@@ -122,6 +121,7 @@ def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
     """
     tape, root, chain = machine.tape, machine.root, machine.reduced_chain
     motions = free_motions(tape, root, chain, machine.v)
+    _, rates = machine.places.split(machine.v)
     reaches = [*(segment.a for segment in chain.segments[1:]), machine.reach]
     tip = Acceleration(ZERO, motions[-1].omega_dot)
     for k in range(len(motions) - 1, -1, -1):
@@ -133,16 +133,11 @@ def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
             x, y, _ = own_to_working.vector(tape, axis_vector(0, reaches[k]))
             motion = replace(motions[k], acceleration=tip.linear).displaced(tape, (x, y, segment.d))
             if segment.joint == "prismatic":
-                motion = motion.slid(tape, machine.v[2 + k], sp.S.Zero)
+                motion = motion.slid(tape, rates[k - 1], sp.S.Zero)
             tip = Acceleration(motion.acceleration, tip.angular)
             tip = tip.rotated(tape, working_to_carrier).rotated(tape, segment.twist)
     with tape.group("acceleration of the tip in world axes"):
         return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
-
-
-def _origin(machine: Machine) -> Vector:
-    x, y, z = machine.q[-3:]
-    return (x, y, z)
 
 
 def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:

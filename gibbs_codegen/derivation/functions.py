@@ -76,7 +76,7 @@ def _potential_energy(systems: Systems) -> sp.Expr:
     composite = composites(tape, machine.reduced_chain)[0]
     with tape.group("first moment of mass above Z = 0, and its weight"):
         height = machine.root.world(tape, composite.moment)[2]
-        moment = tape.let(composite.mass * machine.q[-1] + height)
+        moment = tape.let(composite.mass * machine.origin[2] + height)
         return tape.let(machine.parameters.gravity * moment)
 
 

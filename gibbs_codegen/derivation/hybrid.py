@@ -9,6 +9,7 @@ row.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -24,7 +25,8 @@ from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_to
 from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.serial_chain import SerialChain, joint_columns, link_wrench
 from gibbs_codegen.robot.chains import Chain, coupling_map
-from gibbs_codegen.robot.coordinates import ATTITUDE, POSITION, hybrid_coordinates
+from gibbs_codegen.robot.coordinates import hybrid_coordinates
+from gibbs_codegen.robot.layout import layout_of
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,7 @@ def reduced_system(machine: Machine) -> LinearSystem:
 def constrained_joint_column(
     machine: Machine, serial: SerialChain
 ) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
-    """Column of I_H for a constrained joint: its entries at θ₋₁, θ₀, θ₁, x, y, z and its own."""
+    """Column of I_H for a constrained joint: its entries at the base's coordinates, and its own."""
     tape = machine.tape
     _, wrenches, entries = joint_columns(tape, serial)
     with tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
@@ -63,12 +65,13 @@ def constrained_joint_column(
 
 def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint at the given rates and accelerations of the free coordinates."""
-    zero = sp.S.Zero
-    own = State(
-        [*state.rates[:3], zero, *state.rates[-3:]],
-        [*state.accelerations[:3], zero, *state.accelerations[-3:]],
-        state.gravity,
-    )
+    places = machine.root.places(serial.joints)
+
+    def held(values: Sequence[sp.Expr]) -> list[sp.Expr]:
+        base, _ = machine.places.split(values)
+        return places.joined(base, [sp.S.Zero] * serial.joints)
+
+    own = State(held(state.rates), held(state.accelerations), state.gravity)
     motions = chain_motions(machine.tape, machine.root, serial, own)
     with machine.tape.group(f"inertia forces of {serial.carried_about(1)}"):
         return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
@@ -80,12 +83,11 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
     Where a chain's own joint, its constraint torque and its root coordinates stand among the hybrid
     unknowns is what the coupling map says.
     """
-    names = [coordinate.name for coordinate in hybrid_coordinates(machine.robot)]
-    free = [names.index(symbol.name) for symbol in machine.q]
+    free, size = layout_of(machine.robot).free, len(hybrid_coordinates(machine.robot))
     zero, one = sp.S.Zero, sp.S.One
-    matrix: Matrix = [[zero] * len(names) for _ in names]
-    residual = [zero] * len(names)
-    thrust: Matrix = [[zero] * len(machine.u) for _ in names]
+    matrix: Matrix = [[zero] * size for _ in range(size)]
+    residual = [zero] * size
+    thrust: Matrix = [[zero] * len(machine.u) for _ in range(size)]
     for i, row in enumerate(free):
         for j, column in enumerate(free):
             matrix[row][column] = reduced.matrix[i][j]
@@ -96,9 +98,10 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
     for (chain, serial), places in zip(machine.open_chains, maps, strict=True):
         if not chain.is_constrained:
             continue
-        *attitude, here, x, y, z, torque = places
+        *coordinates, torque = places
+        base, (here,) = machine.root.places(serial.joints).split(coordinates)
         entries, own = constrained_joint_column(machine, serial)
-        for row, entry in zip((*attitude, x, y, z), entries, strict=True):
+        for row, entry in zip(base, entries, strict=True):
             matrix[row][here] = matrix[here][row] = entry
         matrix[here][here] = own
         matrix[here][torque], matrix[torque][here] = -one, one
@@ -130,7 +133,8 @@ def chain_matrix(machine: Machine, number: int) -> Matrix:
     if not chain.is_constrained:
         return matrix
     zero, one = sp.S.Zero, sp.S.One
-    zeta = [one if i == 3 else zero for i in range(len(matrix))]
+    places = machine.root.places(serial.joints)
+    zeta = places.joined([zero] * len(places.base), [one])
     return [*([*row, -z] for row, z in zip(matrix, zeta, strict=True)), [*zeta, zero]]
 
 
@@ -145,7 +149,7 @@ def chain_system(machine: Machine, number: int) -> LinearSystem:
     rates = _chain_values(machine, chain, machine.v)
     state = State(rates, [sp.S.Zero] * len(rates), machine.parameters.gravity)
     residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
-    thrust = _chain_inputs(machine, chain)
+    thrust = _chain_inputs(machine, chain, serial)
     if chain.is_constrained:  # The last row is ζᵀθ̈_j = 0.
         residual.append(sp.S.Zero)
         thrust.append([sp.S.Zero] * len(machine.u))
@@ -178,17 +182,17 @@ def _chain_values(machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...])
     return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
 
 
-def _chain_inputs(machine: Machine, chain: Chain) -> Matrix:
+def _chain_inputs(machine: Machine, chain: Chain, serial: SerialChain) -> Matrix:
     zero, one = sp.S.Zero, sp.S.One
-    names = list(chain.coordinates)
-    matrix: Matrix = [[zero] * len(machine.u) for _ in names]
+    matrix: Matrix = [[zero] * len(machine.u) for _ in chain.coordinates]
+    places = machine.root.places(serial.joints)
     for motor in chain.motors:
-        for name, entry in zip((*ATTITUDE, *POSITION), motor_column(machine, motor), strict=True):
-            matrix[names.index(name)][motor - 1] = entry
+        for row, entry in zip(places.base, motor_column(machine, motor), strict=True):
+            matrix[row][motor - 1] = entry
         if motor > 1:
-            matrix[3][motor - 1] = motor_torque_about_arm_joint(machine, motor)
+            (here,) = places.joint_places
+            matrix[here][motor - 1] = motor_torque_about_arm_joint(machine, motor)
     if not chain.is_constrained:
-        first = machine.robot.rotors
-        for i in range(machine.joints):
-            matrix[3 + i][first + i] = one
+        for i, row in enumerate(places.joint_places, start=machine.robot.rotors):
+            matrix[row][i] = one
     return matrix

@@ -10,14 +10,16 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.parameters import Parameters
-from gibbs_codegen.derivation.root.tait_bryan import TaitBryanRoot
+from gibbs_codegen.derivation.root.choice import root_of
+from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.serial_chain import Segment, SerialChain, regrouped
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
+from gibbs_codegen.robot.coordinates import inputs
+from gibbs_codegen.robot.layout import Places, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.exact_angles import gather, radians
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
-from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, axis_vector
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, Vector, axis_vector
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Machine:
     robot: Robot
     tape: Scalars
     parameters: Parameters
-    root: TaitBryanRoot
+    root: Root
     q: tuple[sp.Symbol, ...]
     v: tuple[sp.Symbol, ...]
     a: tuple[sp.Symbol, ...]
@@ -40,7 +42,7 @@ class Machine:
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> Machine:
         """Introduce the robot's symbols on `tape`; `keep_zeros` keeps parameters that are zero."""
-        names = [coordinate.name for coordinate in reduced_coordinates(robot)]
+        names = layout_of(robot).names
         q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names)
         v, a = (
             tuple(tape.symbol(f"{letter}_{name}", Stage.MOTION) for name in names)
@@ -48,13 +50,24 @@ class Machine:
         )
         u = tuple(tape.symbol(entry.name, Stage.MOTION) for entry in inputs(robot))
         with tape.group("attitude"):
-            root = TaitBryanRoot.make(tape, robot.base.attitude, q[:3])
+            root = root_of(robot, tape, q)
         return cls(robot, tape, Parameters(robot, tape, keep_zeros), root, q, v, a, u)
 
     @property
     def joints(self) -> int:
         """n, the number of the arm's joints."""
         return len(self.robot.links)
+
+    @property
+    def places(self) -> Places:
+        """Places of the base and the joints in q, v and a."""
+        return self.root.places(self.joints)
+
+    @property
+    def origin(self) -> Vector:
+        """World position of the origin of the coordinates."""
+        base, _ = self.places.split(self.q)
+        return self.root.origin(base)
 
     @property
     def centre_offset(self) -> sp.Expr:
@@ -136,8 +149,8 @@ class Machine:
         # Sum of the joint angles since the carrier, θ₁ included where the base normal starts the
         # first group, and of the angles that the file fixes.
         angle, structural = self.root.segment_angle, Fraction(0)
-        for i, link in enumerate(self.robot.links, start=1):
-            joint = self.q[2 + i]
+        _, joints = self.places.split(self.q)
+        for i, (link, joint) in enumerate(zip(self.robot.links, joints, strict=True), start=1):
             leads = link.alpha_deg % 360 != 0
             if leads:
                 angle, structural = sp.S.Zero, Fraction(0)

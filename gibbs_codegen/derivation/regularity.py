@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
 from gibbs_codegen.robot.coordinates import coordinate_text
+from gibbs_codegen.robot.layout import ATTITUDE, POSITION, layout_of
 from gibbs_codegen.robot.magnitude import size_fault
 from gibbs_codegen.robot.model import Body, Robot, Rod
 from gibbs_codegen.robot.posture import turn
@@ -152,11 +153,12 @@ def _null_motions(momenta: Array, levers: Array) -> list[list[int]]:
 
 def _named(robot: Robot, motion: list[int]) -> Motion:
     """Names of the coordinates of a motion of the base's twist and the joints."""
-    names = [coordinate_text(robot, k - 3) for k in motion if k >= _JOINTS]
+    joints = layout_of(robot).joint_places
+    names = [coordinate_text(robot, joints[k - _JOINTS]) for k in motion if k >= _JOINTS]
     if any(3 <= k < _JOINTS for k in motion):  # The origin only follows when the base turns.
-        return (*names, "the attitude (theta_m1, theta_0, theta_1)")
+        return (*names, f"the attitude ({', '.join(ATTITUDE)})")
     if any(k < 3 for k in motion):
-        return (*names, "the position (x, y, z)")
+        return (*names, f"the position ({', '.join(POSITION)})")
     return tuple(names)
 
 

@@ -86,6 +86,11 @@ class SerialChain:
 
     segments: tuple[Segment, ...]
 
+    @property
+    def joints(self) -> int:
+        """Number of joints after the root."""
+        return len(self.segments) - 1
+
     def carried(self, k: int) -> str:
         """Segment k and all that it carries, in words."""
         own, rest = self.segments[k].name, self.segments[k + 1 :]

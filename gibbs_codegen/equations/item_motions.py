@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import sympy as sp
 
@@ -13,6 +14,8 @@ from gibbs_codegen.equations.definitions import Definition, Definitions
 from gibbs_codegen.equations.notation import Kind, name
 from gibbs_codegen.equations.readable_chain import ReadableChain, own_frames
 from gibbs_codegen.symbolic.tape import Tape
+
+Entry = TypeVar("Entry")
 
 _VECTORS = (
     (OMEGA, "omega", "", "angular velocity of the item, in its own frame (rad/s)"),
@@ -30,16 +33,21 @@ class ItemMotions:
     """Motions of a chain's items in their own frames, by name; `tape` is the chain's."""
 
     def __init__(self, readable: ReadableChain, tape: Tape, state: State) -> None:
-        self._tape = tape
+        self._tape, self._readable = tape, readable
         self.serial = own_frames(readable)
         self.names = dict(readable.names)
+        root = readable.machine.root
+        before, after = root.places(readable.serial.joints), root.places(self.serial.joints)
+
+        def longer(values: Sequence[sp.Expr]) -> list[sp.Expr]:
+            base, joints = before.split(values)
+            return after.joined(base, [*joints, sp.S.Zero])
+
         self.state = replace(
-            state,
-            rates=[*state.rates[:-3], sp.S.Zero, *state.rates[-3:]],
-            accelerations=[*state.accelerations[:-3], sp.S.Zero, *state.accelerations[-3:]],
+            state, rates=longer(state.rates), accelerations=longer(state.accelerations)
         )
         self._named: list[tuple[sp.Symbol, sp.Symbol, int, sp.Expr]] = []
-        motions = chain_motions(tape, readable.machine.root, self.serial, self.state)[:-1]
+        motions = chain_motions(tape, root, self.serial, self.state)[:-1]
         for k, motion in enumerate(motions):
             vectors = (motion.omega, motion.omega_dot, motion.acceleration)
             for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):
@@ -75,7 +83,8 @@ class ItemMotions:
         rows = [definitions.expression(value) for value in values]
         return rows, definitions.made
 
-
-def without_last(rows: Sequence[sp.Expr]) -> list[sp.Expr]:
-    """Without the segment that has no inertia: its joint comes before x, y, z."""
-    return [*rows[:-4], *rows[-3:]]
+    def without_last(self, rows: Sequence[Entry]) -> list[Entry]:
+        """Rows of all coordinates without that of the last segment, which has no inertia."""
+        root = self._readable.machine.root
+        base, joints = root.places(self.serial.joints).split(rows)
+        return root.places(self._readable.serial.joints).joined(base, joints[:-1])

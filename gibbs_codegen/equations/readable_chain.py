@@ -80,7 +80,8 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     plain = Machine.of(robot, InlineTape())
     root, *carried = serial.segments
     if chain.is_constrained:
-        angle = tape.symbol(chain.coordinates[3], Stage.CONFIGURATION)
+        (joint,) = _chain_joints(machine, chain)
+        angle = tape.symbol(joint, Stage.CONFIGURATION)
         carried = [_readable_arm(machine, carried[0], angle)]
     else:
         carried = _readable_links(machine, tuple(carried))
@@ -105,38 +106,46 @@ def own_frames(readable: ReadableChain) -> SerialChain:
     machine, serial = readable.machine, readable.serial
     segments = [serial.segments[0]]
     if readable.chain.is_constrained:
-        rotation = Rotation.angle(machine.tape, Z, sp.Symbol(readable.chain.coordinates[3]))
+        (joint,) = _chain_joints(machine, readable.chain)
+        rotation = Rotation.angle(machine.tape, Z, sp.Symbol(joint))
         segments.append(replace(serial.segments[1], rotation=rotation, leads=True))
     else:
-        for i, (link, segment) in enumerate(
-            zip(machine.robot.links, serial.segments[1:], strict=True)
+        _, joints = machine.places.split(machine.q)
+        for link, joint, segment in zip(
+            machine.robot.links, joints, serial.segments[1:], strict=True
         ):
-            angle = machine.q[3 + i] if link.joint == "revolute" else sp.S.Zero
+            angle = joint if link.joint == "revolute" else sp.S.Zero
             rotation = _turned(machine.tape, angle, link.theta_deg)
             segments.append(replace(segment, rotation=rotation, leads=True))
     return SerialChain((*segments, Segment(NO_INERTIA, NO_ROTATION)))
+
+
+def _chain_joints(machine: Machine, chain: Chain) -> list[str]:
+    """Names of the coordinates of a chain's joints."""
+    joints = len(chain.coordinates) - len(machine.places.base)
+    return machine.root.places(joints).split(chain.coordinates)[1]
 
 
 def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13)."""
     chain, root, tape = readable.chain, readable.machine.root, readable.machine.tape
     u, segments = readable.machine.u, readable.serial.segments
-    forces = [sp.S.Zero] * len(chain.coordinates)
+    places = root.places(readable.serial.joints)
+    forces = [sp.S.Zero] * places.size
     for k in chain.motors:
         wrench = _motor_wrench(readable, k)
-        joint = sp.S.Zero
+        joints = [sp.S.Zero] * readable.serial.joints
         if k == 1:
             wrench = wrench.rotated(tape, root.segment_rotation)
         else:
             wrench = wrench.rotated(tape, segments[1].rotation)
-            joint = segments[1].row(wrench)
+            joints = [segments[1].row(wrench)]
             wrench = readable.serial.passed_in(tape, 1, wrench)
             wrench = readable.serial.to_carrier(tape, 0, wrench)
-        rows = root.rows(tape, wrench)
-        rows = (*rows[:3], joint, *rows[3:])
+        rows = places.joined(root.rows(tape, wrench), joints)
         forces = [force + row * u[k - 1] for force, row in zip(forces, rows, strict=True)]
     if not chain.is_constrained:
-        forces[3:-3] = u[readable.robot.rotors :]
+        forces[places.joints] = u[readable.robot.rotors :]
     return forces
 
 
@@ -180,7 +189,8 @@ def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Seg
     """The arm's links, with fixed angles as exact multiples of π."""
     angle, fixed = machine.root.segment_angle, Fraction(0)
     readable = []
-    for link, joint, segment in zip(machine.robot.links, machine.q[3:-3], segments, strict=True):
+    _, joints = machine.places.split(machine.q)
+    for link, joint, segment in zip(machine.robot.links, joints, segments, strict=True):
         if segment.leads:
             angle, fixed = sp.S.Zero, Fraction(0)
         angle += joint if link.joint == "revolute" else 0

@@ -30,7 +30,7 @@ from gibbs_codegen.derivation.gibbs import (
 from gibbs_codegen.equations.chain_equation import ChainEquation, Place
 from gibbs_codegen.equations.closed_form import closed_system
 from gibbs_codegen.equations.definitions import Definition, Definitions
-from gibbs_codegen.equations.item_motions import ItemMotions, without_last
+from gibbs_codegen.equations.item_motions import ItemMotions
 from gibbs_codegen.equations.normal_form import TooLongError, collected
 from gibbs_codegen.equations.notation import Kind, Name, accelerated, hybrid_name, name
 from gibbs_codegen.equations.readable_chain import ReadableChain, generalised_forces, readable_chain
@@ -133,7 +133,7 @@ def _partials(robot: Robot, chain: int, most: int) -> ChainEquation:
         tape = Tape()
         readable = readable_chain(robot, chain, tape)
         motions = ItemMotions(readable, tape, readable.state)
-        values = without_last(
+        values = motions.without_last(
             generalised_inertia_forces(tape, readable.machine.root, motions.serial, motions.state)
         )
         rows, steps = motions.rows(values)
@@ -165,8 +165,9 @@ def _motion(robot: Robot, chain: int, most: int) -> ChainEquation:
         motions = ItemMotions(readable, tape, readable.unaccelerated)
         root = readable.machine.root
         size = len(readable.chain.coordinates)
-        rows = [without_last(row) for row in without_last(mass_matrix(tape, root, motions.serial))]
-        left = without_last(generalised_inertia_forces(tape, root, motions.serial, motions.state))
+        cut = motions.without_last
+        rows = [cut(row) for row in cut(mass_matrix(tape, root, motions.serial))]
+        left = cut(generalised_inertia_forces(tape, root, motions.serial, motions.state))
         above = [rows[i][j] for i in range(size) for j in range(i, size)]
         made, steps = motions.rows([*(-entry for entry in left), *above])
         residual, entries = made[:size], iter(made[size:])

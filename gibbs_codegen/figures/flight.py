@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from gibbs_codegen.errors import OutputError, printable
 from gibbs_codegen.figures.snapshots import snapshots, snapshots_panels
 from gibbs_codegen.figures.style import COLUMN, DARK, FULL, add_heading, spread, style
-from gibbs_codegen.simulator.flight import Array, Flight, coordinate_unit, input_unit
+from gibbs_codegen.simulator.flight import Array, Flight
 
 # Curves on a logarithmic axis end here: it is where what is exactly zero is drawn.
 LOG_FLOOR = 1e-17
@@ -58,17 +58,18 @@ def coordinates(flight: Flight) -> Figure:
     base centre, where the coordinates are its), m. In A and C, coordinates that vary far less than
     others, such as roll and pitch beside a yaw of many turns, have axes of their own.
     """
-    joints = flight.coordinates[3:-3]
-    kinds = [[n for n in joints if coordinate_unit(n) == unit] for unit in ("rad", "m")]
-    origin = "$O_1$" if np.allclose(flight.q[:, -3:], flight.point("O1")) else "$O_2$"
+    layout = flight.layout
+    every = range(layout.size)
+    kinds = [[k for k in every[layout.joints] if layout.units[k] == unit] for unit in ("rad", "m")]
+    origin = "$O_1$" if np.allclose(flight.q[:, layout.position], flight.point("O1")) else "$O_2$"
     arms = np.broadcast_arrays(flight.base_arm_angles, flight.base_arm_angles_desired)
     arm_names = [_symbol(f"theta_{k}") for k in range(2, flight.rotors + 1)]
-    joint_curves = [_coordinate_curves(flight, "joints", names) for names in kinds if names]
+    joint_curves = [_coordinate_curves(flight, "joints", places) for places in kinds if places]
     panels = [
-        ("A", _by_range(_coordinate_curves(flight, "attitude", flight.coordinates[:3]))),
+        ("A", _by_range(_coordinate_curves(flight, "attitude", every[layout.attitude]))),
         ("B", [_Curves("base arms (deg)", arm_names, *np.degrees(arms))]),
         *zip(("C", "C′"), map(_by_range, joint_curves), strict=False),
-        ("D", [_coordinate_curves(flight, f"position of {origin}", flight.coordinates[-3:])]),
+        ("D", [_coordinate_curves(flight, f"position of {origin}", every[layout.position])]),
     ]
     pairs = [panels[place : place + 2] for place in range(0, len(panels), 2)]
     rows = [_heights([parts for _, parts in pair]) for pair in pairs]
@@ -99,7 +100,7 @@ def inputs(flight: Flight) -> Figure:
     Lines are what acts; dashes, where they differ, are what was commanded.
     """
     thrusts, joints = flight.input_names[: flight.rotors], flight.input_names[flight.rotors :]
-    units = {name: input_unit(name, flight.coordinates) for name in joints}
+    units = dict(zip(joints, flight.layout.effort_units, strict=True))
     panels = [
         _input_curves(flight, "thrust (N)", thrusts),
         _input_curves(flight, "joint torque (N m)", [n for n in joints if units[n] == "N m"]),
@@ -127,13 +128,14 @@ def tracking_error(flight: Flight) -> Figure:
     the largest error of an attitude angle or revolute joint and, where the attitude follows the
     path, its angle to the tangent. What is exactly 0 is drawn at `LOG_FLOOR`.
     """
-    error = np.abs(flight.q - flight.q_desired)[:, :-3]
-    angular = np.array([coordinate_unit(name) == "rad" for name in flight.coordinates[:-3]])
+    error, layout = np.abs(flight.q - flight.q_desired), flight.layout
+    sliding = [place for place in layout.joint_places if layout.units[place] == "m"]
+    angular = [place for place, unit in enumerate(layout.units) if unit == "rad"]
     distances = {"base centre": flight.centre_error}
-    if len(angular) > 3:
+    if layout.joint_places:
         distances["tip"] = flight.tip_error
-    if not angular.all():
-        distances["sliding joints"] = error[:, ~angular].max(axis=1)
+    if sliding:
+        distances["sliding joints"] = error[:, sliding].max(axis=1)
     angles = {"largest of coordinates": error[:, angular].max(axis=1)}
     if flight.tangent_arm:
         angles[f"arm {flight.tangent_arm} to path"] = flight.heading_error
@@ -205,12 +207,13 @@ def write_figures(
     return paths
 
 
-def _coordinate_curves(flight: Flight, what: str, names: Sequence[str]) -> _Curves:
+def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> _Curves:
     """Coordinates that are all angles, in degrees, or all lengths."""
-    places = [flight.coordinates.index(name) for name in names]
-    unit, factor = ("deg", 180.0 / np.pi) if coordinate_unit(names[0]) == "rad" else ("m", 1.0)
+    is_angle = flight.layout.units[places[0]] == "rad"
+    unit, factor = ("deg", 180.0 / np.pi) if is_angle else ("m", 1.0)
+    names = [_symbol(flight.coordinates[place]) for place in places]
     actual, desired = (factor * q[:, places] for q in (flight.q, flight.q_desired))
-    return _Curves(f"{what} ({unit})", [_symbol(name) for name in names], actual, desired)
+    return _Curves(f"{what} ({unit})", names, actual, desired)
 
 
 def _by_range(curves: _Curves) -> list[_Curves]:

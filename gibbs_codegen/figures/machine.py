@@ -17,6 +17,7 @@ from matplotlib.patheffects import withStroke
 from gibbs_codegen.figures.machine_drawing import VIEW, MachineDrawing, fit, project, set_scene
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
 from gibbs_codegen.robot.coordinates import points
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.posture import Array, Frame, MachineFrames, machine_frames
 
@@ -63,8 +64,9 @@ def default_posture(robot: Robot) -> Array:
     """
     longest = max((link.body.length for link in robot.links), default=0.0)
     angles = np.deg2rad([-40.0, 40.0])
-    q = np.zeros(6 + len(robot.links))
-    for place, link in 2 * list(enumerate(robot.links, start=3)):
+    layout = layout_of(robot)
+    q = np.zeros(layout.size)
+    for place, link in 2 * list(zip(layout.joint_places, robot.links, strict=True)):
         values = angles if link.joint == "revolute" else [longest / 2.0]
         scores = []
         for q[place] in values:

@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from gibbs_codegen.robot.coordinates import (
-    ATTITUDE,
-    POSITION,
     constrained_coordinate,
     constraint_torque,
     hybrid_coordinates,
-    joint_coordinate,
 )
+from gibbs_codegen.robot.layout import ATTITUDE, POSITION, Places, layout_of
 from gibbs_codegen.robot.model import Robot
 
 
@@ -51,7 +49,8 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
 
 def _base_chain(j: int) -> Chain:
     arm = j + 1
-    coordinates = (*ATTITUDE, constrained_coordinate(arm).name, *POSITION)
+    own = [constrained_coordinate(arm).name]
+    coordinates = tuple(Places.of_joints(1).joined((*ATTITUDE, *POSITION), own))
     return Chain(
         number=j,
         links=(-1, 0, 1, arm),
@@ -63,10 +62,8 @@ def _base_chain(j: int) -> Chain:
 
 
 def _arm_chain(robot: Robot) -> Chain:
-    n = len(robot.links)
-    arms = tuple(robot.rotors + i for i in range(1, n + 1))
-    joints = tuple(joint_coordinate(robot, i).name for i in range(1, n + 1))
-    coordinates = (*ATTITUDE, *joints, *POSITION)
+    arms = tuple(robot.rotors + i for i in range(1, len(robot.links) + 1))
+    coordinates = layout_of(robot).names
     return Chain(robot.rotors, (-1, 0, 1, *arms), arms, (), coordinates, coordinates)
 
 

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gibbs_codegen.robot.layout import ATTITUDE, JOINT_TERMS, POSITION, joint_name, layout_of
 from gibbs_codegen.robot.model import Robot
-
-ATTITUDE = ("theta_m1", "theta_0", "theta_1")
-POSITION = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -26,10 +24,9 @@ class Coordinate:
 
 def joint_coordinate(robot: Robot, i: int) -> Coordinate:
     """Coordinate of the arm's joint i = 1 … n, numbered N + i as in the method."""
-    number = robot.rotors + i
-    if robot.links[i - 1].joint == "prismatic":
-        return Coordinate(f"d_{number}", "m", f"travel of joint {number}")
-    return Coordinate(f"theta_{number}", "rad", f"angle of joint {number}")
+    number, kind = robot.rotors + i, robot.links[i - 1].joint
+    what = "travel" if kind == "prismatic" else "angle"
+    return Coordinate(joint_name(kind, number), JOINT_TERMS[kind].unit, f"{what} of joint {number}")
 
 
 def attitude_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
@@ -49,14 +46,16 @@ def position_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
 def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
     """Entries of q, in order; length 6 + n."""
-    joints = tuple(joint_coordinate(robot, i) for i in range(1, len(robot.links) + 1))
-    return attitude_coordinates(robot) + joints + position_coordinates(robot)
+    base = (*attitude_coordinates(robot), *position_coordinates(robot))
+    joints = [joint_coordinate(robot, i) for i in range(1, len(robot.links) + 1)]
+    return tuple(layout_of(robot).joined(base, joints))
 
 
 def coordinate_text(robot: Robot, place: int) -> str:
     """The coordinate at a place of q by its name and the link that it moves, for a message."""
-    name, link = reduced_coordinates(robot)[place].name, place - 2
-    return f"{name} (the joint of link {link})" if 1 <= link <= len(robot.links) else name
+    layout = layout_of(robot)
+    name, joints = layout.names[place], layout.joint_places
+    return f"{name} (the joint of link {joints.index(place) + 1})" if place in joints else name
 
 
 def constrained_coordinate(k: int) -> Coordinate:
@@ -71,13 +70,13 @@ def constraint_torque(k: int) -> Coordinate:
 
 def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
     """Hybrid unknowns, in order; length 6 + n + 2(N − 1)."""
-    reduced = reduced_coordinates(robot)
+    reduced, first = reduced_coordinates(robot), layout_of(robot).constrained.start
     arms = range(2, robot.rotors + 1)
     return (
-        reduced[:3]
-        + tuple(constrained_coordinate(k) for k in arms)
-        + reduced[3:]
-        + tuple(constraint_torque(k) for k in arms)
+        *reduced[:first],
+        *(constrained_coordinate(k) for k in arms),
+        *reduced[first:],
+        *(constraint_torque(k) for k in arms),
     )
 
 
@@ -88,10 +87,9 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
     )
     joints = []
     for i, link in enumerate(robot.links, start=1):
-        kind, unit = ("force", "N") if link.joint == "prismatic" else ("torque", "N m")
-        joints.append(
-            Coordinate(f"tau_{robot.rotors + i}", unit, f"{kind} of joint {robot.rotors + i}")
-        )
+        kind = "force" if link.joint == "prismatic" else "torque"
+        unit, number = JOINT_TERMS[link.joint].effort_unit, robot.rotors + i
+        joints.append(Coordinate(f"tau_{number}", unit, f"{kind} of joint {number}"))
     return thrusts + tuple(joints)
 
 

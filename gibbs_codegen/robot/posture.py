@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.thrusters import wrench_matrix
 
@@ -61,20 +62,21 @@ def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
 
     Raises `UsageError` where q has another length.
     """
-    base, size = robot.base, 6 + len(robot.links)
-    if np.shape(q) != (size,):
-        raise UsageError(f"{robot.name} has {size} coordinates, not {np.shape(q)}")
+    base, layout = robot.base, layout_of(robot)
+    if np.shape(q) != (layout.size,):
+        raise UsageError(f"{robot.name} has {layout.size} coordinates, not {np.shape(q)}")
     attitude = np.eye(3)
-    for letter, angle in zip(base.attitude, q[:3], strict=True):
+    for letter, angle in zip(base.attitude, q[layout.attitude], strict=True):
         attitude = attitude @ turn("xyz".index(letter), angle)
     length = base.arm(1).length
-    origin = np.array(q[-3:]) - (0.0 if base.origin == "motor1" else length) * attitude[:, 0]
+    motor_1 = 0.0 if base.origin == "motor1" else -length
+    origin = np.array(q[layout.position]) + motor_1 * attitude[:, 0]
     arm_1 = Frame(origin, attitude)
     centre = arm_1.point(length)
     angles = [np.deg2rad(float(base.arm_angle_deg(k))) for k in range(2, base.rotors + 1)]
     arms = tuple(Frame(centre, attitude @ turn(2, angle)) for angle in angles)
     motors = [origin, *(frame.point(base.arm(k).length) for k, frame in enumerate(arms, start=2))]
-    links = _links(robot, Frame(centre, attitude), q[3:-3])
+    links = _links(robot, Frame(centre, attitude), q[layout.joints])
     tip = links[-1].point(robot.links[-1].body.length) if links else centre
     thrusts = (attitude @ wrench_matrix(robot)[:3]).T
     return MachineFrames(arm_1, arms, links, np.array(motors), thrusts, centre, tip)

@@ -20,6 +20,8 @@ from gibbs_codegen.errors import Fault, ScenarioFileError, UsageError, printable
 from gibbs_codegen.files.toml import checked, file_text
 from gibbs_codegen.files.toml_depth import MAX_DEPTH, TOO_DEEP
 from gibbs_codegen.files.toml_table import Table, shown
+from gibbs_codegen.robot.layout import JOINT_TERMS, joint_kind
+from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.path_file import read_path
 from gibbs_codegen.scenario.paths import Path, Sum
@@ -262,17 +264,23 @@ def _arm(table: Table, base: Path | None) -> ArmTask:
     for joint, value in (posture or {}).items():
         low, high = limits.get(joint, (-math.inf, math.inf))
         if not low <= value <= high:
-            table.fault(f"{_form(table, 'posture', joint)}.{joint}", "is outside its limits")
+            table.fault(
+                f"{_form(table, 'posture', joint_kind(joint))}.{joint}", "is outside its limits"
+            )
     return _made(table, lambda: ArmTask(tip, posture, guess, limits), ArmTask())
 
 
 def _by_joint(table: Table, key: str, length: int) -> dict[str, tuple[float, ...]]:
     """`length` numbers by joint: m under `key`, degrees under `key`_deg; made m and rad."""
     found: dict[str, tuple[float, ...]] = {}
-    for form, prefix, unit in ((key, "d", 1.0), (f"{key}_deg", "theta", math.radians(1.0))):
+    forms: tuple[tuple[str, JointKind, float], ...] = (
+        (key, "prismatic", 1.0),
+        (f"{key}_deg", "revolute", math.radians(1.0)),
+    )
+    for form, kind, unit in forms:
         entries = table.table(form) if form in table.values else None
         for name, entry in entries.values.items() if entries is not None else ():
-            if entries is None or not _is_joint(entries, name, prefix):
+            if entries is None or not _is_joint(entries, name, kind):
                 continue
             if length == 1:
                 found[name] = (entries.number(name, 0.0) * unit,)
@@ -284,21 +292,23 @@ def _by_joint(table: Table, key: str, length: int) -> dict[str, tuple[float, ...
     return found
 
 
-def _form(table: Table, key: str, joint: str = "theta_") -> str:
-    """Which of `key` and `key`_deg a table has, and has for a joint if it has both."""
+def _form(table: Table, key: str, kind: JointKind | None = "revolute") -> str:
+    """Which of `key` and `key`_deg a table has, and has for a kind of joint if it has both."""
     degrees = f"{key}_deg"
     if key in table.values and degrees in table.values:
-        return degrees if joint.startswith("theta_") else key
+        return degrees if kind == "revolute" else key
     return degrees if degrees in table.values else key
 
 
-def _is_joint(entries: Table, name: str, prefix: str) -> bool:
-    if re.fullmatch(rf"{prefix}_[0-9]{{1,4}}", name):
+def _is_joint(entries: Table, name: str, kind: JointKind) -> bool:
+    if joint_kind(name) == kind:
         return True
-    other = "in the table without _deg" if prefix == "theta" else "in the table that ends in _deg"
+    turns = kind == "revolute"
+    letter = JOINT_TERMS[kind].letter
+    other = "in the table without _deg" if turns else "in the table that ends in _deg"
     entries.fault(
         _printable(name),
-        f"must be the name of a joint, {prefix}_…, here; the other kind of joint belongs {other}",
+        f"must be the name of a joint, {letter}_…, here; the other kind of joint belongs {other}",
     )
     return False
 

@@ -53,11 +53,12 @@ class Envelope:
         if excess[worst] > 1.0:
             return f"{lost}{self._in_words(worst, excess[worst])}; {self._advice()}"
         # This also tells a step across, however far.
-        theta_0, attitude = state[1], self.loop.vehicle.attitude
+        vehicle = self.loop.vehicle
+        theta_0 = state[vehicle.layout.middle_angle]
         if abs(theta_0) > LARGEST_THETA_0:
             return (
                 f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
-                f"{attitude} (theta_0 = {np.degrees(theta_0):.4g}°)"
+                f"{vehicle.attitude} (theta_0 = {np.degrees(theta_0):.4g}°)"
             )
         return ""
 
@@ -72,7 +73,7 @@ class Envelope:
         vehicle = self.loop.vehicle
         is_rate, coordinate = divmod(place, len(vehicle.coordinates))
         name = vehicle.coordinates[coordinate]
-        unit = "rad" if vehicle.is_angle[coordinate] else "m"
+        unit = vehicle.layout.units[coordinate]
         divergence = f"{self.bounds[coordinate]:.3g} {unit} (integration.divergence)"
         off = f"{excess * self.bounds[place]:.3g} {unit}"
         if is_rate:

@@ -7,6 +7,7 @@ import dataclasses
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from zipfile import BadZipFile, ZipFile
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
+from gibbs_codegen.robot.layout import Layout
 
 Array = NDArray[np.float64]
 StrPath = str | os.PathLike[str]
@@ -79,6 +81,16 @@ class Flight:
         """Number of rotors N."""
         return len(self.base_arm_angles_desired) + 1
 
+    @cached_property
+    def layout(self) -> Layout:
+        """Places, names and units of the coordinates."""
+        return Layout.of(self.coordinates, self.rotors - 1)
+
+    @property
+    def input_units(self) -> tuple[str, ...]:
+        """Units of the inputs (nu): N of thrusts, then N m or N of the joints."""
+        return ("N",) * self.rotors + self.layout.effort_units
+
     def point(self, name: str) -> Array:
         """Positions (s, 3) of a point, by its name in `points`. Raises `UsageError`."""
         if name not in self.points:
@@ -107,7 +119,6 @@ class Flight:
     def columns(self) -> Iterator[tuple[str, str, Array]]:
         """Name, unit and values (s) of every scalar series, time first."""
         yield "time", "s", self.time
-        units = [coordinate_unit(name) for name in self.coordinates]
         for prefix, suffix, series in (
             ("", "", self.q),
             ("", "_desired", self.q_desired),
@@ -117,11 +128,15 @@ class Flight:
             ("acceleration_", "_desired", self.a_desired),
         ):
             per = {"": "", "rate_": "/s", "acceleration_": "/s^2"}[prefix]
-            for name, unit, values in zip(self.coordinates, units, series.T, strict=True):
+            for name, unit, values in zip(
+                self.layout.names, self.layout.units, series.T, strict=True
+            ):
                 yield f"{prefix}{name}{suffix}", unit + per, values
         for suffix, series in (("", self.applied), ("_commanded", self.commanded)):
-            for name, values in zip(self.input_names, series.T, strict=True):
-                yield f"{name}{suffix}", input_unit(name, self.coordinates), values
+            for name, unit, values in zip(
+                self.input_names, self.input_units, series.T, strict=True
+            ):
+                yield f"{name}{suffix}", unit, values
         for k, values in enumerate(self.constraint_torques.T, start=2):
             yield f"tau_prime_{k}", "N m", values
         for k, values in enumerate(self.base_arm_angles.T, start=2):
@@ -190,14 +205,3 @@ def is_flight(path: StrPath) -> bool:
             return {"robot.npy", "scenario.npy", "time.npy"} <= set(archive.namelist())
     except (OSError, BadZipFile):
         return False
-
-
-def coordinate_unit(name: str) -> str:
-    """Unit of a coordinate, by its name: rad of angles (`theta_…`), else m."""
-    return "rad" if name.startswith("theta_") else "m"
-
-
-def input_unit(name: str, coordinates: tuple[str, ...]) -> str:
-    """Unit of an input: N m of the torque of a revolute joint, else N."""
-    joint = name.removeprefix("tau_")
-    return "N m" if joint != name and f"theta_{joint}" in coordinates else "N"

@@ -36,7 +36,7 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
     """
     turning = vehicle.is_angle[vehicle.arm]
     low, high = limits[0][turning], limits[1][turning]
-    places = 3 + np.flatnonzero(turning)
+    places = np.array(vehicle.layout.joint_places)[turning]
     rest = np.zeros(len(vehicle.coordinates))
     rest[vehicle.arm] = np.clip(0.0, *limits)
     if not np.any(turning):

@@ -78,14 +78,15 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
     rotation of arm 1. Raises `SingularAttitudeError` near the singularity of the sequence.
     """
     q, v, a = (np.zeros((len(time), len(vehicle.coordinates))) for _ in range(3))
-    angles, v[:, :3], a[:, :3] = attitude_angles(vehicle.attitude, turning)
-    q[:, :3] = np.unwrap(angles, axis=0)
+    attitude, position = vehicle.layout.attitude, vehicle.layout.position
+    angles, v[:, attitude], a[:, attitude] = attitude_angles(vehicle.attitude, turning)
+    q[:, attitude] = np.unwrap(angles, axis=0)
     lever = vehicle.centre_offset(q)
     spin, spin_rate = turning.velocity, turning.acceleration
     swept = np.cross(spin, lever)
-    q[:, -3:] = centre[:, 0] - lever
-    v[:, -3:] = centre[:, 1] - swept
-    a[:, -3:] = centre[:, 2] - np.cross(spin_rate, lever) - np.cross(spin, swept)
+    q[:, position] = centre[:, 0] - lever
+    v[:, position] = centre[:, 1] - swept
+    a[:, position] = centre[:, 2] - np.cross(spin_rate, lever) - np.cross(spin, swept)
     return Motion(time, q, v, a)
 
 
@@ -167,7 +168,7 @@ def _posture_for_what_follows(
     search begins where the tip has gone some way, and the arm is led back from there. Gives back
     `q` where that comes to nothing.
     """
-    offset = places - base.q[:, -3:]
+    offset = places - base.q[:, vehicle.layout.position]
     away = np.linalg.norm(offset - offset[0], axis=-1) > _GONE * _lever(vehicle, q)
     if not np.any(away):
         return q

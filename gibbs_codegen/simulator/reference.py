@@ -135,7 +135,7 @@ def desired_base(
             parts.append(part)
             progress(min(1.0, (begin + _AT_A_TIME) / pieces))
         if needed == fineness:
-            return _joined(refined(time, fineness), parts)
+            return _joined(refined(time, fineness), parts, vehicle.layout.attitude)
         fineness = needed
 
 
@@ -164,19 +164,19 @@ def _base_part(
     instant, coordinate = np.unravel_index(np.argmax(excess), excess.shape)
     if excess[instant, coordinate] <= 1.0:
         return motion, None
-    unit = "rad" if vehicle.is_angle[coordinate] else "m"
+    unit = vehicle.layout.units[int(coordinate)]
     return motion, _Miss(int(instant) // _CHECKS, every[instant], off[instant, coordinate], unit)
 
 
-def _joined(time: Array, parts: list[Motion]) -> Motion:
+def _joined(time: Array, parts: list[Motion], attitude: slice) -> Motion:
     """One motion of parts, each of which begins where the one before ends."""
     q, v, a = (np.empty((len(time), parts[0].q.shape[1])) for _ in range(3))
     begin = 0
     for part in parts:
         if begin:
             # The angles of each part begin within (−π, π], whatever they had grown to before.
-            jump = q[begin, :3] - part.q[0, :3]
-            part.q[:, :3] += 2.0 * np.pi * np.round(jump / (2.0 * np.pi))
+            jump = q[begin, attitude] - part.q[0, attitude]
+            part.q[:, attitude] += 2.0 * np.pi * np.round(jump / (2.0 * np.pi))
         share = slice(begin, begin + len(part.time))
         q[share], v[share], a[share] = part.q, part.v, part.a
         begin += len(part.time) - 1

@@ -29,7 +29,6 @@ from gibbs_codegen.scenario.attitude import (
     SingularAttitudeError,
     Turning,
     attitude_angles,
-    rotation_matrix,
 )
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
@@ -160,10 +159,9 @@ def starting_state(vehicle: Vehicle, reference: Reference, off: StartOffset) -> 
     q, v, _ = reference(reference.begin)
     if not any(off.position) and not any(off.rotation):
         return q, v
-    centre = q[-3:] + vehicle.centre_offset(q)
-    turned = Rotation.from_rotvec(off.rotation).as_matrix() @ rotation_matrix(
-        vehicle.attitude, q[:3]
-    )
+    attitude, position = vehicle.layout.attitude, vehicle.layout.position
+    centre = q[position] + vehicle.centre_offset(q)
+    turned = Rotation.from_rotvec(off.rotation).as_matrix() @ vehicle.base_rotation(q)
     still = np.zeros(3)
     try:
         angles, _, _ = attitude_angles(vehicle.attitude, Turning(turned, still, still))
@@ -175,8 +173,8 @@ def starting_state(vehicle: Vehicle, reference: Reference, off: StartOffset) -> 
         ) from None
     start = q.copy()
     # Of angles that differ by whole turns, those nearest to the desired ones.
-    start[:3] = angles + 2.0 * np.pi * np.round((q[:3] - angles) / (2.0 * np.pi))
-    start[-3:] = centre + off.position - vehicle.centre_offset(start)
+    start[attitude] = angles + 2.0 * np.pi * np.round((q[attitude] - angles) / (2.0 * np.pi))
+    start[position] = centre + off.position - vehicle.centre_offset(start)
     return start, v
 
 
@@ -299,7 +297,7 @@ def _refuse_outside(
         joint = _joint(vehicle, name)
         value, low, high = values[joint], limits[0][joint], limits[1][joint]
         if not low <= value <= high:
-            unit = "rad" if vehicle.is_angle[vehicle.arm][joint] else "m"
+            unit = vehicle.layout.units[vehicle.arm][joint]
             raise UsageError(
                 f"arm: {what}: {name} = {value:.6g} {unit} is outside its limits, "
                 f"{low:.6g} to {high:.6g} {unit}; a joint left out of a posture is at 0"

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import DATA, FUNCTIONS
+from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.scenario.attitude import rate_matrix, rotation_matrix
 
 Array = NDArray[np.float64]
@@ -42,15 +43,15 @@ class Vehicle:
         self.name: str = module.NAME
         self.attitude: str = module.ATTITUDE
         self.coordinates: tuple[str, ...] = module.COORDINATES
+        constrained = (len(module.HYBRID_COORDINATES) - len(self.coordinates)) // 2
+        self.layout = Layout.of(self.coordinates, constrained)
         # By coordinate (nq): an angle, in rad, rather than a length, in m.
-        self.is_angle: Flags = np.array([name.startswith("theta_") for name in self.coordinates])
+        self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.units])
         self.inputs: tuple[str, ...] = module.INPUTS
         self.points: tuple[str, ...] = module.POINTS
-        self.joints = len(self.coordinates) - 6
+        self.arm = self.layout.joints
+        self.joints = len(self.joint_names)
         self.rotors = len(self.inputs) - self.joints
-        self.arm = slice(3, 3 + self.joints)
-        # Attitude and position: what thrusts act on.
-        self.base = np.array([0, 1, 2, -3, -2, -1]) % len(self.coordinates)
         self.forward_dynamics = self._bound("forward_dynamics")
         self.inverse_dynamics = self._bound("inverse_dynamics")
         self.mass_matrix = self._bound("mass_matrix")
@@ -74,12 +75,12 @@ class Vehicle:
 
     def base_rotation(self, q: ArrayLike) -> Array:
         """R (…, 3, 3), from the frame of arm 1 to the world."""
-        return rotation_matrix(self.attitude, np.asarray(q)[..., :3])
+        return rotation_matrix(self.attitude, np.asarray(q)[..., self.layout.attitude])
 
     def centre_offset(self, q: ArrayLike) -> Array:
         """Base centre as seen from the point whose position is x, y, z; (…, 3), world axes."""
         there = np.array(q, dtype=np.float64)
-        there[..., -3:] = 0.0
+        there[..., self.layout.position] = 0.0
         return self.positions(there)[..., self.points.index("O2"), :]
 
     def arm_angles(self) -> Array:
@@ -96,9 +97,10 @@ class Vehicle:
 
         The inverse of ψ = Jᵀw for the rows of attitude and position (eq. 13).
         """
-        world_force = generalised_force[..., -3:]
-        turn = np.swapaxes(rate_matrix(self.attitude, q[..., :3]), -1, -2)
-        torque = np.linalg.solve(turn, generalised_force[..., :3, np.newaxis])[..., 0]
+        attitude = self.layout.attitude
+        world_force = generalised_force[..., self.layout.position]
+        turn = np.swapaxes(rate_matrix(self.attitude, q[..., attitude]), -1, -2)
+        torque = np.linalg.solve(turn, generalised_force[..., attitude, np.newaxis])[..., 0]
         torque = torque - np.cross(self.centre_offset(q), world_force)
         world = np.stack([world_force, torque], axis=-2)
         wrench = world @ self.base_rotation(q)

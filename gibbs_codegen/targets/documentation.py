@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from gibbs_codegen.interface import ARGUMENTS, Output
 from gibbs_codegen.robot.coordinates import (
-    ATTITUDE,
     Coordinate,
     constraint_torque,
     hybrid_coordinates,
@@ -12,6 +11,7 @@ from gibbs_codegen.robot.coordinates import (
     points,
     reduced_coordinates,
 )
+from gibbs_codegen.robot.layout import ATTITUDE
 from gibbs_codegen.robot.model import Robot
 
 

@@ -30,10 +30,10 @@ def compare_invariants(
 ) -> list[Comparison]:
     """All invariants for a module whose `values` at the states are known.
 
-    Of the tree only the places of the free and the held joints are used.
+    Of the tree only the layout and the places of the free and the held joints are used.
     """
     return [
-        *_mass_matrix(evaluation, values, states, sizes),
+        *_mass_matrix(evaluation, values, states, sizes, tree),
         *_algebra(values, states, sizes),
         _hybrid(evaluation, values, states, sizes, tree),
         *_gradients(evaluation, values, states, sizes),
@@ -42,13 +42,13 @@ def compare_invariants(
 
 
 def _mass_matrix(
-    evaluation: Evaluation, values: Values, states: States, sizes: Sizes
+    evaluation: Evaluation, values: Values, states: States, sizes: Sizes, tree: Tree
 ) -> Iterator[Comparison]:
     what, matrix = "mass_matrix", values["mass_matrix"]
     transposed = np.swapaxes(matrix, -1, -2)
     yield compared(what, "its transpose, bit for bit", matrix, transposed, 1.0, 0.0)
     elsewhere = states.q.copy()
-    elsewhere[:, -3:] += 1.0
+    elsewhere[:, tree.layout.position] += 1.0
     moved = evaluation(what, elsewhere)
     yield compared(what, "itself elsewhere, bit for bit", moved, matrix, 1.0, 0.0)
     scaled = matrix / sizes.free_matrix

@@ -38,7 +38,7 @@ class States:
         scales = tree.scales[tree.free]
         spread = np.where(tree.turns[tree.free], np.pi, 1.0)
         q = rng.uniform(-spread, spread, (count, len(scales))) * scales
-        q[:, 1] = rng.uniform(-_STEEPEST, _STEEPEST, count)
+        q[:, tree.layout.middle_angle] = rng.uniform(-_STEEPEST, _STEEPEST, count)
         v, a = rng.normal(size=(2, count, len(scales))) * scales
         force = tree.mass * tree.reach * tree.tempo**2
         levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
@@ -65,7 +65,8 @@ class States:
         q[:, turning] = np.where(kinds[:, None] == 0, q[:, turning], chosen)
         # From a tenth to what is next to nothing, on either side.
         near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-8, -1, count)
-        q[:, 1] = np.where(kinds == 0, signs[:, 0] * near, q[:, 1])
+        middle = tree.layout.middle_angle
+        q[:, middle] = np.where(kinds == 0, signs[:, 0] * near, q[:, middle])
         return cls(q, usual.v, usual.a, usual.u)
 
     def rounded(self) -> States:

@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, points, reduced_coordinates
+from gibbs_codegen.robot.coordinates import points
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Body, Robot, Rod
 
 # Real or complex: the Lagrangian formulation differentiates by complex steps.
@@ -77,22 +78,22 @@ class Frames(NamedTuple):
 class Tree:
     """Joints from the world outwards, named points, motors, the tip, and which joints are held.
 
-    `free` and `held` are the places of the reduced coordinates and of the constrained joints among
-    all; `arm` the places of the arm's joints; `turns` tells which are angles. `reach` in m is a
-    length of the machine's own size, and `scales` has it for each coordinate that is a length, 1
-    for each that is an angle; `tempo` in 1/s is what rates are of the order of.
+    `layout` is that of the reduced coordinates; `free` and `held` are their places and those of the
+    constrained joints among all; `arm` the places of the arm's joints; `turns` tells which are
+    angles. `reach` in m is a length of the machine's own size, and `scales` has it for each
+    coordinate that is a length, 1 for each that is an angle; `tempo` in 1/s is what rates are of
+    the order of.
     """
 
     def __init__(self, robot: Robot) -> None:
         self.gravity = robot.gravity
         self.mass = robot.total_mass
         self.joints: list[Joint] = []
-        reduced = [c.name for c in reduced_coordinates(robot)]
-        names = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + robot.rotors - 1]
-        self.size = len(names)
-        self.free = [names.index(name) for name in reduced]
-        self.held = [place for place in range(self.size) if place not in self.free]
-        self.arm = self.free[3:-3]
+        self.layout = layout_of(robot)
+        self.free = self.layout.free
+        self.size = len(self.free) + robot.rotors - 1
+        self.held = [*range(self.size)[self.layout.constrained]]
+        self.arm = self.free[self.layout.joints]
         named = self._base(robot)
         self.tip = self._arm(robot, named)
         self.turns = np.zeros(self.size, bool)
@@ -109,9 +110,9 @@ class Tree:
     def _base(self, robot: Robot) -> dict[str, Point]:
         base = robot.base
         joint = WORLD
-        for axis in range(3):
-            joint = self._add(joint, self.size - 3 + axis, "xyz"[axis], revolute=False)
-        for place, letter in enumerate(base.attitude):
+        for place, letter in zip(self.free[self.layout.position], "xyz", strict=True):
+            joint = self._add(joint, place, letter, revolute=False)
+        for place, letter in zip(self.free[self.layout.attitude], base.attitude, strict=True):
             joint = self._add(joint, place, letter)
         length = base.arm(1).length
         start = np.array([0.0 if base.origin == "motor1" else -length, 0.0, 0.0])
@@ -120,9 +121,9 @@ class Tree:
         self.base = joint
         named = {"O1": Point(joint, start), "O2": Point(joint, centre)}
         named["motor1"] = named["O1"]
-        for k in range(2, base.rotors + 1):
+        for k, place in enumerate(self.held, start=2):
             turned = _turn("z", -180.0 + 360.0 * (k - 1) / base.rotors)
-            arm = self._add(self.base, 1 + k, "z", rotation=turned, offset=centre)
+            arm = self._add(self.base, place, "z", rotation=turned, offset=centre)
             self._load(arm, base.arm(k), np.zeros(3))
             named[f"motor{k}"] = Point(arm, np.array([base.arm(k).length, 0.0, 0.0]))
         return named

@@ -21,7 +21,7 @@ DERIVATION = (
     ),
     *_in("derivation.root", "tait_bryan"),
     *_in("symbolic", "ldlt exact_angles vectors tape"),
-    *_in("robot", "chains thrusters"),
+    *_in("robot", "chains layout thrusters"),
 )
 COMBINE = ("derivation.hybrid",)
 EMISSION = (
@@ -88,6 +88,7 @@ _QUICK = {
     "derivation.articulated_inertia": _QUICK_ARTICULATED,
     "derivation.forward_dynamics": _QUICK_ARTICULATED,
     "symbolic.ldlt": _QUICK_ARTICULATED,
+    "robot.layout": ("tests/robot/test_layout.py",),
     "robot.thrusters": ("tests/robot/test_thrusters.py",),
     "program.steps": _QUICK_LOOPS,
     "program.loops": _QUICK_LOOPS,

@@ -13,7 +13,7 @@ import pytest
 
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.scenario.file import read_scenario
-from gibbs_codegen.simulator.flight import Flight, coordinate_unit, input_unit, read_flight
+from gibbs_codegen.simulator.flight import Flight, read_flight
 from gibbs_codegen.simulator.simulation import simulate
 
 
@@ -54,16 +54,6 @@ def test_csv_has_a_named_column_with_a_unit_for_everything(flight: Flight, tmp_p
     assert np.array_equal(column["tip_z [m]"], flight.point("tip")[:, 2])
     assert np.array_equal(column["tip_z_desired [m]"], flight.tip_desired[:, 2])
     assert np.array_equal(column["work [J]"], flight.work)
-
-
-def test_units_of_prismatic_joints() -> None:
-    coordinates = ("theta_m1", "theta_0", "theta_1", "theta_7", "d_8", "x", "y", "z")
-    assert [coordinate_unit(name) for name in coordinates] == ["rad"] * 4 + ["m"] * 4
-    assert [input_unit(name, coordinates) for name in ("F_1", "tau_7", "tau_8")] == [
-        "N",
-        "N m",
-        "N",
-    ]
 
 
 def test_errors_are_distances(flight: Flight) -> None:

@@ -1,9 +1,9 @@
-"""The root's parametrisation: how attitude and position move arm 1, and take forces back.
+"""The root with Tait–Bryan angles: how attitude and position move arm 1, and take forces back.
 
-The chains know only the root's carrier frame and what moves in it. This module knows the Tait–Bryan
-angles: R₁ = R_a(θ₋₁)·R_b(θ₀)·R_c(θ₁), intrinsic. Where the last rotation is about z, the base
-normal, it is left to the root segment, because the arm's first joint may turn about the same axis:
-the carrier is then the frame before that rotation.
+The chains know only the root's carrier frame and what moves in it. This module knows the angles:
+R₁ = R_a(θ₋₁)·R_b(θ₀)·R_c(θ₁), intrinsic. Where the last rotation is about z, the base normal, it is
+left to the root segment, because the arm's first joint may turn about the same axis: the carrier is
+then the frame before that rotation.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
 from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -63,20 +65,26 @@ class TaitBryanRoot:
         """Rotation of the root segment against its carrier."""
         return self.rotations[2] if self.spins_about_normal else NO_ROTATION
 
+    def places(self, joints: int) -> Places:
+        """Attitude first, then `joints` joints, then the position."""
+        return Places.of_joints(joints)
+
+    def origin(self, coordinates: Values) -> Vector:
+        """World position of the origin, from the coordinates of the base."""
+        x, y, z = coordinates[3:]
+        return (x, y, z)
+
     @property
     def _outer(self) -> int:
         """Number of rotations between the world and the carrier."""
         return 2 if self.spins_about_normal else 3
 
     def carrier_motion(
-        self,
-        tape: Scalars,
-        rates: Sequence[sp.Expr],
-        accelerations: Sequence[sp.Expr],
-        linear: Vector,
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
-        """Motion of the carrier, given the angles' rates and accelerations and r̈ in world axes."""
-        omega, omega_dot, acceleration = ZERO, ZERO, linear
+        """Motion of the carrier, with gravity as an upward acceleration."""
+        x, y, z = self._origin_acceleration(accelerations, gravity)
+        omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
         for i in range(self._outer):
             back, axis = self.rotations[i].inverse, self.axes[i]
             omega = back.vector(tape, omega)
@@ -91,8 +99,13 @@ class TaitBryanRoot:
             acceleration = back.vector(tape, acceleration)
         return Motion.of(tape, omega, omega_dot, acceleration)
 
-    def segment_spin(self, values: Sequence[sp.Expr]) -> sp.Expr:
-        """The one of three rates or accelerations that the root segment has to itself."""
+    def _origin_acceleration(self, accelerations: Values, gravity: sp.Expr) -> Vector:
+        """Acceleration of the origin in world axes, gravity included."""
+        x, y, z = accelerations[3:]
+        return (x, y, z + gravity)
+
+    def segment_spin(self, values: Values) -> sp.Expr:
+        """The rate or acceleration of θ₁ where the root segment has it to itself."""
         return values[2] if self.spins_about_normal else sp.S.Zero
 
     def rows(self, tape: Scalars, wrench: Wrench) -> Rows:
@@ -104,13 +117,32 @@ class TaitBryanRoot:
                 wrench = wrench.rotated(tape, self.rotations[i])
         return (*rows, *wrench.force)
 
+    def inertia_rows(
+        self,
+        tape: Scalars,
+        wrench: Wrench,
+        mass: sp.Expr,
+        accelerations: Values,
+        gravity: sp.Expr,
+    ) -> Rows:
+        """∂S/∂θ̈ for θ₋₁, θ₀, θ₁, x, y, z; the root's B₀r̈ is added in world axes."""
+        rows = self.rows(tape, wrench)
+        linear = self._origin_acceleration(accelerations, gravity)
+        moved = (tape.let(row + mass * r) for row, r in zip(rows[3:], linear, strict=True))
+        return (*rows[:3], *moved)
+
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector given in the carrier."""
         for i in range(self._outer - 1, -1, -1):
             vector = self.rotations[i].vector(tape, vector)
         return vector
 
-    def world_axes(self, tape: Scalars) -> tuple[Vector, Vector, Vector]:
+    def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
+        """Linear and angular velocity of a point for unit rates of θ₋₁, θ₀, θ₁, x, y, z."""
+        turning = [(cross(tape, axis, point), axis) for axis in self._world_axes(tape)]
+        return [*turning, *((axis_vector(k), ZERO) for k in range(3))]
+
+    def _world_axes(self, tape: Scalars) -> list[Vector]:
         """Axes of θ₋₁, θ₀, θ₁ in the world."""
         axes = []
         for i, axis in enumerate(self.axes):
@@ -118,7 +150,7 @@ class TaitBryanRoot:
             for j in range(i - 1, -1, -1):
                 vector = self.rotations[j].vector(tape, vector)
             axes.append(vector)
-        return (axes[0], axes[1], axes[2])
+        return axes
 
     def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
         """The 6×6 block of the mass matrix for θ₋₁, θ₀, θ₁, x, y, z.
@@ -144,11 +176,21 @@ class TaitBryanRoot:
                 block[i][3 + k] = block[3 + k][i] = force
         return block
 
-    def angle_accelerations(self, tape: Scalars, angular: Vector) -> Vector:
-        """θ̈₋₁, θ̈₀, θ̈₁ whose axes add up to the vector `angular`, given in the carrier.
+    def accelerations(
+        self, tape: Scalars, linear: Vector, angular: Vector, gravity: sp.Expr
+    ) -> list[sp.Expr]:
+        """θ̈₋₁, θ̈₀, θ̈₁, whose axes add up to `angular`, and the origin's acceleration.
 
         Divides by cos θ₀, which is zero where the sequence is singular.
         """
+        with tape.group("acceleration of the origin, in world axes"):
+            x, y, z = self.world(tape, linear)
+        with tape.group("accelerations of the attitude angles"):
+            angles = self._angle_accelerations(tape, angular)
+        with tape.group("acceleration of the origin, in world axes"):
+            return [*angles, x, y, tape.let(z - gravity)]
+
+    def _angle_accelerations(self, tape: Scalars, angular: Vector) -> Vector:
         a, b, c = self.axes
         if not self.spins_about_normal:
             angular = self.rotations[2].vector(tape, angular)

@@ -28,6 +28,10 @@ typedef struct {
     const void *constants;
     ptrdiff_t coordinates;
     ptrdiff_t rotors;
+    ptrdiff_t attitude;          /* places in the coordinates: where the attitude begins, */
+    ptrdiff_t joints;            /* where the joints begin, */
+    ptrdiff_t position;          /* where the position begins, */
+    ptrdiff_t middle_angle;      /* and the attitude angle that has a singularity */
     ptrdiff_t pieces;
     int law;
     int limited;
@@ -112,10 +116,12 @@ static void solve(const double *a, const double *b, double *x)
  */
 static void allocate(const Loop *f, const double *matrix, const double *wanted, double *inputs)
 {
-    const ptrdiff_t n = f->coordinates, joints = n - BASE, width = f->rotors + joints;
-    const double *attitude = matrix, *position = matrix + (n - 3) * width;
+    const ptrdiff_t joints = f->coordinates - BASE, width = f->rotors + joints;
+    const double *attitude = matrix + f->attitude * width;
+    const double *position = matrix + f->position * width;
     double pushed[9] = {0.0}, turned[9] = {0.0}, force[3], torque[3];
-    double left[3] = {wanted[0], wanted[1], wanted[2]};
+    double left[3];
+    memcpy(left, wanted + f->attitude, sizeof left);
     for (ptrdiff_t k = 0; k < f->rotors; ++k) {
         const double *share = f->distribution + k * BASE;
         for (int i = 0; i < 3; ++i) {
@@ -125,7 +131,7 @@ static void allocate(const Loop *f, const double *matrix, const double *wanted, 
             }
         }
     }
-    solve(pushed, wanted + n - 3, force);
+    solve(pushed, wanted + f->position, force);
     for (ptrdiff_t k = 0; k < f->rotors; ++k) {
         const double *share = f->distribution + k * BASE;
         inputs[k] = share[0] * force[0] + share[1] * force[1] + share[2] * force[2];
@@ -138,24 +144,26 @@ static void allocate(const Loop *f, const double *matrix, const double *wanted, 
         const double *share = f->distribution + k * BASE + 3;
         inputs[k] += share[0] * torque[0] + share[1] * torque[1] + share[2] * torque[2];
     }
-    memcpy(inputs + f->rotors, wanted + 3, (size_t)joints * sizeof *inputs);
+    memcpy(inputs + f->rotors, wanted + f->joints, (size_t)joints * sizeof *inputs);
 }
 
 /* Power of inputs: thrusts act on attitude and position, joint torques on their own joints. */
 static double power(const Loop *f, const double *matrix, const double *inputs, const double *v)
 {
-    const ptrdiff_t n = f->coordinates, joints = n - BASE, width = f->rotors + joints;
-    const double *attitude = matrix, *position = matrix + (n - 3) * width;
+    const ptrdiff_t joints = f->coordinates - BASE, width = f->rotors + joints;
+    const double *attitude = matrix + f->attitude * width;
+    const double *position = matrix + f->position * width;
     double sum = 0.0;
     for (ptrdiff_t k = 0; k < f->rotors; ++k) {
         double speed = 0.0;
         for (int i = 0; i < 3; ++i) {
-            speed += attitude[i * width + k] * v[i] + position[i * width + k] * v[n - 3 + i];
+            speed += attitude[i * width + k] * v[f->attitude + i] +
+                     position[i * width + k] * v[f->position + i];
         }
         sum += speed * inputs[k];
     }
     for (ptrdiff_t k = 0; k < joints; ++k) {
-        sum += v[3 + k] * inputs[f->rotors + k];
+        sum += v[f->joints + k] * inputs[f->rotors + k];
     }
     return sum;
 }
@@ -278,7 +286,7 @@ static int goes_on(const Loop *f, const double *wanted, const double *state, ptr
             return 0;
         }
     }
-    return fabs(state[1]) <= f->largest_theta_0;
+    return fabs(state[f->middle_angle]) <= f->largest_theta_0;
 }
 
 /* How many numbers `scratch` must hold; it is not looked at itself. */

@@ -1,0 +1,18 @@
+"""Which root a robot has: the one place that knows all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from gibbs_codegen.derivation.root.protocol import Root
+from gibbs_codegen.derivation.root.tait_bryan import TaitBryanRoot
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.symbolic.tape import Scalars
+
+
+def root_of(robot: Robot, tape: Scalars, q: Sequence[sp.Expr]) -> Root:
+    """The root of a robot with coordinates q: Tait–Bryan angles in the robot's sequence."""
+    return TaitBryanRoot.make(tape, robot.base.attitude, q[layout_of(robot).attitude])
