@@ -32,7 +32,7 @@ from gibbs_codegen.verification.contents import (
     compare_robot_file,
 )
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.self_consistency import NO_FORMULATION, compared_with_themselves
+from gibbs_codegen.verification.self_consistency import compared_with_themselves
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import (
     QUICK,
@@ -94,12 +94,11 @@ def verify(
             comparisons += compare_module(
                 module, robot, found, states, seed, step(backend), numpy=numpy
             )
-            for name in compared_with_themselves(comparisons):
-                verification.not_done[f"{name} with a formulation"] = NO_FORMULATION
             if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
                 step(backend)("as a C program calls it")
                 comparisons += _compare_c(module, folder, robot, verification)
         verification.comparisons[backend] = comparisons
+        verification.not_done |= compared_with_themselves(comparisons)
     return verification
 
 

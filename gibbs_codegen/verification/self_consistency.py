@@ -17,7 +17,7 @@ from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Array
 
 ONE_BY_ONE, OTHER_BACK_END = "itself, one state at a time", "the NumPy back end"
-NO_FORMULATION = (
+_NO_FORMULATION = (
     "no formulation gives this function, so its values may be wrong; it was only compared with "
     "itself, one state with a batch and one back end with the other"
 )
@@ -31,9 +31,10 @@ def without_formulation(comparisons: Sequence[Comparison], formulation: str) -> 
     return [name for name in FUNCTIONS if name not in known]
 
 
-def compared_with_themselves(comparisons: Sequence[Comparison]) -> set[str]:
-    """Functions that were compared with nothing but themselves."""
-    return {c.what.split(".")[0] for c in comparisons if c.against == ONE_BY_ONE}
+def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str]:
+    """What no formulation was asked about, and why: functions that were compared as below."""
+    functions = {c.what.split(".")[0] for c in comparisons if c.against == ONE_BY_ONE}
+    return {f"{name} with a formulation": _NO_FORMULATION for name in sorted(functions)}
 
 
 def compare_with_itself(

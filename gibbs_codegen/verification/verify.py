@@ -137,7 +137,8 @@ def compare_module(
             c if c.passed else replace(c, fault=f"{c.fault} (no function was compared)")
             for c in contents
         ]
-    most = most_states(against[0].tree)
+    tree = against[0].tree
+    most = most_states(tree)
     parts = []
     for number, first in enumerate(range(0, count, most)):
         some = min(most, count - first)
@@ -146,12 +147,11 @@ def compare_module(
     comparisons = contents + worst(parts)
     others = min(most, extent.others)
     unknown = without_formulation(comparisons, against[0].name)
-    states = States.random(against[0].tree, others, (seed, 5))
+    states = States.random(tree, others, (seed, 5))
     there = Evaluation(numpy) if numpy else None
     comparisons += compare_with_itself(Evaluation(module), there, unknown, states)
     if extent.any_angles:
         progress(ANY_ANGLES)
-        tree = against[0].tree
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
         comparisons += _compare_again(Evaluation(module), tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
