@@ -65,7 +65,7 @@ def test_faults_of_a_template_are_in_its_code() -> None:
 
 
 def test_each_fault_changes_what_the_module_says_and_no_more_than_a_statement() -> None:
-    source = source_path("printers").read_text(encoding="utf-8")
+    source = source_path("targets.printers").read_text(encoding="utf-8")
     whole = ast.unparse(ast.parse(source)) + "\n"
     made = [make() for make in python_mutants(source)]
     assert len(made) > 20
@@ -76,7 +76,7 @@ def test_each_fault_changes_what_the_module_says_and_no_more_than_a_statement() 
 
 
 def test_faults_are_drawn_evenly_and_alike_from_one_seed() -> None:
-    modules = ("printers", "trigonometry", "c_source.c.jinja")
+    modules = ("targets.printers", "program.trigonometry", "c_source.c.jinja")
     first = [fault.name for fault in drawn(modules, 1, 9)]
     assert first == [fault.name for fault in drawn(modules, 1, 9)]
     assert first != [fault.name for fault in drawn(modules, 2, 9)]
@@ -90,12 +90,12 @@ def test_every_module_that_is_named_has_faults() -> None:
 
 
 CLASSIC = {
-    "gibbs": ("- r.T * spin * first * w\n", "\n"),
-    "kinematics": ("let(y * spin) - yz", "let(y * spin) + yz"),
-    "combine": ("inertia_force - active", "inertia_force + active"),
-    "forward": ("tape.let(z - machine.parameters.gravity)", "z"),
-    "lower": ("(sign * inner, node)", "(inner, node)"),
-    "c_function": ("{argument}[{i} * stride]", "{argument}[{i + 1} * stride]"),
+    "derivation.gibbs": ("- r.T * spin * first * w\n", "\n"),
+    "derivation.motion": ("let(y * spin) - yz", "let(y * spin) + yz"),
+    "derivation.hybrid": ("inertia_force - active", "inertia_force + active"),
+    "derivation.root.tait_bryan": ("tape.let(z - gravity)", "z"),
+    "program.lower": ("(sign * inner, node)", "(inner, node)"),
+    "targets.c.function": ("load(name, argument, i)", "load(name, argument, i + 1)"),
 }
 
 

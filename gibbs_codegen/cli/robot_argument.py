@@ -69,10 +69,14 @@ def find_robot(word: str) -> tuple[Robot, str]:
     """The robot that a word names, and the text of its file.
 
     A robot that ships comes first, then a file or the folder of a module, then a module in
-    generated/. Raises `RobotFileError` for a refused file and `UsageError` where there is none.
+    generated/. Raises `RobotFileError` for a refused file and `UsageError` where there is none, or
+    where the module in generated/ may be older than a robot file of its name.
     """
     if word in shipped_robots() or os.path.isfile(word):
         return read_robot(word)
+    module, file = os.path.join("generated", word), f"{word}.toml"
+    if not os.path.isdir(word) and os.path.isdir(module) and os.path.isfile(file):
+        raise UsageError(f"{word}: which one, the robot file {file} or the module {module}?")
     for folder in (word, os.path.join("generated", word)):
         if os.path.isfile(file := os.path.join(folder, "robot.toml")):
             return read_robot(file)

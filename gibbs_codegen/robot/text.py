@@ -34,13 +34,11 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         "thrust": _lines([_direction(direction) for direction in base.thrust]),
         "drag": _lines([repr(float(value)) for value in base.drag]),
         "arm": arms[0] if base.shares_one_arm else "[\n    " + ",\n    ".join(arms) + ",\n]",
-        "rigid_arm": _inline_table(_rigid(base.arm(1))) if to_start_from else "",
-        "links": [_link(robot, i) for i in range(1, len(robot.links) + 1)],
-        "rigid_link": [
-            line
-            for link in robot.links[-1:]
-            for line in _lines_of(_rigid(link.body))[1:]
-            if to_start_from
+        "rigid_arm": _rigid_arm(base.arm(1)) if to_start_from else [],
+        "links": [
+            _link(robot, i) | {"rigid": _rigid_link(link.body) if to_start_from and last else []}
+            for i, link in enumerate(robot.links, start=1)
+            for last in [i == len(robot.links)]
         ],
     }
     return render("robot.toml.jinja", context)
@@ -62,6 +60,21 @@ def _link(robot: Robot, i: int) -> dict[str, object]:
         "joint": link.joint,
         "body": _lines_of(link.body),
     }
+
+
+def _rigid_arm(body: Body) -> list[str]:
+    return [
+        "The same arm as a rigid body. Arm 1 counts from the motor, with x towards the centre, the",
+        "others from the centre: where the arm is not the same from both ends, give a list of N",
+        "tables, the first with com = [length - x, -y, z] and with the signs of inertia xz and yz",
+        "turned. The directions of tilted thrusts turn alike: x and y of motor 1 have other signs.",
+        f"arm = {_inline_table(_rigid(body))}",
+    ]
+
+
+def _rigid_link(body: Body) -> list[str]:
+    heading = "The same link as a rigid body, in place of mass_per_length and section_inertia:"
+    return [heading, *_lines_of(_rigid(body))[1:]]
 
 
 def _rigid(body: Body) -> RigidBody:

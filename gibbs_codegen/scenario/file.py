@@ -93,9 +93,9 @@ def changes_of(entries: Sequence[str]) -> dict[str, Any]:
         if not equals:
             raise UsageError(f"{_printable(entry)}: must be KEY=VALUE, such as duration=5")
         one = _one_entry(key, value) or _one_entry(key, _quoted(value))
-        if one is not None and not value.strip():
+        if one and not value.strip():
             one = _taken_away(one)
-        if one is None:
+        if not one:  # What begins with # is a comment of TOML, and no entry.
             raise UsageError(f"{_printable(entry)}: not a key, such as start.offset, before the =")
         _add(changes, one)
     return changes

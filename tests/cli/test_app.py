@@ -269,10 +269,21 @@ def test_a_lopsided_base_and_wrong_tilts_are_spoken_of(tmp_path: Path) -> None:
     assert data["arrangement"]["tilt_hint"]["motors"] == [1]
 
 
+def test_a_name_that_is_a_file_and_a_module_is_asked_about(tmp_path: Path) -> None:
+    """The file may have been edited since, and the module has the old one."""
+    assert run("new", "own.toml", cwd=tmp_path).returncode == 0
+    assert run("generate", "own.toml", cwd=tmp_path).returncode == 0
+    done = run("generate", "own", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "the robot file own.toml or the module generated/own" in done.stderr
+
+
 @pytest.mark.parametrize("word", ["own", "generated/own", "own.toml"])
 def test_every_command_takes_every_kind_of_robot(word: str, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(LOPSIDED.replace("lop", "own").replace("0.23", "0.15"))
     assert run("generate", "own.toml", cwd=tmp_path).returncode == 0
+    if word != "own.toml":
+        (tmp_path / "own.toml").rename(tmp_path / "elsewhere.toml")
     for arguments in (
         ("info", word),
         ("show", word, "--chain", "2", "--equation", "18"),

@@ -14,7 +14,7 @@ def _in(folder: str, modules: str) -> tuple[str, ...]:
 
 
 DERIVATION = (
-    *_in("derivation", "gibbs motion serial_chain inertia machine chain_dynamics"),
+    *_in("derivation", "functions gibbs motion serial_chain inertia machine chain_dynamics"),
     *_in(
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
@@ -27,13 +27,13 @@ COMBINE = ("derivation.hybrid",)
 EMISSION = (
     *_in("program", "nodes lower trigonometry steps loops repeated_blocks scratch"),
     *_in("targets", "printers numpy documentation registry"),
-    *_in("targets.c", "target function"),
+    *_in("targets.c", "target function statements"),
 )
 # The other templates are declarations and text.
 TEMPLATES = ("c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja")
 GROUPS = {
     "derivation": DERIVATION,
-    "derivation.hybrid": COMBINE,
+    "combine": COMBINE,
     "emission": EMISSION,
     "templates": TEMPLATES,
 }
