@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.runtime.load import find_module
 
 if TYPE_CHECKING:
     from gibbs_codegen.program.model import Progress
@@ -72,6 +70,8 @@ def find_robot(word: str) -> tuple[Robot, str]:
     generated/. Raises `RobotFileError` for a refused file and `UsageError` where there is none, or
     where the module in generated/ may be older than a robot file of its name.
     """
+    from gibbs_codegen.robot.file import read_robot, shipped_robots
+
     if word in shipped_robots() or os.path.isfile(word):
         return read_robot(word)
     module, file = os.path.join("generated", word), f"{word}.toml"
@@ -96,6 +96,8 @@ def found_module(
     left of one. Of any other robot a module is made for the occasion. Raises as `find_robot`.
     """
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
+        from gibbs_codegen.runtime.load import find_module
+
         yield find_module(Path(word)), True
         return
     robot, text = find_robot(word)

@@ -125,7 +125,7 @@ def test_wrong_use(arguments: list[str], message: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["../evil", "/etc/x", "*/", "a\\nb", "class", "lambda", "int", "NaN", "{{7*7}}", "x y"]
+    "name", ["../evil", "/etc/x", "*/", "a\\nb", "class", "lambda", "NaN", "{{7*7}}", "x y"]
 )
 def test_hostile_names_in_a_file_are_refused(name: str, tmp_path: Path) -> None:
     text = f'name = "{name}"\n[base]\nrotors = 2\narm = {{ length = 1, mass_per_length = 1 }}\n'

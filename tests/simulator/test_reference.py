@@ -203,7 +203,9 @@ def test_the_time_of_a_singular_attitude_is_told(hexa: Vehicle) -> None:
         desired_base(hexa, knots(2.0), standing, Tangent(1))
     # The first instant of those checked, 1.25 ms apart, that is too near to it.
     first = np.ceil((upright - np.arcsin(SINGULAR_COSINE) / turn) / 0.00125) * 0.00125
-    assert str(refusal.value).startswith(f"at t = {first:.6g} s the attitude comes to")
+    assert str(refusal.value).startswith(
+        f"at t = {first:.6g} s the attitude reaches the singularity"
+    )
 
 
 def test_turning_once_between_samples_is_not_taken_for_standing(
@@ -264,7 +266,7 @@ def test_a_posture_is_held(hexa: Vehicle) -> None:
     assert_array_equal(motion.q[:, hexa.arm], [posture] * len(motion.q))
     assert not motion.v[:, hexa.arm].any()
     assert not motion.a[:, hexa.arm].any()
-    assert_array_equal(motion.q[:, hexa.base], base.q[:, hexa.base])
+    assert_array_equal(motion.q[:, hexa.layout.base], base.q[:, hexa.layout.base])
     assert not base.q[:, hexa.arm].any()
 
 
