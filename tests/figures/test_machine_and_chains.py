@@ -112,6 +112,7 @@ def test_posture_is_the_one_that_is_asked_for() -> None:
     assert np.allclose(np.transpose(gold.get_data_3d()), [frames.centre, frames.motors[1]])
 
 
+@pytest.mark.slow
 def test_nothing_lies_outside_its_scene() -> None:
     """What does is not drawn at all."""
     for name in SHIPPED:

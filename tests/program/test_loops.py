@@ -284,6 +284,7 @@ def test_a_robot(links: int) -> None:
     assert bool(loops) == (links == 16)
 
 
+@pytest.mark.slow
 def test_most_of_a_long_arm_is_rolled() -> None:
     """Work grows with the square of the links, the text of it in proportion to them."""
     sizes = []

@@ -60,7 +60,7 @@ def locales(tmp_path: Path) -> Path:
 
 
 def test_bytes_do_not_depend_on_seed_encoding_time_zone_place_or_flags(tmp_path: Path) -> None:
-    emitting = ["generate quadrotor_2link", "generate octorotor_7link"]
+    emitting = ["generate quadrotor_2link", "generate hexarotor"]
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     plain = Surroundings("0").digests(emitting, ROOT)

@@ -54,6 +54,7 @@ def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
     np.testing.assert_allclose(module.tip_pose(q)[:3, :3], expected, atol=1e-15)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(robot=robots(most_rotors=5, most_links=4))
 def test_power_balance(robot: Robot) -> None:

@@ -118,7 +118,11 @@ COMMANDS = [
 ]
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+@pytest.mark.parametrize(
+    "command",
+    [*COMMANDS[:-2], *(pytest.param(c, marks=pytest.mark.slow) for c in COMMANDS[-2:])],
+    ids=" ".join,
+)
 def test_hostile_arguments_are_refused(
     command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -512,6 +512,7 @@ def test_a_stiff_flight_ends_with_the_reason(
     assert len(times) <= 10_100 + 20_000 * flight.time[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("robot", "changes", "remedy"), STIFF)
 def test_unstable_fixed_steps_are_refused_with_ones_that_serve(
     robot: str, changes: dict[str, object], remedy: str, fast: Load

@@ -157,6 +157,7 @@ def test_a_redundant_arm_follows_a_tip_path(fast: Load) -> None:
     assert np.ptp(flight.q[:, 3:10], axis=0).max() > 0.1
 
 
+@pytest.mark.slow
 def test_an_arm_too_short_is_told_when_and_how_far(fast: Load) -> None:
     with pytest.raises(UnreachableError, match=r"from t = 0 s to 12\.5664 s") as refused:
         simulate(fast("octorotor_7link"), read_scenario("paper"))

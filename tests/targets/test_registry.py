@@ -43,6 +43,7 @@ def test_templates_take_no_decisions() -> None:
         assert "sympy" not in text
 
 
+@pytest.mark.slow
 def test_no_line_is_longer_than_100_characters(files: dict[str, str]) -> None:
     model = derive(replace(paper_family(40, 12), name="a" * 64), keep_zeros=True)
     long_names = render_module(model, robot_text(model.robot), TARGETS)
