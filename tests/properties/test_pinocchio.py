@@ -20,7 +20,7 @@ from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Base, Link, Robot, alternating_thrust
 
-SHARDS, ROBOTS = 12, 96
+SHARDS, ROBOTS = 9, 72
 
 
 def shards() -> list[Any]:
