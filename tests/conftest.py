@@ -27,6 +27,34 @@ settings.load_profile("project")
 
 ROOT = Path(__file__).parent.parent
 
+# Slow tests that repeat themselves with other numbers, and how many of their cases CI runs, so that
+# it stays within its time on slow machines. The rest is for `pytest -m exhaustive`.
+CASES_IN_CI = {
+    "test_a_flood_is_refused_soon": 6,
+    "test_a_stiff_flight_ends_with_the_reason": 1,
+    "test_all_back_ends_are_accurate_ever_nearer_to_the_singularity": 2,
+    "test_constants_that_c_computes_keep_their_digits": 2,
+    "test_degenerate_robots": 1,
+    "test_mass_matrix_keeps_its_digits": 1,
+    "test_random_robots": 2,
+    "test_shipped_robots_compile_silently": 10,
+    "test_single_precision_is_near_double": 2,
+    "test_ten_thousand_broken_robot_files": 2,
+    "test_the_watch_sees": 5,
+    "test_unstable_fixed_steps_are_refused_with_ones_that_serve": 1,
+    "test_what_only_a_c_program_uses": 3,
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the slow cases that CI leaves out, evenly spread over all of a test."""
+    for name, kept in CASES_IN_CI.items():
+        cases = [i for i in items if i.name.startswith(f"{name}[") and i.get_closest_marker("slow")]
+        chosen = {round(k * len(cases) / kept) for k in range(kept)}
+        for place, item in enumerate(cases):
+            if place not in chosen:
+                item.add_marker(pytest.mark.exhaustive)
+
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled_cache(tmp_path_factory: pytest.TempPathFactory) -> None:
