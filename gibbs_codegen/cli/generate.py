@@ -59,7 +59,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 def _generate(options: argparse.Namespace) -> int:
     robot, text = robot_argument.chosen_robot(options)
     from gibbs_codegen import pipeline
-    from gibbs_codegen.program.nodes import count_operations
+    from gibbs_codegen.program.operations import count_operations
     from gibbs_codegen.targets.registry import TARGETS
 
     targets = options.target or list(TARGETS)

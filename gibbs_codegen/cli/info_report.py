@@ -11,7 +11,8 @@ from rich.text import Text
 
 from gibbs_codegen.derivation.filling import filled_matrix
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import Number, count_operations
+from gibbs_codegen.program.nodes import Number
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.robot.balance import balance, balance_lines, lopsided
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.coordinates import (

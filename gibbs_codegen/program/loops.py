@@ -15,11 +15,16 @@ from dataclasses import replace
 from itertools import chain, count
 
 from gibbs_codegen.program.nodes import Name, Node, Number, Product, Statement, Sum, names_in
-from gibbs_codegen.program.repeated_blocks import Run, Term, find_runs, pays
+from gibbs_codegen.program.repeated_blocks import (
+    RepeatedBlocks,
+    Term,
+    find_repeated_blocks,
+    is_profitable,
+)
 from gibbs_codegen.program.steps import Item, Loop, Step, Store
 
 
-def rolled(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
+def reroll(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
     """Steps with loops for runs of like blocks, and the signs of names.
 
     What a loop reads in rows and what it makes is the names times their signs; what all its blocks
@@ -29,12 +34,12 @@ def rolled(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
     for i, step in enumerate(steps):
         last_use.update(dict.fromkeys(names_in(step.value), i))
     system = _Signs([step.name for step in steps if isinstance(step, Statement)])
-    runs = [(run, _agreeing_blocks(steps, run, system)) for run in find_runs(steps)]
+    runs = [(run, _agreeing_blocks(steps, run, system)) for run in find_repeated_blocks(steps)]
     signs = system.solved()
     items: list[Item] = []
     done = 0
     for run, size in runs:
-        if pays(size, run.length):
+        if is_profitable(size, run.length):
             first = run.stop - size * run.length
             items += [*steps[done:first], _loop(steps, run, size, signs, last_use)]
             done = run.stop
@@ -86,7 +91,7 @@ class _Signs:
         return {name: -1 if negative & bit else 1 for name, bit in self._bits.items()}
 
 
-def _agreeing_blocks(steps: Sequence[Step], run: Run, signs: _Signs) -> int:
+def _agreeing_blocks(steps: Sequence[Step], run: RepeatedBlocks, signs: _Signs) -> int:
     """How many blocks at the end of a run can have the same signs; `signs` learns what it takes."""
     pattern: list[int] = []
     for done, block in enumerate(reversed(run.blocks)):
@@ -104,7 +109,7 @@ def _agreeing_blocks(steps: Sequence[Step], run: Run, signs: _Signs) -> int:
 
 def _loop(
     steps: Sequence[Step],
-    run: Run,
+    run: RepeatedBlocks,
     size: int,
     signs: Mapping[str, int],
     last_use: Mapping[str, int],

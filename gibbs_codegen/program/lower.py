@@ -25,9 +25,9 @@ from gibbs_codegen.program.nodes import (
     Reciprocal,
     Statement,
     Sum,
-    count_operations,
     names_in,
 )
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.symbolic.tape import Stage, Tape, signed
 
 # Names and literals in one line, at most: keeps statements short enough to be read.

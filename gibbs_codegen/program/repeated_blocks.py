@@ -25,7 +25,7 @@ Terms = tuple[Term, ...]
 
 
 @dataclass(frozen=True)
-class Run:
+class RepeatedBlocks:
     """Blocks of `length` steps from `start`, with the terms of each step in matching order."""
 
     start: int
@@ -38,12 +38,12 @@ class Run:
         return self.start + self.length * len(self.blocks)
 
 
-def pays(count: int, length: int) -> bool:
+def is_profitable(count: int, length: int) -> bool:
     """Whether `count` blocks of `length` steps are worth a loop."""
     return count >= _FEWEST_BLOCKS and count * length >= _FEWEST_STEPS
 
 
-def find_runs(steps: Sequence[Step]) -> list[Run]:
+def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
     """Runs that do not overlap, in order; those that cover most are taken first."""
     finder = _Finder(steps)
     queue = list(finder.repeats())
@@ -62,7 +62,7 @@ def find_runs(steps: Sequence[Step]) -> list[Run]:
             taken[run.start : run.stop] = [True] * (run.stop - run.start)
             rest = [(start, count - len(run.blocks))]
         for new_start, new_count in rest:
-            if pays(new_count, length):
+            if is_profitable(new_count, length):
                 heapq.heappush(queue, (-new_count * length, length, new_start))
     return sorted(runs, key=lambda run: run.start)
 
@@ -100,7 +100,7 @@ class _Finder:
                 if same:
                     for first in range(start, start + min(length, size)):
                         count = (start + size - first) // length + 1
-                        if pays(count, length):
+                        if is_profitable(count, length):
                             yield -count * length, length, first
                 start += size
 
@@ -113,7 +113,7 @@ class _Finder:
             for i, names in enumerate(shared)
         )
 
-    def matched(self, start: int, length: int, count: int) -> Run | None:
+    def matched(self, start: int, length: int, count: int) -> RepeatedBlocks | None:
         """The longest run at the end of `count` blocks of one shape, if it pays."""
         last = start + (count - 1) * length
         shared = [self._names[i] & self._names[i - length] for i in range(last, last + length)]
@@ -142,9 +142,9 @@ class _Finder:
             read.update(*self._names[first : first + length])
             read -= made
             blocks.append(tuple(terms))
-        if not pays(len(blocks), length):
+        if not is_profitable(len(blocks), length):
             return None
-        return Run(last - (len(blocks) - 1) * length, length, tuple(reversed(blocks)))
+        return RepeatedBlocks(last - (len(blocks) - 1) * length, length, tuple(reversed(blocks)))
 
 
 def _terms(value: Node) -> Terms | None:

@@ -13,29 +13,36 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 from gibbs_codegen.program.nodes import Name, Statement
-from gibbs_codegen.program.steps import Item, Loop, Step, cut, names_made, names_read
+from gibbs_codegen.program.steps import (
+    Item,
+    Loop,
+    Step,
+    defined_names,
+    split_into_sections,
+    used_names,
+)
 
 # A loop may have one operand in so many copied.
 _OPERANDS_PER_COPY = 8
 
 
 @dataclass(frozen=True)
-class Piece:
+class Section:
     """Consecutive steps, or a loop, with the slots of the names that it takes over and hands on.
 
     For a loop's rows they are the slots of the first block.
     """
 
-    part: tuple[Step, ...] | Loop
-    taken: dict[str, int]
-    held: dict[str, int]
+    code: tuple[Step, ...] | Loop
+    reloads: dict[str, int]
+    spills: dict[str, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class Allocation:
     """Pieces in a row, how many slots they share, and the names that are held negated."""
 
-    pieces: tuple[Piece, ...]
+    sections: tuple[Section, ...]
     slots: int
     negated: frozenset[str]
 
@@ -44,7 +51,7 @@ class Layout:
         return "-" if name in self.negated else ""
 
 
-def laid_out(items: Sequence[Item], signs: Mapping[str, int], limit: int) -> Layout:
+def allocate_scratch(items: Sequence[Item], signs: Mapping[str, int], limit: int) -> Allocation:
     """Cut items into pieces of at most `limit` references to memory, and give values slots.
 
     `signs` are those of the names in the rows of loops.
@@ -53,7 +60,7 @@ def laid_out(items: Sequence[Item], signs: Mapping[str, int], limit: int) -> Lay
     fitted, copies = _fitted(items, groups)
     negated = {name for name, sign in signs.items() if sign < 0}
     negated |= {copy for copy, name in copies.items() if name in negated}
-    pieces = cut(fitted, limit)
+    pieces = split_into_sections(fitted, limit)
     lives = _Lives(pieces)
     groups.keep(lives.births)
     for name in lives.crossing:
@@ -66,9 +73,9 @@ def laid_out(items: Sequence[Item], signs: Mapping[str, int], limit: int) -> Lay
                     for operand in piece[0].operands.values()
                 )
     slots = _slots(groups, lives)
-    return Layout(
+    return Allocation(
         tuple(
-            Piece(_part(piece), _taken(piece, slots), _held(i, piece, slots, lives))
+            Section(_part(piece), _taken(piece, slots), _held(i, piece, slots, lives))
             for i, piece in enumerate(pieces)
         ),
         1 + max(slots.values(), default=-1),
@@ -125,7 +132,7 @@ def _fitted(items: Sequence[Item], groups: _Groups) -> tuple[list[Item], dict[st
 
     Where rows cannot lie as they should, the loop's steps are there instead.
     """
-    made = {name for item in items for name in names_made(item)}
+    made = {name for item in items for name in defined_names(item)}
     fitted: list[Item] = []
     copies: dict[str, str] = {}
     for item in items:
@@ -139,7 +146,7 @@ def _fitted(items: Sequence[Item], groups: _Groups) -> tuple[list[Item], dict[st
             operands[name] = _fitted_row(row, f"{row[-1]}_{len(copies)}_{i}_", own, here, groups)
         fits = all(operands.values())
         if not fits or len(here) * _OPERANDS_PER_COPY > item.count * len(operands):
-            fitted += item.straight
+            fitted += item.unrolled
             continue
         for row in item.results.values():
             _fitted_row(row, "", set(row), here, groups)
@@ -186,14 +193,14 @@ class _Lives:
         self._makers: dict[int, dict[str, int]] = {}
         for i, piece in enumerate(pieces):
             for item in piece:
-                self.births.update(dict.fromkeys(names_made(item), i))
-                self.deaths.update(dict.fromkeys(names_made(item), i))
-                self.deaths.update((n, i) for n in names_read(item) if n in self.births)
+                self.births.update(dict.fromkeys(defined_names(item), i))
+                self.deaths.update(dict.fromkeys(defined_names(item), i))
+                self.deaths.update((n, i) for n in used_names(item) if n in self.births)
                 if isinstance(item, Loop):
                     self._add_loop(i, item)
 
     def _add_loop(self, i: int, loop: Loop) -> None:
-        readers: dict[str, set[int]] = {name: {-1} for name in loop.shared}
+        readers: dict[str, set[int]] = {name: {-1} for name in loop.invariants}
         for row in loop.operands.values():
             for block, name in enumerate(row):
                 readers.setdefault(name, set()).add(block)
@@ -255,16 +262,16 @@ def _part(piece: Sequence[Item]) -> tuple[Step, ...] | Loop:
 
 
 def _taken(piece: Sequence[Item], slots: Mapping[str, int]) -> dict[str, int]:
-    made = {name for item in piece for name in names_made(item)}
+    made = {name for item in piece for name in defined_names(item)}
     if piece and isinstance(piece[0], Loop):
         rows = {name: slots[row[0]] for name, row in piece[0].operands.items()}
-        return {name: slots[name] for name in piece[0].shared if name in slots} | rows
-    read = dict.fromkeys(name for item in piece for name in names_read(item))
+        return {name: slots[name] for name in piece[0].invariants if name in slots} | rows
+    read = dict.fromkeys(name for item in piece for name in used_names(item))
     return {name: slots[name] for name in read if name in slots and name not in made}
 
 
 def _held(i: int, piece: Sequence[Item], slots: Mapping[str, int], lives: _Lives) -> dict[str, int]:
     if piece and isinstance(piece[0], Loop):
         return {name: slots[row[0]] for name, row in piece[0].results.items()}
-    made = (name for item in piece for name in names_made(item))
+    made = (name for item in piece for name in defined_names(item))
     return {name: slots[name] for name in made if lives.deaths[name] > i}

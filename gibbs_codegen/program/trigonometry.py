@@ -44,7 +44,7 @@ def cosine_name(i: int) -> str:
     return f"c{i + 1}"
 
 
-def gathered(function: Function) -> GatheredFunction:
+def gather_angles(function: Function) -> GatheredFunction:
     """Gather the sines and cosines of a function."""
     calls = [call for node in function.nodes() for call in calls_in(node)]
     angles = list(dict.fromkeys(call.argument for call in calls))

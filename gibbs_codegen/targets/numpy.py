@@ -7,7 +7,8 @@ from typing import Any
 
 from gibbs_codegen.interface import ARGUMENTS, DATA, FUNCTIONS
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import Function, Statement, count_operations, names_in, total_mass
+from gibbs_codegen.program.nodes import Function, Statement, names_in, total_mass
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.program.steps import headed
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.robot.model import Robot

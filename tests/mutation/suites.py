@@ -25,7 +25,7 @@ DERIVATION = (
 )
 COMBINE = ("derivation.hybrid",)
 EMISSION = (
-    *_in("program", "nodes lower trigonometry steps loops repeated_blocks scratch"),
+    *_in("program", "nodes operations lower trigonometry steps loops repeated_blocks scratch"),
     *_in("targets", "printers numpy documentation registry"),
     *_in("targets.c", "target function statements"),
 )

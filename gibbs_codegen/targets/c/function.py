@@ -6,19 +6,24 @@ import textwrap
 from typing import Any
 
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS
-from gibbs_codegen.program.loops import rolled
+from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import (
     Function,
     Number,
     Output,
-    count_operations,
     names_in,
 )
-from gibbs_codegen.program.scratch import Layout, Piece, laid_out
+from gibbs_codegen.program.operations import count_operations
+from gibbs_codegen.program.scratch import Allocation, Section, allocate_scratch
 from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.steps import Loop, Step, Store, headed, interleaved
-from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
+from gibbs_codegen.program.steps import Loop, Step, Store, headed, schedule_stores
+from gibbs_codegen.program.trigonometry import (
+    GatheredFunction,
+    cosine_name,
+    gather_angles,
+    sine_name,
+)
 from gibbs_codegen.targets.c.statements import (
     WIDTH,
     StatementPrinter,
@@ -49,15 +54,15 @@ class CFunction:
         self._model = model
         self._function = function
         self._statements = StatementPrinter(printer)
-        self._parts: GatheredFunction = gathered(function)
+        self._parts: GatheredFunction = gather_angles(function)
         self._row = FUNCTIONS[function.name]
         self._outputs = [output.name for output in self._row.outputs]
         self._sparse = [_is_sparse(output) for output in function.outputs]
-        steps = interleaved(
+        steps = schedule_stores(
             self._parts.statements, self._parts.outputs, [not sparse for sparse in self._sparse]
         )
-        self._block = laid_out(steps, {}, _MAX_REFERENCES)
-        looped = laid_out(*rolled(steps), _MAX_REFERENCES)
+        self._block = allocate_scratch(steps, {}, _MAX_REFERENCES)
+        looped = allocate_scratch(*reroll(steps), _MAX_REFERENCES)
         self._one = looped if _goes_in_loops(looped) else self._block
 
     def context(self) -> dict[str, Any]:
@@ -119,16 +124,18 @@ class CFunction:
         name = self._function.name
         if self._parts.angles:
             helpers.append(self._angle_helper(f"{name}_angles"))
-        for layout in dict.fromkeys([self._one, self._block]):
-            for piece, piece_name in zip(layout.pieces, self._piece_names(layout), strict=True):
-                helpers.append(self._piece_helper(piece_name, piece, layout))
+        for allocation in dict.fromkeys([self._one, self._block]):
+            for section, section_name in zip(
+                allocation.sections, self._section_names(allocation), strict=True
+            ):
+                helpers.append(self._section_helper(section_name, section, allocation))
         return helpers
 
-    def _piece_names(self, layout: Layout) -> list[str]:
-        name = self._function.name + ("_lane" if layout is self._block else "_state")
-        if len(layout.pieces) == 1:
+    def _section_names(self, allocation: Allocation) -> list[str]:
+        name = self._function.name + ("_lane" if allocation is self._block else "_state")
+        if len(allocation.sections) == 1:
             return [name]
-        return [f"{name}_{number}" for number, _ in enumerate(layout.pieces, start=1)]
+        return [f"{name}_{number}" for number, _ in enumerate(allocation.sections, start=1)]
 
     def _angle_helper(self, name: str) -> dict[str, Any]:
         parts = self._parts
@@ -144,78 +151,85 @@ class CFunction:
             "lines": [*map(unused, idle), *lines],
         }
 
-    def _piece_helper(self, name: str, piece: Piece, layout: Layout) -> dict[str, Any]:
-        if isinstance(piece.part, Loop):
-            steps, read = piece.part.body, set(piece.part.shared)
+    def _section_helper(
+        self, name: str, section: Section, allocation: Allocation
+    ) -> dict[str, Any]:
+        if isinstance(section.code, Loop):
+            steps, read = section.code.body, set(section.code.invariants)
         else:
-            steps = piece.part
+            steps = section.code
             read = {name for step in steps for name in names_in(step.value)}
         lines, idle = self._loads(read)
-        if isinstance(piece.part, Loop):
-            lines += self._loop_lines(piece.part, piece, layout)
+        if isinstance(section.code, Loop):
+            lines += self._loop_lines(section.code, section, allocation)
         else:
-            lines += self._straight_lines(piece.part, piece, layout)
+            lines += self._straight_lines(section.code, section, allocation)
         stored = {step.output for step in steps if isinstance(step, Store)}
         idle += [output for i, output in enumerate(self._outputs) if i not in stored]
         return {
             "name": name,
             "parameters": ",\n    ".join(
-                [*self._scratch_parameters(layout), *self._array_parameters("RESTRICT ", "real")]
+                [
+                    *self._scratch_parameters(allocation),
+                    *self._array_parameters("RESTRICT ", "real"),
+                ]
             ),
-            "lines": [*map(unused, self._idle_scratch(piece, read, layout) + idle), *lines],
+            "lines": [*map(unused, self._idle_scratch(section, read, allocation) + idle), *lines],
         }
 
-    def _straight_lines(self, steps: tuple[Step, ...], piece: Piece, layout: Layout) -> list[str]:
+    def _straight_lines(
+        self, steps: tuple[Step, ...], section: Section, allocation: Allocation
+    ) -> list[str]:
         lines = []
-        for name, slot in piece.taken.items():
-            lines.append(load(name, "held", slot, layout.sign(name)))
+        for name, slot in section.reloads.items():
+            lines.append(load(name, "held", slot, allocation.sign(name)))
         for words, step in headed(steps):
             lines += heading(words)
             if isinstance(step, Store):
                 lines += self._statements.store(self._outputs[step.output], step.place, step.value)
                 continue
             lines += self._statements.declare(step.name, step.value)
-            if step.name in piece.held:
-                slot = piece.held[step.name]
-                lines.append(hold("held", slot, step.name, layout.sign(step.name)))
+            if step.name in section.spills:
+                slot = section.spills[step.name]
+                lines.append(hold("held", slot, step.name, allocation.sign(step.name)))
         return lines
 
-    def _loop_lines(self, loop: Loop, piece: Piece, layout: Layout) -> list[str]:
+    def _loop_lines(self, loop: Loop, section: Section, allocation: Allocation) -> list[str]:
         before, lines, inside = [], [], self._statements.inside
-        for name, slot in piece.taken.items():
+        for name, slot in section.reloads.items():
             if name in loop.operands:
                 lines.append(load(name, "held", f"({slot} + i)"))
             else:
-                before.append(load(name, "held", slot, layout.sign(name)))
-        places = iter(zip(loop.places, loop.pitches, strict=True))
+                before.append(load(name, "held", slot, allocation.sign(name)))
+        places = iter(zip(loop.places, loop.strides, strict=True))
         for step in loop.body:
             if isinstance(step, Store):
-                first, pitch = next(places)
-                place = f"({first} + {pitch} * i)"
+                first, stride = next(places)
+                place = f"({first} + {stride} * i)"
                 lines += inside.store(self._outputs[step.output], place, step.value)
                 continue
             lines += inside.declare(step.name, step.value)
-            if step.name in piece.held:
-                lines.append(hold("held", f"({piece.held[step.name]} + i)", step.name))
+            if step.name in section.spills:
+                lines.append(hold("held", f"({section.spills[step.name]} + i)", step.name))
         return [*before, *heading(loop.group), *vector_loop("i", loop.count, lines)]
 
-    def _scratch_parameters(self, layout: Layout) -> list[str]:
+    def _scratch_parameters(self, allocation: Allocation) -> list[str]:
         scratch = []
         if self._parts.angles:
             scratch += ["const real *RESTRICT sine", "const real *RESTRICT cosine"]
-        if layout.slots:
+        if allocation.slots:
             scratch.append("real *RESTRICT held")
         return scratch
 
-    def _idle_scratch(self, piece: Piece, read: set[str], layout: Layout) -> list[str]:
-        """Scratch arrays that a piece does not use."""
+    def _idle_scratch(self, section: Section, read: set[str], allocation: Allocation) -> list[str]:
+        """Scratch arrays that a section does not use."""
         count = range(len(self._parts.angles))
         idle = []
         if count and not any(sine_name(i) in read for i in count):
             idle.append("sine")
         if count and not any(cosine_name(i) in read for i in count):
             idle.append("cosine")
-        if layout.slots and not (piece.taken or piece.held):
+        if allocation.slots and not (section.reloads or section.spills):
             idle.append("held")
         return idle
 
@@ -241,13 +255,13 @@ class CFunction:
     def _call_lines(self, stride: str, offset: str) -> list[str]:
         """Body of the function for one state, or for a block of states, one a lane."""
         one = stride == "1"
-        layout = self._one if one else self._block
+        allocation = self._one if one else self._block
         size = "" if one else " * LANES"
         count, lines = len(self._parts.angles), []
         if count:
             lines.append(local_arrays(("angle", "sine", "cosine"), f"{count}{size}"))
-        if layout.slots:
-            lines.append(local_arrays(["held"], f"{layout.slots}{size}"))
+        if allocation.slots:
+            lines.append(local_arrays(["held"], f"{allocation.slots}{size}"))
         for output, sparse in zip(self._outputs, self._sparse, strict=True):
             if sparse:
                 lines += self._statements.clear(output, f"{self._width(output)}{size}")
@@ -257,10 +271,10 @@ class CFunction:
             call = [*arrays, "angle"]
             lines += _lane_call(f"{name}_angles", call, stride, offset)
             lines += _sine_lines(count, one)
-        scratch = (["sine", "cosine"] if count else []) + (["held"] if layout.slots else [])
-        for piece_name in self._piece_names(layout):
+        scratch = (["sine", "cosine"] if count else []) + (["held"] if allocation.slots else [])
+        for section_name in self._section_names(allocation):
             call = [*scratch, *arrays, *self._outputs]
-            lines += _lane_call(piece_name, call, stride, offset)
+            lines += _lane_call(section_name, call, stride, offset)
         return lines
 
     def _doc_lines(self) -> list[str]:
@@ -290,10 +304,10 @@ class CFunction:
         return [f" {line}".rstrip() for line in lines]
 
 
-def _goes_in_loops(layout: Layout) -> bool:
+def _goes_in_loops(allocation: Allocation) -> bool:
     """Whether the steps that loops stand for are enough to be worth it."""
-    loops = [piece.part for piece in layout.pieces if isinstance(piece.part, Loop)]
-    return sum(len(loop.straight) for loop in loops) >= _FEWEST_ROLLED
+    loops = [section.code for section in allocation.sections if isinstance(section.code, Loop)]
+    return sum(len(loop.unrolled) for loop in loops) >= _FEWEST_ROLLED
 
 
 def _is_sparse(output: Output) -> bool:
