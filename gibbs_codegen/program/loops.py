@@ -22,6 +22,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, count
+from math import prod
 
 from gibbs_codegen.program.nodes import Name, Node, Number, Product, Statement, Sum, names_in
 from gibbs_codegen.program.repeated_blocks import (
@@ -166,11 +167,9 @@ def _loop(
     for p, step in enumerate(blocks[-1]):
         terms = []
         for rows in zip(*(block[p] for block in repeated.blocks[-iterations:]), strict=True):
-            sign = rows[-1][0]
             columns = list(zip(*(factors for _, factors in rows), strict=True))
-            for column in columns:
-                if len(set(column)) > 1:
-                    sign *= signs.get(column[-1], 1)
+            turned = (signs.get(c[-1], 1) for c in columns if len(set(c)) > 1)
+            sign = prod(turned, start=rows[-1][0])
             nodes = tuple(_node(column, defined[-1], shared, operands) for column in columns)
             terms.append((sign, Product(nodes) if len(nodes) > 1 else nodes[0]))
         if isinstance(step, Statement):

@@ -86,7 +86,7 @@ def references(steps: Sequence[Step], start: int, stop: int) -> int:
 def evaluated_in_sections(
     sections: Sequence[Section], shapes: Sequence[int], at: Values
 ) -> list[list[float | None]]:
-    """Entries of the outputs: each section knows `at` and what it takes from slots, nothing else."""
+    """Entries of the outputs: a section knows `at` and what it takes from slots, nothing else."""
     outputs: list[list[float | None]] = [[None] * size for size in shapes]
     slots: dict[int, float] = {}
     for section in sections:
