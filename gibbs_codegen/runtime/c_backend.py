@@ -27,8 +27,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.emitted.evaluation import NotFiniteReport, batch_shape, state_array
 from gibbs_codegen.interface import DATA, LANES, Signature, module_signatures
-from gibbs_codegen.runtime.arguments import common_batch, state_array
 from gibbs_codegen.runtime.c_library import NATIVE, compiled_library
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError
@@ -133,7 +133,7 @@ class _Function:
         self._signature = signature
         self._constants = constants
         self._pool = pool
-        self._report: Callable[..., None] = module.numpy_module.report_not_finite
+        self._report = NotFiniteReport(module.NAME, module.COORDINATES, module.INPUTS)
         own = f"{module.NAME}_{signature.name}"
         self._one = library[own]
         self._batch = ctypes.cast(library[f"{own}_batch"], ctypes.c_void_p)
@@ -157,7 +157,7 @@ class _Function:
             state_array(name, given[name], width)
             for name, width in zip(signature.arguments, signature.widths, strict=True)
         ]
-        batch = common_batch(arrays)
+        batch = batch_shape(arrays)
         inputs = [
             np.require(np.broadcast_to(array, (*batch, array.shape[-1])), requirements=["C", "A"])
             for array in arrays

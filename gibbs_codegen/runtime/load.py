@@ -89,8 +89,6 @@ def _import(folder: Path) -> ModuleType:
         del sys.modules[module_name]
         raise
     missing = [name for name in FUNCTIONS if not hasattr(module, name)]
-    if not hasattr(getattr(module, "numpy_module", None), "report_not_finite"):
-        missing.append("report_not_finite")
     if missing:
         raise UsageError(
             f"{printable(folder)}: has no {', '.join(missing)}, "

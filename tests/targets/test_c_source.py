@@ -269,10 +269,10 @@ def test_single_precision_is_near_double(
 
 
 def test_loops_are_among_what_is_compiled(emitted: Callable[[str], Emitted]) -> None:
-    """Over rows that are held, and written to outputs at a pitch."""
+    """Over rows that are in scratch, and written to outputs at a pitch."""
     text = emitted(ROLLED).text(".c")
-    assert re.search(r" = held\[\(\d+ \+ i\) \* stride\];", text)
-    assert re.search(r"\n +held\[\(\d+ \+ i\) \* stride\] = ", text)
+    assert re.search(r" = scratch\[\(\d+ \+ i\) \* stride\];", text)
+    assert re.search(r"\n +scratch\[\(\d+ \+ i\) \* stride\] = ", text)
     assert re.search(r"mass_matrix\[\(\d+ \+ -?\d+ \* i\) \* stride\] = ", text)
 
 
