@@ -16,8 +16,9 @@ import sympy as sp
 
 from gibbs_codegen.derivation.articulated_inertia import NO_ARTICULATED_INERTIA, ArticulatedInertia
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR
+from gibbs_codegen.derivation.inertia_forces import link_wrench
 from gibbs_codegen.derivation.motion import Motion
-from gibbs_codegen.derivation.serial_chain import Segment, SerialChain, link_wrench
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -114,66 +115,88 @@ class _Joint:
 
 def articulated_accelerations(
     tape: Scalars,
-    chain: SerialChain,
+    tree: SegmentTree,
     motions: Sequence[Motion],
     thrust: Wrench,
     efforts: Sequence[sp.Expr],
 ) -> tuple[list[sp.Expr], Acceleration]:
-    """θ̈ of the chain's joints, and the root's acceleration in its carrier.
+    """Accelerations of the joints and of the root.
 
-    `motions` are those that the rates alone make, `thrust` is a wrench about the root in its own
-    frame, `efforts` are the joints' torques or forces. Raises `ZeroPivotError` where one
-    acceleration has no inertia to it; unknowns are numbered joints first, then ω̇ and r̈ of the root.
+    Args:
+        tree: The tree.
+        motions: Those that the rates alone make, of each segment in its working frame.
+        thrust: About the root, in its own frame (N, N m).
+        efforts: The joints' torques or forces (N m or N).
+
+    Returns:
+        θ̈ of each joint after the root, and the root's acceleration in its group frame.
+
+    Raises:
+        ZeroPivotError: Where one acceleration has no inertia to it. Unknowns are numbered joints
+            first, then ω̇ and r̈ of the root.
+
     """
-    ways = [_way_in(tape, chain, k) for k in range(1, len(chain.segments))]
+    ways = [_way_in(tape, tree, k) for k in range(1, len(tree.segments))]
     joints: list[_Joint] = []
-    carried = _Body(NO_ARTICULATED_INERTIA, NO_WRENCH)
-    for k in range(len(chain.segments) - 1, 0, -1):
-        with tape.group(f"articulated inertia and load of {chain.carried_about(k)}"):
-            body = carried.plus(tape, _link(tape, chain, k, motions[k]))
-        with tape.group(f"equation of {chain.segments[k].joint_name}, its acceleration eliminated"):
-            joint, freed = _freed(tape, chain, k, body, efforts[k - 1])
+    received = [_Body(NO_ARTICULATED_INERTIA, NO_WRENCH) for _ in tree.segments]
+    for k in range(tree.joints, 0, -1):
+        segment = tree.segments[k]
+        with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(k)}"):
+            body = received[k].plus(tape, _link(tape, tree, k, motions[k]))
+        with tape.group(f"equation of {segment.joint_name}, its acceleration eliminated"):
+            joint, freed = _freed(tape, tree, k, body, efforts[k - 1])
         joints.append(joint)
-        with tape.group(f"articulated inertia and load of {chain.carried_about(k - 1)}"):
-            carried = freed.passed_in(tape, ways[k - 1])
-    root = _root_acceleration(tape, chain, motions[0], thrust, carried)
+        parent = segment.parent
+        with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(parent)}"):
+            freed = freed.passed_in(tape, ways[k - 1])
+            received[parent] = received[parent].plus(tape, freed)
+    moving = [_root_acceleration(tape, tree, motions[0], thrust, received[0])]
     accelerations = []
-    moving = root
-    for segment, joint, way in zip(chain.segments[1:], reversed(joints), ways, strict=True):
+    for segment, joint, way in zip(tree.segments[1:], reversed(joints), ways, strict=True):
         with tape.group(f"acceleration of {segment.joint_name}"):
-            relative, moving = joint.accelerated(tape, moving.passed_out(tape, way))
+            parent_moving = moving[segment.parent].passed_out(tape, way)
+            relative, own = joint.accelerated(tape, parent_moving)
         accelerations.append(relative)
+        moving.append(own)
     with tape.group("acceleration of the base"):
-        root = root.rotated(tape, _root_turn(chain))
-        if chain.works_in_own_frame(0):
-            root = root.rotated(tape, chain.segments[0].rotation)
+        root = moving[0].rotated(tape, _root_turn(tree))
+        if tree.works_in_own_frame(0):
+            root = root.rotated(tape, tree.segments[0].rotation)
     return accelerations, root
 
 
 def _root_acceleration(
-    tape: Scalars, chain: SerialChain, motion: Motion, thrust: Wrench, carried: _Body
+    tape: Scalars, tree: SegmentTree, motion: Motion, thrust: Wrench, received: _Body
 ) -> Acceleration:
-    """The root's acceleration, where its system is solved, from what it carries and what drives it.
+    """The root's acceleration.
 
-    `thrust` is a wrench about the root in its own frame. Raises `ZeroPivotError`.
+    Args:
+        tree: The tree.
+        motion: The root's, in its working frame.
+        thrust: What drives it, about the root in its own frame.
+        received: What its children add, in the frame in which its system is solved.
+
+    Returns:
+        The acceleration in the frame in which the root's system is solved.
+
     """
-    with tape.group(f"articulated inertia and load of {chain.carried(0)}"):
-        if not chain.works_in_own_frame(0):
-            thrust = thrust.rotated(tape, chain.segments[0].rotation)
-        base = _link(tape, chain, 0, motion, thrust)
-        base = base.passed_in(tape, [_root_turn(chain).inverse]).plus(tape, carried)
+    with tape.group(f"articulated inertia and load of {tree.subtree_words(0)}"):
+        if not tree.works_in_own_frame(0):
+            thrust = thrust.rotated(tape, tree.segments[0].rotation)
+        base = _link(tape, tree, 0, motion, thrust)
+        base = base.passed_in(tape, [_root_turn(tree).inverse]).plus(tape, received)
     with tape.group("acceleration of the base, by LDL^T"):
-        return _solved(tape, base, len(chain.segments) - 1)
+        return _solved(tape, base, tree.joints)
 
 
 def _freed(
-    tape: Scalars, chain: SerialChain, k: int, body: _Body, effort: sp.Expr
+    tape: Scalars, tree: SegmentTree, k: int, body: _Body, effort: sp.Expr
 ) -> tuple[_Joint, _Body]:
     """Solve joint k's equation, ∂S/∂θ̈ = τ, and put its acceleration in.
 
     Of its joint's direction the body then keeps nothing but the effort, which the parent bears.
     """
-    direction = _direction(chain.segments[k])
+    direction = _direction(tree.segments[k])
     column = body.inertia.rows[direction]
     if column[direction] == 0:
         raise ZeroPivotError(k - 1)
@@ -205,41 +228,48 @@ def _solved(tape: Scalars, root: _Body, joints: int) -> Acceleration:
 
 
 def _link(
-    tape: Scalars, chain: SerialChain, k: int, motion: Motion, applied: Wrench = NO_WRENCH
+    tape: Scalars, tree: SegmentTree, k: int, motion: Motion, applied: Wrench = NO_WRENCH
 ) -> _Body:
     """Segment k by itself, in its working frame: what is applied to it less its 𝒮 and ℛ (eq. 6)."""
-    inertia = ArticulatedInertia.rigid(tape, chain.working_inertia(tape, k))
-    inertial = link_wrench(tape, chain, k, motion)
+    inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
+    inertial = link_wrench(tape, tree, k, motion)
     force, moment = (scale(tape, sp.S.NegativeOne, v) for v in (inertial.force, inertial.moment))
     return _Body(inertia, applied.plus(tape, Wrench(force, moment)))
 
 
-def _root_turn(chain: SerialChain) -> Rotation:
+def _root_turn(tree: SegmentTree) -> Rotation:
     """Rotation to the root's working frame from that in which the root's system is solved.
 
-    Where the first joint turns the arm about the base normal through the origin, it is cheaper to
-    turn the base against it than the arm's articulated inertia: a base of equal arms does not
-    notice, and an arm in a plane keeps its zeros.
+    Where the root has a single child, which turns the arm about the base normal through the origin,
+    it is cheaper to turn the base against it than the arm's articulated inertia: a base of equal
+    arms does not notice, and an arm in a plane keeps its zeros.
     """
-    if len(chain.segments) > 1 and chain.works_in_own_frame(1):
-        first = chain.segments[1]
-        if not first.leads and first.a == 0:
+    if len(tree.children[0]) == 1 and tree.works_in_own_frame(1):
+        first = tree.segments[1]
+        if not first.starts_group and first.a == 0:
             return first.rotation
     return NO_ROTATION
 
 
-def _way_in(tape: Scalars, chain: SerialChain, k: int) -> list[Rotation | Vector]:
-    """Rotations and shifts that take a body about joint k, in its working frame, to joint k − 1.
+def _way_in(tape: Scalars, tree: SegmentTree, k: int) -> list[Rotation | Vector]:
+    """Rotations and shifts that take a body of segment k to its parent.
 
-    It ends in the working frame of segment k − 1 or, at the root, where the system is solved.
+    Args:
+        tree: The tree.
+        k: Index of the segment, 1 or more; the way begins at its joint, in its working frame.
+
+    Returns:
+        The way, which ends at the parent's joint in the parent's working frame or, at the root, in
+        the frame in which the root's system is solved.
+
     """
-    segment, parent = chain.segments[k], chain.segments[k - 1]
-    held = _root_turn(chain) if k == 1 else NO_ROTATION
+    segment = tree.segments[k]
+    held = _root_turn(tree) if segment.parent == 0 else NO_ROTATION
     way: list[Rotation | Vector] = []
-    if chain.works_in_own_frame(k) and held.is_identity:
+    if tree.works_in_own_frame(k) and held.is_identity:
         way.append(segment.rotation)
     way.append(axis_vector(Z, segment.d))
     step = axis_vector(X, segment.a)
-    if segment.leads:
+    if segment.starts_group:
         return [*way, segment.twist, step]
-    return [*way, parent.rotation.vector(tape, step)]
+    return [*way, tree.segments[segment.parent].rotation.vector(tape, step)]

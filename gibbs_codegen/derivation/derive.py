@@ -30,8 +30,25 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     """
     tape = Tape()
     machine = Machine.of(robot, tape, keep_zeros)
-    parameters = machine.parameters
-    check_massless_motions(robot, parameters.defaults)
+    check_massless_motions(robot, machine.parameters.defaults)
+    return model_of(tape, machine, keep_zeros, progress)
+
+
+def model_of(
+    tape: Tape, machine: Machine, keep_zeros: bool = False, progress: Progress = lambda _: None
+) -> Model:
+    """Derive everything that is emitted for a robot whose symbols are on `tape`.
+
+    Args:
+        machine: The robot in symbols.
+        keep_zeros: Whether parameters that are zero were kept.
+        progress: Told the name of each step as it begins.
+
+    Returns:
+        The robot with its program and its parameters.
+
+    """
+    robot, parameters = machine.robot, machine.parameters
     slices = _slices(tape, machine, progress)
     progress("lowering the program")
     inputs = {

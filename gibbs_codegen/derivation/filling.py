@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from gibbs_codegen.derivation.chain_dynamics import Matrix
 from gibbs_codegen.derivation.hybrid import chain_matrix, chain_system
 from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.tree_dynamics import Matrix
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
 from gibbs_codegen.robot.model import Robot

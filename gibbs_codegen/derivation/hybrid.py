@@ -14,16 +14,18 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import (
+from gibbs_codegen.derivation.composite_inertia import joint_space_inertia
+from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_torque_about_arm_joint
+from gibbs_codegen.derivation.inertia_forces import link_wrench
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import (
     Matrix,
     State,
-    chain_motions,
     generalised_inertia_forces,
     mass_matrix,
+    tree_motions,
 )
-from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_torque_about_arm_joint
-from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.serial_chain import SerialChain, joint_columns, link_wrench
 from gibbs_codegen.robot.chains import Chain, coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.layout import layout_of
@@ -46,24 +48,24 @@ def unaccelerated_state(machine: Machine) -> State:
 
 def reduced_system(machine: Machine) -> LinearSystem:
     """M a = R + B u."""
-    tape, root, chain = machine.tape, machine.root, machine.reduced_chain
-    minus_r = generalised_inertia_forces(tape, root, chain, unaccelerated_state(machine))
+    tape, root, tree = machine.tape, machine.root, machine.reduced_tree
+    minus_r = generalised_inertia_forces(tape, root, tree, unaccelerated_state(machine))
     return LinearSystem(
-        mass_matrix(tape, root, chain), [-row for row in minus_r], input_matrix(machine)
+        mass_matrix(tape, root, tree), [-row for row in minus_r], input_matrix(machine)
     )
 
 
 def constrained_joint_column(
-    machine: Machine, serial: SerialChain
+    machine: Machine, serial: SegmentTree
 ) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
     """Column of I_H for a constrained joint: its entries at the base's coordinates, and its own."""
     tape = machine.tape
-    _, wrenches, entries = joint_columns(tape, serial)
+    inertia = joint_space_inertia(tape, serial)
     with tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
-        return machine.root.rows(tape, wrenches[0]), entries[1, 1]
+        return machine.root.rows(tape, inertia.wrenches[0]), inertia.entries[0, 0]
 
 
-def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -> sp.Expr:
+def constrained_joint_row(machine: Machine, serial: SegmentTree, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint at the given rates and accelerations of the free coordinates."""
     places = machine.root.places(serial.joints)
 
@@ -72,8 +74,8 @@ def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -
         return places.joined(base, [sp.S.Zero] * serial.joints)
 
     own = State(held(state.rates), held(state.accelerations), state.gravity)
-    motions = chain_motions(machine.tape, machine.root, serial, own)
-    with machine.tape.group(f"inertia forces of {serial.carried_about(1)}"):
+    motions = tree_motions(machine.tape, machine.root, serial, own)
+    with machine.tape.group(f"inertia forces of {serial.subtree_about_joint(1)}"):
         return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
 
 
@@ -182,7 +184,7 @@ def _chain_values(machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...])
     return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
 
 
-def _chain_inputs(machine: Machine, chain: Chain, serial: SerialChain) -> Matrix:
+def _chain_inputs(machine: Machine, chain: Chain, serial: SegmentTree) -> Matrix:
     zero, one = sp.S.Zero, sp.S.One
     matrix: Matrix = [[zero] * len(machine.u) for _ in chain.coordinates]
     places = machine.root.places(serial.joints)

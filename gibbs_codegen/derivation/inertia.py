@@ -1,4 +1,4 @@
-"""Inertia of a link or of several as one: rotated, shifted, added, and split for regrouping.
+"""Inertia of a link or of several as one: rotated, shifted and added.
 
 Seen from its parent, a link is a Gibbs function in the parent's accelerations with other B's. That
 one rule serves the composites of the mass matrix, the merging of the rigid base arms, and
@@ -116,29 +116,6 @@ class Inertia:
 
 
 NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
-
-
-def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a revolute joint about z moves, and what is given to its parent.
-
-    Mass on the joint's axis does not notice the joint: the mass itself, the first moment along z
-    and the second moment along z are the parent's.
-    """
-    (x, y, z), (xx, yy, zz, xy, xz, yz) = inertia.moment, inertia.second
-    zero = sp.S.Zero
-    own = Inertia(zero, (x, y, zero), (xx, yy, zero, xy, xz, yz))
-    given = Inertia(inertia.mass, (zero, zero, z), (zero, zero, zz, zero, zero, zero))
-    return own, given
-
-
-def split_prismatic(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a prismatic joint moves, and what is given to its parent.
-
-    The link turns with its parent, so its second moments about the joint are the parent's.
-    """
-    own = Inertia(inertia.mass, inertia.moment, (sp.S.Zero,) * 6)
-    given = Inertia(sp.S.Zero, ZERO, inertia.second)
-    return own, given
 
 
 def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import State, chain_motions
 from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT
+from gibbs_codegen.derivation.tree_dynamics import State, tree_motions
 from gibbs_codegen.equations.definitions import Definition, Definitions
 from gibbs_codegen.equations.notation import Kind, name
 from gibbs_codegen.equations.readable_chain import ReadableChain, own_frames
@@ -47,7 +47,7 @@ class ItemMotions:
             state, rates=longer(state.rates), accelerations=longer(state.accelerations)
         )
         self._named: list[tuple[sp.Symbol, sp.Symbol, int, sp.Expr]] = []
-        motions = chain_motions(tape, root, self.serial, self.state)[:-1]
+        motions = tree_motions(tape, root, self.serial, self.state)[:-1]
         for k, motion in enumerate(motions):
             vectors = (motion.omega, motion.omega_dot, motion.acceleration)
             for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):

@@ -13,10 +13,10 @@ from fractions import Fraction
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import State
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia
 from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.serial_chain import Segment, SerialChain
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.equations.chain_names import FIXED, chain_names
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.notation import Kind, Name, name
@@ -49,7 +49,7 @@ class ReadableChain:
 
     machine: Machine
     chain: Chain
-    serial: SerialChain
+    serial: SegmentTree
     state: State
     inertias: tuple[Definition, ...]
     names: dict[sp.Symbol, Name]
@@ -93,11 +93,11 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
         inertias += definitions
     state = _state(machine, chain)
     return ReadableChain(
-        machine, chain, SerialChain(tuple(segments)), state, tuple(inertias), names
+        machine, chain, SegmentTree(tuple(segments)), state, tuple(inertias), names
     )
 
 
-def own_frames(readable: ReadableChain) -> SerialChain:
+def own_frames(readable: ReadableChain) -> SegmentTree:
     """The chain with each segment in its own frame, and one more, without inertia, at its end.
 
     The derivation keeps segments on parallel axes in one frame, and a last segment in the frame of
@@ -108,7 +108,7 @@ def own_frames(readable: ReadableChain) -> SerialChain:
     if readable.chain.is_constrained:
         (joint,) = _chain_joints(machine, readable.chain)
         rotation = Rotation.angle(machine.tape, Z, sp.Symbol(joint))
-        segments.append(replace(serial.segments[1], rotation=rotation, leads=True))
+        segments.append(replace(serial.segments[1], rotation=rotation, starts_group=True))
     else:
         _, joints = machine.places.split(machine.q)
         for link, joint, segment in zip(
@@ -116,8 +116,9 @@ def own_frames(readable: ReadableChain) -> SerialChain:
         ):
             angle = joint if link.joint == "revolute" else sp.S.Zero
             rotation = _turned(machine.tape, angle, link.theta_deg)
-            segments.append(replace(segment, rotation=rotation, leads=True))
-    return SerialChain((*segments, Segment(NO_INERTIA, NO_ROTATION)))
+            segments.append(replace(segment, rotation=rotation, starts_group=True))
+    end = Segment(NO_INERTIA, NO_ROTATION, parent=len(segments) - 1)
+    return SegmentTree((*segments, end))
 
 
 def _chain_joints(machine: Machine, chain: Chain) -> list[str]:
@@ -141,7 +142,7 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
             wrench = wrench.rotated(tape, segments[1].rotation)
             joints = [segments[1].row(wrench)]
             wrench = readable.serial.passed_in(tape, 1, wrench)
-            wrench = readable.serial.to_carrier(tape, 0, wrench)
+            wrench = readable.serial.to_group_frame(tape, 0, wrench)
         rows = places.joined(root.rows(tape, wrench), joints)
         forces = [force + row * u[k - 1] for force, row in zip(forces, rows, strict=True)]
     if not chain.is_constrained:
@@ -182,7 +183,7 @@ def _readable_arm(machine: Machine, segment: Segment, angle: sp.Symbol) -> Segme
     """
     root = machine.root
     rotation = Rotation.angle(machine.tape, Z, root.segment_angle + angle)
-    return replace(segment, rotation=rotation, leads=not root.spins_about_normal)
+    return replace(segment, rotation=rotation, starts_group=not root.spins_about_normal)
 
 
 def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Segment]:
@@ -191,7 +192,7 @@ def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Seg
     readable = []
     _, joints = machine.places.split(machine.q)
     for link, joint, segment in zip(machine.robot.links, joints, segments, strict=True):
-        if segment.leads:
+        if segment.starts_group:
             angle, fixed = sp.S.Zero, Fraction(0)
         angle += joint if link.joint == "revolute" else 0
         fixed += link.theta_deg

@@ -16,7 +16,6 @@ from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import generalised_inertia_forces, mass_matrix
 from gibbs_codegen.derivation.gibbs import (
     ACCELERATION,
     MASS,
@@ -27,6 +26,7 @@ from gibbs_codegen.derivation.gibbs import (
     link_gibbs_function,
     link_partials,
 )
+from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces, mass_matrix
 from gibbs_codegen.equations.chain_equation import ChainEquation, Place
 from gibbs_codegen.equations.closed_form import closed_system
 from gibbs_codegen.equations.definitions import Definition, Definitions
