@@ -27,7 +27,7 @@ settings.load_profile("project")
 
 ROOT = Path(__file__).parent.parent
 
-# Tests that repeat themselves with other numbers, and how many of their cases the default run takes,
+# Tests that repeat themselves with other numbers, and how many of their cases the default run has,
 # so that it stays within minutes. The rest is slow.
 CASES_BY_DEFAULT = {
     "test_a_lost_flight_ends_with_its_reason": 4,
