@@ -1,4 +1,4 @@
-"""The machine flying, in three dimensions and in real time, as a film."""
+"""The robot flying, in three dimensions and in real time, as a film."""
 
 from __future__ import annotations
 
@@ -14,14 +14,8 @@ from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
-from gibbs_codegen.figures.machine_drawing import (
-    MachineDrawing,
-    PathDrawing,
-    bounds,
-    fit,
-    samples_at,
-    set_scene,
-)
+from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, samples_at
+from gibbs_codegen.figures.scene import fit, set_scene
 from gibbs_codegen.figures.style import add_legend, style
 from gibbs_codegen.simulator.flight import Flight
 
@@ -34,11 +28,19 @@ def write_animation(
     fps: int = 20,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write the flight in real time, `fps` frames per second, to a `.gif` or `.mp4` file.
+    """Write the flight in real time to a `.gif` or `.mp4` file, whole or not at all.
 
-    `progress` is told how many frames of how many are done. GIF counts in 1/100 s: where 100 is no
-    multiple of `fps`, it runs a little fast. Raises `UsageError` for another suffix or no frames,
-    `OutputError` where the file cannot be written or `.mp4` lacks ffmpeg; then nothing is written.
+    GIF counts in 1/100 s: unless 100 is a multiple of `fps`, it runs a little fast.
+
+    Args:
+        flight: The flight.
+        path: The file; its suffix chooses the format.
+        fps: Frames per second, at least 1.
+        progress: Is called after each frame with the number of frames done and of all frames.
+
+    Raises:
+        UsageError: The suffix is another one, or there are no frames.
+        OutputError: The file cannot be written, or ffmpeg, which `.mp4` needs, is missing or fails.
     """
     writer = _writer(path, fps)
     # Beside it, so that only what is whole takes its place; the suffix tells the format.
@@ -83,18 +85,27 @@ def _film(
     samples: list[int],
     progress: Callable[[int, int], None],
 ) -> None:
+    """Draw frame after frame.
+
+    Args:
+        flight: The flight.
+        writer: What takes the frames.
+        path: The file that it writes.
+        samples: Numbers of the samples to draw, a frame each.
+        progress: As for `write_animation`.
+    """
     figure = Figure(figsize=_FRAME_SIZE)
     axes: Any = figure.add_subplot(projection="3d")
     set_scene(axes, bounds(flight))
     paths = PathDrawing(axes, flight, desired="0.65")
-    machine = MachineDrawing(axes, flight)
+    robot = RobotDrawing(axes, flight)
     fit(axes, *add_legend(axes, flight))
     clock = figure.text(0.98, 0.02, "", fontsize=11, horizontalalignment="right")
     writer.setup(figure, str(path), _FRAME_DPI)
     try:
         for done, sample in enumerate(samples, start=1):
             paths.show(sample)
-            machine.show(sample)
+            robot.show(sample)
             clock.set_text(f"{flight.time[sample]:.2f} s")
             writer.grab_frame()
             progress(done, len(samples))

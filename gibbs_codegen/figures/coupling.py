@@ -19,17 +19,10 @@ from matplotlib.path import Path
 from gibbs_codegen.derivation.filling import Filling, filled_entries
 from gibbs_codegen.equations.notation import Name, accelerated, hybrid_name
 from gibbs_codegen.equations.show import chain_equation
-from gibbs_codegen.figures.style import DARK, style
+from gibbs_codegen.figures.style import COLOURS, DARK, style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
 from gibbs_codegen.robot.model import Robot
-
-# Okabe and Ito (2008) without yellow and black, then four of Tol's muted colours. They repeat after
-# ten chains.
-CHAIN_COLOURS = (
-    *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"),
-    *("#332288", "#882255", "#999933", "#777777"),
-)
 
 # Fig. 6, in units of a row: distance between rows and between chains, and where things stand.
 _ROW, _CHAIN_GAP, _PADDING = 0.187, 1.1, 0.25
@@ -41,15 +34,28 @@ _LABELS, _GAP, _HEAD, _FOOT = 2.6, 2.0, 2.4, 1.9
 
 
 def chain_colour(number: int) -> str:
-    """The colour of chain `number` = 1 … N in every drawing."""
-    return CHAIN_COLOURS[(number - 1) % len(CHAIN_COLOURS)]
+    """Choose the colour of a chain in every drawing; colours repeat after ten chains.
+
+    Args:
+        number: The number of the chain, 1 … N.
+
+    Returns:
+        The colour, as #rrggbb.
+    """
+    return COLOURS[(number - 1) % len(COLOURS)]
 
 
 def coupling_figure(robot: Robot) -> Figure:
-    """Fig. 6: each chain's unknowns, and which of the hybrid system's unknowns each of them is.
+    """Draw Fig. 6: each chain's unknowns, and which of the hybrid system's unknowns each is.
 
     The hybrid unknowns are numbered by their rows, from −1. Arrows and boxes have the colours of
     the chains.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The figure.
     """
     chains = decompose(robot)
     tops = list(accumulate(chains, lambda y, c: y + len(c.unknowns) + _CHAIN_GAP, initial=0.0))
@@ -59,17 +65,26 @@ def coupling_figure(robot: Robot) -> Figure:
             (-1.6, _LEFT_WIDTH + _BETWEEN + _RIGHT_WIDTH + 0.2), (-2.2, height + 0.6), _ROW
         )
         step = _draw_hybrid_unknowns(axes, robot, height)
-        _heading(axes, _LEFT_WIDTH / 2, -1.0, "unknowns of the chains")
+        _symbol(axes, _LEFT_WIDTH / 2, -1.0, "unknowns of the chains", size=8)
         for chain, top in zip(chains, tops, strict=False):
             _draw_chain(axes, robot, chain, top, step)
     return figure
 
 
 def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
-    """The column of the hybrid unknowns with their rows; returns the distance between them."""
+    """Draw the column of the hybrid unknowns with their rows.
+
+    Args:
+        axes: The axes.
+        robot: The robot.
+        height: Height of the column, rows.
+
+    Returns:
+        The distance between unknowns, rows.
+    """
     left, unknowns = _LEFT_WIDTH + _BETWEEN, hybrid_coordinates(robot)
     step = height / len(unknowns)
-    _heading(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$")
+    _symbol(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$", size=8)
     for place, unknown in enumerate(unknowns):
         y = (place + 0.5) * step
         _box(axes, left, y - 0.42 * step, _RIGHT_WIDTH, 0.84 * step, "0.35", "0.97")
@@ -80,7 +95,15 @@ def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
 
 
 def _draw_chain(axes: Axes, robot: Robot, chain: Chain, top: float, step: float) -> None:
-    """The unknowns of a chain, and arrows to the hybrid unknowns, which are `step` apart."""
+    """Draw the unknowns of a chain, and arrows to the hybrid unknowns.
+
+    Args:
+        axes: The axes.
+        robot: The robot.
+        chain: Its chain.
+        top: Where the unknowns begin, rows from above.
+        step: The distance between hybrid unknowns, rows.
+    """
     colour, length = chain_colour(chain.number), len(chain.unknowns)
     _box(axes, 0.0, top - _PADDING, _LEFT_WIDTH, length + 2 * _PADDING, colour, _tint(colour))
     text = axes.text(-0.8, top + length / 2, _title(chain), ha="center", va="center", rotation=90)
@@ -95,11 +118,17 @@ def _draw_chain(axes: Axes, robot: Robot, chain: Chain, top: float, step: float)
 
 
 def hybrid_pattern_figure(robot: Robot) -> Figure:
-    """Figs. 7–9: I_H, R_H and B_H of F_H = B_H u, each entry in the colours of its chains.
+    """Draw Figs. 7–9: I_H, R_H and B_H of F_H = B_H u, each entry in the colours of its chains.
 
     An entry to which several chains add is split among their colours. Rows and columns are labelled
     with the unknowns and the inputs, rows also with their numbers from −1. The constraint rows and
     columns of eq. 15 hold 1 and −1. Blank entries are zero in every posture.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The figure.
     """
     filled = filled_entries(robot)
     names = [_unknown(c.name, c.meaning) for c in hybrid_coordinates(robot)]
@@ -116,7 +145,7 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
         )
         for entries, left, title, columns in parts:
             _draw_filling(axes, entries, left)
-            _heading(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title)
+            _symbol(axes, left + len(entries[0]) / 2, -_HEAD + 0.5, title, size=8)
             for column, name in enumerate(columns):
                 _symbol(axes, left + column + 0.5, -0.7, _math(name), size=8)
         for row, name in enumerate(names):
@@ -149,7 +178,16 @@ def _title(chain: Chain) -> str:
 
 
 def _canvas(x: tuple[float, float], y: tuple[float, float], unit: float) -> tuple[Figure, Axes]:
-    """Axes that fill a figure, with `unit` inches to one of their units, y downwards."""
+    """Make axes that fill a figure, y downwards.
+
+    Args:
+        x: Lowest and highest x.
+        y: Lowest and highest y.
+        unit: Inches to one unit of the axes.
+
+    Returns:
+        The figure and its axes.
+    """
     figure = Figure(figsize=((x[1] - x[0]) * unit, (y[1] - y[0]) * unit))
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=x, ylim=y[::-1])
@@ -157,19 +195,32 @@ def _canvas(x: tuple[float, float], y: tuple[float, float], unit: float) -> tupl
     return figure, axes
 
 
-def _heading(axes: Axes, x: float, y: float, text: str) -> None:
-    axes.text(x, y, text, ha="center", va="center", color=DARK)
-
-
 def _symbol(
     axes: Axes, x: float, y: float, text: str, colour: str = DARK, size: float = 9.5
 ) -> None:
+    """Write a text with its middle at a place.
+
+    Args:
+        axes: The axes.
+        x, y: The place.
+        text: The text.
+        colour: Its colour.
+        size: Its size, points.
+    """
     axes.text(x, y, text, ha="center", va="center", color=colour, fontsize=size)
 
 
 def _box(
     axes: Axes, left: float, top: float, width: float, height: float, edge: str, face: str
 ) -> None:
+    """Draw a box with round corners.
+
+    Args:
+        axes: The axes.
+        left, top: Its upper left corner.
+        width, height: Its size.
+        edge, face: Colours of its edge and of its inside.
+    """
     box = FancyBboxPatch((left, top), width, height, boxstyle="round,pad=0,rounding_size=0.3")
     box.set(edgecolor=edge, facecolor=face, linewidth=0.7)
     axes.add_patch(box)
@@ -182,7 +233,13 @@ def _tint(colour: str) -> str:
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:
-    """An arrow that leaves and arrives level."""
+    """Draw an arrow that leaves and arrives level.
+
+    Args:
+        axes: The axes.
+        start, end: Its ends, x and y.
+        colour: Its colour.
+    """
     bend = 0.5 * (end[0] - start[0])
     points = [start, (start[0] + bend, start[1]), (end[0] - bend, end[1]), end]
     path = Path(points, [Path.MOVETO, Path.CURVE4, Path.CURVE4, Path.CURVE4])
@@ -192,7 +249,13 @@ def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], col
 
 
 def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
-    """Cells of one array, split into stripes, one a chain, on a grid."""
+    """Draw the cells of one array on a grid, split into stripes, one for each chain.
+
+    Args:
+        axes: The axes.
+        entries: The chains that add to each entry.
+        left: x of its left edge.
+    """
     cells, colours = [], []
     for y, row in enumerate(entries):
         for x, chains in enumerate(row):
@@ -208,7 +271,14 @@ def _draw_filling(axes: Axes, entries: Filling, left: float) -> None:
 
 
 def _legend(axes: Axes, chains: Sequence[Chain], top: float, width: float) -> None:
-    """A coloured cell and a name for each chain, in rows."""
+    """Draw a coloured cell and a name for each chain, in rows.
+
+    Args:
+        axes: The axes.
+        chains: The chains.
+        top: y of the first row.
+        width: Width of the rows.
+    """
     in_row = max(int(width // 4), 1)
     for place, chain in enumerate(chains):
         x, y = 4 * (place % in_row), top + 1.2 * (place // in_row)

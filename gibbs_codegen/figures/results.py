@@ -37,9 +37,22 @@ def write_results(
 ) -> list[Path]:
     """Write `flight.npz`, `flight.csv`, figures as PNG and PDF, and `flight.gif` or `flight.mp4`.
 
-    `animation` is "gif", "mp4" or empty for none. Results of an earlier flight in `folder` give way
-    once all new ones are complete; other files are left alone. Returns the paths written.
-    Raises `UsageError` or `OutputError`, and then has changed nothing.
+    Results of an earlier flight in the folder are replaced once all new ones are complete; other
+    files are left alone.
+
+    Args:
+        flight: The flight.
+        folder: Where the files go; made if need be.
+        figures: Whether to draw figures.
+        animation: "gif", "mp4", or empty for none.
+        progress: Is called with what is being written and the share (0 to 1) that is done.
+
+    Returns:
+        Paths of the files written.
+
+    Raises:
+        UsageError: The folder cannot be used, or the animation is unknown; nothing has changed.
+        OutputError: The results cannot be written; nothing has changed.
     """
     check_results(folder, animation)
     folder = Path(folder)
@@ -68,10 +81,15 @@ def write_results(
 
 
 def check_results(folder: str | os.PathLike[str], animation: str = "") -> None:
-    """Refuse what cannot be written, before the work of a flight.
+    """Check that results can be written, before the work of a flight.
 
-    Raises `UsageError` for a path that cannot become a folder and for an unknown animation, and
-    `OutputError` where nothing can be written there or the animation lacks its program.
+    Args:
+        folder: Where the files are to go.
+        animation: "gif", "mp4", or empty for none.
+
+    Raises:
+        UsageError: The path cannot become a folder of results, or the animation is unknown.
+        OutputError: Nothing can be written there, or the animation's program is missing.
     """
     check_output_folder(folder)
     if animation and animation not in ANIMATIONS:

@@ -20,7 +20,13 @@ from gibbs_codegen.simulator.flight import Flight
 # Widths of a column and of a page of two columns, in.
 COLUMN, FULL = 3.5, 7.2
 
-# Colours that colour-blind eyes can tell apart (Okabe and Ito, 2008), the yellow darker for white.
+# Of curves and chains, which colour-blind eyes can tell apart: Okabe and Ito (2008) without yellow
+# and black, then four of Tol's muted colours.
+COLOURS = (
+    *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00"),
+    *("#332288", "#882255", "#999933", "#777777"),
+)
+# Black and yellow of the same palette, the yellow darker for white paper.
 DARK = "0.15"
 GOLD = "#f2c200"
 
@@ -71,7 +77,15 @@ def style() -> Iterator[None]:
 
 
 def add_heading(figure: Figure, flight: Flight) -> Text:
-    """Name robot and scenario above a figure, and say so where the flight stopped early."""
+    """Name robot and scenario above a figure, and why the flight stopped if it did so early.
+
+    Args:
+        figure: The figure.
+        flight: The flight.
+
+    Returns:
+        The heading.
+    """
     lines = [f"{flight.robot}, {flight.scenario}"]
     if flight.stopped:
         lines += textwrap.wrap(f"stopped {flight.stopped}", int(20 * figure.get_size_inches()[0]))
@@ -80,9 +94,14 @@ def add_heading(figure: Figure, flight: Flight) -> Text:
 
 
 def add_legend(axes: Axes, flight: Flight) -> tuple[float, float, float, float]:
-    """Head the figure of `axes`, and explain below in one row what they show.
+    """Head the figure of 3-D axes, and explain below in one row what they show.
 
-    Returns left, bottom, width and height (0 to 1) of what is left of the figure, with a margin.
+    Args:
+        axes: The axes, whose lines have labels.
+        flight: The flight.
+
+    Returns:
+        Left, bottom, width and height of the rest of the figure, in shares of it (0 to 1).
     """
     figure: Any = axes.figure
     heading = add_heading(figure, flight)
@@ -102,7 +121,8 @@ def _bottom(figure: Figure, artist: Artist) -> float:
 def spread(axes: Axes) -> None:
     """Move the names at the ends of curves apart, as little as can be; leave some of too many out.
 
-    The names are the annotations of `axes`, in offset points; the axes must be laid out.
+    Args:
+        axes: The axes, laid out; the names are their annotations, in offset points.
     """
     names = [text for text in axes.texts if isinstance(text, Annotation)]
     if not names:

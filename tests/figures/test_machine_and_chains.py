@@ -19,14 +19,9 @@ from support.emitted import emitted_module
 from support.random_robots import robots
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.figures.chains import CONSTRAINT, TORQUE, chains_figure
-from gibbs_codegen.figures.machine import (
-    THRUST,
-    X_AXIS,
-    Z_AXIS,
-    default_posture,
-    machine_figure,
-)
+from gibbs_codegen.figures.chains import chains_figure
+from gibbs_codegen.figures.machine import default_posture, machine_figure
+from gibbs_codegen.figures.marks import CONSTRAINT, THRUST, TORQUE, X_AXIS, Z_AXIS
 from gibbs_codegen.figures.style import DARK, GOLD
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
@@ -118,8 +113,10 @@ def test_nothing_lies_outside_its_scene() -> None:
     for name in SHIPPED:
         for axes in machine_figure(read_robot(name)[0]).axes:
             low, high = np.transpose([getattr(axes, f"get_{n}lim")() for n in "xyz"])
-            for line in axes.lines:
-                places = np.transpose(line.get_data_3d())
+            (discs,) = [c for c in axes.collections if isinstance(c, Poly3DCollection)]
+            drawn: Any = [np.transpose(line.get_data_3d()) for line in axes.lines]
+            drawn.append(np.reshape(discs._faces, (-1, 3)))  # no public way to ask for them
+            for places in drawn:
                 assert np.all((places >= low) & (places <= high))
 
 
@@ -136,7 +133,7 @@ def test_every_chain_shows_what_the_decomposition_says(name: str) -> None:
             assert f"$\\theta_{{{j},{item}}}$" in shown
         assert (f"$F_{{{j},3}}$" in shown) == (1 in chain.motors)
         assert (f"$F_{{{j},5}}$" in shown) == chain.is_constrained
-        assert (f"$\\tau'_{{{j},4}}$" in shown) == chain.is_constrained
+        assert (f"$\\tau\\prime_{{{j},4}}$" in shown) == chain.is_constrained
         assert arrows(axes, CONSTRAINT) == chain.is_constrained
         assert arrows(axes, TORQUE) == (0 if chain.is_constrained else min(len(robot.links), 4))
 

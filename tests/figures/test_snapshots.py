@@ -12,9 +12,11 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from numpy.typing import NDArray
 from support.synthetic_flight import names, synthetic_flight
 
+from gibbs_codegen.figures.scene import project
 from gibbs_codegen.figures.snapshots import snapshots, snapshots_panels
 from gibbs_codegen.figures.style import FULL, GOLD
 from gibbs_codegen.simulator.flight import Flight
@@ -104,7 +106,15 @@ def test_twelve_instants(drawn: Drawn) -> None:
 def test_instants_in_one_place_share_a_label(paper: Flight) -> None:
     samples = np.zeros(len(paper.time), dtype=int)
     still = replace(paper, positions=paper.positions[samples])
-    assert names(snapshots(still).axes[0]) == ["0.0 … 12.6 s"]
+    axes: Any = snapshots(still).axes[0]
+    assert names(axes) == ["0.0 … 12.6 s"]
+    # Robots drawn over each other would not be translucent.
+    (discs,) = axes.collections
+    # The label covers no rotor.
+    (label,) = [text for text in axes.texts if text.get_text()]
+    box = Text.get_window_extent(label)  # without the line from it to the robot
+    corners = axes.transData.transform(project(axes, np.asarray(discs._faces)).reshape(-1, 2))
+    assert not np.any(np.all((corners > box.p0) & (corners < box.p1), axis=1))
     ring = replace(still, positions=paper.positions.copy())
     ring.positions[-1] = ring.positions[0]
     assert "0.0, 12.6 s" in names(snapshots(ring).axes[0])

@@ -1,0 +1,124 @@
+"""The paper's Fig. 10: every coordinate of a flight, actual and desired, over time."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from gibbs_codegen.figures.curves import ROUND_OFF, Curves, explain, finished, plot, symbol
+from gibbs_codegen.figures.style import FULL, style
+from gibbs_codegen.simulator.flight import Flight
+
+# Of ranges: curves that differ by more are not in one panel.
+_RATIO = 5.0
+
+# A panel: its letter, and the curves of the axes that it consists of, from above.
+_Panel = tuple[str, list[Curves]]
+
+
+def coordinates(flight: Flight) -> Figure:
+    """Draw the paper's Fig. 10: every coordinate, actual and desired, over time in s.
+
+    A: attitude angles, deg. B: constrained angles of base arms 2 … N, deg. C: joints of the arm,
+    revolute ones in deg, prismatic ones in m in a panel of their own. D: position of O₁ (or of the
+    base centre, if the coordinates are its), m. In A and C, coordinates that vary far less than
+    others, such as roll and pitch beside a yaw of many turns, have axes of their own.
+
+    Args:
+        flight: The flight.
+
+    Returns:
+        The figure.
+    """
+    panels = _panels(flight)
+    pairs = [panels[place : place + 2] for place in range(0, len(panels), 2)]
+    rows = [_heights(pair) for pair in pairs]
+    heights = list(itertools.chain.from_iterable(rows))
+    with style():
+        figure = Figure(figsize=(FULL, 0.3 + sum(heights)), layout="constrained")
+        grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+        begin = 0
+        for pair, row in zip(pairs, rows, strict=True):
+            end = begin + len(row)
+            for column, (letter, parts) in enumerate(pair):
+                # The last of an odd number takes the whole row.
+                columns = column if len(pair) == 2 else slice(None)
+                places: Sequence[Any] = range(begin, end) if parts[1:] else [slice(begin, end)]
+                group = [figure.add_subplot(grid[place, columns]) for place in places]
+                group[0].set_title(letter, loc="left")
+                for axes, part in zip(group, parts, strict=True):
+                    plot(axes, flight, part)
+            begin = end
+        # Of B.
+        explain(figure.axes[len(panels[0][1])], "actual", "desired")
+        return finished(figure, flight)
+
+
+def _panels(flight: Flight) -> list[_Panel]:
+    """What each panel shows."""
+    layout = flight.layout
+    every = range(layout.size)
+    kinds = [[k for k in every[layout.joints] if layout.units[k] == unit] for unit in ("rad", "m")]
+    joints = [_coordinate_curves(flight, "joints", places) for places in kinds if places]
+    origin = "$O_1$" if np.allclose(flight.q[:, layout.position], flight.point("O1")) else "$O_2$"
+    arms = np.broadcast_arrays(flight.base_arm_angles, flight.base_arm_angles_desired)
+    arm_names = [symbol(f"theta_{k}") for k in range(2, flight.rotors + 1)]
+    return [
+        ("A", _by_range(_coordinate_curves(flight, "attitude", every[layout.attitude]))),
+        ("B", [Curves("base arms (deg)", arm_names, *np.degrees(arms))]),
+        *zip(("C", "C′"), map(_by_range, joints), strict=False),
+        ("D", [_coordinate_curves(flight, f"position of {origin}", every[layout.position])]),
+    ]
+
+
+def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curves:
+    """Take coordinates that are all angles or all lengths.
+
+    Args:
+        flight: The flight.
+        what: What they are, for the label.
+        places: Their places (k) in q.
+
+    Returns:
+        Their curves, in deg or m.
+    """
+    is_angle = flight.layout.units[places[0]] == "rad"
+    unit, factor = ("deg", 180.0 / np.pi) if is_angle else ("m", 1.0)
+    names = [symbol(flight.coordinates[place]) for place in places]
+    actual, desired = (factor * q[:, places] for q in (flight.q, flight.q_desired))
+    return Curves(f"{what} ({unit})", names, actual, desired)
+
+
+def _by_range(curves: Curves) -> list[Curves]:
+    """The curves in one panel, or in two if the larger would make the smaller look flat."""
+    actual = np.where(np.isfinite(curves.values), curves.values, curves.values[0])
+    ranges = np.ptp(actual, axis=0)
+    ranked = np.sort(ranges[ranges > ROUND_OFF])
+    if not len(ranked) or ranked[-1] < _RATIO * ranked[0]:
+        return [curves]
+    # Between the two that differ most.
+    wide = ranges >= ranked[np.argmax(ranked[1:] / ranked[:-1]) + 1]
+    # In the order that the first of each has.
+    return [_chosen(curves, wide == wide[0]), _chosen(curves, wide != wide[0])]
+
+
+def _chosen(curves: Curves, which: Any) -> Curves:
+    """Some of the curves, by a mask (k)."""
+    names = list(itertools.compress(curves.names, which))
+    reference = None if curves.reference is None else curves.reference[:, which]
+    colours = list(itertools.compress(itertools.cycle(curves.colours), which))
+    return Curves(curves.label, names, curves.values[:, which], reference, colours)
+
+
+def _heights(panels: Sequence[_Panel]) -> list[float]:
+    """Heights of the rows that panels beside each other take, of which some are split, in."""
+    widest = max((parts for _, parts in panels), key=len)
+    if len(widest) == 1:
+        return [1.8]
+    # Names at the ends of curves need height.
+    shares = np.sqrt([len(curves.names) for curves in widest])
+    return [float(height) for height in 2.2 * shares / shares.sum()]

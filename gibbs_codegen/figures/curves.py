@@ -1,0 +1,183 @@
+"""Curves over the time of a flight: lines, their names at the end, labels and legends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, add_heading, spread
+from gibbs_codegen.simulator.flight import Array, Flight
+
+# Curves on a logarithmic axis end here: it is where what is exactly zero is drawn.
+LOG_FLOOR = 1e-17
+
+SOLID: dict[str, Any] = {"linewidth": 1.7, "solid_capstyle": "butt"}
+DASHED: dict[str, Any] = {"linewidth": 0.8, "color": DARK, "dashes": (4, 3)}
+# What varies less than this, in the unit of its axis, is drawn as constant.
+ROUND_OFF = 1e-3
+
+
+class Curves(NamedTuple):
+    """What axes show over time: `values` (s, k), dashed `reference` (s, k), names and colours."""
+
+    label: str
+    names: list[str]
+    values: Array
+    reference: Array | None = None
+    colours: Sequence[str] = COLOURS
+
+
+def plot(axes: Axes, flight: Flight, curves: Curves) -> None:
+    """Draw values as coloured lines with their names at the end, the reference dashed over them.
+
+    Args:
+        axes: The axes.
+        flight: The flight, for its times.
+        curves: What to draw.
+    """
+    for column, name in enumerate(curves.names):
+        values, colour = curves.values[:, column], curves.colours[column % len(curves.colours)]
+        plot_line(axes, flight, values, color=colour, **SOLID)
+        if curves.reference is not None:
+            plot_line(axes, flight, curves.reference[:, column], zorder=3, **DASHED)
+        # A flight that stopped because it diverged may end in what is not a number.
+        finite = values[np.isfinite(values)]
+        axes.annotate(
+            name,
+            xy=(flight.time[-1], finite[-1] if len(finite) else 0.0),
+            xytext=(14.0, 0.0),
+            textcoords="offset points",
+            color=colour,
+            verticalalignment="center",
+            annotation_clip=False,
+            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5, "shrinkA": 1, "shrinkB": 0},
+        )
+    label_axes(axes, curves.label)
+
+
+def plot_logarithms(axes: Axes, flight: Flight, label: str, series: Mapping[str, Array]) -> None:
+    """Draw series on a logarithmic axis, with a legend of their names.
+
+    Args:
+        axes: The axes.
+        flight: The flight, for its times.
+        label: Label of the vertical axis, with its unit.
+        series: Values (s) by name; the name of a single series may be empty.
+    """
+    axes.set_yscale("log")
+    for (name, values), colour in zip(series.items(), COLOURS, strict=False):
+        raised = np.maximum(values, LOG_FLOOR)
+        plot_line(axes, flight, raised, label=name, color=colour, linewidth=1.0)
+    label_axes(axes, label)
+    if "" not in series:
+        add_key(axes)
+
+
+def plot_line(axes: Axes, flight: Flight, values: Array, **line: Any) -> None:
+    """Draw values over time.
+
+    Args:
+        axes: The axes.
+        flight: The flight, for its times.
+        values: The values (s).
+        **line: Matplotlib's properties of the line.
+    """
+    # A single sample makes no line.
+    marker = ("+" if "dashes" in line else "o") if len(values) == 1 else ""
+    axes.plot(flight.time, values, marker=marker, markersize=4, **line)
+
+
+def label_axes(axes: Axes, label: str) -> None:
+    """Label the vertical axis, and the time below the lowest axes of a figure.
+
+    Args:
+        axes: The axes, with all their lines.
+        label: Label of the vertical axis, with its unit.
+    """
+    axes.set_ylabel(label)
+    low, high = axes.get_ylim()
+    if axes.get_yscale() == "linear" and high - low < ROUND_OFF:
+        axes.set_ylim((low + high - ROUND_OFF) / 2.0, (low + high + ROUND_OFF) / 2.0)
+    place = axes.get_subplotspec()
+    lowest = place is None or place.is_last_row()
+    axes.tick_params(labelbottom=lowest)
+    axes.set_xlabel("time (s)" if lowest else "")
+
+
+def add_key(axes: Axes, **key: Any) -> None:
+    """Put a legend above axes, on the right.
+
+    Args:
+        axes: The axes.
+        **key: Matplotlib's properties of the legend.
+    """
+    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, **key)
+
+
+def explain(axes: Axes, solid: str, dashed: str) -> None:
+    """Say above axes what solid and dashed lines are.
+
+    Args:
+        axes: The axes.
+        solid, dashed: What the lines are.
+    """
+    lines = [
+        Line2D([], [], color=COLOURS[0], label=solid, **SOLID),
+        Line2D([], [], label=dashed, **DASHED),
+    ]
+    add_key(axes, handles=lines)
+
+
+def symbol(name: str) -> str:
+    """Write a coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`.
+
+    Args:
+        name: Its name in the generated module.
+
+    Returns:
+        The symbol in Matplotlib's mathematics.
+    """
+    letter, _, index = name.partition("_")
+    letter = {"theta": r"\theta", "tau": r"\tau"}.get(letter, letter)
+    return f"${letter}_{{{index.replace('m', '-')}}}$" if index else f"${letter}$"
+
+
+def stack(flight: Flight, panels: Sequence[Curves]) -> Figure:
+    """Draw panels of one column's width, one above the other.
+
+    Args:
+        flight: The flight, for its times.
+        panels: What each panel shows.
+
+    Returns:
+        The figure, not yet finished.
+    """
+    figure = Figure(figsize=(COLUMN, 0.4 + 1.7 * len(panels)), layout="constrained")
+    column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, curves in zip(column, panels, strict=True):
+        plot(axes, flight, curves)
+    return figure
+
+
+def finished(figure: Figure, flight: Flight) -> Figure:
+    """Give a figure its heading, and move names beside curves so that none covers another.
+
+    Args:
+        figure: The figure, with all its curves.
+        flight: The flight.
+
+    Returns:
+        The same figure.
+    """
+    add_heading(figure, flight)
+    figure.align_ylabels()
+    # Lays the figure out, so that heights are known, and makes the ticks while the style is ours.
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        spread(axes)
+    return figure

@@ -1,0 +1,183 @@
+"""Marks of the drawings of a robot's structure: names, links, joints, torques and thrusts.
+
+Places are in the plane of the axes that are drawn on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import FancyArrowPatch
+from matplotlib.patheffects import withStroke
+
+from gibbs_codegen.figures.style import COLOURS, DARK, GOLD
+from gibbs_codegen.robot.posture import Array
+
+X_AXIS, CONSTRAINT, Z_AXIS, THRUST = COLOURS[:4]
+TORQUE = X_AXIS
+# Larger than the style's, since subscripts must be read on a screen; points.
+_FONT_SIZE = 9
+# Names and numbers lie above all that they name.
+ABOVE_ALL = 1000
+
+
+def draw_name(
+    axes: Axes,
+    text: str,
+    place: Array,
+    colour: str = DARK,
+    offset: Array | tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Write a name with its middle at a place.
+
+    Args:
+        axes: The axes.
+        text: The name, in Matplotlib's mathematics where it is a symbol.
+        place: The place (2) in data units.
+        colour: Colour of the name.
+        offset: How far (2) the name is from the place, points.
+    """
+    axes.annotate(
+        text,
+        xy=(float(place[0]), float(place[1])),
+        xytext=(float(offset[0]), float(offset[1])),
+        textcoords="offset points",
+        color=colour,
+        fontsize=_FONT_SIZE,
+        horizontalalignment="center",
+        verticalalignment="center",
+        path_effects=[withStroke(linewidth=1.8, foreground="white")],
+        zorder=ABOVE_ALL + 1,
+    )
+
+
+def draw_number(axes: Axes, text: str, place: Array) -> None:
+    """Write the number of a link on it, in a circle.
+
+    Args:
+        axes: The axes.
+        text: The number.
+        place: The place (2) in data units.
+    """
+    axes.annotate(
+        text,
+        xy=(float(place[0]), float(place[1])),
+        fontsize=7.5,
+        horizontalalignment="center",
+        verticalalignment="center",
+        bbox={"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": DARK, "lw": 0.5},
+        zorder=ABOVE_ALL,
+    )
+
+
+def draw_link(axes: Axes, start: Array, end: Array, number: str, has_mass: bool) -> None:
+    """Draw a link as a bar with its number; arm 2 in gold.
+
+    Args:
+        axes: The axes.
+        start, end: Ends (2) of the link in data units.
+        number: The number of the link.
+        has_mass: Whether the chain counts mass of the link, for which the bar is solid.
+    """
+    ends = np.array([start, end]).T
+    axes.plot(*ends, color=DARK, lw=5.0, solid_capstyle="round", zorder=3)
+    solid = GOLD if number == "2" else DARK
+    axes.plot(*ends, color=solid if has_mass else "white", lw=3.6, solid_capstyle="round", zorder=3)
+    draw_number(axes, number, (start + end) / 2.0)
+
+
+def draw_joint(axes: Axes, place: Array, marker: str = "o") -> None:
+    """Draw a joint.
+
+    Args:
+        axes: The axes.
+        place: The place (2) in data units.
+        marker: Matplotlib's marker: a circle if the joint is revolute, a square if prismatic.
+    """
+    axes.plot(*place, marker, ms=4.5, mfc="white", mec=DARK, mew=0.8, zorder=5)
+
+
+def draw_torque(axes: Axes, place: Array, side: Array, colour: str) -> None:
+    """Draw a torque about a joint as an arc, counter-clockwise.
+
+    Args:
+        axes: The axes.
+        place: The joint (2) in data units.
+        side: Unit vector (2) to the side of the joint where the arc is.
+        colour: Colour of the arc.
+    """
+    across = 0.17 * np.array([side[1], -side[0]])
+    start, end = place + across + 0.08 * side, place - across + 0.08 * side
+    arrow = FancyArrowPatch(
+        (float(start[0]), float(start[1])),
+        (float(end[0]), float(end[1])),
+        connectionstyle="arc3,rad=0.75",
+        arrowstyle="-|>,head_width=1.6,head_length=2.8",
+        color=colour,
+        lw=1.2,
+        shrinkA=0,
+        shrinkB=0,
+        zorder=6,
+    )
+    axes.add_patch(arrow)
+
+
+def draw_force(axes: Axes, place: Array, step: Array, colour: str) -> None:
+    """Draw a force as a straight arrow.
+
+    Args:
+        axes: The axes.
+        place: Where (2) the arrow starts, in data units.
+        step: From its start to its tip (2), in data units.
+        colour: Colour of the arrow.
+    """
+    axes.annotate(
+        "",
+        xy=(float(place[0] + step[0]), float(place[1] + step[1])),
+        xytext=(float(place[0]), float(place[1])),
+        arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 2, "shrinkB": 0},
+        zorder=6,
+    )
+
+
+def draw_thrust(
+    axes: Axes, place: Array, angle: float, direction: Sequence[float], text: str, aside: Array
+) -> None:
+    """Draw the thrust of a motor: out of the plane, into it, in the plane, or both.
+
+    Args:
+        axes: The axes.
+        place: The motor (2) in data units.
+        angle: The angle of the motor's arm in the plane, rad.
+        direction: Unit vector (3) of the thrust in the frame of the arm.
+        text: The name of the thrust.
+        aside: Where (2) its name is from the motor, if no arrow lies in the plane.
+    """
+    c, s = np.cos(angle), np.sin(angle)
+    flat = np.array([[c, -s], [s, c]]) @ np.array(direction[:2])
+    if abs(direction[2]) > 1e-9:
+        # The tip of an arrow that comes, or the feathers of one that goes.
+        axes.plot(*place, "o", ms=9, mfc="none", mec=THRUST, mew=1.3, zorder=6)
+        axes.plot(*place, "." if direction[2] > 0 else "x", ms=5, color=THRUST, zorder=6)
+    if np.hypot(*flat) > 1e-9:
+        end = place + 0.32 * flat
+        draw_force(axes, place, 0.32 * flat, THRUST)
+        draw_name(axes, text, end + 0.15 * flat / np.hypot(*flat), THRUST)
+    else:
+        draw_name(axes, text, place + aside, THRUST)
+
+
+def arrow_key(colour: str, label: str) -> Line2D:
+    """Make an entry of a legend for an arrow.
+
+    Args:
+        colour: Colour of the arrow.
+        label: What it means.
+
+    Returns:
+        The entry.
+    """
+    return Line2D([], [], color=colour, lw=1.4, marker=">", markevery=[1], ms=3.5, label=label)

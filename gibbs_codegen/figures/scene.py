@@ -1,0 +1,82 @@
+"""3-D axes of a drawing: equal units, a view, the place in a figure, and points on paper."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.robot.posture import Array
+
+# Elevation above the horizon and azimuth from which a robot looks like one, degrees.
+VIEW = (22.0, -62.0)
+
+
+def set_scene(
+    axes: Any,
+    bounds: tuple[Array, Array],
+    view: tuple[float, float] = VIEW,
+    ticks: int = 8,
+) -> None:
+    """Give 3-D axes equal units in m, limits and a view.
+
+    Args:
+        axes: The 3-D axes.
+        bounds: Lowest and highest coordinates (3) each, m.
+        view: Elevation above the horizon and azimuth, degrees.
+        ticks: About how many ticks the longest axis has at most.
+    """
+    low, high = bounds
+    extent = high - low
+    axes.computed_zorder = False
+    # Neighbours would be hidden behind it.
+    axes.patch.set_visible(False)
+    for name, begin, end in zip("xyz", low, high, strict=True):
+        axes.set(**{f"{name}lim": (begin, end), f"{name}label": f"${name}$ (m)"})
+        bins = max(2, round(ticks * (end - begin) / extent.max()))
+        axes.locator_params(name, nbins=bins, steps=[1, 2, 5, 10])
+        getattr(axes, f"{name}axis").labelpad = 0.0 if name == "z" else -1.5
+    axes.tick_params(pad=0.5)
+    axes.set_proj_type("ortho")
+    axes.set_box_aspect(extent)
+    axes.view_init(*view)
+
+
+def fit(axes: Any, left: float, bottom: float, width: float, height: float) -> None:
+    """Make a scene, with its labels, as large as a rectangle of its figure allows.
+
+    Args:
+        axes: The 3-D axes.
+        left, bottom, width, height: The rectangle, in shares of the figure (0 to 1).
+    """
+    corners = np.array(list(itertools.product(*(getattr(axes, f"get_{n}lim")() for n in "xyz"))))
+    room = np.array([width, height])
+    middle = np.array([left, bottom]) + room / 2.0
+    axes.set_position((left, bottom, width, height))
+    # Labels do not grow with the box, so that one step is not enough.
+    for _ in range(4):
+        axes.figure.draw_without_rendering()
+        labels = [axis.get_tightbbox() for axis in (axes.xaxis, axes.yaxis, axes.zaxis)]
+        pixels = np.concatenate([axes.transData.transform(project(axes, corners)), *labels])
+        drawn = axes.figure.transFigure.inverted().transform(pixels)
+        low, high = drawn.min(axis=0), drawn.max(axis=0)
+        place = axes.get_position(original=True)
+        scale = float(np.min(room / (high - low)))
+        origin = middle + scale * (place.p0 - (low + high) / 2.0)
+        axes.set_position((*origin, *(scale * place.size)))
+
+
+def project(axes: Any, points: Array) -> Array:
+    """Project points of a scene onto the plane of its axes.
+
+    Args:
+        axes: The 3-D axes.
+        points: Positions (…, 3) in the world, m.
+
+    Returns:
+        Positions (…, 2) in data units of the axes.
+    """
+    matrix = axes.get_proj()
+    flat: Array = (points @ matrix[:2, :3].T + matrix[:2, 3]) / matrix[3, 3]
+    return flat
