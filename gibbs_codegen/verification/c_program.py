@@ -165,8 +165,7 @@ def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) ->
     tree = Tree(robot)
     batches = _batches_within(tree)
     states = States.extreme(tree, sum(batches), (seed, 3))
-    formulation = NewtonEuler(tree)
-    expected = Expected(formulation, states, Sizes(formulation, states))
+    expected = Expected(NewtonEuler(tree), states)
     evaluation = Evaluation(program.in_batches(program.default, batches))
     rows = explained(expected.compare(evaluation.all(states), PARTIAL), evaluation.faults)
     return [*rows, *_packing(program, states.q)]
@@ -199,7 +198,7 @@ def compare_single_precision(
     In batches, with default constants; and state by state, with those of other parameters.
     """
     tree = Tree(robot)
-    if not _in_range(Sizes(NewtonEuler(tree), States.random(tree, 1, seed))):
+    if not _in_range(Sizes(tree, States.random(tree, 1, seed))):
         return "products of the machine's numbers leave the range of single precision"
     if not determined(robot, _DETERMINED):
         return "rounding to single precision hides what resists an acceleration of the machine"
@@ -217,11 +216,9 @@ def compare_single_precision(
         (other, program.singly(constants), True),
     ):
         tree = Tree(machine)
-        formulation = NewtonEuler(tree)
         states = States.extreme(tree, sum(batches), (seed, 4), FAR_SINGLE).rounded()
-        sizes = Sizes(formulation, states)
         evaluation = Evaluation(functions)
-        expected = Expected(formulation, states, sizes)
+        expected = Expected(NewtonEuler(tree), states)
         rows = expected.compare(evaluation.all(states, singly), SINGLE_PRECISION, single=True)
         parts.append(explained(rows, evaluation.faults))
     return worst(parts)

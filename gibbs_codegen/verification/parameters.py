@@ -74,6 +74,32 @@ def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     return replace(robot, base=other, links=links, gravity=values.get("gravity", robot.gravity))
 
 
+def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
+    """The same robot, its numbers in other units.
+
+    Args:
+        robot: the robot, in SI units.
+        length: unit of length, in m.
+        mass: unit of mass, in kg.
+        time: unit of time, in s.
+
+    Returns:
+        The robot whose numbers are multiples of those units.
+
+    """
+
+    def unit(name: str) -> float:
+        if name == "gravity":
+            return length / time**2
+        if "inertia" in name:
+            return mass * length**2
+        if name.endswith("_mass_per_length"):
+            return mass / length
+        return mass if name.endswith("_mass") else length
+
+    return with_values(robot, {n: x / unit(n) for n, x in parameter_values(robot).items()})
+
+
 def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
     """Every body of its own, with what the names of its parameters begin with."""
     yield from _arms(robot)

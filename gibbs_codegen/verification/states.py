@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.formulation import Formulation
-from gibbs_codegen.verification.tree import WORLD, Array, Tree
+from gibbs_codegen.verification.tree import WORLD, Array, Frames, Tree
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
@@ -94,9 +93,9 @@ class Sizes:
     and however light a link is; forces have units of the same kind.
     """
 
-    def __init__(self, formulation: Formulation, states: States) -> None:
-        tree = formulation.tree
-        inertias, masses = _moved(tree, states.q)
+    def __init__(self, tree: Tree, states: States) -> None:
+        frames = tree.frames(tree.spread(states.q))
+        inertias, masses = _moved(tree, frames)
         units = np.sqrt(inertias)
         # How much larger the machine is than the smallest of what a joint turns.
         turned = (units > 0.0) & (masses > 0.0) & tree.turns
@@ -114,7 +113,7 @@ class Sizes:
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
         self.effort = self.units * (momentum * rates + weight)
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
-        positions = formulation.positions(states.q)
+        positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
         self.reach = span + np.abs(positions).max(axis=(1, 2))
         self.rate = rates[:, 0]
@@ -151,10 +150,10 @@ class Sizes:
         return largest
 
 
-def _moved(tree: Tree, q: Array) -> tuple[Array, Array]:
+def _moved(tree: Tree, frames: Frames) -> tuple[Array, Array]:
     """What each coordinate moves, (s, size): its largest inertia (mass if along), and its mass."""
-    rotations, _, steps = tree.frames(tree.spread(q))
-    inertias, masses = np.zeros((2, len(q), tree.size))
+    rotations, positions, steps = frames
+    inertias, masses = np.zeros((2, len(positions[0]), tree.size))
     for number, body in enumerate(tree.joints):
         lever = rotations[number] @ body.com
         # No principal moment exceeds half the trace.

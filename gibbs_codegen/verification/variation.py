@@ -93,11 +93,11 @@ def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     `least` bounds the eigenvalues of the mass matrix once its diagonal is 1.
     """
     tree = Tree(robot)
-    formulation, states = NewtonEuler(tree), States.random(tree, 2, 0)
-    matrix = formulation.mass_matrix(states.q)[:, tree.free][:, :, tree.free]
+    states = States.random(tree, 2, 0)
+    matrix = NewtonEuler(tree).mass_matrix(states.q)[:, tree.free][:, :, tree.free]
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     # Next to what the coordinate could move, what is left by rounding is nothing.
-    if not (diagonal > _DETERMINED * Sizes(formulation, states).free_units ** 2).all():
+    if not (diagonal > _DETERMINED * Sizes(tree, states).free_units ** 2).all():
         return False
     roots = np.sqrt(diagonal)
     scaled = matrix / roots[:, :, None] / roots[:, None, :]

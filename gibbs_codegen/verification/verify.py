@@ -30,7 +30,7 @@ from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.own_units import InOwnUnits
 from gibbs_codegen.verification.parameters import prepared
 from gibbs_codegen.verification.self_consistency import compare_with_itself, without_formulation
-from gibbs_codegen.verification.states import Sizes, States
+from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.variation import variations
 
@@ -109,7 +109,7 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
             continue
         try:
             there = importlib.import_module(f"gibbs_codegen.verification.{module}")
-            found.append(InOwnUnits(getattr(there, name), tree))
+            found.append(InOwnUnits(getattr(there, name), robot))
         except (ImportError, NotApplicableError) as error:
             not_done[name] = str(error)
     return found, not_done
@@ -125,10 +125,22 @@ def compare_module(
     extent: Extent = THOROUGH,
     numpy: ModuleType | None = None,
 ) -> list[Comparison]:
-    """Everything about one back end, at the `count` random states of a seed.
+    """Compare everything about one back end.
 
-    `against` are formulations of the robot, of which the first gives the natural sizes of things.
-    What none of them gives is compared with the NumPy back end `numpy`, where there is another.
+    Args:
+        module: the back end.
+        robot: the robot that it is to be a module of.
+        against: formulations of the robot, of which the first is Newton and Euler's.
+        count: number of random states.
+        seed: of the random states and parameters.
+        progress: called with the name of each step.
+        extent: how far to go beyond the random states.
+        numpy: the NumPy back end, if `module` is another: what no formulation gives is compared
+            with it.
+
+    Returns:
+        All comparisons; those of the contents alone where these are wrong.
+
     """
     contents = compare_contents(module, robot)
     if not all(comparison.passed for comparison in contents):
@@ -139,11 +151,12 @@ def compare_module(
         ]
     tree = against[0].tree
     most = most_states(tree)
-    parts = []
-    for number, first in enumerate(range(0, count, most)):
-        some = min(most, count - first)
-        seeds = (seed, number)
-        parts.append(_compare_functions(module, against, some, seeds, extent.singly, progress))
+    parts = [
+        _compare_functions(
+            module, against, min(most, count - first), (seed, number), extent.singly, progress
+        )
+        for number, first in enumerate(range(0, count, most))
+    ]
     comparisons = contents + worst(parts)
     others = min(most, extent.others)
     unknown = without_formulation(comparisons, against[0].name)
@@ -159,7 +172,15 @@ def compare_module(
 
 
 def most_states(tree: Tree) -> int:
-    """How many states at once keep the memory that they take within bounds."""
+    """How many states at once keep the memory that they take within bounds.
+
+    Args:
+        tree: the tree of the robot.
+
+    Returns:
+        At least 1.
+
+    """
     return max(1, _MOST_ENTRIES // tree.size**2)
 
 
@@ -171,34 +192,57 @@ def _compare_functions(
     singly: int,
     progress: Progress,
 ) -> list[Comparison]:
+    """Compare all functions with every formulation and with each other.
+
+    Args:
+        module: the back end.
+        against: the formulations, Newton and Euler's first.
+        count: number of random states.
+        seed: of the states.
+        singly: how many of them to compute one by one as well.
+        progress: called with the name of each step.
+
+    Returns:
+        The comparisons, in an order that does not depend on count and seed.
+
+    """
     tree = against[0].tree
     states = States.random(tree, count, seed)
     evaluation = Evaluation(module)
     values = evaluation.all(states)
-    sizes = Sizes(against[0], states)
-    comparisons = []
-    for place, formulation in enumerate(against):
+    progress(against[0].name)
+    first = Expected(against[0], states)
+    comparisons = first.compare(values)
+    alone = evaluation.all(states.first(singly), singly=True)
+    one_state = first.compare(alone, ONE_STATE)
+    for formulation in against[1:]:
         progress(formulation.name)
         few = count
         if isinstance(formulation, Lagrange):
             few = max(1, min(count, _MOST_NUMBERS // (formulation.points * tree.size)))
-        some = sizes if few == count else Sizes(against[0], states.first(few))
-        expected = Expected(formulation, states.first(few), some)
-        comparisons += expected.compare({name: value[:few] for name, value in values.items()})
-        if place == 0:
-            alone = evaluation.all(states.first(singly), singly=True)
-            one_state = expected.compare(alone, ONE_STATE)
+        comparisons += Expected(formulation, states.first(few)).compare(values)
     progress("invariants")
-    comparisons += compare_invariants(evaluation, values, states, sizes, tree)
+    comparisons += compare_invariants(evaluation, values, states, first.sizes, tree)
     return explained(comparisons + one_state, evaluation.faults)
 
 
 def _compare_again(
     evaluation: Evaluation, tree: Tree, states: States, few: int, against: str
 ) -> list[Comparison]:
-    """The equations in other circumstances: all states together, and the first few one by one."""
-    formulation = NewtonEuler(tree)
-    expected = Expected(formulation, states, Sizes(formulation, states))
+    """Compare all functions with Newton and Euler's equations in other circumstances.
+
+    Args:
+        evaluation: the back end, with the constants of the tree's parameters.
+        tree: the tree to compare with.
+        states: the states, which are computed all together.
+        few: how many of them to compute one by one as well.
+        against: what to call the circumstances.
+
+    Returns:
+        The worse of both comparisons, for each array.
+
+    """
+    expected = Expected(NewtonEuler(tree), states)
     together = expected.compare(evaluation.all(states), against)
     alone = expected.compare(evaluation.all(states.first(few), singly=True), against)
     return explained(worst([together, alone]), evaluation.faults)
