@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gibbs_codegen.verification.comparison import Comparison, compared
+from gibbs_codegen.verification.comparison import Comparison, compared, explained
+from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Array, Tree, times
@@ -18,7 +19,6 @@ _ROUNDINGS = 4
 
 Values = Mapping[str, Array]
 
-
 Row = tuple[str, Array, Array]
 
 
@@ -28,12 +28,22 @@ class Expected:
     `sizes` are the natural sizes of things at those states.
     """
 
-    def __init__(self, formulation: Formulation, states: States) -> None:
+    def __init__(self, formulation: Formulation, states: States, single: bool = False) -> None:
+        """Compute what is expected.
+
+        Args:
+            formulation: the formulation.
+            states: the states to compute at.
+            single: whether the module computes in single precision.
+
+        """
         tree, found = formulation.tree, formulation.at(states)
         self.sizes = Sizes(tree, states)
         self._name = formulation.name
         self._limit = max(formulation.limit, _ROUNDING * self.sizes.disparity**formulation.growth)
-        self._places = tree.size
+        self._rounding = float(np.finfo(np.float32 if single else np.float64).eps)
+        if single:
+            self._limit = _ROUNDINGS * self._rounding * tree.size
         inputs = input_matrix(tree, found)
         self._matrix = found.mass_matrix[:, tree.free][:, :, tree.free]
         self._driven = times(inputs, states.u)[:, tree.free]
@@ -44,24 +54,39 @@ class Expected:
         ]
         self._rows = {what: (theirs, size) for what, theirs, size in rows}
 
-    def compare(self, values: Values, against: str = "", single: bool = False) -> list[Comparison]:
+    def compare_functions(
+        self, evaluation: Evaluation, states: States, against: str, singly: bool = False
+    ) -> list[Comparison]:
+        """Compare all functions of a module with what is expected.
+
+        Args:
+            evaluation: the module.
+            states: the same states, or the first of them.
+            against: what to name instead of the formulation.
+            singly: whether to compute state by state rather than in a batch.
+
+        Returns:
+            A comparison of each array, with the reason where a function returned none.
+
+        """
+        rows = self.compare(evaluation.all(states, singly), against)
+        return explained(rows, evaluation.faults)
+
+    def compare(self, values: Values, against: str = "") -> list[Comparison]:
         """Compare results of a module's functions with what is expected.
 
         Args:
             values: results for the same states, or with fewer or more at the end, under the names
                 of `Evaluation.results`.
             against: what to name instead of the formulation.
-            single: whether the module computes in single precision.
 
         Returns:
             A comparison of each array; errors are relative to the natural sizes.
 
         """
         count = min(len(values["mass_matrix"]), len(self._matrix))
-        rounding = float(np.finfo(np.float32 if single else np.float64).eps)
-        limit = _ROUNDINGS * rounding * self._places if single else self._limit
         # Where angles are large, rounding their sums is what limits the rest.
-        angles = np.maximum(1.0, rounding * self.sizes.angles[:count] / limit)
+        angles = np.maximum(1.0, self._rounding * self.sizes.angles[:count] / self._limit)
         comparisons = []
         for what in filter(self._rows.__contains__, values):
             ours, (theirs, size) = values[what][:count], self._rows[what]
@@ -70,7 +95,7 @@ class Expected:
                 ours = times(self._matrix[:count], ours)
             size = size[:count] * angles.reshape(-1, *[1] * (size.ndim - 1))
             comparisons.append(
-                compared(what, against or self._name, ours, theirs[:count], size, limit)
+                compared(what, against or self._name, ours, theirs[:count], size, self._limit)
             )
         return comparisons
 

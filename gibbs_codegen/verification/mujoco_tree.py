@@ -123,6 +123,17 @@ def _model_text(tree: Tree) -> str:
 
 
 def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
+    """A body and all that hangs on it, in MJCF.
+
+    Args:
+        tree: the tree.
+        children: for each joint, the joints that hang on it.
+        number: the joint that the body hangs on.
+
+    Returns:
+        The text of the element.
+
+    """
     turn, step = np.eye(3), np.zeros(3)
     group = []
     while True:

@@ -27,12 +27,9 @@ class InOwnUnits:
         self._length = _power_of_two(self.tree.reach)
         self._mass = _power_of_two(_lightest(self.tree))
         self._time = _power_of_two(1.0 / self.tree.tempo)
-        self._inner = kind(Tree(in_units(robot, self._length, self._mass, self._time)))
-        self.name, self.limit, self.growth = (
-            self._inner.name,
-            self._inner.limit,
-            self._inner.growth,
-        )
+        inner = kind(Tree(in_units(robot, self._length, self._mass, self._time)))
+        self.name, self.limit, self.growth = inner.name, inner.limit, inner.growth
+        self._inner = inner
 
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes, in SI units.

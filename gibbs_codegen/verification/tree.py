@@ -107,7 +107,13 @@ class Tree:
         self.tip = named["tip"] = self._arm(robot, named)
         self.turns = np.zeros(self.size, bool)
         self.turns[[joint.place for joint in self.joints if joint.revolute]] = True
-        self._measure()
+        offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
+        bodies = [np.linalg.norm(joint.com) for joint in self.joints]
+        # How far from the base anything of the robot may be, or 1 if it is a point.
+        self.reach = float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
+        # At the rate at which a pendulum of that length swings, weight and inertia are alike.
+        self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
+        self.scales = np.where(self.turns, 1.0, self.reach)
         self.points = [named[name] for name in points(robot)]
         base = robot.base
         self.motors = [
@@ -164,16 +170,6 @@ class Tree:
     def _add(self, joint: Joint) -> int:
         self.joints.append(joint)
         return len(self.joints) - 1
-
-    def _measure(self) -> None:
-        """Set the robot's own length and time."""
-        offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
-        bodies = [np.linalg.norm(joint.com) for joint in self.joints]
-        # How far from the base anything of the robot may be, or 1 if it is a point.
-        self.reach = float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
-        # At the rate at which a pendulum of that length swings, weight and inertia are alike.
-        self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
-        self.scales = np.where(self.turns, 1.0, self.reach)
 
     def spread(self, values: Array) -> Array:
         """Reduced values as those of all joints.

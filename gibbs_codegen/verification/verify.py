@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, explained, worst
+from gibbs_codegen.verification.comparison import Comparison, explained, failed, merged
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
@@ -99,7 +99,15 @@ class Verification:
 
 
 def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
-    """Every formulation that can be had for a robot; for the others, why not."""
+    """Every formulation that can be had for a robot.
+
+    Args:
+        robot: the robot.
+
+    Returns:
+        The formulations, Newton and Euler's first; and for each of the others why it cannot be had.
+
+    """
     tree = Tree(robot)
     found: list[Formulation] = [NewtonEuler(tree), Lagrange(tree)]
     not_done = {}
@@ -151,13 +159,10 @@ def compare_module(
         ]
     tree = against[0].tree
     most = most_states(tree)
-    parts = [
-        _compare_functions(
-            module, against, min(most, count - first), (seed, number), extent.singly, progress
-        )
-        for number, first in enumerate(range(0, count, most))
-    ]
-    comparisons = contents + worst(parts)
+    comparisons = contents
+    for number, first in enumerate(range(0, count, most)):
+        some, singly = min(most, count - first), extent.singly
+        comparisons += _compare_functions(module, against, some, (seed, number), singly, progress)
     others = min(most, extent.others)
     unknown = without_formulation(comparisons, against[0].name)
     states = States.random(tree, others, (seed, 5))
@@ -168,7 +173,8 @@ def compare_module(
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
         comparisons += _compare_again(Evaluation(module), tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
-    return comparisons + _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
+    comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
+    return merged(comparisons)
 
 
 def most_states(tree: Tree) -> int:
@@ -239,13 +245,12 @@ def _compare_again(
         against: what to call the circumstances.
 
     Returns:
-        The worse of both comparisons, for each array.
+        The comparisons of both.
 
     """
     expected = Expected(NewtonEuler(tree), states)
-    together = expected.compare(evaluation.all(states), against)
-    alone = expected.compare(evaluation.all(states.first(few), singly=True), against)
-    return explained(worst([together, alone]), evaluation.faults)
+    together = expected.compare_functions(evaluation, states, against)
+    return together + expected.compare_functions(evaluation, states.first(few), against, True)
 
 
 def _with_other_parameters(
@@ -256,24 +261,32 @@ def _with_other_parameters(
     count: int,
     seed: int,
     extent: Extent,
-) -> list[Comparison]:
-    """The equations once more, with every parameter changed at run time, and zero by turns.
+) -> Iterator[Comparison]:
+    """Compare once more, with every parameter changed at run time, and zero by turns.
 
-    Functions that are `unknown` to every formulation are compared with themselves.
+    Args:
+        module: the back end.
+        numpy: the NumPy back end, if `module` is another.
+        robot: the robot.
+        unknown: functions that no formulation gives, which are compared with themselves.
+        count: number of states for each set of parameters.
+        seed: of states and parameters.
+        extent: how many sets of parameters, and how many states one by one.
+
+    Yields:
+        The comparisons for one set of parameters after the other.
+
     """
-    parts = []
     others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
     for number, other in enumerate(others):
         try:
             evaluation = Evaluation(module, prepared(module, other))
             there = Evaluation(numpy, prepared(numpy, other)) if numpy else None
         except (Exception, SystemExit) as error:  # Whatever was done to the module.
-            fault = f"{type(error).__name__}: {error}"
-            return [Comparison("prepare", OTHER_PARAMETERS, 0, float("inf"), 0.0, fault)]
+            yield failed("prepare", OTHER_PARAMETERS, f"{type(error).__name__}: {error}")
+            return
         tree = Tree(other)
         states = States.extreme(tree, count, (seed, 1, number))
-        rows = _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
+        yield from _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
         usual = States.random(tree, count, (seed, 1, number))
-        circumstance = f", {OTHER_PARAMETERS}"
-        parts.append(rows + compare_with_itself(evaluation, there, unknown, usual, circumstance))
-    return worst(parts)
+        yield from compare_with_itself(evaluation, there, unknown, usual, f", {OTHER_PARAMETERS}")
