@@ -12,17 +12,25 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, Inertia
-from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Wrench, Z
+from gibbs_codegen.symbolic.vectors import Wrench
 
 # Joints that a column of the mass matrix is passed in over before the next column is.
 _JOINTS_AT_ONCE = 8
 
 
 def whole_inertia(tape: Scalars, tree: SegmentTree) -> Inertia:
-    """Composite inertia of the whole tree about the root, in the root's group frame."""
+    """Inertia of the whole tree as one rigid body.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        The inertia about the root, in the root's group frame.
+
+    """
     *_, (_, whole) = _composites_inward(tape, tree)
     return whole
 
@@ -64,6 +72,13 @@ def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
 
     From the leaves inwards, a few joints at a time, every column is passed in over them before the
     next few, so that the same statements follow one another once a column.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        The columns at the root and the joints' entries.
+
     """
     last = tree.joints
     inertias: dict[int, Inertia] = {}
@@ -80,7 +95,7 @@ def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
             with tape.group(f"mass matrix, columns of the joints carried in to {nearest}"):
                 for j in way:
                     if j == k:
-                        columns[k] = _own_column(tape, tree.segments[k], inertias[k])
+                        columns[k] = inertias[k].response(tape, tree.segments[k].direction)
                     else:
                         child = path[path.index(j) - 1]
                         column = tree.passed_in(tape, child, columns[k])
@@ -88,15 +103,3 @@ def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
                     if j > 0:
                         entries[j - 1, k - 1] = tree.segments[j].row(columns[k])
     return JointSpaceInertia(inertias[0], [columns[k] for k in range(1, last + 1)], entries)
-
-
-def _own_column(tape: Scalars, segment: Segment, composite: Inertia) -> Wrench:
-    """The wrench at a segment's joint, in its group frame, of a unit acceleration of the joint.
-
-    Args:
-        segment: The segment.
-        composite: Inertia of its subtree about the joint, in its group frame.
-
-    """
-    direction = ANGULAR + Z if segment.joint == "revolute" else LINEAR + Z
-    return composite.response(tape, direction)

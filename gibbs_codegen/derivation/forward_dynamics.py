@@ -2,7 +2,7 @@
 
 The recursion's operations grow with n, those of factors of M with n³. Either way the unknowns are
 the joint accelerations, the root's angular acceleration Ω (the sum of θ̈ times their axes) and the
-base centre's acceleration, in the root's carrier, where nothing has to be projected. About its
+base centre's acceleration, in the root's group frame, where nothing has to be projected. About its
 centre the base is balanced, whatever the origin of the coordinates. A flying machine falls freely,
 so gravity enters once, at the end: accelerations are relative to free fall.
 """
@@ -15,13 +15,13 @@ from dataclasses import replace
 
 import sympy as sp
 
-from gibbs_codegen.derivation.articulated import Acceleration, articulated_accelerations
+from gibbs_codegen.derivation.articulated import articulated_accelerations
 from gibbs_codegen.derivation.composite_inertia import JointSpaceInertia, joint_space_inertia
 from gibbs_codegen.derivation.forces import total_thrust_wrench
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.tree_dynamics import Matrix, free_motions
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.robot.coordinates import coordinate_text
@@ -31,9 +31,17 @@ from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot
 
 
 def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
-    """Accelerations a of M a = R + B u, in the order of q, by articulated bodies.
+    """Accelerations a of M a = R + B u, by articulated bodies.
 
-    Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        a, in the order of q.
+
+    Raises:
+        SingularRobotError: Where a joint moves nothing that has mass or inertia.
+
     """
     centred = _about_base_centre(machine)
     with _refused_as_singular(machine):
@@ -48,10 +56,20 @@ def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
 
 
 def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
-    """The same from M: translation eliminated first, since its block is m·1₃, then LDLᵀ.
+    """Accelerations a of M a = R + B u, by LDLᵀ of M.
 
-    Returns nothing where LDLᵀ alone takes `most` operations or more. Raises `SingularRobotError`
-    like the other way.
+    The translation is eliminated first, since its block of M is m·1₃.
+
+    Args:
+        machine: The robot in symbols.
+        most: The operations that the other way takes.
+
+    Returns:
+        a, in the order of q; None where LDLᵀ alone takes `most` operations or more.
+
+    Raises:
+        SingularRobotError: Where a joint moves nothing that has mass or inertia.
+
     """
     tape, n = machine.tape, machine.joints
     centred = _about_base_centre(machine)
@@ -133,7 +151,17 @@ def _about_base_centre(machine: Machine) -> Machine:
 
 
 def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration) -> list[sp.Expr]:
-    """Accelerations in the order of q, from those of the joints and the base centre."""
+    """Accelerations of the coordinates.
+
+    Args:
+        machine: The robot in symbols.
+        joints: Accelerations of the joints.
+        root: That of the base centre relative to free fall, in the root's group frame.
+
+    Returns:
+        a, in the order of q.
+
+    """
     with machine.tape.group("acceleration of the origin, in world axes"):
         linear = _at_origin(machine, root)
     gravity = machine.parameters.gravity
@@ -145,7 +173,7 @@ def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
     """Acceleration of the origin of the coordinates, from that of the base centre."""
     tape, root = machine.tape, machine.root
     rates, _ = machine.places.split(machine.v)
-    still = root.carrier_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
+    still = root.frame_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
     still = still.spun(tape, root.segment_spin(rates), sp.S.Zero)
     omega_dot = add(tape, still.omega_dot, centre.angular)
     base = Motion.of(tape, still.omega, omega_dot, centre.linear)
@@ -193,4 +221,14 @@ def _difference(tape: Scalars, a: Vector, b: Vector) -> Vector:
 
 
 def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:
+    """A number less a scalar product.
+
+    Args:
+        value: The number.
+        a, b: The vectors, in one frame.
+
+    Returns:
+        value − a·b.
+
+    """
     return tape.let(value - dot(tape, a, b))

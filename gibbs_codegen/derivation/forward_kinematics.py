@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from gibbs_codegen.derivation.articulated import Acceleration
 from gibbs_codegen.derivation.forces import motor_position
 from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.tree_dynamics import free_motions
@@ -42,7 +42,15 @@ class SegmentFrame:
 
 
 def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[SegmentFrame]:
-    """Forward kinematics from the root to the leaves: the frame of each segment."""
+    """Forward kinematics of all segments, from the root to the leaves.
+
+    Args:
+        root, tree: The tree and how its root moves.
+
+    Returns:
+        The frame of each segment, in world axes, from the origin of the coordinates.
+
+    """
     with tape.group("axes of the base"):
         group: Frame = (
             root.world(tape, axis_vector(0)),
@@ -73,7 +81,15 @@ def _tip(machine: Machine, frames: Sequence[SegmentFrame]) -> Vector:
 
 
 def positions(machine: Machine) -> list[Vector]:
-    """World positions of the points, in their order: O1, O2, motors, joints, tip."""
+    """World positions of the points.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Positions (m) of O1, O2, the motors, the joints and the tip.
+
+    """
     tape, frames = machine.tape, _frames(machine)
     tip = _tip(machine, frames)
     with tape.group("base centre and motors"):
@@ -88,7 +104,15 @@ def positions(machine: Machine) -> list[Vector]:
 
 
 def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
-    """Homogeneous transform of the tip: the last link's axes and the tip's position."""
+    """Homogeneous transform of the tip: the axes of its segment and its position.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        4×4 matrix, by rows; the position is in m.
+
+    """
     frames = _frames(machine)
     tip = _tip(machine, frames)
     with machine.tape.group("position of the tip"):
@@ -100,9 +124,15 @@ def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
 
 
 def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
-    """Linear rows, then angular, in world axes; columns in the order of q.
+    """Jacobian of the tip, in world axes.
 
-    A joint that does not support the tip has a column of zeros.
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        6 rows, linear and then angular; columns in the order of q. A joint that does not support
+        the tip has a column of zeros.
+
     """
     tape, tree, frames = machine.tape, machine.reduced_tree, _frames(machine)
     tip = _tip(machine, frames)
@@ -124,10 +154,17 @@ def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
 
 
 def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
-    """J̇ v of the tip Jacobian, in its rows' order: how the tip accelerates where θ̈ = 0.
+    """J̇ v of the tip Jacobian: how the tip accelerates where θ̈ = 0.
 
     What each segment on the path to the tip adds is summed from the tip inwards and turned towards
     the world on the way: passed outwards, the sum would be turned twice.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Linear and then angular acceleration (m/s², rad/s²), in world axes.
+
     """
     tape, root, tree = machine.tape, machine.root, machine.reduced_tree
     motions = free_motions(tape, root, tree, machine.v)
@@ -178,5 +215,15 @@ def _twisted(tape: Scalars, frame: Frame, segment: Segment) -> Frame:
 
 
 def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vector:
+    """The linear combination pa + qb.
+
+    Args:
+        p, q: Factors, a cosine and a sine with signs.
+        a, b: Vectors in one frame.
+
+    Returns:
+        The vector in that frame.
+
+    """
     x, y, z = (tape.let(p * i + q * j) for i, j in zip(a, b, strict=True))
     return (x, y, z)

@@ -44,7 +44,16 @@ class Machine:
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> Machine:
-        """Introduce the robot's symbols on `tape`; `keep_zeros` keeps parameters that are zero."""
+        """Introduce a robot's symbols on `tape`.
+
+        Args:
+            robot: The robot.
+            keep_zeros: Whether parameters that are zero keep their symbols.
+
+        Returns:
+            The robot in symbols.
+
+        """
         names = layout_of(robot).names
         q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names)
         v, a = (

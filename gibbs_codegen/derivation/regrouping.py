@@ -18,11 +18,18 @@ from gibbs_codegen.symbolic.vectors import axis_vector
 
 
 def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:
-    """The tree that moves alike and has regrouped inertias, from the leaves to the root.
+    """The tree with regrouped inertias, from the leaves to the root; it moves as before.
 
     Inertia passes between the links' own frames. What a revolute joint does not move is symmetric
     about its axis and need not be turned; what a prismatic joint does not move is turned by the
     fixed angle of the link.
+
+    Args:
+        tree: The tree with every link's own inertia.
+
+    Returns:
+        The same tree with other inertias.
+
     """
     segments = list(tree.segments)
     for k in range(len(segments) - 1, 0, -1):

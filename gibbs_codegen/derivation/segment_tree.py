@@ -22,10 +22,10 @@ from typing import TypeVar
 
 import sympy as sp
 
-from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, Inertia
 from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, Wrench, axis_vector
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, Wrench, X, Z, axis_vector
 
 Moved = TypeVar("Moved", Wrench, Inertia)
 
@@ -56,6 +56,11 @@ class Segment:
     name: str = ""
     joint_name: str = ""
 
+    @property
+    def direction(self) -> int:
+        """Which component of (r̈, ω̇), or of a wrench, is along the joint: a row of 0 … 5."""
+        return ANGULAR + Z if self.joint == "revolute" else LINEAR + Z
+
     def row(self, wrench: Wrench) -> sp.Expr:
         """The component of a wrench along the joint.
 
@@ -66,7 +71,7 @@ class Segment:
             The moment about z of a revolute joint, the force along z of a prismatic one.
 
         """
-        return wrench.moment[2] if self.joint == "revolute" else wrench.force[2]
+        return [*wrench.force, *wrench.moment][self.direction]
 
 
 @dataclass(frozen=True)
@@ -106,14 +111,30 @@ class SegmentTree:
         return tuple(map(tuple, children))
 
     def path(self, k: int) -> list[int]:
-        """Indices of the segments from segment k to the root, both included."""
+        """The path from a segment to the root.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Indices of the segments on it, both ends included.
+
+        """
         path = [k]
         while path[-1] > 0:
             path.append(self.segments[path[-1]].parent)
         return path
 
     def subtree(self, k: int) -> list[int]:
-        """Indices of segment k and of all that it supports, in ascending order."""
+        """A segment and all that it supports.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Their indices, in ascending order.
+
+        """
         subtree = [k]
         for i in range(k + 1, len(self.segments)):
             if self.segments[i].parent in subtree:
@@ -121,14 +142,30 @@ class SegmentTree:
         return subtree
 
     def subtree_words(self, k: int) -> str:
-        """Segment k and all that it supports, in words such as "links 2, 4 and 5"."""
+        """A segment and all that it supports, in words.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Words such as "links 2, 4 and 5".
+
+        """
         if k > 0:
             return self._words(self.subtree(k))
         root, *rest = self.subtree(k)
         return " and ".join([self.segments[root].name] + ([self._words(rest)] if rest else []))
 
     def subtree_about_joint(self, k: int) -> str:
-        """Segment k and all that it supports, about its joint, in words."""
+        """A segment and all that it supports, about its joint, in words.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Words such as "links 2, 4 and 5, about joint 8".
+
+        """
         joint = self.segments[k].joint_name
         return f"{self.subtree_words(k)}, about {joint}" if joint else self.subtree_words(k)
 
@@ -136,7 +173,15 @@ class SegmentTree:
         return f"links {_in_words(links)}" if len(links) > 1 else self.segments[links[0]].name
 
     def works_in_own_frame(self, k: int) -> bool:
-        """Whether segment k works in its own frame: its children start groups."""
+        """Whether a segment works in its own frame: its children start groups.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            False where it works in its group frame.
+
+        """
         return any(self.segments[child].starts_group for child in self.children[k])
 
     def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
@@ -155,8 +200,8 @@ class SegmentTree:
         """
         segment = self.segments[k]
         parent = self.segments[segment.parent]
-        item = item.shifted(tape, axis_vector(2, segment.d))
-        step = axis_vector(0, segment.a)
+        item = item.shifted(tape, axis_vector(Z, segment.d))
+        step = axis_vector(X, segment.a)
         if segment.starts_group:
             return item.rotated(tape, segment.twist).shifted(tape, step)
         with tape.group(f"step from {parent.name} to {segment.name}"):
@@ -164,13 +209,30 @@ class SegmentTree:
         return item.shifted(tape, arm)
 
     def to_group_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
-        """Take what is in the working frame of segment k to its group frame."""
+        """Take a wrench or an inertia of a segment from its working frame to its group frame.
+
+        Args:
+            k: Index of the segment.
+            item: About the segment's joint, in its working frame.
+
+        Returns:
+            The same in the group frame.
+
+        """
         if self.works_in_own_frame(k):
             return item.rotated(tape, self.segments[k].rotation)
         return item
 
     def working_inertia(self, tape: Scalars, k: int) -> Inertia:
-        """Inertia of segment k about its joint, in its working frame."""
+        """Inertia of a segment by itself.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            The inertia about its joint, in its working frame.
+
+        """
         segment = self.segments[k]
         if self.works_in_own_frame(k):
             return segment.inertia

@@ -49,7 +49,10 @@ def tree_of_links(
     Args:
         root: Segment 0.
         root_angle: Angle of the root segment against its group frame (rad).
-        links: Segments 1 … n.
+        links: What segments 1 … n are made of.
+
+    Returns:
+        The tree, every link with its own inertia.
 
     """
     segments = [root]
@@ -87,7 +90,16 @@ def tree_of_links(
 
 
 def _rotation(tape: Scalars, angle: sp.Expr, fixed: Fraction) -> Rotation:
-    """Rotation about z by an angle in radians and a fixed one in degrees."""
+    """Rotation about z by two angles.
+
+    Args:
+        angle: The one that varies (rad), or zero.
+        fixed: The one that the robot file fixes, in degrees.
+
+    Returns:
+        The rotation by their sum.
+
+    """
     if angle == 0:
         return Rotation.degrees(2, fixed)
     return Rotation.angle(tape, 2, angle + radians(fixed % 360))

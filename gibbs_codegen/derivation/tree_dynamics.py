@@ -36,12 +36,21 @@ class State:
 
 
 def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> list[Motion]:
-    """Motion of every segment in its working frame."""
+    """Motion of every segment.
+
+    Args:
+        root, tree: The tree and how its root moves.
+        state: Rates and accelerations of its coordinates, and gravity.
+
+    Returns:
+        A motion for each segment, in its working frame.
+
+    """
     places = root.places(tree.joints)
     rates, joint_rates = places.split(state.rates)
     accelerations, joint_accelerations = places.split(state.accelerations)
     with tape.group(f"motion of {tree.segments[0].name}"):
-        root_motion = root.carrier_motion(tape, rates, accelerations, state.gravity)
+        root_motion = root.frame_motion(tape, rates, accelerations, state.gravity)
     return outward(
         tape,
         tree,
@@ -54,7 +63,16 @@ def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> 
 def free_motions(
     tape: Scalars, root: Root, tree: SegmentTree, rates: Sequence[sp.Expr]
 ) -> list[Motion]:
-    """Motions that the rates alone make: every θ̈ is zero, and the origin does not accelerate."""
+    """Motions that the rates alone make: every θ̈ is zero, and the origin does not accelerate.
+
+    Args:
+        root, tree: The tree and how its root moves.
+        rates: In the order of its coordinates.
+
+    Returns:
+        A motion for each segment, in its working frame.
+
+    """
     state = State(rates, [sp.S.Zero] * len(rates), sp.S.Zero)
     return tree_motions(tape, root, tree, state)
 
@@ -62,7 +80,16 @@ def free_motions(
 def generalised_inertia_forces(
     tape: Scalars, root: Root, tree: SegmentTree, state: State
 ) -> list[sp.Expr]:
-    """∂S/∂θ̈, row by row (eq. 5): M a − R, or −R where the accelerations are zero."""
+    """∂S/∂θ̈, row by row (eq. 5): M a − R, or −R where the accelerations are zero.
+
+    Args:
+        root, tree: The tree and how its root moves.
+        state: Rates and accelerations of its coordinates, and gravity.
+
+    Returns:
+        One force for each coordinate (N m or N).
+
+    """
     motions = tree_motions(tape, root, tree, state)
     wrench, joints = inward(tape, tree, motions)
     places, mass = root.places(tree.joints), tree.segments[0].inertia.mass
@@ -73,12 +100,30 @@ def generalised_inertia_forces(
 
 
 def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> sp.Expr:
-    """S of the tree up to terms free of accelerations (eqs. 2–3)."""
+    """S of the tree up to terms free of accelerations (eqs. 2–3).
+
+    Args:
+        root, tree: The tree and how its root moves.
+        state: Rates and accelerations of its coordinates, and gravity.
+
+    Returns:
+        S, whose derivatives by the accelerations are the generalised inertia forces.
+
+    """
     return tree_gibbs_function(tape, tree, tree_motions(tape, root, tree, state))
 
 
 def mass_matrix(tape: Scalars, root: Root, tree: SegmentTree) -> Matrix:
-    """Mass matrix of the tree, both triangles; zero between joints of different branches."""
+    """Mass matrix of the tree, both triangles.
+
+    Args:
+        root, tree: The tree and how its root moves.
+
+    Returns:
+        Rows and columns in the order of the coordinates; zero between joints of which neither
+        supports the other.
+
+    """
     inertia = joint_space_inertia(tape, tree)
     places = root.places(tree.joints)
     base, joints = places.base, places.joint_places

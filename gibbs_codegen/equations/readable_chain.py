@@ -78,15 +78,15 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     names = chain_names(machine, chain)
     # What the symbols of inertia stand for is written in the parameters themselves.
     plain = Machine.of(robot, InlineTape())
-    root, *carried = serial.segments
+    root, *links = serial.segments
     if chain.is_constrained:
         (joint,) = _chain_joints(machine, chain)
         angle = tape.symbol(joint, Stage.CONFIGURATION)
-        carried = [_readable_arm(machine, carried[0], angle)]
+        links = [_readable_arm(machine, links[0], angle)]
     else:
-        carried = _readable_links(machine, tuple(carried))
+        links = _readable_links(machine, tuple(links))
     segments, inertias = [], []
-    for k, (segment, arm) in enumerate(zip((root, *carried), chain.links[2:], strict=True)):
+    for k, (segment, arm) in enumerate(zip((root, *links), chain.links[2:], strict=True)):
         inertia = _defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
         named, definitions = _named_inertia(tape, chain.number, 3 + k, inertia, names)
         segments.append(replace(segment, inertia=named))
@@ -100,8 +100,8 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
 def own_frames(readable: ReadableChain) -> SegmentTree:
     """The chain with each segment in its own frame, and one more, without inertia, at its end.
 
-    The derivation keeps segments on parallel axes in one frame, and a last segment in the frame of
-    what carries it, which saves operations and takes explaining.
+    The derivation keeps segments on parallel axes in one frame, and a last segment in that of its
+    parent, which saves operations and takes explaining.
     """
     machine, serial = readable.machine, readable.serial
     segments = [serial.segments[0]]

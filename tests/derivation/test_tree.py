@@ -61,6 +61,13 @@ MADE = {
 }
 RANDOM = [branched(seed) for seed in range(6)]
 TREES = [*MADE.values(), *RANDOM]
+EVERY_TREE = [
+    *(pytest.param(tree, id=name) for name, tree in MADE.items()),
+    *(
+        pytest.param(tree, id=f"random {number}", marks=[pytest.mark.slow] if number else [])
+        for number, tree in enumerate(RANDOM)
+    ),
+]
 
 
 def in_symbols(branched: Branched) -> tuple[Machine, Tape]:
@@ -92,15 +99,17 @@ def test_the_trees_have_every_structure() -> None:
     }
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize(
+    "name", ["one arm on the base normal, one across it", "a hand with one finger twisted"]
+)
 def test_every_function_gives_what_pinocchio_gives(name: str) -> None:
     check_functions(MADE[name])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(RANDOM)))
-def test_every_function_of_random_trees(number: int) -> None:
-    check_functions(RANDOM[number])
+@pytest.mark.parametrize("branched", TREES, ids=[*MADE, *map(str, range(len(RANDOM)))])
+def test_every_function_of_every_tree(branched: Branched) -> None:
+    check_functions(branched)
 
 
 def check_functions(branched: Branched) -> None:
@@ -123,7 +132,7 @@ def evaluated(
     return dict(zip(arrays, map(np.array, found), strict=True))
 
 
-@pytest.mark.parametrize("branched", TREES, ids=[*MADE, *map(str, range(len(RANDOM)))])
+@pytest.mark.parametrize("branched", EVERY_TREE)
 def test_both_forward_dynamics_and_trees_that_are_not_regrouped(branched: Branched) -> None:
     machine, tape = in_symbols(branched)
     robot, parents = branched
@@ -170,7 +179,7 @@ def own_inertias(machine: Machine) -> list[Segment]:
     ]
 
 
-@pytest.mark.parametrize("branched", TREES, ids=[*MADE, *map(str, range(len(RANDOM)))])
+@pytest.mark.parametrize("branched", EVERY_TREE)
 def test_joints_on_different_branches_do_not_couple(branched: Branched) -> None:
     """Zeros of M are known while the code is written: all that there are among the joints."""
     machine, tape = in_symbols(branched)
