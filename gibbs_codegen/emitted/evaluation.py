@@ -64,7 +64,16 @@ def prepared(
 
 
 def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) -> str:
-    """What to say of a name that is not among the defaults."""
+    """What to say of a name that is not among the defaults.
+
+    Args:
+        name: what was given
+        defaults: all parameters
+        folded: names that are built in as zero
+
+    Returns:
+        A sentence for an error.
+    """
     if name in folded:
         return (
             f"{name} is no parameter: it is zero in the robot file, and therefore built in; "

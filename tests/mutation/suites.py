@@ -27,7 +27,7 @@ COMBINE = ("derivation.hybrid",)
 EMISSION = (
     *_in("program", "nodes operations lower trigonometry steps loops repeated_blocks scratch"),
     *_in("targets", "printers documentation registry verbatim"),
-    *_in("targets.c", "target function sections statements"),
+    *_in("targets.c", "target function sections statements arrays"),
     *_in("targets.numpy", "target statements"),
     "emitted.evaluation",
 )
@@ -133,6 +133,7 @@ _REST = {
     "targets.c.function": (_EMITTED, *_IN_C),
     "targets.c.sections": (_EMITTED, *_IN_C),
     "targets.c.statements": (_EMITTED, *_IN_C),
+    "targets.c.arrays": (_EMITTED, *_IN_C),
     "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
     "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
