@@ -1,10 +1,13 @@
 """The program: what is to be emitted, as statements by stage, knowing neither SymPy's tree nor a
 target.
 
-A `Program` holds `prepare`, which turns parameters into constants, and the functions. Statements
-are built from six kinds of node; a target's printer must know each of them and nothing else: names,
-numbers, sums of signed terms, products, reciprocals, and calls of sine or cosine. There are no
-powers, no conditions and no loops.
+    t1 = x - 2*y
+
+is `Statement("t1", Sum(((1, Name("x")), (-1, Product((Number(2.0), Name("y")))))))`. Right-hand
+sides are built from six kinds of node; a target's printer must know each of them and nothing else:
+names, numbers, sums of signed terms, products, reciprocals, and calls of sine or cosine. There are
+no powers, no conditions and no loops. A `Program` holds `prepare`, which turns parameters into
+constants, and the functions.
 """
 
 from __future__ import annotations
@@ -114,11 +117,25 @@ class Program:
     functions: tuple[Function, ...]
 
     def function(self, name: str) -> Function:
-        """The function called `name`."""
+        """The function of a name.
+
+        Args:
+            name: one of the program's functions.
+
+        Returns:
+            The function.
+        """
         return next(function for function in self.functions if function.name == name)
 
     def prepared(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Parameters and all that `prepare` computes from them, by interpreting its statements."""
+        """Interpret `prepare`.
+
+        Args:
+            parameters: a value for each parameter of the program.
+
+        Returns:
+            Values by name: the parameters, and all that `prepare` computes from them.
+        """
         values = dict(parameters)
         for statement in self.prepare:
             values[statement.name] = node_value(statement.value, values)
@@ -130,7 +147,16 @@ class Program:
         parameters: Mapping[str, float],
         arguments: Mapping[str, Sequence[float]],
     ) -> list[list[float]]:
-        """Entries of each output of a function, by interpreting its statements."""
+        """Interpret a function.
+
+        Args:
+            name: one of the program's functions.
+            parameters: a value for each parameter of the program.
+            arguments: the entries of each argument of the function.
+
+        Returns:
+            The entries of each output, in C order.
+        """
         values = self.prepared(parameters)
         function = self.function(name)
         for argument in function.arguments:
@@ -143,12 +169,27 @@ class Program:
 
 
 def total_mass(program: Program) -> Node:
-    """Mass of the whole machine: the last entry of the mass matrix, whatever the attitude."""
+    """Mass of the whole robot.
+
+    Args:
+        program: a program with the function `mass_matrix`.
+
+    Returns:
+        The last entry of the mass matrix, which is the mass whatever the attitude.
+    """
     return program.function("mass_matrix").outputs[0].entries[-1]
 
 
 def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
-    """`node` with every node that `values` maps replaced, outermost first."""
+    """Replace nodes within a node, outermost first.
+
+    Args:
+        node: the node.
+        values: what to put in place of a node.
+
+    Returns:
+        The node with every node that `values` maps replaced.
+    """
     if node in values:
         return values[node]
     match node:
@@ -165,7 +206,14 @@ def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
 
 
 def calls_in(node: Node) -> list[Call]:
-    """Calls in a node, from left to right, as often as they stand there."""
+    """Calls in a node.
+
+    Args:
+        node: the node.
+
+    Returns:
+        Calls from left to right, as often as they stand there, outermost only.
+    """
     match node:
         case Call():
             return [node]
@@ -180,7 +228,14 @@ def calls_in(node: Node) -> list[Call]:
 
 
 def names_in(node: Node) -> list[str]:
-    """Names in a node, from left to right, as often as they stand there."""
+    """Names in a node.
+
+    Args:
+        node: the node.
+
+    Returns:
+        Names from left to right, as often as they stand there.
+    """
     match node:
         case Name(name):
             return [name]
@@ -195,7 +250,15 @@ def names_in(node: Node) -> list[str]:
 
 
 def node_value(node: Node, values: Mapping[str, float]) -> float:
-    """Value of a node, given those of the names in it."""
+    """Evaluate a node.
+
+    Args:
+        node: the node.
+        values: values of the names in it.
+
+    Returns:
+        Its value.
+    """
     match node:
         case Name(name):
             return values[name]

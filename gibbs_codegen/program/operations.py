@@ -40,7 +40,15 @@ class Operations:
 
 
 def count_operations(nodes: Iterable[Node]) -> Operations:
-    """Operations that computing each of `nodes` once takes."""
+    """Operations that it takes to compute each of some nodes once.
+
+    Args:
+        nodes: the nodes; what they have in common counts as often as it occurs, but for sine–cosine
+            pairs, which are counted once per angle.
+
+    Returns:
+        The counts.
+    """
     additions = subtractions = multiplications = divisions = 0
     angles: set[Node] = set()
     stack = list(nodes)

@@ -25,7 +25,8 @@ DERIVATION = (
 )
 COMBINE = ("derivation.hybrid",)
 EMISSION = (
-    *_in("program", "nodes operations lower trigonometry steps loops repeated_blocks scratch"),
+    *_in("program", "nodes operations lower inlining trigonometry steps repeated_blocks loops"),
+    *_in("program", "live_ranges rows scratch"),
     *_in("targets", "printers documentation registry verbatim"),
     *_in("targets.c", "target function sections statements arrays"),
     *_in("targets.numpy", "target statements"),
@@ -73,6 +74,7 @@ _QUICK_EMISSION = (
     "tests/program/test_nodes.py",
     "tests/program/test_trigonometry.py",
     "tests/program/test_steps.py",
+    "tests/program/test_worked_examples.py",
     "tests/targets/test_numpy.py",
     "tests/properties/test_pinocchio.py::test_shipped_robots[quadrotor_2link]",
     "tests/targets/test_c_source.py::test_functions_equal_numpy[quadrotor_2link-gcc--O3-march=native]",
@@ -87,7 +89,11 @@ _QUICK_ARTICULATED = (
     "tests/derivation/test_articulated.py::test_both_ways_give_what_pinocchio_gives[0]",
     *_QUICK_DERIVATION,
 )
-_QUICK_LOOPS = ("tests/program/test_steps.py", "tests/program/test_loops.py")
+_QUICK_LOOPS = (
+    "tests/program/test_steps.py",
+    "tests/program/test_loops.py",
+    "tests/program/test_worked_examples.py",
+)
 _QUICK_CASADI = ("tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",)
 _QUICK = {
     "derivation.articulated": _QUICK_ARTICULATED,
@@ -97,6 +103,8 @@ _QUICK = {
     "robot.layout": ("tests/robot/test_layout.py",),
     "robot.thrusters": ("tests/robot/test_thrusters.py",),
     "program.steps": _QUICK_LOOPS,
+    "program.live_ranges": _QUICK_LOOPS,
+    "program.rows": _QUICK_LOOPS,
     "program.loops": _QUICK_LOOPS,
     "program.repeated_blocks": _QUICK_LOOPS,
     "program.scratch": _QUICK_LOOPS,
@@ -118,9 +126,13 @@ _REST = {
     "symbolic.tape": ("tests/program/test_nodes.py", *_REST_OF_DERIVATION),
     "robot.thrusters": ("tests/cli/test_app.py",),
     "program.nodes": (*_COUNTS, _SHIPPED),
+    "program.operations": _COUNTS,
     "program.lower": (*_COUNTS, _SHIPPED, _EMITTED),
+    "program.inlining": (*_COUNTS, _SHIPPED, _EMITTED),
     "program.trigonometry": ("tests/targets/test_c_source.py",),
     "program.steps": _LOOPS,
+    "program.live_ranges": _LOOPS,
+    "program.rows": _LOOPS,
     "program.loops": _LOOPS,
     "program.repeated_blocks": _LOOPS,
     "program.scratch": _LOOPS,

@@ -1,4 +1,4 @@
-"""Loops for runs of like blocks: what is found, and that the loops do the same as the steps."""
+"""Loops for repeated blocks: what is found, and that the loops do the same as the steps."""
 
 from __future__ import annotations
 
@@ -41,48 +41,50 @@ def run_straight(steps: Sequence[Step], inputs: Values) -> Stored:
     return stored
 
 
-def run_layout(layout: Allocation, inputs: Values) -> Stored:
-    """What pieces store that know of each other only what is held."""
-    held = [float("nan")] * layout.slots
+def run_allocation(allocation: Allocation, inputs: Values) -> Stored:
+    """What sections store that know of each other only what is held."""
+    held = [float("nan")] * allocation.slots
     stored: Stored = {}
 
     def sign(name: str) -> int:
-        return -1 if name in layout.negated else 1
+        return -1 if name in allocation.negated else 1
 
-    for piece in layout.sections:
-        if isinstance(piece.code, Loop):
-            for i in range(piece.code.count):
+    for section in allocation.sections:
+        if isinstance(section.code, Loop):
+            for i in range(section.code.count):
                 values = dict(inputs)
-                for name, slot in piece.reloads.items():
+                for name, slot in section.reloads.items():
                     here = (
-                        held[slot + i] if name in piece.code.operands else sign(name) * held[slot]
+                        held[slot + i] if name in section.code.operands else sign(name) * held[slot]
                     )
                     values[name] = here
-                places = iter(zip(piece.code.places, piece.code.strides, strict=True))
-                for step in piece.code.body:
+                places = iter(zip(section.code.places, section.code.strides, strict=True))
+                for step in section.code.body:
                     if isinstance(step, Store):
                         place, pitch = next(places)
                         step = Store(step.output, place + i * pitch, step.value)
                     run_steps([step], values, stored)
-                for name, slot in piece.spills.items():
+                for name, slot in section.spills.items():
                     held[slot + i] = values[name]
             continue
-        values = inputs | {name: sign(name) * held[slot] for name, slot in piece.reloads.items()}
-        run_steps(piece.code, values, stored)
-        for name, slot in piece.spills.items():
+        values = inputs | {name: sign(name) * held[slot] for name, slot in section.reloads.items()}
+        run_steps(section.code, values, stored)
+        for name, slot in section.spills.items():
             held[slot] = sign(name) * values[name]
     return stored
 
 
 def check(steps: Sequence[Step], limit: int = 30) -> list[Loop]:
-    """Check that pieces with loops store what the steps store; return the loops that are left."""
+    """Check that sections with loops store what the steps store; return the loops that are left."""
     made = {step.name for step in steps if isinstance(step, Statement)}
     read = dict.fromkeys(name for step in steps for name in names_in(step.value))
     numbers = np.random.default_rng(3).uniform(-2, 2, len(read)).tolist()
     inputs = {n: x for n, x in zip(read, numbers, strict=True) if n not in made}
-    layout = allocate_scratch(*reroll(steps), limit)
-    assert run_layout(layout, inputs) == pytest.approx(run_straight(steps, inputs), rel=1e-12)
-    return [piece.code for piece in layout.sections if isinstance(piece.code, Loop)]
+    allocation = allocate_scratch(*reroll(steps), limit)
+    assert run_allocation(allocation, inputs) == pytest.approx(
+        run_straight(steps, inputs), rel=1e-12
+    )
+    return [section.code for section in allocation.sections if isinstance(section.code, Loop)]
 
 
 def started(columns: int) -> list[Step]:
