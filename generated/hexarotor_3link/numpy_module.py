@@ -326,7 +326,14 @@ def prepared(
 
 
 def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) -> str:
-    """What to say of a name that is not among the defaults."""
+    """What an error says of a name that is no parameter.
+
+    Args:
+        name, defaults, folded: as of `prepared`
+
+    Returns:
+        A sentence.
+    """
     if name in folded:
         return (
             f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
@@ -381,8 +388,8 @@ def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]
         Array (..., width).
 
     Raises:
-        TypeError: an entry is not a real number
-        ValueError: the last axis has another length, there are too many axes, or as above
+        TypeError, ValueError: as of `real_numbers`
+        ValueError: the last axis has another length, or there are too many axes
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT:
         array = values
@@ -430,14 +437,7 @@ class Evaluator:
         inputs: Sequence[str],
         default_constants: tuple[float, ...],
     ) -> None:
-        """Take what is the module's own.
-
-        Args:
-            module: its name
-            coordinates: names of the entries of q, v and a
-            inputs: names of the entries of u
-            default_constants: the constants of calls that give none
-        """
+        """Take the names that reports use, and the constants of calls that give none."""
         self._report = NotFiniteReport(module, coordinates, inputs)
         self._default = default_constants
 
@@ -455,8 +455,7 @@ class Evaluator:
             arguments: arrays (..., width) in the order of the kernel
 
         Returns:
-            The entries of the outputs, each a number or an array over the batch, and the shape of
-            the batch, () for one state.
+            The entries of the outputs, numbers or arrays over the batch, and the batch's shape.
 
         Raises:
             TypeError: the constants are not this module's
@@ -498,8 +497,7 @@ class Evaluator:
         """Entries of a kernel's output, whatever they are, once what is not finite is reported.
 
         Args:
-            kernel: what computes the entries
-            k: its constants
+            kernel, k: what computes the entries, and its constants
             columns: arguments (width, ...), entry by entry
             arguments: the same (..., width), as they were given
             batch: the shape that leading axes broadcast to
@@ -520,13 +518,7 @@ class NotFiniteReport:
     """Says where functions of a module gave what is not finite though their arguments are."""
 
     def __init__(self, module: str, coordinates: Sequence[str], inputs: Sequence[str]) -> None:
-        """Take the names that a report uses.
-
-        Args:
-            module: name of the module
-            coordinates: names of the entries of q, v and a
-            inputs: names of the entries of u
-        """
+        """Take the module's name, those of the entries of q, v and a, and those of u."""
         self._module = module
         self._labels = {"q": coordinates, "v": coordinates, "a": coordinates, "u": inputs}
 

@@ -32,6 +32,9 @@ def docstring(model: Model, function: Function) -> list[str]:
     Args:
         model: the derived robot
         function: one of its program's
+
+    Returns:
+        Lines without indentation.
     """
     row = FUNCTIONS[function.name]
     takes = [f"{a}: {ARGUMENTS[a].meaning}, {_listed(model, a)}" for a in function.arguments]
@@ -54,6 +57,9 @@ def doxygen(model: Model, function: Function) -> list[str]:
     Args:
         model: the derived robot
         function: one of its program's
+
+    Returns:
+        Lines without what a comment begins with.
     """
     robot, row = model.robot, FUNCTIONS[function.name]
     items = [
@@ -94,6 +100,9 @@ def _wrapped(items: list[str], width: int, hanging: str) -> list[str]:
         items: text
         width: characters in a line
         hanging: what the lines of an item after its first begin with
+
+    Returns:
+        Lines.
     """
     return [
         line for item in items for line in textwrap.wrap(item, width, subsequent_indent=hanging)
@@ -106,6 +115,9 @@ def argument_text(robot: Robot, argument: str) -> str:
     Args:
         robot: whose entries they are
         argument: q, v, a or u
+
+    Returns:
+        Names with units, as "theta_m1 [rad], theta_0 [rad]".
     """
     row = ARGUMENTS[argument]
     listed = inputs(robot) if row.width == "u" else reduced_coordinates(robot)
@@ -118,6 +130,9 @@ def output_text(robot: Robot, output: Output) -> str:
     Args:
         robot: whose function it is
         output: one of the function's row
+
+    Returns:
+        Names with units, or the units alone.
     """
     torques = [constraint_torque(k) for k in range(2, robot.rotors + 1)]
     return output.entries.format(
@@ -142,6 +157,9 @@ def attitude_text(robot: Robot) -> str:
 
     Args:
         robot: whose attitude it is
+
+    Returns:
+        The product as text.
     """
     angles = zip(robot.base.attitude, ATTITUDE, strict=True)
     return " ".join(f"R_{axis}({angle})" for axis, angle in angles)
@@ -152,6 +170,9 @@ def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
 
     Args:
         coordinates: in order
+
+    Returns:
+        A line each: name, unit, meaning.
     """
     width = max(len(c.name) for c in coordinates)
     return [f"{c.name:<{width}}  [{c.unit}]  {c.meaning}" for c in coordinates]

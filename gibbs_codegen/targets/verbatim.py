@@ -24,6 +24,9 @@ def python_source(name: str) -> PythonSource:
 
     Args:
         name: of the file
+
+    Returns:
+        Its parts.
     """
     text = _text(name)
     imports = [n for n in ast.parse(text).body if isinstance(n, ast.Import | ast.ImportFrom)]
@@ -37,6 +40,9 @@ def c_source(name: str) -> str:
 
     Args:
         name: of the file
+
+    Returns:
+        Its text.
     """
     return _INCLUDE.sub(lambda match: c_source(match[1]), _text(name))
 

@@ -29,7 +29,7 @@ EMISSION = (
     *_in("program", "nodes operations lower inlining trigonometry steps repeated_blocks loops"),
     *_in("program", "live_ranges rows scratch"),
     *_in("targets", "printers documentation registry verbatim"),
-    *_in("targets.c", "target function sections statements"),
+    *_in("targets.c", "target function sections statements arrays"),
     *_in("targets.numpy", "target statements"),
     "emitted.evaluation",
 )
@@ -146,6 +146,7 @@ _REST = {
     "targets.c.function": (_EMITTED, *_IN_C),
     "targets.c.sections": (_EMITTED, *_IN_C),
     "targets.c.statements": (_EMITTED, *_IN_C),
+    "targets.c.arrays": (_EMITTED, *_IN_C),
     "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
     "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),

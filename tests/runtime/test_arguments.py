@@ -52,7 +52,7 @@ def ways() -> list[ModuleType]:
     tool("cc")
     with pytest.MonkeyPatch.context() as patch:
         made = [load(ROBOT), load(ROBOT, backend="c")]
-        patch.setattr(c_backend, "_caller_type", lambda _: None)
+        patch.setattr(c_backend, "caller_type", lambda _: None)
         return [*made, load(ROBOT, backend="c")]
 
 

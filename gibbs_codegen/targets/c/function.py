@@ -11,18 +11,16 @@ from gibbs_codegen.program.nodes import Function, Number, Output
 from gibbs_codegen.program.scratch import Allocation, allocate_scratch
 from gibbs_codegen.program.steps import Loop, schedule_stores
 from gibbs_codegen.program.trigonometry import gather_angles
-from gibbs_codegen.targets.c.sections import ANGLE, COSINE, SCRATCH, SINE, HelperPrinter
-from gibbs_codegen.targets.c.statements import (
-    StatementPrinter,
+from gibbs_codegen.targets.c.arrays import (
     array_size,
-    call,
-    call_helper,
     from_block,
     from_entry,
     local_arrays,
     read_arrays,
     written_arrays,
 )
+from gibbs_codegen.targets.c.sections import ANGLE, COSINE, SCRATCH, SINE, HelperPrinter
+from gibbs_codegen.targets.c.statements import StatementPrinter, call, call_helper
 from gibbs_codegen.targets.documentation import doxygen
 from gibbs_codegen.targets.printers import InfixPrinter
 

@@ -10,18 +10,14 @@ from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.program.scratch import Allocation, Section
 from gibbs_codegen.program.steps import Loop, Step, Store, headed
 from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, sine_name
+from gibbs_codegen.targets.c.arrays import load, place_in_loop, read_arrays, spill, written_arrays
 from gibbs_codegen.targets.c.statements import (
     StatementPrinter,
     comment,
     helper,
-    load,
     load_constant,
-    place_in_loop,
-    read_arrays,
-    spill,
     unused,
     vector_loop,
-    written_arrays,
 )
 
 # The arrays that helpers hand values on in.

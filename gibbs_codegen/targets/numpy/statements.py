@@ -26,6 +26,9 @@ class StatementPrinter:
         Args:
             name: of the variable
             value: its value
+
+        Returns:
+            Lines without their indentation, as everywhere here.
         """
         start, text = f"{name} = ", self._expressions.expression(value)
         if len(start) + len(text) <= WIDTH - _INDENT:
@@ -37,6 +40,9 @@ class StatementPrinter:
 
         Args:
             statements: in order
+
+        Returns:
+            Lines.
         """
         lines: list[str] = []
         for words, statement in headed(statements):
@@ -49,6 +55,9 @@ class StatementPrinter:
 
         Args:
             outputs: one after the other
+
+        Returns:
+            Lines.
         """
         nodes = (entry for output in outputs for entry in output.entries)
         return elements([self._expressions.expression(node) for node in nodes])
@@ -59,6 +68,9 @@ def comment(words: str) -> list[str]:
 
     Args:
         words: what the group computes; "" where no group begins
+
+    Returns:
+        Lines, of which the first is empty.
     """
     return ["", f"# {words}"] if words else []
 
@@ -70,6 +82,9 @@ def load(name: str, array: str, place: int | str) -> str:
         name: of the variable
         array: what it is an entry of
         place: its index, or its key
+
+    Returns:
+        A line.
     """
     index = f'"{place}"' if isinstance(place, str) else place
     return f"{name} = {array}[{index}]"
@@ -80,6 +95,9 @@ def elements(texts: Sequence[str]) -> list[str]:
 
     Args:
         texts: expressions
+
+    Returns:
+        Lines.
     """
     return _wrapped(f"{', '.join(texts)},")
 
@@ -89,6 +107,9 @@ def strings(texts: Iterable[str]) -> list[str]:
 
     Args:
         texts: strings without quotes
+
+    Returns:
+        Lines.
     """
     text = " ".join(f'"{text}",' for text in texts)
     return textwrap.wrap(text, WIDTH - _INDENT)
@@ -99,6 +120,9 @@ def result(outputs: Sequence[Output]) -> str:
 
     Args:
         outputs: in order
+
+    Returns:
+        An expression.
     """
     calls, start = [], 0
     for output in outputs:
@@ -114,6 +138,9 @@ def result_type(outputs: Sequence[Output]) -> str:
 
     Args:
         outputs: in order
+
+    Returns:
+        An annotation.
     """
     array = "NDArray[np.float64]"
     return array if len(outputs) == 1 else f"tuple[{', '.join([array] * len(outputs))}]"

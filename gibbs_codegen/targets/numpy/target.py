@@ -86,6 +86,9 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         model: the derived robot
         printer: of expressions
         header: lines that open every file
+
+    Returns:
+        The context.
     """
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
@@ -124,6 +127,9 @@ def _function_text(model: Model, function: Function, statements: StatementPrinte
         model: the derived robot
         function: one of its program's
         statements: the printer
+
+    Returns:
+        What the template is given.
     """
     program = model.program
     used = {name for node in function.nodes() for name in names_in(node)}
