@@ -36,8 +36,9 @@ _QUIET = "0.55"
 # Chains that are drawn unless they are chosen, and links of an arm that are drawn one by one.
 _MOST_CHAINS, _MOST_LINKS = 12, 4
 _COLUMNS = 3
-# Heights of a row and of the legend, in.
-_ROW, _LEGEND = 1.85, 0.55
+# Heights of a row of chains and of one of the legend, in; the legend's columns by those of chains.
+_ROW, _LEGEND_ROW = 1.85, 0.2
+_LEGEND_COLUMNS = {1: 1, 2: 3, 3: 4}
 # Width and height that the links of an arm have, and the width of a gap for links left out.
 _ARM_ROOM, _GAP = np.array([1.2, 1.0]), 0.2
 
@@ -67,16 +68,18 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
         raise UsageError(f"{robot.name} has chains 1 to {robot.rotors}, not {chosen}")
     columns = 2 if len(chosen) == 4 else min(len(chosen), _COLUMNS)
     rows = -(-len(chosen) // columns)
-    height = _ROW * rows + _LEGEND
+    keys = _chain_keys()
+    legend = _LEGEND_ROW * (-(-len(keys) // _LEGEND_COLUMNS[columns]) + 0.75)
+    height = _ROW * rows + legend
     with style():
         figure = Figure(figsize=(FULL * columns / _COLUMNS, height))
         panels = figure.subplots(rows, columns, squeeze=False).ravel()
-        figure.subplots_adjust(0.005, _LEGEND / height, 0.995, 0.995, wspace=0.02, hspace=0.02)
+        figure.subplots_adjust(0.005, legend / height, 0.995, 0.995, wspace=0.02, hspace=0.02)
         for axes, number in zip(panels, chosen, strict=False):
             _draw_chain(axes, robot, chains[number - 1])
         for axes in panels[len(chosen) :]:
             axes.set_axis_off()
-        figure.legend(handles=_chain_keys(), loc="lower center", ncols=4 if columns > 1 else 2)
+        figure.legend(handles=keys, loc="lower center", ncols=_LEGEND_COLUMNS[columns])
         return figure
 
 

@@ -105,7 +105,7 @@ def _draw_chain(axes: Axes, robot: Robot, chain: Chain, top: float, step: float)
         step: The distance between hybrid unknowns, rows.
     """
     colour, length = chain_colour(chain.number), len(chain.unknowns)
-    _box(axes, 0.0, top - _PADDING, _LEFT_WIDTH, length + 2 * _PADDING, colour, _tint(colour))
+    _box(axes, 0.0, top - _PADDING, _LEFT_WIDTH, length + 2 * _PADDING, colour, (colour, 0.1))
     text = axes.text(-0.8, top + length / 2, _title(chain), ha="center", va="center", rotation=90)
     text.set(color=colour, fontweight="bold")
     # Arrows that come to the same unknown end beside each other.
@@ -211,7 +211,13 @@ def _symbol(
 
 
 def _box(
-    axes: Axes, left: float, top: float, width: float, height: float, edge: str, face: str
+    axes: Axes,
+    left: float,
+    top: float,
+    width: float,
+    height: float,
+    edge: str,
+    face: str | tuple[str, float],
 ) -> None:
     """Draw a box with round corners.
 
@@ -219,17 +225,11 @@ def _box(
         axes: The axes.
         left, top: Its upper left corner.
         width, height: Its size.
-        edge, face: Colours of its edge and of its inside.
+        edge, face: Colours of its edge and of its inside, which may have an opacity.
     """
     box = FancyBboxPatch((left, top), width, height, boxstyle="round,pad=0,rounding_size=0.3")
     box.set(edgecolor=edge, facecolor=face, linewidth=0.7)
     axes.add_patch(box)
-
-
-def _tint(colour: str) -> str:
-    """A colour with nine parts of white."""
-    parts = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
-    return "#" + "".join(f"{round(0.9 * 255 + 0.1 * part):02x}" for part in parts)
 
 
 def _arrow(axes: Axes, start: tuple[float, float], end: tuple[float, float], colour: str) -> None:

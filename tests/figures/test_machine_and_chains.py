@@ -164,6 +164,18 @@ def test_many_rotors_and_links_are_left_out() -> None:
     assert {"…", "41", "42", "43", "70"} <= set(texts(panels[-1]))
 
 
+@pytest.mark.parametrize("numbers", [[5], [1, 2], [1, 2, 3]], ids=len)
+def test_legend_fits_every_width(numbers: list[int]) -> None:
+    figure = chains_figure(PAPER, numbers)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    low, high = box.p0, box.p1
+    assert np.all(low >= 0.0)
+    assert np.all(high <= figure.bbox.size)
+    assert high[1] <= min(axes.get_window_extent().y0 for axes in figure.axes)
+
+
 @pytest.mark.parametrize("numbers", [[0], [7], []])
 def test_chains_that_do_not_exist_are_refused(numbers: list[int]) -> None:
     with pytest.raises(UsageError, match="chains 1 to 6"):
