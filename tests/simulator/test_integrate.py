@@ -20,15 +20,18 @@ from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle, Harmonic, Term
 from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, Settings, TipForce
-from gibbs_codegen.simulator import integrate as integration
+from gibbs_codegen.simulator import fixed_step
 from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.envelope import Envelope
+from gibbs_codegen.simulator.fixed_step import rk4_step
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.integrate import _step, integrate
-from gibbs_codegen.simulator.simulation import desired_motion, flight_of, simulate
+from gibbs_codegen.simulator.integrate import integrate
+from gibbs_codegen.simulator.recording import flight_of
+from gibbs_codegen.simulator.simulation import simulate
+from gibbs_codegen.simulator.trajectory import desired_motion
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Load = Callable[[str], ModuleType]
@@ -412,9 +415,9 @@ def test_fixed_steps_are_no_longer_than_asked_for(
         loop: ClosedLoop, time: float, state: np.ndarray, ahead: float, pushed: bool
     ) -> np.ndarray:
         calls.append((time, ahead))
-        return _step(loop, time, state, ahead, pushed)
+        return rk4_step(loop, time, state, ahead, pushed)
 
-    monkeypatch.setattr(integration, "_step", counted)
+    monkeypatch.setattr(fixed_step, "rk4_step", counted)
     monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)
     settings = Settings(method="rk4", step=step, rate=60.0)
     push = TipForce((0.1, 0.0, 0.2), 0.0333, 0.0777)

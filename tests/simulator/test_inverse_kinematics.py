@@ -31,20 +31,19 @@ from gibbs_codegen.scenario.attitude import (
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term, Waypoints
-from gibbs_codegen.simulator import inverse_kinematics
+from gibbs_codegen.simulator import continuation
+from gibbs_codegen.simulator.base_trajectory import base_motion, desired_base
+from gibbs_codegen.simulator.continuation import SingularArmError, UnreachableError, arm_motion
 from gibbs_codegen.simulator.inverse_kinematics import (
     REACHED,
     Array,
     Limits,
-    Motion,
-    SingularArmError,
-    UnreachableError,
-    arm_motion,
-    base_motion,
     first_posture,
     reach,
 )
-from gibbs_codegen.simulator.reference import Reference, desired_base, desired_with_tip, knots
+from gibbs_codegen.simulator.knots import knots
+from gibbs_codegen.simulator.reference import Motion, Reference
+from gibbs_codegen.simulator.tip_trajectory import desired_with_tip
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 CENTRE = Fixed((0.0, 0.0, 5.0))
@@ -586,8 +585,8 @@ def test_spare_joints_do_not_hide_that_the_tip_is_off(
         found, left = holding(*given)
         return found, left if calls % 4 else 0.25
 
-    holding = inverse_kinematics._reach_holding
-    monkeypatch.setattr(inverse_kinematics, "_reach_holding", failing)
+    holding = continuation._reach_holding
+    monkeypatch.setattr(continuation, "_reach_holding", failing)
     with pytest.raises(UnreachableError, match=r"it stays 0\.25 m away"):
         fly(octo, Circle((0.25, 0.1, 4.6), 0.12, 1.5, normal=(1, 1, 0.5)), 0.05)
 

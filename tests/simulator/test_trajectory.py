@@ -15,8 +15,8 @@ from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Fixed
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario
-from gibbs_codegen.simulator.reference import KNOT_SPACING
-from gibbs_codegen.simulator.simulation import desired_motion, starting_state
+from gibbs_codegen.simulator.knots import KNOT_SPACING
+from gibbs_codegen.simulator.trajectory import desired_motion, starting_state
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 
