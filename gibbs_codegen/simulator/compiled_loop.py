@@ -85,7 +85,7 @@ class CompiledLoop:
 
     @classmethod
     def of(
-        cls, closed: ClosedLoop, step: float, bounds: Array, tip_force: bool = False
+        cls, closed: ClosedLoop, step: float, bounds: Array | float, tip_force: bool = False
     ) -> CompiledLoop | None:
         """The compiled loop of a closed loop, if there is one.
 
@@ -114,7 +114,7 @@ class CompiledLoop:
         library = ctypes.CDLL(str(library_file))
         constants = vehicle.constants or vehicle.module.prepare({})
         arrays = {
-            "bounds": np.array(bounds),
+            "bounds": np.full(2 * len(vehicle.coordinates), bounds, dtype=np.float64),
             "coefficients": np.ascontiguousarray(controller.reference.coefficients),
             "stiffness": np.array(controller.gains.stiffness),
             "damping": np.array(controller.gains.damping),

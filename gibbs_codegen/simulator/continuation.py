@@ -251,7 +251,7 @@ def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) ->
     worst = int(np.argmax(distances))
     times = time[far]
     where = (
-        f"at {len(times)} of {len(time)} instants, from t = {times[0]:.6g} s to "
+        f"at {len(times)} of {len(time)} instants tried, from t = {times[0]:.6g} s to "
         f"{times[-1]:.6g} s; at t = {time[worst]:.6g} s it stays {distances[worst]:.3g} m away"
     )
     # So near is not out of reach: the joints do not find the way there.

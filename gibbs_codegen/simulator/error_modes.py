@@ -77,7 +77,7 @@ def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: b
     found = ""
     rotors = [str(rotor + 1) for rotor in loop.saturated(time, state)]
     if rotors:
-        found += f"; thrusts at their limits: {', '.join(rotors)} (rk4 keeps its steps there)"
+        found += f"; saturated thrusts: {', '.join(rotors)} (rk4 does not shorten its steps there)"
     if lag and loop.lag:
-        found += f"; the motors lag by {loop.lag:g} s"
+        found += f"; the motors' time constant is {loop.lag:g} s"
     return found

@@ -116,9 +116,9 @@ def refine(refinement: int, time: Array, deviation: Deviation, cause: str, remed
         return 2 * refinement
     spacing = (time[-1] - time[0]) / pieces / refinement
     raise UsageError(
-        f"at t = {deviation.time:.6g} s {cause}: between knots {spacing:.3g} s apart, the nearest "
-        f"that a flight of this length may have, it is missed by {deviation.distance:.3g} "
-        f"{deviation.unit}; {remedy}"
+        f"at t = {deviation.time:.6g} s {cause}: with knots {spacing:.3g} s apart, the closest "
+        f"allowed for a flight of this length, the trajectory between them is off by "
+        f"{deviation.distance:.3g} {deviation.unit}; {remedy}"
     )
 
 

@@ -119,7 +119,7 @@ def _check_mass_matrix(vehicle: Vehicle, q: Array) -> None:
             ) from None
         raise UsageError(
             f"{vehicle.name}: with these parameters its mass matrix is not positive definite; "
-            "masses and inertias must be those of bodies"
+            "masses and inertias must be physically possible"
         ) from None
 
 

@@ -581,6 +581,6 @@ def test_limits_and_lag_are_named_where_no_step_is_small_enough(
     scenario = read_scenario("hover", {**changes, "integration": {"divergence": 1e3}})
     flight = simulate(fast("hexarotor"), scenario)
     assert "no step is small enough" in flight.stopped
-    assert "thrusts at their limits: " in flight.stopped
-    assert "the motors lag by 0.5 s" in flight.stopped
+    assert "saturated thrusts: " in flight.stopped
+    assert "the motors' time constant is 0.5 s" in flight.stopped
     assert flight.time[-1] == pytest.approx(0.505, abs=1e-6)

@@ -212,7 +212,7 @@ def test_turning_once_between_samples_is_not_taken_for_standing(
     vehicle = random_vehicle(SEEDS["zyx"], tmp_path_factory)
     assert not vehicle.centre_offset(np.zeros(len(vehicle.coordinates))).any()
     spin = 2 * np.pi / (KNOT_SPACING / 4 / 32)
-    with pytest.raises(UsageError, match=r"the base moves too fast .* missed by \S+ rad;"):
+    with pytest.raises(UsageError, match=r"the base moves too fast .* off by \S+ rad;"):
         desired_base(vehicle, knots(1.0), Fixed((0, 0, 1)), Level(0.0, spin))
 
 
