@@ -18,13 +18,14 @@ from gibbs_codegen.scenario.scenario import (
     TipForce,
 )
 from gibbs_codegen.simulator.allocation import Allocation, AllocationError
+from gibbs_codegen.simulator.continuation import UnreachableError
 from gibbs_codegen.simulator.flight import Flight, read_flight
 from gibbs_codegen.simulator.inverse_dynamics import (
     inputs_and_constraint_torques,
     required_inputs,
 )
-from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
-from gibbs_codegen.simulator.simulation import desired_motion, simulate
+from gibbs_codegen.simulator.simulation import simulate
+from gibbs_codegen.simulator.trajectory import desired_motion
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 __all__ = [

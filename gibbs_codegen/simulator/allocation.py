@@ -1,7 +1,7 @@
-"""Control allocation: the thrusts that put a wanted wrench on the base.
+"""Control allocation: the thrusts that produce a desired wrench on the base.
 
-The wrench is force and torque about the base centre in arm 1's frame; a unit thrust of each rotor
-makes the same wrench at every configuration, so one matrix serves.
+The wrench is force and torque about the base centre in arm 1's frame. A unit thrust of a rotor
+produces the same wrench at every configuration, so one matrix serves.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ _DIRECTIONS = (
     "torque about y",
     "torque about z",
 )
-# A singular value below this share of the largest is a direction that thrusts cannot command.
+# Singular values below this share of the largest belong to directions that rotors cannot command.
 _RANK = 1e-9
-# What is left of a wrench, as a share of it, where thrusts count as making it exactly.
+# Share of a wrench that thrusts may fail to produce and still count as exact.
 _EXACT = 1e-9
-# Weight of small thrusts against the wrench, as a share of the smallest singular value: picks one
-# of many answers, at the cost of its square of the wrench.
+# Weight of small thrusts against the wrench, as a share of the smallest singular value. It picks
+# one of many solutions; the share of the wrench that it costs is its square.
 _PREFERENCE = 1e-4
 
 
 class AllocationError(UsageError):
-    """A wrench that the rotors cannot make; `missing` names the directions they do not command."""
+    """A wrench that the rotors cannot produce; `missing` names the directions they lack."""
 
     def __init__(self, message: str, missing: Sequence[str]) -> None:
         self.missing = tuple(missing)
@@ -45,10 +45,12 @@ class AllocationError(UsageError):
 class Allocation:
     """Thrusts for wrenches: exact for six rotors, of minimum norm for more, within limits if given.
 
-    Within limits that a wrench is beyond, the thrusts whose wrench is nearest to it: of least
-    |Δforce|² + |Δtorque / lever|², with the lever that thrusts have on the whole, m.
-    `wrenches` (6, N) is what a unit thrust of each rotor makes; `limits` are the least and the
-    greatest thrust of every rotor, N.
+    Where these exceed the limits, thrusts are taken whose wrench is nearest to the desired one: of
+    least |Δforce|² + |Δtorque / lever|², with the mean lever arm of the thrusts, m.
+
+    Args:
+        wrenches: wrench of a unit thrust of each rotor (6, N), as `Vehicle.thrust_wrenches` has it.
+        limits: least and greatest thrust of every rotor, N; None for no limits.
     """
 
     def __init__(self, wrenches: Array, limits: tuple[float, float] | None = None) -> None:
@@ -58,7 +60,7 @@ class Allocation:
         rank = int(np.sum(values > _RANK * values[0]))
         self.missing = _named(left[:, rank:])
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=_RANK), dtype=np.float64)
-        # Torque by the lever that thrusts have on the whole, so that it compares with force.
+        # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
         self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
         weighted = self._weights[:, np.newaxis] * wrenches
@@ -67,7 +69,14 @@ class Allocation:
         self._weighted = np.vstack([weighted, preference])
 
     def require_all_directions(self, purpose: str) -> None:
-        """Raise `AllocationError` where there are wrenches that no thrusts make."""
+        """Raise an error unless the rotors can produce every wrench.
+
+        Args:
+            purpose: what requires that, as a clause.
+
+        Raises:
+            AllocationError: with the directions that the rotors cannot command.
+        """
         if self.missing:
             raise AllocationError(
                 f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
@@ -77,36 +86,50 @@ class Allocation:
             )
 
     def thrusts(self, wrenches: Array) -> Array:
-        """Thrusts (…, N) that make wrenches (…, 6), or within limits come nearest to them.
+        """Thrusts that produce wrenches, or within limits come nearest to them.
 
-        Raises `AllocationError` for a wrench in a direction that the rotors do not command.
+        Args:
+            wrenches: desired wrenches (…, 6).
+
+        Returns:
+            Thrusts (…, N), N.
+
+        Raises:
+            AllocationError: for a wrench in a direction that the rotors cannot command.
         """
         found = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
         if self.missing:
-            self._check_made(wrenches)
+            self._check_produced(wrenches)
         if self.limits is None:
             return found
         least, most = self.limits
         beyond = np.any((found < least) | (found > most), axis=-1)
         for index in np.argwhere(beyond):
             place = tuple(index)
-            wanted = np.concatenate([self._weights * wrenches[place], np.zeros(found.shape[-1])])
-            nearest = lsq_linear(self._weighted, wanted, bounds=self.limits, method="bvls")
+            desired = np.concatenate([self._weights * wrenches[place], np.zeros(found.shape[-1])])
+            nearest = lsq_linear(self._weighted, desired, bounds=self.limits, method="bvls")
             found[place] = np.clip(nearest.x, least, most)
         return found
 
-    def shortfall(self, wrenches: Array) -> Array:
-        """What thrusts without limits leave of wrenches (…, 6), N and N m; (…), 0 where exact."""
-        left = np.linalg.norm(wrenches @ (np.eye(6) - self.wrenches @ self.inverse).T, axis=-1)
-        exact = _EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
-        short: Array = np.where(left > exact, left, 0.0)
-        return short
+    def residual(self, wrenches: Array) -> Array:
+        """The part of wrenches that no thrusts produce, whatever the limits.
 
-    def _check_made(self, wrenches: Array) -> None:
-        if np.any(short := self.shortfall(wrenches)):
+        Args:
+            wrenches: desired wrenches (…, 6).
+
+        Returns:
+            Its norm (…), N and N m; 0 where thrusts are exact but for rounding.
+        """
+        norm = np.linalg.norm(wrenches @ (np.eye(6) - self.wrenches @ self.inverse).T, axis=-1)
+        exact = _EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
+        residual: Array = np.where(norm > exact, norm, 0.0)
+        return residual
+
+    def _check_produced(self, wrenches: Array) -> None:
+        if np.any(missed := self.residual(wrenches)):
             raise AllocationError(
                 f"the motion needs {_listed(self.missing)} (arm 1's frame, about the base centre), "
-                f"up to {np.max(short):.3g} N or N m, which the rotors cannot command; tilt some "
+                f"up to {np.max(missed):.3g} N or N m, which the rotors cannot command; tilt some "
                 "thrusts in the robot file, or add rotors",
                 self.missing,
             )

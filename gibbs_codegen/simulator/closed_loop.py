@@ -1,4 +1,4 @@
-"""The closed loop of machine, motors and controller: what integrators integrate.
+"""The closed loop of vehicle, motors and controller: what integrators integrate.
 
 The state is q, v, the work done since the start, and the thrusts where the motors lag. Work is part
 of the state so that the energy balance is as exact as the integration.
@@ -6,25 +6,24 @@ of the state so that the energy balance is as exact as the integration.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.scenario.scenario import TipForce
 from gibbs_codegen.simulator.control import Controller
-from gibbs_codegen.simulator.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from gibbs_codegen.simulator.state_history import SmoothInterval
+from gibbs_codegen.simulator.vehicle import Array, Flags, Vehicle
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Machine, controller, motors and what pushes from outside.
+    """Vehicle, controller, motors and the force on the tip.
 
     `limits`: least and greatest thrust, N; `lag`: time constant of the motors, s, or 0 for none;
-    `tip_force`: None where nothing pushes.
+    `tip_force`: None where no force acts on the tip.
     """
 
     vehicle: Vehicle
@@ -39,12 +38,26 @@ class ClosedLoop:
         return 2 * len(self.vehicle.coordinates) + 1 + (self.vehicle.rotors if self.lag else 0)
 
     def start(self, q: Array, v: Array) -> Array:
-        """The state at time 0, with motors that have settled at what is first asked of them."""
-        thrusts = self._wanted_thrusts(self.commanded(0.0, q, v)) if self.lag else np.zeros(0)
+        """The state at time 0, with motors that have settled at the first commanded thrusts.
+
+        Args:
+            q, v: coordinates and rates (nq).
+
+        Returns:
+            The state (size).
+        """
+        thrusts = self._thrust_setpoints(self.commanded(0.0, q, v)) if self.lag else np.zeros(0)
         return np.concatenate([q, v, [0.0], thrusts])
 
     def parts(self, states: Array) -> tuple[Array, Array, Array, Array]:
-        """q, v (…, nq), work (…) and thrusts (…, N or 0) of states (…, size)."""
+        """What states consist of.
+
+        Args:
+            states: states (…, size).
+
+        Returns:
+            Coordinates and rates (…, nq), work (…), J, and thrusts (…, N), N; (…, 0) without lag.
+        """
         n = len(self.vehicle.coordinates)
         return (
             states[..., :n],
@@ -54,58 +67,102 @@ class ClosedLoop:
         )
 
     def commanded(self, time: float | Array, q: Array, v: Array) -> Array:
-        """Inputs u (…, nu) that the controller asks for."""
+        """Inputs that the controller commands.
+
+        Args:
+            time: times (…), s.
+            q, v: coordinates and rates (…, nq).
+
+        Returns:
+            Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
+        """
         return self.controller(time, q, v)
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
-        """Inputs u (…, nu) that act: thrusts within limits, or those that the motors have."""
+        """Inputs that act: those commanded, with thrusts as the motors give them.
+
+        Args:
+            commanded: inputs (…, nu) that the controller commands.
+            thrusts: thrusts (…, N) of the state, N; not looked at if the motors do not lag.
+
+        Returns:
+            Inputs u (…, nu).
+        """
         inputs = commanded.copy()
-        acting = thrusts if self.lag else self._wanted_thrusts(commanded)
+        acting = thrusts if self.lag else self._thrust_setpoints(commanded)
         inputs[..., : self.vehicle.rotors] = acting
         return inputs
 
-    def _wanted_thrusts(self, commanded: Array) -> Array:
+    def _thrust_setpoints(self, commanded: Array) -> Array:
         """Thrusts (…, N) that the motors aim for: those of inputs (…, nu), within limits."""
         thrusts = commanded[..., : self.vehicle.rotors]
         return np.clip(thrusts, *self.limits) if self.limits else thrusts
 
     def saturated(self, time: float, state: Array) -> list[int]:
-        """Rotors, from 0, of which a limit is asked for at a time and in a state (size)."""
+        """Rotors of which the greatest or the least thrust is commanded.
+
+        Args:
+            time: time, s.
+            state: state (size).
+
+        Returns:
+            Their numbers, from 0.
+        """
         if not self.limits:
             return []
         q, v, _, _ = self.parts(state)
-        asked = self.commanded(time, q, v)[: self.vehicle.rotors]
+        thrusts = self.commanded(time, q, v)[: self.vehicle.rotors]
         least, most = self.limits
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * (most - least)
         found: list[int] = np.flatnonzero(
-            (asked <= least + margin) | (asked >= most - margin)
+            (thrusts <= least + margin) | (thrusts >= most - margin)
         ).tolist()
         return found
 
-    def acceleration(
-        self, q: Array, v: Array, inputs: Array, pushed: bool | NDArray[np.bool_]
-    ) -> Array:
-        """Accelerations (…, nq) of states and inputs, with the force on the tip where `pushed`."""
-        acceleration = self.vehicle.forward_dynamics(q, v, inputs)
-        if self.tip_force is None or not np.any(pushed):
-            return acceleration
-        push = self._generalised_push(q)
-        extra = np.linalg.solve(self.vehicle.mass_matrix(q), push[..., np.newaxis])[..., 0]
-        return acceleration + np.where(np.asarray(pushed)[..., np.newaxis], extra, 0.0)
+    def acceleration(self, q: Array, v: Array, inputs: Array, tip_force: bool | Flags) -> Array:
+        """Accelerations of states and inputs, by the forward dynamics.
 
-    def pushed(self, time: float | Array) -> NDArray[np.bool_]:
-        """Whether the force on the tip acts at times (…)."""
+        Args:
+            q, v: coordinates and rates (…, nq).
+            inputs: inputs u (…, nu) that act.
+            tip_force: whether the force on the tip acts (…).
+
+        Returns:
+            Accelerations (…, nq).
+        """
+        acceleration = self.vehicle.forward_dynamics(q, v, inputs)
+        if self.tip_force is None or not np.any(tip_force):
+            return acceleration
+        force = self._generalised_tip_force(q)
+        extra = np.linalg.solve(self.vehicle.mass_matrix(q), force[..., np.newaxis])[..., 0]
+        return acceleration + np.where(np.asarray(tip_force)[..., np.newaxis], extra, 0.0)
+
+    def tip_force_acts(self, time: float | Array) -> Flags:
+        """Whether the force on the tip acts.
+
+        Args:
+            time: times (…), s.
+
+        Returns:
+            Whether it acts at those times (…).
+        """
         force = self.tip_force
         if force is None:
             return np.zeros(np.shape(time), dtype=bool)
         return (np.asarray(time) >= force.begin) & (np.asarray(time) < force.end)
 
-    def derivative(self, time: float, state: Array, pushed: bool) -> Array:
-        """Time derivative of a state (size).
+    def derivative(self, time: float, state: Array, tip_force: bool) -> Array:
+        """Time derivative of a state.
 
-        `pushed` is given, since an integrator may ask for the end of a stretch without force, which
-        is the moment when the force begins.
+        Args:
+            time: time, s.
+            state: state (size).
+            tip_force: whether the force on the tip acts. This is given, since an integrator may
+                ask for the end of an interval without force, which is when the force begins.
+
+        Returns:
+            The derivative (size), NaN for a state that is not finite.
         """
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
@@ -113,22 +170,34 @@ class ClosedLoop:
         commanded = self.commanded(time, q, v)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q))
-        if pushed:
-            power += self._generalised_push(q) @ v
-        rates: list[Any] = [v, self.acceleration(q, v, inputs, pushed), [power]]
+        if tip_force:
+            power += self._generalised_tip_force(q) @ v
+        rates: list[Any] = [v, self.acceleration(q, v, inputs, tip_force), [power]]
         if self.lag:
-            rates.append((self._wanted_thrusts(commanded) - thrusts) / self.lag)
+            rates.append((self._thrust_setpoints(commanded) - thrusts) / self.lag)
         return np.concatenate(rates)
 
-    def breaks(self, duration: float) -> list[float]:
-        """Times from 0 to `duration` between which nothing jumps."""
-        force = self.tip_force
-        inner = [force.begin, force.end] if force else []
-        return sorted({0.0, duration, *(t for t in inner if 0.0 < t < duration)})
+    def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
+        """The intervals of a flight between which the force on the tip jumps.
 
-    def _generalised_push(self, q: Array) -> Array:
+        Args:
+            duration: duration of the flight, s.
+
+        Returns:
+            Intervals from 0 to `duration`, each beginning where the one before ends.
+        """
+        force = self.tip_force
+        jumps = [force.begin, force.end] if force else []
+        times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
+        return [
+            SmoothInterval(begin, end, bool(self.tip_force_acts(begin)))
+            for begin, end in itertools.pairwise(times)
+        ]
+
+    def _generalised_tip_force(self, q: Array) -> Array:
+        """Generalised force Jᵀf (…, nq) of the force on the tip, at coordinates (…, nq)."""
         if self.tip_force is None:
             return np.zeros_like(q)
         jacobian = self.vehicle.tip_jacobian(q)[..., :3, :]
-        push: Array = np.asarray(self.tip_force.force) @ jacobian
-        return push
+        generalised: Array = np.asarray(self.tip_force.force) @ jacobian
+        return generalised

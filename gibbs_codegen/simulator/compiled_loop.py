@@ -15,18 +15,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.runtime.c_library import NATIVE
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
-
-Array = NDArray[np.float64]
+from gibbs_codegen.simulator.vehicle import Array
 
 _log = logging.getLogger("gibbs_codegen")
 _POINTER = ctypes.c_void_p
+_FUNCTIONS = (
+    "forward_dynamics",
+    "inverse_dynamics",
+    "input_matrix",
+    "mass_matrix",
+    "tip_jacobian",
+)
 # As numbered in `native/rk4.c`.
 _LAWS = ("computed_torque", "open_loop", "off")
 
@@ -35,11 +40,7 @@ class _Loop(ctypes.Structure):
     """`Loop` of `native/rk4.c`, field by field."""
 
     _fields_ = (
-        ("forward_dynamics", _POINTER),
-        ("inverse_dynamics", _POINTER),
-        ("input_matrix", _POINTER),
-        ("mass_matrix", _POINTER),
-        ("tip_jacobian", _POINTER),
+        *((name, _POINTER) for name in _FUNCTIONS),
         ("constants", ctypes.c_char_p),
         ("coordinates", ctypes.c_ssize_t),
         ("rotors", ctypes.c_ssize_t),
@@ -71,7 +72,7 @@ class _Loop(ctypes.Structure):
 class CompiledLoop:
     """Steps of one closed loop, of one size, in compiled code.
 
-    Steps whose thrusts meet a limit are not among them: the nearest wrench within limits is a
+    Steps in which a thrust is saturated are not among them: the nearest wrench within limits is a
     search, which Python does.
     """
 
@@ -80,17 +81,24 @@ class CompiledLoop:
     step: float
     size: int
     # What the structure points to, so that it lives as long.
-    arrays: tuple[Any, ...]
+    owned: tuple[Any, ...]
 
     @classmethod
     def of(
-        cls, closed: ClosedLoop, step: float, bounds: Array, pushed: bool = False
+        cls, closed: ClosedLoop, step: float, bounds: Array | float, tip_force: bool = False
     ) -> CompiledLoop | None:
-        """Steps of `step` s, or None where the module is not compiled or the loop cannot be.
+        """The compiled loop of a closed loop, if there is one.
 
-        They end where coordinates and rates are farther off than `bounds` (2 nq); `pushed` tells
-        whether the force on the tip acts. Nor is there one that controls by rotors that do not
-        command all directions: Python checks every wrench of those.
+        Args:
+            closed: the closed loop.
+            step: size of the steps, s.
+            bounds: errors of coordinates, then of rates (2 nq), beyond which control is lost; one
+                number serves for all.
+            tip_force: whether the force on the tip acts.
+
+        Returns:
+            The loop; None where the module or the loop is not compiled, and under control by
+            rotors that do not command all directions, since Python checks every wrench of those.
         """
         vehicle, controller = closed.vehicle, closed.controller
         library_file = Path(vehicle.module.__file__ or "")
@@ -104,62 +112,42 @@ class CompiledLoop:
             _log.warning("steps are taken in Python instead of C: %s", error)
             return None
         library = ctypes.CDLL(str(library_file))
-        count = len(vehicle.coordinates)
-        gains = controller.gains
-        reference = controller.reference
         constants = vehicle.constants or vehicle.module.prepare({})
-        coefficients = np.ascontiguousarray(reference.coefficients)
-        distribution = np.ascontiguousarray(controller.allocation.inverse)
-        stiffness = np.array(gains.stiffness)
-        damping = np.array(gains.damping)
-        bounds = np.array(bounds)
-
-        def address(name: str) -> int | None:
-            return ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
-
-        push = closed.tip_force.force if pushed and closed.tip_force else (0.0, 0.0, 0.0)
+        arrays = {
+            "bounds": np.full(2 * len(vehicle.coordinates), bounds, dtype=np.float64),
+            "coefficients": np.ascontiguousarray(controller.reference.coefficients),
+            "stiffness": np.array(controller.gains.stiffness),
+            "damping": np.array(controller.gains.damping),
+            "distribution": np.ascontiguousarray(controller.allocation.inverse),
+        }
         structure = _Loop(
-            forward_dynamics=address("forward_dynamics"),
-            inverse_dynamics=address("inverse_dynamics"),
-            input_matrix=address("input_matrix"),
-            mass_matrix=address("mass_matrix"),
-            tip_jacobian=address("tip_jacobian"),
+            **{
+                name: ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
+                for name in _FUNCTIONS
+            },
+            **_settings(closed, tip_force),
+            **{name: array.ctypes.data for name, array in arrays.items()},
             constants=constants,
-            coordinates=count,
-            rotors=vehicle.rotors,
-            attitude=vehicle.layout.attitude.start,
-            joints=vehicle.layout.joints.start,
-            position=vehicle.layout.position.start,
-            middle_angle=vehicle.layout.middle_angle,
-            pieces=len(coefficients),
-            law=_LAWS.index(controller.law),
-            limited=closed.limits is not None,
-            pushed=any(push),
-            least=closed.limits[0] if closed.limits else 0.0,
-            most=closed.limits[1] if closed.limits else 0.0,
-            lag=closed.lag,
-            push=push,
-            bounds=bounds.ctypes.data,
-            largest_theta_0=LARGEST_THETA_0,
-            begin=reference.begin,
-            piece=reference.step,
-            coefficients=coefficients.ctypes.data,
-            stiffness=stiffness.ctypes.data,
-            damping=damping.ctypes.data,
-            distribution=distribution.ctypes.data,
         )
         scratch = np.zeros(rk4.gibbs_codegen_rk4_room(ctypes.byref(structure)))
         structure.scratch = scratch.ctypes.data
-        given = (library, constants, bounds, coefficients, stiffness, damping, distribution)
-        return cls(rk4.gibbs_codegen_rk4, structure, step, closed.size, (*given, scratch))
+        owned = (library, constants, arrays, scratch)
+        return cls(rk4.gibbs_codegen_rk4, structure, step, closed.size, owned)
 
     def __call__(
         self, time: float, state: Array, count: int, every: int, number: int
     ) -> tuple[int, Array, Array]:
-        """Take up to `count` steps from a state; every `every`-th, counted from `number`, is kept.
+        """Take steps, fewer where a thrust would be saturated or the flight cannot go on.
 
-        Returns the steps taken, the samples (s, size) and the last state. Fewer steps are taken
-        where a thrust meets a limit in the next one, or where the flight cannot go on.
+        Args:
+            time: time before the first step, s.
+            state: state (size) before the first step.
+            count: greatest number of steps.
+            every: each `every`-th step is a sample, counted from `number`.
+            number: number of steps before the first.
+
+        Returns:
+            The number of steps taken, the samples (s, size), and the last state (size).
         """
         last = np.array(state, dtype=np.float64)
         samples = np.empty((count // every + 1, self.size))
@@ -175,6 +163,33 @@ class CompiledLoop:
         )
         kept = (number + taken) // every - number // every
         return taken, samples[:kept], last
+
+
+def _settings(closed: ClosedLoop, tip_force: bool) -> dict[str, Any]:
+    """Values of the fields of `_Loop` that are plain numbers."""
+    controller, layout = closed.controller, closed.vehicle.layout
+    reference = controller.reference
+    force = closed.tip_force.force if tip_force and closed.tip_force else (0.0, 0.0, 0.0)
+    least, most = closed.limits or (0.0, 0.0)
+    return {
+        "coordinates": len(closed.vehicle.coordinates),
+        "rotors": closed.vehicle.rotors,
+        "attitude": layout.attitude.start,
+        "joints": layout.joints.start,
+        "position": layout.position.start,
+        "middle_angle": layout.middle_angle,
+        "pieces": len(reference.coefficients),
+        "law": _LAWS.index(controller.law),
+        "limited": closed.limits is not None,
+        "pushed": any(force),
+        "least": least,
+        "most": most,
+        "lag": closed.lag,
+        "push": force,
+        "largest_theta_0": LARGEST_THETA_0,
+        "begin": reference.begin,
+        "piece": reference.step,
+    }
 
 
 @functools.cache

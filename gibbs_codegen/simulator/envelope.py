@@ -1,30 +1,33 @@
 """The envelope of a flight: the errors beyond which control is lost, and why a flight ends there.
 
-Coordinates may be `divergence` (rad or m) off. The bound on rates follows from that one: under
-computed torque an error that begins at a rate ė swings out to g ė, where g is the peak of the
-impulse response of ë + d ė + k e = 0. A rate beyond `divergence` / g is lost even if control worked
-as it should from then on. Without the bound, a loop that feeds its own velocities back through
-motors that lag escapes to infinity within a finite time, hardly off its path.
+Coordinates may be `divergence` (rad or m) off. The bound on rates follows from that: under computed
+torque an error that begins at a rate ė peaks at g ė, where g is the peak of the impulse response of
+ë + d ė + k e = 0. Beyond a rate of `divergence` / g control is lost, even if it were perfect from
+then on. Without the bound, a loop that feeds its own velocities back through lagging motors escapes
+to infinity within a finite time, hardly off its path.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Gains
-
-Array = NDArray[np.float64]
+from gibbs_codegen.simulator.vehicle import Array, Flags
 
 
 class Envelope:
-    """Where control counts as lost, for a flight of `duration` s.
+    """The tracking errors beyond which control counts as lost.
 
-    `bounds` (2 nq): how far coordinates (rad or m) and then rates (rad/s or m/s) may be from what
-    is desired. They are infinite for all where nothing is controlled, and for rates in open loop,
-    whose inputs do not grow with the error.
+    `bounds` (2 nq) are those of coordinates (rad or m) and then of rates (rad/s or m/s). All are
+    infinite where nothing is controlled, and those of rates in open loop, whose inputs do not grow
+    with the error.
+
+    Args:
+        loop: the closed loop.
+        divergence: bound of the coordinates, rad or m.
+        duration: duration of the flight, s.
     """
 
     def __init__(self, loop: ClosedLoop, divergence: float, duration: float) -> None:
@@ -35,16 +38,35 @@ class Envelope:
         if controller.law != "off":
             self.bounds[:count] = divergence
         if controller.law == "computed_torque":
-            self.bounds[count:] = divergence / np.minimum(_swing(controller.gains), duration)
+            self.bounds[count:] = divergence / np.minimum(
+                _peak_response(controller.gains), duration
+            )
 
-    def holds(self, time: Array, states: Array) -> NDArray[np.bool_]:
-        """Which states (s, size) at times (s) are finite and within the bounds."""
+    def holds(self, time: Array, states: Array) -> Flags:
+        """Which states are finite and within the bounds.
+
+        Args:
+            time: times (s), s.
+            states: states (s, size).
+
+        Returns:
+            Whether each of them is (s).
+        """
         within = np.all(self._errors(time, states) <= self.bounds, axis=-1)
-        held: NDArray[np.bool_] = within & np.all(np.isfinite(states), axis=-1)
+        held: Flags = within & np.all(np.isfinite(states), axis=-1)
         return held
 
     def reason(self, time: float, state: Array) -> str:
-        """Why a flight cannot go on from a state (size), or nothing."""
+        """Why a flight cannot go on from a state.
+
+        Args:
+            time: time, s.
+            state: state (size).
+
+        Returns:
+            The reason, with the time and a remedy; "" if it can go on.
+
+        """
         lost = f"at t = {time:.6g} s control is lost: "
         if not np.all(np.isfinite(state)):
             return f"{lost}the state is no longer finite; {self._advice()}"
@@ -52,7 +74,7 @@ class Envelope:
         worst = int(np.argmax(excess))
         if excess[worst] > 1.0:
             return f"{lost}{self._in_words(worst, excess[worst])}; {self._advice()}"
-        # This also tells a step across, however far.
+        # The angle is not wrapped, so this also finds a step across the singularity.
         vehicle = self.loop.vehicle
         theta_0 = state[vehicle.layout.middle_angle]
         if abs(theta_0) > LARGEST_THETA_0:
@@ -63,10 +85,10 @@ class Envelope:
         return ""
 
     def _errors(self, time: float | Array, states: Array) -> Array:
-        """How far coordinates and rates (…, 2 nq) are from what is desired."""
+        """Magnitudes of the tracking errors of coordinates, then rates (…, 2 nq)."""
         q, v, _, _ = self.loop.parts(states)
-        wanted_q, wanted_v, _ = self.loop.controller.reference(time)
-        errors: Array = np.abs(np.concatenate([q - wanted_q, v - wanted_v], axis=-1))
+        q_desired, v_desired, _ = self.loop.controller.reference(time)
+        errors: Array = np.abs(np.concatenate([q - q_desired, v - v_desired], axis=-1))
         return errors
 
     def _in_words(self, place: int, excess: float) -> str:
@@ -96,13 +118,13 @@ class Envelope:
         return f"try {', '.join(remedies)} or a gentler motion"
 
 
-def _swing(gains: Gains) -> Array:
-    """How far (nq) an error swings out for each unit of the rate that it begins with, in s."""
+def _peak_response(gains: Gains) -> Array:
+    """Peaks (nq), s, of errors that begin at 0 with a rate of 1: the peak impulse response."""
     frequency = np.sqrt(gains.stiffness)
     ratio = gains.damping / (2.0 * frequency) + 0j
     root = np.sqrt(ratio**2 - 1.0)
     critical = root == 0.0
     # The time of the peak, times the frequency; its limit at critical damping is 1.
     peak = np.where(critical, 1.0, np.arccosh(ratio) / np.where(critical, 1.0, root))
-    swing: Array = np.exp(-(ratio * peak).real) / frequency
-    return swing
+    response: Array = np.exp(-(ratio * peak).real) / frequency
+    return response

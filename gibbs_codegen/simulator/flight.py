@@ -20,7 +20,7 @@ from gibbs_codegen.robot.layout import Layout
 Array = NDArray[np.float64]
 StrPath = str | os.PathLike[str]
 
-# Of the CSV written at a time.
+# Rows of the CSV that are written at a time.
 _ROWS = 4096
 
 
@@ -92,7 +92,17 @@ class Flight:
         return ("N",) * self.rotors + self.layout.effort_units
 
     def point(self, name: str) -> Array:
-        """Positions (s, 3) of a point, by its name in `points`. Raises `UsageError`."""
+        """Positions of a point.
+
+        Args:
+            name: name of the point, one of `points`.
+
+        Returns:
+            Positions (s, 3), world axes, m.
+
+        Raises:
+            UsageError: if there is no such point.
+        """
         if name not in self.points:
             raise UsageError(f"{name}: no such point; there are {', '.join(self.points)}")
         return self.positions[:, self.points.index(name)]
@@ -158,7 +168,11 @@ class Flight:
     def write_csv(self, path: StrPath) -> None:
         """Write every series as comma-separated values, `name [unit]` in the header.
 
-        Numbers are the shortest that read back exactly. Raises `OutputError`.
+        Args:
+            path: the file. Its numbers are the shortest that read back exactly.
+
+        Raises:
+            OutputError: if it cannot be written.
         """
         columns = list(self.columns())
         try:
@@ -173,7 +187,14 @@ class Flight:
             raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
 
     def write_npz(self, path: StrPath) -> None:
-        """Write all fields to one `.npz` file, which `read_flight` reads. Raises `OutputError`."""
+        """Write all fields to one `.npz` file, which `read_flight` reads.
+
+        Args:
+            path: the file.
+
+        Raises:
+            OutputError: if it cannot be written.
+        """
         fields = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         try:
             np.savez_compressed(path, **fields)
@@ -182,7 +203,17 @@ class Flight:
 
 
 def read_flight(path: StrPath) -> Flight:
-    """The flight of an `.npz` file that `write_npz` wrote. Raises `UsageError` for any other."""
+    """The flight of an `.npz` file that `write_npz` wrote.
+
+    Args:
+        path: the file.
+
+    Returns:
+        The flight.
+
+    Raises:
+        UsageError: if the file is not such a one.
+    """
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
@@ -199,7 +230,14 @@ def read_flight(path: StrPath) -> Flight:
 
 
 def is_flight(path: StrPath) -> bool:
-    """Whether a file is one that `write_npz` wrote, by the names of what it holds."""
+    """Whether a file is one that `write_npz` wrote, by the names of what it holds.
+
+    Args:
+        path: the file.
+
+    Returns:
+        Whether it is; False if it cannot be read.
+    """
     try:
         with ZipFile(path) as archive:
             return {"robot.npy", "scenario.npy", "time.npy"} <= set(archive.namelist())

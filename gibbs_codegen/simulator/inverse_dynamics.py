@@ -1,27 +1,33 @@
 """Inverse dynamics: the thrusts and joint torques of a motion, and its constraint torques.
 
-M a − R = B u for the free coordinates. Joint torques act on their own coordinates alone, so they
-can be read off; attitude and position get a wrench on the base, which the allocation turns into
-thrusts.
+M a − R = B u for the free coordinates. Each joint torque acts on its own coordinate alone, so it is
+that entry of the left side; the entries of attitude and position are a wrench on the base, which
+the allocation turns into thrusts.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.simulator.allocation import Allocation
-from gibbs_codegen.simulator.vehicle import Vehicle
-
-Array = NDArray[np.float64]
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 
 def required_inputs(
     vehicle: Vehicle, allocation: Allocation, q: Array, v: Array, a: Array
 ) -> Array:
-    """Inputs u (…, nu) for a motion q, v, a (…, nq): thrusts, N, and joint torques, N m or N.
+    """Inputs that a motion needs.
 
-    Raises `AllocationError` where the arrangement of the rotors cannot make the motion.
+    Args:
+        vehicle: the robot.
+        allocation: control allocation of its rotors.
+        q, v, a: coordinates, rates and accelerations (…, nq).
+
+    Returns:
+        Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
+
+    Raises:
+        AllocationError: if the rotors cannot produce the wrench, whatever their thrusts.
     """
     force = vehicle.inverse_dynamics(q, v, a)
     thrusts = allocation.thrusts(vehicle.base_wrench(q, force))
@@ -31,6 +37,19 @@ def required_inputs(
 def inputs_and_constraint_torques(
     vehicle: Vehicle, allocation: Allocation, q: Array, v: Array, a: Array
 ) -> tuple[Array, Array]:
-    """Inputs u (…, nu), and the torques τ' (…, N − 1) that hold base arms 2 … N (eqs. 14–17)."""
+    """Inputs that a motion needs, and the constraint torques that hold the base arms.
+
+    Args:
+        vehicle: the robot.
+        allocation: control allocation of its rotors.
+        q, v, a: coordinates, rates and accelerations (…, nq).
+
+    Returns:
+        Inputs u (…, nu), as `required_inputs` has them, and the torques τ' (…, N − 1) of base arms
+        2 … N (eqs. 14–17), N m.
+
+    Raises:
+        AllocationError: if the rotors cannot produce the wrench, whatever their thrusts.
+    """
     inputs = required_inputs(vehicle, allocation, q, v, a)
     return inputs, vehicle.constraint_torques(q, v, a, inputs)

@@ -25,9 +25,14 @@ Flags = NDArray[np.bool_]
 class Vehicle:
     """A generated module with the constants of some parameters.
 
-    `parameters` are those of the module's `prepare`; what is left out keeps its default. The
-    functions are the module's own, by the same names. Raises `UsageError` for a module of an older
-    version and for parameters that `prepare` refuses.
+    The functions are the module's own, by the same names.
+
+    Args:
+        module: a generated module, of either back end.
+        parameters: parameters of the module's `prepare`; those left out keep their defaults.
+
+    Raises:
+        UsageError: for a module of an older version, and for parameters that `prepare` rejects.
     """
 
     def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
@@ -74,17 +79,31 @@ class Vehicle:
         return self.coordinates[self.arm]
 
     def base_rotation(self, q: ArrayLike) -> Array:
-        """R (…, 3, 3), from the frame of arm 1 to the world."""
+        """Rotation of the base.
+
+        Args:
+            q: coordinates (…, nq).
+
+        Returns:
+            R (…, 3, 3), from the frame of arm 1 to the world.
+        """
         return rotation_matrix(self.attitude, np.asarray(q)[..., self.layout.attitude])
 
     def centre_offset(self, q: ArrayLike) -> Array:
-        """Base centre as seen from the point whose position is x, y, z; (…, 3), world axes."""
-        there = np.array(q, dtype=np.float64)
-        there[..., self.layout.position] = 0.0
-        return self.positions(there)[..., self.points.index("O2"), :]
+        """Vector from the point whose position is x, y, z to the base centre.
+
+        Args:
+            q: coordinates (…, nq).
+
+        Returns:
+            The vector (…, 3), world axes, m.
+        """
+        at_origin = np.array(q, dtype=np.float64)
+        at_origin[..., self.layout.position] = 0.0
+        return self.positions(at_origin)[..., self.points.index("O2"), :]
 
     def arm_angles(self) -> Array:
-        """Angles (N) of the base arms against arm 1, in the order of the rotors.
+        """Angles (N), rad, of the base arms against arm 1, in the order of the rotors.
 
         Arm 1 points at the centre, the others away from it; so 0 for both arm 1 and the arm across.
         """
@@ -93,9 +112,16 @@ class Vehicle:
         return angles
 
     def base_wrench(self, q: Array, generalised_force: Array) -> Array:
-        """Force and torque about the base centre (…, 6), in arm 1's frame, of forces (…, nq).
+        """The wrench on the base that a generalised force amounts to.
 
         The inverse of ψ = Jᵀw for the rows of attitude and position (eq. 13).
+
+        Args:
+            q: coordinates (…, nq).
+            generalised_force: generalised force (…, nq).
+
+        Returns:
+            Force, N, and torque about the base centre, N m, (…, 6) in arm 1's frame.
         """
         attitude = self.layout.attitude
         world_force = generalised_force[..., self.layout.position]
@@ -109,7 +135,7 @@ class Vehicle:
     def thrust_wrenches(self) -> Array:
         """Wrench on the base (6, N) of a unit thrust of each rotor: force, torque about the centre.
 
-        In arm 1's frame, and the same at every configuration.
+        It is in arm 1's frame, and the same at every configuration.
         """
         level = np.zeros(len(self.coordinates))
         columns = self.input_matrix(level)[:, : self.rotors]

@@ -49,7 +49,7 @@ from gibbs_codegen.simulator.closed_loop import ClosedLoop  # noqa: E402
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop  # noqa: E402
 from gibbs_codegen.simulator.control import Controller, Gains, Law  # noqa: E402
 from gibbs_codegen.simulator.reference import Reference  # noqa: E402
-from gibbs_codegen.simulator.simulation import desired_motion  # noqa: E402
+from gibbs_codegen.simulator.trajectory import desired_motion  # noqa: E402
 from gibbs_codegen.simulator.vehicle import Vehicle  # noqa: E402
 from gibbs_codegen.targets.registry import TARGETS, render_module  # noqa: E402
 

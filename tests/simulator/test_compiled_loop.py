@@ -25,9 +25,8 @@ from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains
-from gibbs_codegen.simulator.integrate import _step
-from gibbs_codegen.simulator.inverse_kinematics import Motion
-from gibbs_codegen.simulator.reference import Reference
+from gibbs_codegen.simulator.fixed_step import rk4_step
+from gibbs_codegen.simulator.reference import Motion, Reference
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -130,7 +129,7 @@ def test_every_step_is_that_of_python(
     assert min([*q, *thrusts]) > 1e-3
     assert work > 1e-3 or (law == "off" and not lag and not pushed)
     for done, after in enumerate(samples):
-        expected = _step(closed, done * STEP, state, STEP, pushed)
+        expected = rk4_step(closed, done * STEP, state, STEP, pushed)
         moved = np.linalg.norm(expected - state)
         assert np.linalg.norm(after - expected) <= 1e-12 * (np.linalg.norm(state) + moved)
         state = after
@@ -185,7 +184,7 @@ def extremes(closed: ClosedLoop, time: float, state: Array) -> tuple[float, floa
         stage = state + ahead * slope
         q, v, _, _ = closed.parts(stage)
         found.append(closed.commanded(time + ahead, q, v)[:rotors])
-        slope = closed.derivative(time + ahead, stage, pushed=False)
+        slope = closed.derivative(time + ahead, stage, tip_force=False)
     return -np.min(found), np.max(found)
 
 

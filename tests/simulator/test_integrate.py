@@ -20,15 +20,18 @@ from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle, Harmonic, Term
 from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, Settings, TipForce
-from gibbs_codegen.simulator import integrate as integration
+from gibbs_codegen.simulator import fixed_step
 from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.envelope import Envelope
+from gibbs_codegen.simulator.fixed_step import rk4_step
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.integrate import _step, integrate
-from gibbs_codegen.simulator.simulation import desired_motion, flight_of, simulate
+from gibbs_codegen.simulator.integrate import integrate
+from gibbs_codegen.simulator.recording import flight_of
+from gibbs_codegen.simulator.simulation import simulate
+from gibbs_codegen.simulator.trajectory import desired_motion
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Load = Callable[[str], ModuleType]
@@ -412,9 +415,9 @@ def test_fixed_steps_are_no_longer_than_asked_for(
         loop: ClosedLoop, time: float, state: np.ndarray, ahead: float, pushed: bool
     ) -> np.ndarray:
         calls.append((time, ahead))
-        return _step(loop, time, state, ahead, pushed)
+        return rk4_step(loop, time, state, ahead, pushed)
 
-    monkeypatch.setattr(integration, "_step", counted)
+    monkeypatch.setattr(fixed_step, "rk4_step", counted)
     monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)
     settings = Settings(method="rk4", step=step, rate=60.0)
     push = TipForce((0.1, 0.0, 0.2), 0.0333, 0.0777)
@@ -578,6 +581,6 @@ def test_limits_and_lag_are_named_where_no_step_is_small_enough(
     scenario = read_scenario("hover", {**changes, "integration": {"divergence": 1e3}})
     flight = simulate(fast("hexarotor"), scenario)
     assert "no step is small enough" in flight.stopped
-    assert "thrusts at their limits: " in flight.stopped
-    assert "the motors lag by 0.5 s" in flight.stopped
+    assert "saturated thrusts: " in flight.stopped
+    assert "the motors' time constant is 0.5 s" in flight.stopped
     assert flight.time[-1] == pytest.approx(0.505, abs=1e-6)

@@ -16,7 +16,8 @@ from gibbs_codegen.simulator.inverse_dynamics import (
     inputs_and_constraint_torques,
     required_inputs,
 )
-from gibbs_codegen.simulator.simulation import desired_motion, simulate
+from gibbs_codegen.simulator.simulation import simulate
+from gibbs_codegen.simulator.trajectory import desired_motion
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 

@@ -31,20 +31,19 @@ from gibbs_codegen.scenario.attitude import (
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term, Waypoints
-from gibbs_codegen.simulator import inverse_kinematics
+from gibbs_codegen.simulator import continuation
+from gibbs_codegen.simulator.base_trajectory import base_motion, desired_base
+from gibbs_codegen.simulator.continuation import SingularArmError, UnreachableError, arm_motion
 from gibbs_codegen.simulator.inverse_kinematics import (
     REACHED,
     Array,
     Limits,
-    Motion,
-    SingularArmError,
-    UnreachableError,
-    arm_motion,
-    base_motion,
     first_posture,
     reach,
 )
-from gibbs_codegen.simulator.reference import Reference, desired_base, desired_with_tip, knots
+from gibbs_codegen.simulator.knots import knots
+from gibbs_codegen.simulator.reference import Motion, Reference
+from gibbs_codegen.simulator.tip_trajectory import desired_with_tip
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 CENTRE = Fixed((0.0, 0.0, 5.0))
@@ -344,7 +343,7 @@ def test_through_the_axis_of_the_first_joint(hexa: Vehicle) -> None:
     assert_allclose(tip_of(hexa, motion)[-1], (-2.5, 0, 3), atol=1e-9)
 
 
-# --- arms with joints to spare, and with slides
+# --- redundant arms, and prismatic joints
 
 
 def test_a_redundant_arm_moves_slowly_and_consistently(octo: Vehicle) -> None:
@@ -366,7 +365,7 @@ def test_knots_of_a_redundant_arm_may_be_as_far_apart_as_one_likes(octo: Vehicle
 
 
 @pytest.mark.parametrize("sequence", SEEDS)
-def test_arms_with_slides(any_vehicle: Callable[[str], Vehicle], sequence: str) -> None:
+def test_arms_with_prismatic_joints(any_vehicle: Callable[[str], Vehicle], sequence: str) -> None:
     vehicle = any_vehicle(sequence)
     assert any(name.startswith("d_") for name in vehicle.joint_names)
     start = np.zeros(len(vehicle.coordinates))
@@ -489,7 +488,7 @@ def test_unreachable_points_are_told_with_times_and_distances(hexa: Vehicle, pat
     assert_array_equal(error.times, time[far])
     assert_allclose(error.distances, beyond[far], rtol=0, atol=2e-6)
     said = re.fullmatch(
-        r"the tip cannot reach its path at (\d+) of (\d+) instants, from t = (\S+) s to "
+        r"the tip cannot reach its path at (\d+) of (\d+) instants tried, from t = (\S+) s to "
         r"(\S+) s; at t = (\S+) s it stays (\S+) m away; lead the path within the arm's reach, or "
         r"choose a scenario without a path of the tip, such as --scenario hover",
         str(error),
@@ -498,6 +497,19 @@ def test_unreachable_points_are_told_with_times_and_distances(hexa: Vehicle, pat
     worst = int(np.argmax(beyond))
     facts = [far.sum(), len(time), time[far][0], time[far][-1], time[worst], beyond[worst]]
     assert_allclose([float(word) for word in said.groups()], facts, rtol=6e-3)
+
+
+def test_beyond_its_reach_only_some_of_a_path_is_tried(hexa: Vehicle) -> None:
+    """Up to the first knot out of reach every knot, then one of five, and always the last."""
+    path = Line((1, 0, 0.5), (9, 0, 5), 1.0)
+    time = knots(1.0, 0.001)
+    beyond = np.linalg.norm(path(time)[:, 0] - (0.0, 0.0, 5.0), axis=1) - ARM
+    first = int(np.argmax(beyond > REACHED))
+    with pytest.raises(UnreachableError) as refusal:
+        fly(hexa, path, spacing=0.001, attitude=Level())
+    tried = [k for k in range(first, len(time)) if k in (first, len(time) - 1) or k % 5 == 0]
+    assert_array_equal(refusal.value.times, time[tried])
+    assert_allclose(refusal.value.distances, beyond[tried], rtol=0, atol=2e-6)
 
 
 def test_reach_comes_as_near_as_it_can_and_is_finite(hexa: Vehicle) -> None:
@@ -548,11 +560,11 @@ def test_a_tip_path_gets_the_knots_it_takes(hexa: Vehicle) -> None:
 def test_a_tip_path_too_fast_for_knots_is_told(hexa: Vehicle) -> None:
     with pytest.raises(
         UsageError,
-        match=r"at t = \S+ s the arm, or the path of its tip, moves too fast: between knots "
-        r"0.000156 s apart, .*, it is missed by \S+ m; slow it down",
+        match=r"at t = \S+ s the arm, or the path of its tip, moves too fast: with knots "
+        r"0.000156 s apart, .*, the trajectory .* is off by \S+ m; slow it down",
     ) as refusal:
         fly(hexa, humming(6000.0), 0.1, spacing=0.005)
-    missed = re.search(r"missed by (\S+) m", str(refusal.value))
+    missed = re.search(r"off by (\S+) m", str(refusal.value))
     assert missed is not None
     assert 1e-7 < float(missed[1]) < 1e-3
 
@@ -574,7 +586,7 @@ def test_a_singular_arm_is_not_called_too_short(hexa: Vehicle) -> None:
         fly(hexa, Line((0, 0, 2), (3, 0, 2), 1.0), 0.003, attitude=Level(), guess=start)
 
 
-def test_spare_joints_do_not_hide_that_the_tip_is_off(
+def test_redundant_joints_do_not_hide_that_the_tip_is_off(
     octo: Vehicle, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The distance left is that of the coordinates which are returned."""
@@ -586,8 +598,8 @@ def test_spare_joints_do_not_hide_that_the_tip_is_off(
         found, left = holding(*given)
         return found, left if calls % 4 else 0.25
 
-    holding = inverse_kinematics._reach_holding
-    monkeypatch.setattr(inverse_kinematics, "_reach_holding", failing)
+    holding = continuation._reach_holding
+    monkeypatch.setattr(continuation, "_reach_holding", failing)
     with pytest.raises(UnreachableError, match=r"it stays 0\.25 m away"):
         fly(octo, Circle((0.25, 0.1, 4.6), 0.12, 1.5, normal=(1, 1, 0.5)), 0.05)
 

@@ -25,15 +25,12 @@ from gibbs_codegen.scenario.attitude import SINGULAR_COSINE, SingularAttitudeErr
 from gibbs_codegen.scenario.file import read_scenario, shipped_scenarios
 from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
+from gibbs_codegen.simulator.base_trajectory import desired_base
 from gibbs_codegen.simulator.hanging import hanging_posture
-from gibbs_codegen.simulator.inverse_kinematics import Array, Limits, Motion
-from gibbs_codegen.simulator.reference import (
-    KNOT_SPACING,
-    Reference,
-    desired_base,
-    desired_with_posture,
-    knots,
-)
+from gibbs_codegen.simulator.inverse_kinematics import Array, Limits
+from gibbs_codegen.simulator.knots import KNOT_SPACING, knots
+from gibbs_codegen.simulator.reference import Motion, Reference
+from gibbs_codegen.simulator.trajectory import desired_with_posture
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 
@@ -215,7 +212,7 @@ def test_turning_once_between_samples_is_not_taken_for_standing(
     vehicle = random_vehicle(SEEDS["zyx"], tmp_path_factory)
     assert not vehicle.centre_offset(np.zeros(len(vehicle.coordinates))).any()
     spin = 2 * np.pi / (KNOT_SPACING / 4 / 32)
-    with pytest.raises(UsageError, match=r"the base moves too fast .* missed by \S+ rad;"):
+    with pytest.raises(UsageError, match=r"the base moves too fast .* off by \S+ rad;"):
         desired_base(vehicle, knots(1.0), Fixed((0, 0, 1)), Level(0.0, spin))
 
 

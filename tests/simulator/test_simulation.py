@@ -22,8 +22,8 @@ from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Circle, Fixed
 from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, Settings, TipForce
 from gibbs_codegen.simulator.allocation import AllocationError
+from gibbs_codegen.simulator.continuation import UnreachableError
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.inverse_kinematics import UnreachableError
 from gibbs_codegen.simulator.simulation import simulate
 
 Load = Callable[[str], ModuleType]

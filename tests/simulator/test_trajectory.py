@@ -15,8 +15,8 @@ from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Fixed
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario
-from gibbs_codegen.simulator.reference import KNOT_SPACING
-from gibbs_codegen.simulator.simulation import desired_motion, starting_state
+from gibbs_codegen.simulator.knots import KNOT_SPACING
+from gibbs_codegen.simulator.trajectory import desired_motion, starting_state
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 
@@ -53,7 +53,7 @@ def test_past_the_axis_of_a_joint_the_tip_keeps_to_its_path(hexa: Vehicle, aside
 
 def test_too_near_past_the_axis_is_refused(hexa: Vehicle) -> None:
     with pytest.raises(
-        UsageError, match=r"at t = 0\.\d+ s the arm.*missed by \S+ m; slow it .* axes of joints"
+        UsageError, match=r"at t = 0\.\d+ s the arm.*off by \S+ m; slow it .* axes of joints"
     ):
         desired_motion(hexa, beside([1.5, 1e-4, -3], [-1.5, 1e-4, -3]))
 

@@ -1,0 +1,167 @@
+"""Desired motion of the base: attitude and position are exact at the knots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gibbs_codegen.scenario.attitude import SingularAttitudeError, Turning, attitude_angles
+from gibbs_codegen.scenario.orientation import Orientation
+from gibbs_codegen.scenario.paths import Path
+from gibbs_codegen.simulator.knots import (
+    BATCH,
+    BOUND,
+    CHECKS,
+    Deviation,
+    bounded_path,
+    check_none,
+    check_times,
+    refine,
+    refined,
+    tolerance,
+)
+from gibbs_codegen.simulator.reference import Motion, Reference
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
+
+_TOO_FAST = (
+    "the base moves too fast or its attitude jumps",
+    "choose a gentler motion, or a shorter one",
+)
+
+
+def desired_base(
+    vehicle: Vehicle,
+    time: Array,
+    centre: Path,
+    orientation: Orientation,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Motion:
+    """Motion of the base with its centre on a path, and the arm's coordinates at 0.
+
+    Args:
+        vehicle: the robot.
+        time: knots (s), evenly spaced, s. Where pieces between them do not follow the motion, 2,
+            4 … times as many are taken.
+        centre: path of the base centre.
+        orientation: attitude of the base.
+        progress: is told the share that is done, 0 to 1.
+
+    Returns:
+        The motion at the knots.
+
+    Raises:
+        UsageError: with the time where the attitude is singular or not defined, and where the
+            motion is so fast, or turns so sharply, that not even the most knots follow it.
+    """
+    pieces, refinement = len(time) - 1, 1
+    while True:
+        needed = refinement
+        parts: list[Motion] = []
+        for begin in range(0, pieces, BATCH):
+            span = time[begin : begin + BATCH + 1]
+            part, deviation = _part(vehicle, refined(span, needed), centre, orientation)
+            while deviation is not None:
+                needed = refine(needed, time, deviation, *_TOO_FAST)
+                part, deviation = _part(vehicle, refined(span, needed), centre, orientation)
+            parts.append(part)
+            progress(min(1.0, (begin + BATCH) / pieces))
+        if needed == refinement:
+            return _joined(refined(time, refinement), parts, vehicle.layout.attitude)
+        refinement = needed
+
+
+def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) -> Motion:
+    """Motion of attitude and position, with the arm's coordinates at rest at 0.
+
+    Args:
+        vehicle: the robot.
+        time: times (s), s.
+        centre: position, velocity and acceleration of the base centre (s, ≥ 3, 3), world axes, m
+            and s.
+        turning: rotation of arm 1 in time, with s instants.
+
+    Returns:
+        The motion at the times.
+
+    Raises:
+        SingularAttitudeError: near the singularity of the attitude sequence.
+    """
+    q, v, a = (np.zeros((len(time), len(vehicle.coordinates))) for _ in range(3))
+    attitude, position = vehicle.layout.attitude, vehicle.layout.position
+    angles, v[:, attitude], a[:, attitude] = attitude_angles(vehicle.attitude, turning)
+    q[:, attitude] = np.unwrap(angles, axis=0)
+    lever = vehicle.centre_offset(q)
+    spin, spin_rate = turning.velocity, turning.acceleration
+    swept = np.cross(spin, lever)
+    q[:, position] = centre[:, 0] - lever
+    v[:, position] = centre[:, 1] - swept
+    a[:, position] = centre[:, 2] - np.cross(spin_rate, lever) - np.cross(spin, swept)
+    return Motion(time, q, v, a)
+
+
+def _part(
+    vehicle: Vehicle, time: Array, centre: Path, orientation: Orientation
+) -> tuple[Motion, Deviation | None]:
+    """Motion of the base at some knots, and where pieces between them leave it.
+
+    Args:
+        vehicle: the robot.
+        time: knots (s), evenly spaced, s.
+        centre: path of the base centre.
+        orientation: attitude of the base.
+
+    Returns:
+        The motion at the knots, and its greatest deviation; None if that is within the tolerance.
+
+    Raises:
+        SingularAttitudeError: with the time where the attitude is singular.
+    """
+    every = check_times(time)
+    places = bounded_path(every, centre, "path of the base")
+    with np.errstate(all="ignore"):
+        turning = orientation(centre, every, vehicle.arm_angles())
+        spins = np.abs([turning.velocity, turning.acceleration])
+        beyond = ~np.all(spins < BOUND, axis=(0, -1))
+    check_none(every, beyond, "the base turns too fast")
+    try:
+        exact = base_motion(vehicle, every, places, turning)
+    except SingularAttitudeError as error:
+        message = f"at t = {every[error.place]:.6g} s {error}"
+        raise SingularAttitudeError(message, error.place) from None
+    motion = Motion(time, *(series[::CHECKS] for series in (exact.q, exact.v, exact.a)))
+    q, v, _ = Reference(motion)(every)
+    step = every[1] - every[0]
+    # Rates too: a base that turns once between checks seems to stand still.
+    off = np.maximum(np.abs(q - exact.q), step * np.abs(v - exact.v))
+    excess = off / tolerance(np.abs(exact.q).max(axis=0))
+    instant, coordinate = np.unravel_index(np.argmax(excess), excess.shape)
+    if excess[instant, coordinate] <= 1.0:
+        return motion, None
+    unit = vehicle.layout.units[int(coordinate)]
+    piece = int(instant) // CHECKS
+    return motion, Deviation(piece, every[instant], off[instant, coordinate], unit)
+
+
+def _joined(time: Array, parts: list[Motion], attitude: slice) -> Motion:
+    """One motion of parts, each of which begins where the one before ends.
+
+    Args:
+        time: all knots (s), s.
+        parts: motions at successive knots; the last knot of each is the first of the next.
+        attitude: where the attitude angles are among the coordinates.
+
+    Returns:
+        The motion at all knots, with attitude angles that go on beyond ±π.
+    """
+    q, v, a = (np.empty((len(time), parts[0].q.shape[1])) for _ in range(3))
+    begin = 0
+    for part in parts:
+        if begin:
+            # The angles of each part begin within (−π, π], whatever they had grown to before.
+            jump = q[begin, attitude] - part.q[0, attitude]
+            part.q[:, attitude] += 2.0 * np.pi * np.round(jump / (2.0 * np.pi))
+        share = slice(begin, begin + len(part.time))
+        q[share], v[share], a[share] = part.q, part.v, part.a
+        begin += len(part.time) - 1
+    return Motion(time, q, v, a)

@@ -1,0 +1,158 @@
+"""Knots of a desired motion: their spacing, and its refinement where pieces leave the motion.
+
+Motions of base and tip are checked at instants between knots. Where the quintic of a piece is too
+far from the motion, the spacing of all knots is halved, until it fits or becomes too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.paths import Path
+
+Array = NDArray[np.float64]
+
+KNOT_SPACING = 0.005
+# Parts that each piece is checked at the ends of.
+CHECKS = 4
+# Pieces that are worked on at once: bounds the memory.
+BATCH = 1024
+# How far pieces may be from the motion between knots, rad or m, and what rounding adds per 1.
+_TOLERANCE = 1e-7
+_ROUNDING = 1e-14
+# Greatest refinement, and the greatest number of pieces that refinement may lead to.
+_FINEST = 32
+_MOST_PIECES = 1_000_000
+# Lengths, speeds and so on, in m and s, that no vehicle comes to.
+BOUND = 1e12
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Where pieces leave the motion: in which piece, at what time (s), and how far, in a unit."""
+
+    piece: int
+    time: float
+    distance: float
+    unit: str
+
+
+def knots(duration: float, spacing: float = KNOT_SPACING) -> Array:
+    """Times of knots, equally spaced.
+
+    Args:
+        duration: time of the last knot, s; the first is at 0.
+        spacing: greatest distance between two knots, s.
+
+    Returns:
+        Times (s), s.
+    """
+    return np.linspace(0.0, duration, max(int(np.ceil(duration / spacing)), 1) + 1)
+
+
+def refined(time: Array, refinement: int) -> Array:
+    """Times over the same span with `refinement` as many equal steps.
+
+    Args:
+        time: equally spaced times (s), s.
+        refinement: number of new steps for each old one; 1 returns `time` itself.
+
+    Returns:
+        Times (refinement · (s − 1) + 1), s.
+    """
+    if refinement == 1:
+        return time
+    return np.linspace(time[0], time[-1], refinement * (len(time) - 1) + 1)
+
+
+def check_times(time: Array) -> Array:
+    """Knots, and between them the instants at which pieces are checked.
+
+    Args:
+        time: knots (s), s.
+
+    Returns:
+        Times (CHECKS · (s − 1) + 1), s, of which every CHECKS-th is exactly a knot.
+    """
+    every = refined(time, CHECKS)
+    every[::CHECKS] = time
+    return every
+
+
+def tolerance(size: float | Array) -> float | Array:
+    """How far pieces may be from the motion between knots.
+
+    Args:
+        size: largest magnitude of the coordinate or position, rad or m.
+
+    Returns:
+        The distance, of the shape and unit of `size`.
+    """
+    return _TOLERANCE + _ROUNDING * size
+
+
+def refine(refinement: int, time: Array, deviation: Deviation, cause: str, remedy: str) -> int:
+    """Twice the refinement of knots, because pieces between them leave the motion.
+
+    Args:
+        refinement: refinement at which the deviation was found.
+        time: knots (s) before any refinement, s.
+        deviation: what the message tells if knots cannot be nearer.
+        cause: what makes nearer knots necessary, as a clause.
+        remedy: what to change in the scenario.
+
+    Returns:
+        The new refinement.
+
+    Raises:
+        UsageError: if knots as near as that are not allowed.
+    """
+    pieces = len(time) - 1
+    if 2 * refinement <= _FINEST and 2 * refinement * pieces <= _MOST_PIECES:
+        return 2 * refinement
+    spacing = (time[-1] - time[0]) / pieces / refinement
+    raise UsageError(
+        f"at t = {deviation.time:.6g} s {cause}: with knots {spacing:.3g} s apart, the closest "
+        f"allowed for a flight of this length, the trajectory between them is off by "
+        f"{deviation.distance:.3g} {deviation.unit}; {remedy}"
+    )
+
+
+def bounded_path(time: Array, path: Path, name: str) -> Array:
+    """Position and derivatives of a path, if they are finite and of a size that can be flown.
+
+    Args:
+        time: times (s), s.
+        path: the path.
+        name: what the message calls it.
+
+    Returns:
+        Position, velocity, acceleration and jerk (s, 4, 3), world axes, m and s.
+
+    Raises:
+        UsageError: with the first time at which they are not.
+    """
+    with np.errstate(all="ignore"):
+        values = path(time)
+        beyond = ~np.all(np.abs(values) < BOUND, axis=(-1, -2))
+    check_none(time, beyond, f"the {name} or one of its derivatives grows beyond all bounds")
+    return values
+
+
+def check_none(time: Array, wrong: NDArray[np.bool_], fault: str) -> None:
+    """Raise an error with the first time at which something is wrong.
+
+    Args:
+        time: times (s), s.
+        wrong: at which of them (s) it is wrong.
+        fault: what is wrong, as a clause.
+
+    Raises:
+        UsageError: if any of them is.
+    """
+    if np.any(wrong):
+        raise UsageError(f"at t = {time[wrong][0]:.6g} s {fault}; choose a gentler motion")

@@ -1,0 +1,125 @@
+"""The record of a flight: all its time series, from the samples of the state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gibbs_codegen.scenario.orientation import Tangent, heading_error
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.state_history import StateHistory
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
+
+
+def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Flight:
+    """All time series of a flight.
+
+    Args:
+        loop: the closed loop that was integrated.
+        scenario: what was flown.
+        history: samples of the state.
+
+    Returns:
+        The flight, with a row per sample.
+    """
+    vehicle, time = loop.vehicle, history.time
+    q, v, work, thrusts = loop.parts(history.states)
+    q_desired, v_desired, a_desired = loop.controller.reference(time)
+    commanded = loop.commanded(time, q, v)
+    applied = loop.applied(commanded, thrusts)
+    a = loop.acceleration(q, v, applied, loop.tip_force_acts(time))
+    positions = vehicle.positions(q)
+    rotation = vehicle.base_rotation(q)
+    forces = vehicle.thrust_wrenches()[:3].T
+    return Flight(
+        robot=vehicle.name,
+        scenario=scenario.name,
+        coordinates=vehicle.coordinates,
+        input_names=vehicle.inputs,
+        points=vehicle.points,
+        tangent_arm=_tangent_arm(scenario),
+        stopped=history.stopped,
+        time=time,
+        q=q,
+        v=v,
+        a=a,
+        q_desired=q_desired,
+        v_desired=v_desired,
+        a_desired=a_desired,
+        commanded=commanded,
+        applied=applied,
+        constraint_torques=vehicle.constraint_torques(q, v, a, applied),
+        base_arm_angles=_measured_arm_angles(vehicle, positions, rotation),
+        base_arm_angles_desired=vehicle.arm_angles()[1:],
+        positions=positions,
+        base_rotation=rotation,
+        thrust_directions=forces / np.linalg.norm(forces, axis=1, keepdims=True),
+        centre_desired=scenario.base(time)[:, 0],
+        tip_desired=_desired_tip(vehicle, scenario, time, q_desired),
+        heading_error=_heading_errors(vehicle, scenario, time, rotation),
+        kinetic_energy=vehicle.kinetic_energy(q, v),
+        potential_energy=vehicle.potential_energy(q),
+        work=work,
+    )
+
+
+def _tangent_arm(scenario: Scenario) -> int:
+    """The base arm that points along the path, from 1, or 0 for none."""
+    return scenario.attitude.arm if isinstance(scenario.attitude, Tangent) else 0
+
+
+def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: Array) -> Array:
+    """Desired position of the tip.
+
+    Args:
+        vehicle: the robot.
+        scenario: what was flown.
+        time: times (s), s.
+        q_desired: desired coordinates (s, nq).
+
+    Returns:
+        Positions (s, 3), world axes, m: on the tip's path, or where a held posture puts the tip.
+    """
+    if scenario.arm.tip:
+        return scenario.arm.tip(time)[:, 0]
+    return vehicle.positions(q_desired)[:, vehicle.points.index("tip")]
+
+
+def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, rotation: Array) -> Array:
+    """Angle between the base arm that follows the path, and the tangent of the path.
+
+    Args:
+        vehicle: the robot.
+        scenario: what was flown.
+        time: times (s), s.
+        rotation: from the frame of arm 1 to the world (s, 3, 3).
+
+    Returns:
+        Angles (s), rad; 0 where no arm follows the path.
+    """
+    if not (arm := _tangent_arm(scenario)):
+        return np.zeros(len(time))
+    angle = vehicle.arm_angles()[arm - 1]
+    direction = rotation @ np.array([np.cos(angle), np.sin(angle), 0.0])
+    return heading_error(scenario.base, time, direction)
+
+
+def _measured_arm_angles(vehicle: Vehicle, positions: Array, rotation: Array) -> Array:
+    """Angles of base arms 2 … N against arm 1, from where the motors are.
+
+    Args:
+        vehicle: the robot.
+        positions: of its points (s, k, 3), world axes, m.
+        rotation: from the frame of arm 1 to the world (s, 3, 3).
+
+    Returns:
+        Angles (s, N − 1), rad.
+    """
+    centre = positions[:, vehicle.points.index("O2")]
+    angles = []
+    for k in range(2, vehicle.rotors + 1):
+        arm = positions[:, vehicle.points.index(f"motor{k}")] - centre
+        x, y, _ = np.einsum("sji,sj->is", rotation, arm)
+        angles.append(np.arctan2(y, x))
+    return np.stack(angles, axis=-1)

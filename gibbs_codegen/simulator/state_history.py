@@ -1,0 +1,59 @@
+"""The states that an integrator leaves, and the intervals of time that it works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Times are the same, and steps whole, to this share of a step.
+SAME_TIME = 1e-6
+
+
+@dataclass(frozen=True)
+class StateHistory:
+    """Samples of the state (s, size) at times (s), and why there are no more; "" if complete."""
+
+    time: Array
+    states: Array
+    stopped: str
+
+
+@dataclass(frozen=True)
+class SmoothInterval:
+    """An interval of time, s, in which no force jumps; `tip_force`: whether the tip is pushed."""
+
+    begin: float
+    end: float
+    tip_force: bool
+
+    def sample_times(self, rate: float) -> Array:
+        """Times of the samples in the interval.
+
+        Args:
+            rate: samples a second, 1/s.
+
+        Returns:
+            Multiples of 1 / rate (s) after the begin of the interval, up to its end.
+        """
+        first = int(np.floor(self.begin * rate + SAME_TIME)) + 1
+        last = int(np.floor(self.end * rate + SAME_TIME))
+        times = np.arange(first, last + 1) / rate
+        if len(times) and abs(times[-1] - self.end) * rate <= SAME_TIME:
+            times[-1] = self.end
+        return times
+
+
+@dataclass(frozen=True)
+class IntervalResult:
+    """An interval that was integrated.
+
+    `samples` are those after its begin; `end` (s) and `state` (size) are where integration came to.
+    """
+
+    samples: StateHistory
+    end: float
+    state: Array

@@ -1,0 +1,179 @@
+"""The desired motion of a scenario, and the state in which its flight starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.attitude import (
+    SingularAttitudeError,
+    Turning,
+    attitude_angles,
+)
+from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
+from gibbs_codegen.simulator.base_trajectory import desired_base
+from gibbs_codegen.simulator.hanging import hanging_posture
+from gibbs_codegen.simulator.inverse_kinematics import Limits
+from gibbs_codegen.simulator.knots import knots
+from gibbs_codegen.simulator.reference import Motion, Reference
+from gibbs_codegen.simulator.tip_trajectory import desired_with_tip
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
+
+# Is told what is being done, and the share of it that is done, 0 to 1.
+Progress = Callable[[str, float], None]
+
+
+def desired_motion(
+    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda what, share: None
+) -> Reference:
+    """Desired coordinates, rates and accelerations of a scenario, as functions of time.
+
+    Args:
+        vehicle: the robot.
+        scenario: what is flown.
+        progress: is told what is being done, and the share of it that is done, 0 to 1.
+
+    Returns:
+        The reference of the flight.
+
+    Raises:
+        UsageError: or one of its kinds, where there is no such motion, and for a posture or guess
+            outside the limits of its joints.
+    """
+    task = scenario.arm
+    limits = _joint_limits(vehicle, task)
+    time = knots(scenario.duration)
+
+    def base_at(knots: Array) -> Motion:
+        # Progress is shown for the first time only: what follows is the arm's.
+        shown = partial(progress, "desired motion") if knots is time else lambda share: None
+        return desired_base(vehicle, knots, scenario.base, scenario.attitude, shown)
+
+    if task.tip is None:
+        if task.posture is None:
+            posture = hanging_posture(vehicle, limits)
+        else:
+            posture = _joint_values(vehicle, task.posture)
+            _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
+        return Reference(desired_with_posture(vehicle, base_at(time), posture))
+    guess = None
+    if task.guess is not None:
+        guess = _joint_values(vehicle, task.guess)
+        # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
+        _check_limits(vehicle, "guess", guess, limits, task.guess)
+    motion = desired_with_tip(
+        vehicle,
+        time,
+        base_at,
+        task.tip,
+        limits,
+        guess,
+        lambda done, total: progress("inverse kinematics", done / total),
+    )
+    return Reference(motion)
+
+
+def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Motion:
+    """Motion of base and arm, with the arm held in a posture.
+
+    Args:
+        vehicle: the robot.
+        base: motion of the base at knots.
+        posture: joint coordinates (n), rad or m.
+
+    Returns:
+        The motion at the knots of `base`.
+    """
+    q = base.q.copy()
+    q[:, vehicle.arm] = posture
+    return Motion(base.time, q, base.v, base.a)
+
+
+def starting_state(
+    vehicle: Vehicle, reference: Reference, offset: StartOffset
+) -> tuple[Array, Array]:
+    """The desired state at the start of a flight, moved and turned by the start offset.
+
+    Args:
+        vehicle: the robot.
+        reference: the desired motion.
+        offset: how far base centre and attitude are off.
+
+    Returns:
+        Coordinates and rates, each (nq).
+
+    Raises:
+        SingularAttitudeError: if the offset turns the base to the singularity.
+    """
+    q, v, _ = reference(reference.begin)
+    if not any(offset.position) and not any(offset.rotation):
+        return q, v
+    attitude, position = vehicle.layout.attitude, vehicle.layout.position
+    centre = q[position] + vehicle.centre_offset(q)
+    turned = Rotation.from_rotvec(offset.rotation).as_matrix() @ vehicle.base_rotation(q)
+    at_rest = np.zeros(3)
+    try:
+        angles, _, _ = attitude_angles(vehicle.attitude, Turning(turned, at_rest, at_rest))
+    except SingularAttitudeError as error:
+        raise SingularAttitudeError(
+            f"at t = {reference.begin:.6g} s, with the base turned by start.turn_deg (the start's "
+            f"rotation), {error}, or turn it less or another way at the start",
+            error.place,
+        ) from None
+    start = q.copy()
+    # Of angles that differ by whole turns, those nearest to the desired ones.
+    start[attitude] = angles + 2.0 * np.pi * np.round((q[attitude] - angles) / (2.0 * np.pi))
+    start[position] = centre + offset.position - vehicle.centre_offset(start)
+    return start, v
+
+
+def _joint_limits(vehicle: Vehicle, task: ArmTask) -> Limits:
+    lower, upper = np.full(vehicle.joints, -np.inf), np.full(vehicle.joints, np.inf)
+    for name, limits in task.limits.items():
+        joint = _joint(vehicle, name)
+        lower[joint], upper[joint] = limits
+    return lower, upper
+
+
+def _joint_values(vehicle: Vehicle, values: Mapping[str, float]) -> Array:
+    found = np.zeros(vehicle.joints)
+    for name, value in values.items():
+        found[_joint(vehicle, name)] = value
+    return found
+
+
+def _check_limits(
+    vehicle: Vehicle, key: str, values: Array, limits: Limits, joints: Iterable[str]
+) -> None:
+    """Raise an error for the first of some joints whose value is outside its limits.
+
+    Args:
+        vehicle: the robot.
+        key: key of the scenario file's arm table that gives the values.
+        values: joint coordinates (n), rad or m.
+        limits: joint limits.
+        joints: names of the joints to check.
+
+    Raises:
+        UsageError: with joint, value and limits.
+    """
+    for name in joints:
+        joint = _joint(vehicle, name)
+        value, lower, upper = values[joint], limits[0][joint], limits[1][joint]
+        if not lower <= value <= upper:
+            unit = vehicle.layout.units[vehicle.arm][joint]
+            raise UsageError(
+                f"arm: {key}: {name} = {value:.6g} {unit} is outside its limits, "
+                f"{lower:.6g} to {upper:.6g} {unit}; a joint left out of a posture is at 0"
+            )
+
+
+def _joint(vehicle: Vehicle, name: str) -> int:
+    if name not in vehicle.joint_names:
+        known = ", ".join(vehicle.joint_names) or "none"
+        raise UsageError(f"{vehicle.name}: has no joint {name}; its joints: {known}")
+    return vehicle.joint_names.index(name)
