@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code: int = options.command(options)
     except RefusedFileError as error:
         count = f"{len(error.faults)} faults" if len(error.faults) > 1 else "1 fault"
-        print(f"gibbs-codegen: {error.kind} refused, {count}:\n{error}", file=sys.stderr)
+        print(f"gibbs-codegen: {error.kind} rejected, {count}:\n{error}", file=sys.stderr)
         return error.exit_code
     except GibbsCodegenError as error:
         print(f"gibbs-codegen: {error}", file=sys.stderr)

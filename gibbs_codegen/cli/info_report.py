@@ -118,7 +118,7 @@ def print_report(model: Model, console: Console) -> None:
     if _pattern_width(data) <= console.width:
         console.print(_pattern_text(data, _pattern(model.robot)))
     else:
-        console.print("\nHybrid matrix: too wide for this page; --json has its pattern")
+        console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
     _print_arrangement(data["arrangement"], console)
     console.print(_operation_table(data))
 
@@ -193,7 +193,8 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
         )
     else:
         console.print(
-            f"\nMotor arrangement: rank {motors['rank']} of 6; the thrusts cannot push along"
+            f"\nMotor arrangement: rank {motors['rank']} of 6, so the base is underactuated; the "
+            "thrusts produce no wrench along"
         )
         for direction in motors["missing"]:
             console.print(f"  {direction}", highlight=False)

@@ -112,7 +112,9 @@ def find_robot(word: str) -> tuple[Robot, str]:
         return read_robot(word)
     module, file = os.path.join("generated", word), f"{word}.toml"
     if not os.path.isdir(word) and os.path.isdir(module) and os.path.isfile(file):
-        raise UsageError(f"{word}: which one, the robot file {file} or the module {module}?")
+        raise UsageError(
+            f"{word}: could be the robot file {file} or the module {module}; give that path"
+        )
     for folder in (word, os.path.join("generated", word)):
         if os.path.isfile(file := os.path.join(folder, "robot.toml")):
             return read_robot(file)

@@ -161,7 +161,7 @@ def _formulation_table(title: str, columns: Columns) -> Table:
 
 def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
     table = Table(
-        title=f"{backend}: what holds by itself",
+        title=f"{backend}: other comparisons",
         title_justify="left",
         box=None,
         header_style="dim",

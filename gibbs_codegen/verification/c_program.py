@@ -23,8 +23,9 @@ from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import parameter_values
 from gibbs_codegen.verification.states import FAR_SINGLE, Sizes, States
-from gibbs_codegen.verification.tree import Array, Tree
+from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.variation import determined, variation
+from gibbs_codegen.verification.vectors import Array
 from gibbs_codegen.verification.verify import most_states
 
 _HEADER = "the header"
@@ -170,7 +171,7 @@ class CProgram(Evaluation):
             x.tobytes() != np.array(y).tobytes() for x, y in zip(before, given, strict=True)
         )
         if altered or any((x[n:] != guard).any() for x, n in zip(rooms, sizes, strict=True)):
-            raise ValueError("writes where it should not")
+            raise ValueError("writes beyond its outputs or to its inputs")
         return [x[:n].reshape(shape) for x, n, shape in zip(rooms, sizes, shapes, strict=True)]
 
     def _call(self, name: str, *arguments: Array | int) -> int:
@@ -274,9 +275,9 @@ def compare_single_precision(
     """
     tree = Tree(robot)
     if not _in_range(Sizes(tree, States.random(tree, 1, seed))):
-        return "products of the robot's numbers leave the range of single precision"
+        return "products of the robot's numbers are out of the range of single precision"
     if not determined(robot, _DETERMINED):
-        return "rounding to single precision hides what resists an acceleration of the robot"
+        return "in single precision, rounding hides the inertia of a degree of freedom"
     batches = _batches_within(tree)
     program = CProgram(path, module, batches, single=True)
     other = variation(robot, module.PARAMETERS, seed, 0)

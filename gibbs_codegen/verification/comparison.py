@@ -1,4 +1,4 @@
-"""One thing compared with another, and how far apart they were."""
+"""One thing compared with another, and how much they differed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gibbs_codegen.errors import printable
-from gibbs_codegen.verification.tree import Array
+from gibbs_codegen.verification.vectors import Array
 
 
 @dataclass(frozen=True)

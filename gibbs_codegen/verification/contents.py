@@ -1,4 +1,4 @@
-"""Is a module what its robot file says: names in order, defaults of parameters, and its header."""
+"""Comparison of a module with its robot file: names, defaults of parameters, and its header."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def _without_effect(robot: Robot) -> Iterator[str]:
 
 def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
     if not isinstance(found, dict):
-        yield "no dict"
+        yield "is not a dict"
         return
     expected = parameter_values(robot)
     for name, value in found.items():

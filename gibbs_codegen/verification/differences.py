@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from gibbs_codegen.verification.tree import Array
+from gibbs_codegen.verification.vectors import Array
 
 # Where things change by their size in a unit, rounding of 1e-16/h meets a truncation of some h⁴.
 STEP = 1e-3

@@ -10,7 +10,8 @@ from gibbs_codegen.verification.comparison import Comparison, compared, explaine
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.states import Sizes, States
-from gibbs_codegen.verification.tree import Array, Tree, times
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.vectors import Array, times
 
 # A few units in the last place.
 _ROUNDING = 1e-15
@@ -136,7 +137,7 @@ def _system(
         For each array that a function returns its name, its value, and the sizes of its entries.
 
     """
-    free, held = tree.free, tree.held
+    free, constrained = tree.free, tree.constrained
     matrix = found.mass_matrix[:, free][:, :, free]
     residual = found.residual[:, free]
     inverse = found.inverse_dynamics
@@ -149,7 +150,7 @@ def _system(
     yield "inverse_dynamics", inverse[:, free], sizes.free_inertial_effort
     yield "forward_dynamics", residual + driven[:, free], sizes.free_effort
     effort = sizes.inertial_effort + sizes.spread(driven, sizes.units)
-    yield "constraint_torques", (inverse - driven)[:, held], effort[:, held]
+    yield "constraint_torques", (inverse - driven)[:, constrained], effort[:, constrained]
     by_parts = np.sum(states.a * (0.5 * times(matrix, states.a) - residual), axis=-1)
     yield "gibbs", by_parts, sizes.gibbs
     yield "kinetic_energy", found.kinetic_energy, sizes.kinetic
@@ -169,12 +170,12 @@ def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Itera
         For each array that a function returns its name, its value, and the sizes of its entries.
 
     """
-    more = (0, len(tree.held))
+    more = (0, len(tree.constrained))
     row, square = ((0, 0), more), ((0, 0), more, more)
-    torques = tree.size + np.arange(len(tree.held))
+    torques = tree.size + np.arange(len(tree.constrained))
     matrix = np.pad(found.mass_matrix, square)
-    matrix[:, tree.held, torques] = -1.0
-    matrix[:, torques, tree.held] = 1.0
+    matrix[:, tree.constrained, torques] = -1.0
+    matrix[:, torques, tree.constrained] = 1.0
     yield "hybrid_mass_matrix", matrix, np.pad(sizes.matrix, square, constant_values=1.0)
     size = np.pad(sizes.effort, row, constant_values=1.0)
     yield "hybrid_residual", np.pad(found.residual, row), size

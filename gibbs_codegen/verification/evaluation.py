@@ -11,7 +11,7 @@ import numpy as np
 
 from gibbs_codegen.interface import FUNCTIONS, module_signatures
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Array
+from gibbs_codegen.verification.vectors import Array
 
 
 class Evaluation:

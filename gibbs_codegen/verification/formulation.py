@@ -8,7 +8,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Array, Tree
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.vectors import Array
 
 
 class NotApplicableError(Exception):

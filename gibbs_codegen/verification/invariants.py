@@ -17,7 +17,8 @@ from gibbs_codegen.verification.differences import STEP, derivative
 from gibbs_codegen.verification.equations import Values
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.states import Sizes, States
-from gibbs_codegen.verification.tree import Array, Tree, times
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.vectors import Array, times
 
 EXACT, BY_DIFFERENCES = 1e-10, 1e-7
 # Of one coordinate, in which the potential energy is linear or has a period of a whole turn.

@@ -13,7 +13,8 @@ from gibbs_codegen.verification.formulation import (
     state_by_state,
 )
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree
+from gibbs_codegen.verification.tree import WORLD, Point, Tree
+from gibbs_codegen.verification.vectors import Array
 
 
 class MuJoCo:

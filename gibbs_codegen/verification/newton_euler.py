@@ -11,7 +11,8 @@ import numpy as np
 
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Array, Frames, Point, Tree, cross, times
+from gibbs_codegen.verification.tree import WORLD, Frames, Point, Tree
+from gibbs_codegen.verification.vectors import Array, cross, times
 
 
 @dataclass(frozen=True)

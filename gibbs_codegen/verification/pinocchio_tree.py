@@ -7,7 +7,8 @@ import pinocchio as pin
 
 from gibbs_codegen.verification.formulation import Quantities, state_by_state
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree
+from gibbs_codegen.verification.tree import WORLD, Point, Tree
+from gibbs_codegen.verification.vectors import Array
 
 _KINDS = {
     True: (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ),

@@ -1,7 +1,7 @@
-"""Functions that no formulation gives, held against themselves, computed in another way.
+"""Functions that no formulation computes, compared with themselves.
 
-Nothing tells whether such a function is right. But it must give one by one what it gives for a
-batch, and in C what it gives in NumPy, with the default parameters and with others.
+Nothing tells whether such a function is right. But it must return for one state what it returns for
+a batch, and in C what it returns in NumPy, with the default parameters and with others.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.verification.comparison import Comparison, compared, explained
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Array
+from gibbs_codegen.verification.vectors import Array
 
 ONE_BY_ONE, OTHER_BACK_END = "itself, one state at a time", "the NumPy back end"
 _NO_FORMULATION = (

@@ -1,4 +1,4 @@
-"""Random states to compare at, and the natural sizes of what is compared there."""
+"""Random states, and the sizes of the terms that results there are summed from."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.tree import WORLD, Array, Frames, Tree
+from gibbs_codegen.verification.tree import WORLD, Frames, Tree
+from gibbs_codegen.verification.vectors import Array
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2

@@ -12,14 +12,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.robot.coordinates import points
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Base, Body, Robot, Rod
-
-# Real or complex: the Lagrangian formulation differentiates by complex steps.
-Array = NDArray[Any]
+from gibbs_codegen.verification.vectors import Array, about
 
 WORLD = -1
 
@@ -83,7 +80,8 @@ class Tree:
 
     Attributes:
         layout: layout of the reduced coordinates.
-        free, held: places of the reduced coordinates, and of the constrained joints, among all.
+        free: places of the reduced coordinates among those of all joints.
+        constrained: places of the constrained joints.
         arm: places of the arm's joints.
         turns: for each coordinate, whether it is an angle.
         reach: a length of the robot's own size, in m.
@@ -101,7 +99,7 @@ class Tree:
         self.layout = layout_of(robot)
         self.free = self.layout.free
         self.size = len(self.free) + robot.rotors - 1
-        self.held = [*range(self.size)[self.layout.constrained]]
+        self.constrained = [*range(self.size)[self.layout.constrained]]
         self.arm = self.free[self.layout.joints]
         named = self._base(robot.base)
         self.tip = named["tip"] = self._arm(robot, named)
@@ -135,7 +133,7 @@ class Tree:
         self.joints[joint] = replace(self.joints[joint], **_carried(base.arm(1), start))
         named = {"O1": Point(joint, start), "O2": Point(joint, centre)}
         named["motor1"] = named["O1"]
-        for k, place in enumerate(self.held, start=2):
+        for k, place in enumerate(self.constrained, start=2):
             turned = _turn("z", -180.0 + 360.0 * (k - 1) / base.rotors)
             body = _carried(base.arm(k))
             arm = self._add(Joint(joint, place, 2, rotation=turned, offset=centre, **body))
@@ -205,7 +203,7 @@ class Tree:
                 rotation, step = parent @ rotation, parent @ step
             travel = q[..., joint.place]
             if joint.revolute:
-                rotation = rotation @ _about(joint.axis, travel)
+                rotation = rotation @ about(joint.axis, travel)
             else:
                 step = step + rotation[..., joint.axis] * travel[..., None]
             rotations.append(np.broadcast_to(rotation, (*travel.shape, 3, 3)))
@@ -264,47 +262,4 @@ def _carried(body: Body, start: Array | float = 0.0) -> dict[str, Any]:
 
 
 def _turn(axis: str, degrees: float) -> Array:
-    return _about("xyz".index(axis), np.array(np.deg2rad(degrees)))
-
-
-def _about(axis: int, angle: Array) -> Array:
-    """Rotations (…, 3, 3) about a coordinate axis."""
-    cosine, sine = np.cos(angle), np.sin(angle)
-    following, last = (axis + 1) % 3, (axis + 2) % 3
-    rotation = np.zeros((*angle.shape, 3, 3), angle.dtype)
-    rotation[..., axis, axis] = 1.0
-    rotation[..., following, following] = rotation[..., last, last] = cosine
-    rotation[..., last, following] = sine
-    rotation[..., following, last] = -sine
-    return rotation
-
-
-def times(matrices: Array, vectors: Array) -> Array:
-    """Products of matrices and vectors.
-
-    Args:
-        matrices: (…, i, j).
-        vectors: (…, j).
-
-    Returns:
-        (…, i).
-
-    """
-    product: Array = (matrices @ vectors[..., None])[..., 0]
-    return product
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Cross products of vectors.
-
-    Args:
-        a: (…, 3).
-        b: (…, 3).
-
-    Returns:
-        (…, 3).
-
-    """
-    # np.cross takes four times as long for so few of them.
-    product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
-    return product
+    return about("xyz".index(axis), np.array(np.deg2rad(degrees)))

@@ -1,4 +1,4 @@
-"""Other numbers for the parameters of a module: scaled, negated, zero, and in place of zeros."""
+"""Robots with other parameters: scaled, negated, zero, or not zero where they were."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def determined(robot: Robot, least: float = _DETERMINED) -> bool:
 
 
 class _Draw:
-    """Random factors, the same for a seed but for what goes by turns with the number."""
+    """Random factors, the same for the same seed and number."""
 
     def __init__(self, seed: int, number: int) -> None:
         self._rng = np.random.default_rng(seed)

@@ -1,13 +1,13 @@
 """Verification of a generated module: what is compared with what, in which order.
 
-compare_contents    names and parameters          against the robot file      (contents)
-Expected            every function, at states     against formulations that share no code with
-                                                  the derivation              (equations)
-    Newton–Euler, and again for one state, any angles, other parameters       (newton_euler)
+compare_contents    names and parameters       with the robot file            (contents)
+Expected            every function at states   with formulations that share   (equations)
+                                               no code with the derivation
+    Newton–Euler, again for one state, any angles, other parameters           (newton_euler)
     Lagrange                                                                  (lagrange)
-    Pinocchio, MuJoCo where installed                        (pinocchio_tree, mujoco_tree)
-compare_invariants  every function                against the others          (invariants)
-compare_with_itself what no formulation gives     against itself      (self_consistency)
+    Pinocchio and MuJoCo, if they are installed              (pinocchio_tree, mujoco_tree)
+compare_invariants  functions                  with each other                (invariants)
+compare_with_itself what no formulation gives  with itself                    (self_consistency)
 """
 
 from __future__ import annotations
@@ -38,22 +38,28 @@ Progress = Callable[[str], None]
 
 ONE_STATE, ANY_ANGLES = "one state by itself", "any angles"
 OTHER_PARAMETERS = "other parameters"
-# Module of this package, and the library that it needs.
+# Formulation, its module in this package, and the library that it needs.
 _LIBRARIES = (
     ("Pinocchio", "pinocchio_tree", "pinocchio"),
     ("MuJoCo", "mujoco_tree", "mujoco"),
 )
-# Numbers that Lagrange's equations keep at once: states times coordinates times points.
+# How many numbers Lagrange's equations may keep at once: states times coordinates times points.
 _MOST_NUMBERS = 3_000_000
-# Of the matrices of all states of a part.
+# How many entries the mass matrices of all states that are computed at once may have.
 _MOST_ENTRIES = 400_000
 
 
 @dataclass(frozen=True)
 class Extent:
-    """How far to go beyond the random states: how many others, and how many of all one by one.
+    """How far to go beyond the random states.
 
-    `variations` is the number of sets of other parameters, to which `zeros` adds those with zeros.
+    Attributes:
+        others: number of states with other parameters.
+        singly: how many of all states to compute one by one as well.
+        variations: number of sets of other parameters.
+        zeros: whether to add sets with parameters that are zero.
+        any_angles: whether to add states with angles of any size.
+
     """
 
     others: int
@@ -64,13 +70,13 @@ class Extent:
 
 
 THOROUGH = Extent(others=6, singly=6, variations=4, zeros=True, any_angles=True)
-# Of a module that was just emitted, in a moment. Other parameters have any angles with them.
+# For a module that was just emitted. States with other parameters have any angles.
 QUICK = Extent(others=3, singly=1, variations=1, zeros=False, any_angles=False)
 
 
 @dataclass
 class Verification:
-    """Comparisons by back end; what could not be done, and why."""
+    """Comparisons by back end, and what could not be compared, with the reason."""
 
     robot: str
     seed: int

@@ -207,7 +207,7 @@ def test_info_is_readable(tmp_path: Path) -> None:
     assert "Hint" not in done.stdout
 
 
-def test_info_for_machines(tmp_path: Path) -> None:
+def test_info_as_json(tmp_path: Path) -> None:
     done = run("info", "hexarotor_3link", "--json", cwd=tmp_path)
     data = json.loads(done.stdout)
     assert [chain["links"] for chain in data["chains"]][4] == [-1, 0, 1, 6]

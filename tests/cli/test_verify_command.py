@@ -49,7 +49,7 @@ def test_tables_break_no_name_at_80_columns() -> None:
     assert {"Newton–Euler", "Lagrange", "parameters", "2.5e-01"} <= words
 
 
-def test_verify_for_machines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_verify_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     folder = ROOT / "generated" / "quadrotor_2link"
     arguments = ["verify", str(folder), "--states", "2", "--backend", "numpy", "--json"]
     assert main(arguments) == 0

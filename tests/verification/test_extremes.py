@@ -1,4 +1,4 @@
-"""Right modules of odd machines pass, and faults in them are found all the same."""
+"""Right modules of odd robots pass, and faults in them are found all the same."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import compare_module, formulations
 
 
-def machine(
+def odd_robot(
     size: float = 1.0,
     tip: float = 1.0,
     gravity: float = 9.81,
     offset: float = 0.5,
     mass: float = 1.0,
 ) -> Robot:
-    """A machine with joints of both kinds, of a size, whose last link has another again."""
+    """A robot with joints of both kinds, of a size, whose last link has another again."""
 
     def body(length: float) -> RigidBody:
         i = 0.1 * mass * length**2
@@ -43,20 +43,20 @@ def machine(
 
 
 ODD = {
-    "tiny": machine(size=1e-7),
-    "a micrometre": machine(size=1e-6, mass=0.1),
-    "a micrometre of 1e-15 kg": machine(size=1e-6, mass=1e-16),
-    "next to nothing": machine(size=1e-7, mass=1e-20),
-    "light": machine(mass=1e-17),
+    "tiny": odd_robot(size=1e-7),
+    "a micrometre": odd_robot(size=1e-6, mass=0.1),
+    "a micrometre of 1e-15 kg": odd_robot(size=1e-6, mass=1e-16),
+    "next to nothing": odd_robot(size=1e-7, mass=1e-20),
+    "light": odd_robot(mass=1e-17),
     "light beside the rest": replace(
-        machine(), base=replace(machine().base, arms=(machine(mass=1e18).base.arms[0],))
+        odd_robot(), base=replace(odd_robot().base, arms=(odd_robot(mass=1e18).base.arms[0],))
     ),
-    "huge": machine(size=1e9),
-    "tip of a thousandth": machine(tip=1e-3),
-    "tip of a billionth": machine(tip=1e-9),
-    "heavy world": machine(gravity=1e9),
-    "weightless": machine(gravity=0.0),
-    "far joint": machine(offset=1e6),
+    "huge": odd_robot(size=1e9),
+    "tip of a thousandth": odd_robot(tip=1e-3),
+    "tip of a billionth": odd_robot(tip=1e-9),
+    "heavy world": odd_robot(gravity=1e9),
+    "weightless": odd_robot(gravity=0.0),
+    "far joint": odd_robot(offset=1e6),
 }
 
 

@@ -93,7 +93,7 @@ def test_mujoco(robot: Robot) -> None:
 
 @pytest.mark.parametrize("length", [1e-3, 1e5])
 def test_own_units_are_turned_back(length: float) -> None:
-    """Whatever is computed in them, of machines with joints of both kinds, small and large."""
+    """Whatever is computed in them, of robots with joints of both kinds, small and large."""
     robot = random_robot(3, 4, 5)
     values = parameter_values(robot)
     lengths = ("length", "_a", "_d", "com_x", "com_y", "com_z")

@@ -212,7 +212,7 @@ def test_c_that_does_not_compile_is_a_fault_of_the_module(copied: Path) -> None:
 
 
 def extreme(count: int) -> Iterator[np.ndarray]:
-    """Angles of a machine's extreme states by their kinds."""
+    """Angles of a robot's extreme states by their kinds."""
     states = States.extreme(Tree(read_robot("quadrotor_2link")[0]), count, 0)
     yield from (states.q[kind::3, :5] for kind in range(3))
 
@@ -237,4 +237,4 @@ def test_what_single_precision_cannot_hold_is_told(light: bool, copied: Path) ->
         robot = with_values(robot, masses)
     said = compare_single_precision(str(copied), load(copied), robot, 0)
     assert isinstance(said, str)
-    assert ("leave the range" if light else "hides what resists") in said
+    assert ("out of the range" if light else "rounding hides the inertia") in said

@@ -25,7 +25,8 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.contents import compare_c_defaults
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
-from gibbs_codegen.verification.tree import Array, Tree
+from gibbs_codegen.verification.tree import Tree
+from gibbs_codegen.verification.vectors import Array
 from gibbs_codegen.verification.verify import compare_module, formulations
 
 COMMITTED = ROOT / "generated" / "quadrotor_2link"

@@ -1,0 +1,63 @@
+"""Arrays of vectors and rotations."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Real or complex: the Lagrangian formulation differentiates by complex steps.
+Array = NDArray[Any]
+
+
+def about(axis: int, angle: Array) -> Array:
+    """Rotations about a coordinate axis.
+
+    Args:
+        axis: number of the axis.
+        angle: angles in rad, (…), which may be complex.
+
+    Returns:
+        Rotation matrices, (…, 3, 3).
+
+    """
+    cosine, sine = np.cos(angle), np.sin(angle)
+    following, last = (axis + 1) % 3, (axis + 2) % 3
+    rotation = np.zeros((*angle.shape, 3, 3), angle.dtype)
+    rotation[..., axis, axis] = 1.0
+    rotation[..., following, following] = rotation[..., last, last] = cosine
+    rotation[..., last, following] = sine
+    rotation[..., following, last] = -sine
+    return rotation
+
+
+def times(matrices: Array, vectors: Array) -> Array:
+    """Products of matrices and vectors.
+
+    Args:
+        matrices: (…, i, j).
+        vectors: (…, j).
+
+    Returns:
+        (…, i).
+
+    """
+    product: Array = (matrices @ vectors[..., None])[..., 0]
+    return product
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors.
+
+    Args:
+        a: (…, 3).
+        b: (…, 3).
+
+    Returns:
+        (…, 3).
+
+    """
+    # np.cross takes four times as long for so few of them.
+    product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
+    return product
