@@ -5,8 +5,16 @@ from __future__ import annotations
 from fractions import Fraction
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.file import MAX_LINKS, MAX_ROTORS
-from gibbs_codegen.robot.model import Base, Link, Robot, Rod, Vector3, alternating_thrust
+from gibbs_codegen.robot.model import (
+    MAX_LINKS,
+    MAX_ROTORS,
+    Base,
+    Link,
+    Robot,
+    Rod,
+    Vector3,
+    alternating_thrust,
+)
 
 _SECTION_INERTIA: Vector3 = (212e-8, 21.2e-8, 190.8e-8)
 _BASE_ARM = Rod(0.5, 1.0, _SECTION_INERTIA)

@@ -42,10 +42,15 @@ def joint_name(kind: JointKind, number: int) -> str:
     return f"{JOINT_TERMS[kind].letter}_{number}"
 
 
+def joint_pattern(kind: JointKind) -> str:
+    """Regular expression of the names of coordinates of a kind of joint."""
+    return rf"{JOINT_TERMS[kind].letter}_[0-9]{{1,4}}"
+
+
 def joint_kind(name: str) -> JointKind | None:
     """Kind of the joint that a coordinate belongs to, or None for a name that no joint has."""
-    for kind, terms in JOINT_TERMS.items():
-        if re.fullmatch(rf"{terms.letter}_[0-9]{{1,4}}", name):
+    for kind in JOINT_TERMS:
+        if re.fullmatch(joint_pattern(kind), name):
             return kind
     return None
 

@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
+from typing import Literal, get_args
 
 Vector3 = tuple[float, float, float]
 JointKind = Literal["revolute", "prismatic"]
 Origin = Literal["motor1", "centre"]
+Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
 
-ATTITUDES = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
-ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
-JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "prismatic")
+ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
+ORIGINS: tuple[Origin, ...] = get_args(Origin)
+JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
+MAX_ROTORS = 256
+MAX_LINKS = 64
 AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -102,7 +105,7 @@ class Base:
     arms: tuple[Body, ...]
     thrust: tuple[Vector3, ...]
     drag: tuple[float, ...]
-    attitude: str = "xyz"
+    attitude: Attitude = "xyz"
     origin: Origin = "motor1"
 
     @property
@@ -135,7 +138,7 @@ class Robot:
 
     @property
     def total_mass(self) -> float:
-        """Mass of the whole machine in kg."""
+        """Mass of the whole robot in kg."""
         arms = sum(self.base.arm(k).total_mass for k in range(1, self.rotors + 1))
         return arms + sum(link.body.total_mass for link in self.links)
 

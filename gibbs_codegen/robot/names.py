@@ -14,7 +14,7 @@ import re
 
 from gibbs_codegen.interface import FUNCTIONS
 
-_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
+NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
@@ -30,7 +30,7 @@ _ENDINGS = {"_casadi", "_default", "_init"} | {
 def name_fault(name: str) -> str | None:
     """Why `name` is refused as a robot's name, or None where it is accepted."""
     shown = ascii(name if len(name) <= 64 else name[:61] + "...")
-    if not _PATTERN.fullmatch(name):
+    if not re.fullmatch(NAME_PATTERN, name, re.ASCII):
         return (
             f"{shown} is not a name for a module: use a lower-case letter, then lower-case "
             "letters, digits and _, at most 64 in all"

@@ -26,6 +26,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
     base = robot.base
     arms = [_inline_table(arm) for arm in base.arms]
     context = {
+        "names_schema": to_start_from,
         "name": name or robot.name,
         "gravity": repr(robot.gravity),
         "rotors": base.rotors,

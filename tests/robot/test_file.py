@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from support.random_robots import robots
 
 from gibbs_codegen.errors import RobotFileError, UsageError
-from gibbs_codegen.files.toml import MAX_BYTES
+from gibbs_codegen.files.shipped import MAX_BYTES
 from gibbs_codegen.pipeline import module_files
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
@@ -108,7 +108,7 @@ lenght = 1.0
         "robot.toml:1: name: 'class' is a keyword of Python, which no module can be named; "
         "add a word, e.g. class_arm",
         "robot.toml:2: gravity: must be a number, not a string",
-        "robot.toml:3: base.rotors: missing",
+        "robot.toml:3: base.rotors: missing: the number of rotors and arms, N",
         "robot.toml:4: base.rotor: unknown key; did you mean rotors?",
         "robot.toml:5: base.attitude: must be one of 'xyz', 'xzy', 'yxz', 'yzx', 'zxy', 'zyx', "
         "not 'yaw'",
@@ -171,7 +171,7 @@ def test_places_count_from_one_and_keys_in_quotes_stay_as_they_are() -> None:
             "mass = 1, inertia = [1, 1, 1, 5, 0, 0]",
             "negative principal moment",
         ),
-        ("mass_per_length = 1.0", "mass_per_length = 0", "the machine has no mass"),
+        ("mass_per_length = 1.0", "mass_per_length = 0", "the robot has no mass"),
         (
             "mass_per_length = 1.0",
             "mass = 0, inertia = [1, 1, 1, 0, 0, 0]",
