@@ -11,7 +11,12 @@ from gibbs_codegen.errors import printable
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: The parsers of the commands.
+
+    """
     new = commands.add_parser(
         "new", help="write a commented robot file to start from", allow_abbrev=False
     )

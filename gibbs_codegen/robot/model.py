@@ -66,7 +66,15 @@ Body = Rod | RigidBody
 
 
 def as_rigid_body(body: Body) -> RigidBody:
-    """The same body by mass, centre of mass and inertia about it."""
+    """The same body by mass, centre of mass and inertia about it.
+
+    Args:
+        body: A rod or rigid body.
+
+    Returns:
+        The rigid body.
+
+    """
     if isinstance(body, RigidBody):
         return body
     mass, (xx, yy, zz) = body.total_mass, body.section_inertia
@@ -114,11 +122,27 @@ class Base:
         return len(self.arms) == 1
 
     def arm(self, k: int) -> Body:
-        """Body of arm k, k = 1 … N."""
+        """Body of a base arm.
+
+        Args:
+            k: Number of the arm, from 1 to N.
+
+        Returns:
+            The body, in the arm's frame.
+
+        """
         return self.arms[0] if self.shares_one_arm else self.arms[k - 1]
 
     def arm_angle_deg(self, k: int) -> Fraction:
-        """Constrained angle θ_k of arm k = 2 … N against arm 1: −180° + 360°(k−1)/N."""
+        """Constrained angle θ_k of a base arm against arm 1: −180° + 360°(k−1)/N.
+
+        Args:
+            k: Number of the arm, from 2 to N.
+
+        Returns:
+            The angle in degrees.
+
+        """
         return Fraction(-180) + Fraction(360 * (k - 1), self.rotors)
 
 
@@ -144,5 +168,13 @@ class Robot:
 
 
 def alternating_thrust(rotors: int) -> tuple[Vector3, ...]:
-    """Default directions: odd motors push along z, even motors along y of their arm's frame."""
+    """Default directions: odd motors push along z, even motors along y of their arm's frame.
+
+    Args:
+        rotors: Number of rotors, N.
+
+    Returns:
+        A unit vector for each motor.
+
+    """
     return tuple(AXES["y" if k % 2 else "z"] for k in range(rotors))

@@ -19,9 +19,17 @@ from gibbs_codegen.robot.model import (
 
 
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
-    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
+    """Commented TOML that `parse_robot` reads back as the same robot.
 
-    `to_start_from` adds, as comments, the arm and the last link in the other form of a body.
+    Args:
+        robot: The robot.
+        name: Name that the text gives the robot; its own where None.
+        to_start_from: Whether to name the schema for editors in the first line, and to add, as
+            comments, the arm and the last link in the other form of a body.
+
+    Returns:
+        The text of a robot file.
+
     """
     base = robot.base
     arms = [_inline_table(arm) for arm in base.arms]

@@ -256,6 +256,20 @@ def test_one_mistake_is_one_fault() -> None:
     assert len(faults(with_section)) == 1
 
 
+def test_what_several_keys_get_wrong_is_told_beside_faults_of_each() -> None:
+    arms = "arm = [{ length = -1, mass = 1, mass_per_length = 1 }, { inertia = 3 }]"
+    lines = faults(BASE.replace("arm = { length = 0.5, mass_per_length = 1.0 }", arms))
+    assert [line.partition(": ")[2].partition(";")[0] for line in lines] == [
+        "base.arm: a list of 2 for 3 rotors",
+        "base.arm 1: mass_per_length: belongs to a rod, but mass describes a rigid body: give "
+        "mass_per_length and section_inertia, or mass, com and inertia",
+        "base.arm 1: length: must be at least 0, not -1",
+        "base.arm 2: mass: missing: a rigid body needs its mass in kg",
+        "base.arm 2: length: missing: the distance from the base centre to the motor, in m",
+        "base.arm 2: inertia: must be a list of 6 numbers, not a number",
+    ]
+
+
 def test_a_single_bracket_is_explained_with_its_line() -> None:
     (line,) = faults(BASE + "[link]\nmass = 1\n[link]\nmass = 1\n")
     assert line.startswith("robot.toml:8: not valid TOML")
@@ -276,6 +290,8 @@ def test_a_flood_of_faults_is_cut_short() -> None:
 def test_a_near_miss_is_suggested() -> None:
     with pytest.raises(UsageError, match="did you mean hexarotor_3link"):
         read_robot("hexarotor_3lnk")
+    with pytest.raises(UsageError, match="did you mean quadrotor_2link"):
+        read_robot("quadrotor_2lnk.toml")
     with pytest.raises(UsageError, match="is not a file"):
         read_robot(".")
 

@@ -237,6 +237,11 @@ def test_there_is_no_such_file(name: str) -> None:
     assert len(str(refusal.value)) < 300
 
 
+def test_a_near_miss_is_suggested() -> None:
+    with pytest.raises(UsageError, match=r"no scenario of that name ships; did you mean paper\?"):
+        read_scenario("papr")
+
+
 def test_a_file_that_is_not_a_page_of_text(tmp_path: FilePath) -> None:
     file = tmp_path / "s.toml"
     file.write_bytes(b'name = "\xff"')
@@ -373,6 +378,7 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("parameters.gravity", True, "gravity: must be a number, not a boolean"),
         ("parameters.gravity", {"a": 1}, "gravity: must be a number, not a table"),
         ("parameters", {"\x1b": "x"}, r"parameters.'\x1b': must be a number, not a string"),
+        ("parameters", {"x[1].y": "x"}, "parameters.'x[1].y': must be a number, not a string"),
         ("base.path.radius", -(10**13), "must be at most 1e+12 in size, not -10000000000000"),
     ],
 )
