@@ -15,9 +15,12 @@ from support.command import run as run_command
 from support.tools import run, tool
 
 from gibbs_codegen.cli.app import argument_parser
+from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.tables import RobotTable
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.scenario.file import TABLES, parse_scenario
+from gibbs_codegen.scenario.file import parse_scenario
+from gibbs_codegen.scenario.tables import ScenarioTable
 
 PAGES = {
     path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
@@ -90,9 +93,17 @@ def test_files_in_toml_are_accepted() -> None:
     (text,) = blocks("docs/scenario-file.md", "toml")
     scenario = parse_scenario(text)
     assert scenario.arm.tip is not None
-    # Every table of a scenario is shown.
-    for table in TABLES:
-        assert f"[{table}]" in text or f"[{table}." in text, table
+
+
+@pytest.mark.parametrize(
+    ("page", "table"),
+    [("docs/robot-file.md", RobotTable), ("docs/scenario-file.md", ScenarioTable)],
+)
+def test_every_key_of_a_file_is_explained(page: str, table: type[Table]) -> None:
+    schema = table.json_schema()
+    for described in (schema, *schema["$defs"].values()):
+        for key in described["properties"]:
+            assert re.search(rf"\b{key}\b", PAGES[page]), key
 
 
 @pytest.mark.parametrize("page", [*pages_with("sh"), *pages_with("console")])

@@ -12,7 +12,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     """Add the command to the parser.
 
     Args:
-        commands: where the parser keeps its commands.
+        commands: The parsers of the commands.
 
     """
     new = commands.add_parser(

@@ -64,7 +64,8 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _fly(options: argparse.Namespace) -> int:
     from gibbs_codegen.figures.results import check_results, write_results
-    from gibbs_codegen.scenario.file import changes_of, read_scenario
+    from gibbs_codegen.files.changes import changes_of
+    from gibbs_codegen.scenario.file import read_scenario
 
     scenario = read_scenario(options.scenario, changes_of(options.set))
     check_results(options.out, options.animate or "")

@@ -20,14 +20,30 @@ _TEXT = re.compile(rf"# {HEADER_START} .*\n((?:[0-9a-f]{{64}}  .+\n)+)")
 
 
 def with_manifest(files: Mapping[str, str]) -> dict[str, str]:
-    """Text of each file of a module by its name, its manifest among them."""
+    """Files of a module with their manifest.
+
+    Args:
+        files: Text of each file by its name.
+
+    Returns:
+        The same, with the manifest among them.
+
+    """
     lines = [f"# {HEADER_START} {__version__}: SHA-256 of each file that was generated"]
     lines += [f"{_digest(text.encode())}  {name}" for name, text in sorted(files.items())]
     return {**files, MANIFEST: "\n".join(lines) + "\n"}
 
 
 def generated_files(folder: Path) -> dict[str, str]:
-    """Digest of each file that the manifest in `folder` names; empty where there is no manifest."""
+    """Files that the manifest in a folder names.
+
+    Args:
+        folder: The folder.
+
+    Returns:
+        Digest of each by its name; empty where there is no manifest.
+
+    """
     path = folder / MANIFEST
     if not _is_plain(path):
         return {}
@@ -39,9 +55,17 @@ def generated_files(folder: Path) -> dict[str, str]:
 
 
 def foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """Names of what in `folder` is not as the manifest there says it was generated.
+    """What in a folder is not as the manifest there says it was generated.
 
-    What is as in `files` already, the text of each by its name, is not foreign. Raises `OSError`.
+    What cannot be read raises `OSError`.
+
+    Args:
+        folder: The folder.
+        files: Text by name of files that are not foreign even where no manifest names them.
+
+    Returns:
+        The names.
+
     """
     digests = {name: _digest(text.encode()) for name, text in files.items()}
     known = {*generated_files(folder).items(), *digests.items()}
@@ -55,7 +79,16 @@ def foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
 
 
 def entries(folder: Path, names: Collection[str]) -> Iterator[str]:
-    """Names of what is in `folder`, but for what Python keeps there of the sources in `names`."""
+    """What is in a folder, but for what Python keeps there of some sources.
+
+    Args:
+        folder: The folder.
+        names: Names of the sources.
+
+    Yields:
+        The names.
+
+    """
     if not folder.is_dir():
         return
     for path in sorted(folder.iterdir()):

@@ -20,9 +20,18 @@ _log = logging.getLogger("gibbs_codegen")
 
 
 def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
-    """Names of files in `folder` that are missing, changed, or not of the module.
+    """Files in a folder that are missing, changed, or not of a module.
 
-    Raises `OutputError` where they cannot be read.
+    Args:
+        folder: Folder of the module.
+        files: Text of each file of the module by its name.
+
+    Returns:
+        The names.
+
+    Raises:
+        OutputError: If they cannot be read.
+
     """
     expected = with_manifest(files)
     try:
@@ -42,8 +51,13 @@ def _holds(path: Path, text: str) -> bool:
 def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> None:
     """Refuse what `write_module` will refuse, as far as that can be told before there are files.
 
-    `robot_text` is what the folder's robot file is about to become. What has no manifest may yet
-    turn out to be what would be written. Raises `UsageError`.
+    What has no manifest may yet turn out to be what would be written. A refusal is a `UsageError`.
+
+    Args:
+        folder: Folder of the module.
+        robot_text: What its robot file is about to become.
+        force: Whether files of a user may be put aside.
+
     """
     with alone_in(folder.parent):
         names = _foreign(folder, {"robot.toml": robot_text})
@@ -80,13 +94,22 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def write_module(folder: Path, files: Mapping[str, str], force: bool = False) -> None:
-    """Put the files and their manifest into `folder`, replacing the module that is there.
+    """Put files and their manifest into a folder, replacing the module that is there.
 
     They are written and flushed in a hidden folder beside it, which then takes its place. A failure
     leaves what was there, and nothing else; signals to end are held back until a whole module is in
-    place, the old or the new one, and the hidden folder is gone. With `force` a folder with files
-    that were not generated, or were changed since, is kept under another name, which the log tells.
-    Raises `UsageError` for what must not be replaced and `OutputError` for what cannot be written.
+    place, the old or the new one, and the hidden folder is gone. What must not be replaced raises
+    `UsageError`.
+
+    Args:
+        folder: Folder of the module.
+        files: Text of each file by its name.
+        force: Whether a folder with files that were not generated, or were changed since, is kept
+            under another name, which the log tells.
+
+    Raises:
+        OutputError: If the files cannot be written, or a signal came.
+
     """
     check_output_folder(folder.parent)
     files = with_manifest(files)
@@ -127,9 +150,17 @@ def _unused_name(folder: Path) -> Path:
 def _write_and_swap(
     folder: Path, files: Mapping[str, str], aside: Path | None, held: Sequence[int]
 ) -> bool:
-    """Write and swap; whether that came to its end before a signal.
+    """Write a module and swap it for what is there.
 
-    What is there goes to `aside`, or is removed where there is no such path.
+    Args:
+        folder: Folder of the module.
+        files: Text of each file by its name.
+        aside: Where what is there goes; it is removed where None.
+        held: Signals that have come; the first ends the writing.
+
+    Returns:
+        Whether that came to its end before a signal.
+
     """
     with staging_folder(folder.parent) as new:
         for name, text in files.items():
@@ -141,7 +172,17 @@ def _write_and_swap(
 
 
 def write_new_file(path: Path, text: str) -> None:
-    """Write a file that must not exist yet. Raises `UsageError` or `OutputError`."""
+    """Write a file that must not exist yet.
+
+    Args:
+        path: The file.
+        text: What it shall hold.
+
+    Raises:
+        UsageError: If it exists.
+        OutputError: If it cannot be written.
+
+    """
     try:
         with path.open("x", encoding="utf-8", newline="\n") as file:
             try:

@@ -12,7 +12,12 @@ from gibbs_codegen.errors import UsageError, printable
 def check_output_folder(folder: str | os.PathLike[str]) -> None:
     """Refuse a path at which, or above which, something else than a folder stands.
 
-    Symbolic links to folders are followed. Raises `UsageError`.
+    Args:
+        folder: The path. Symbolic links to folders are followed.
+
+    Raises:
+        UsageError: If output cannot go there.
+
     """
     if not os.fspath(folder):
         raise UsageError("--out: a folder is needed, not an empty name")

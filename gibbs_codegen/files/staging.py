@@ -26,7 +26,14 @@ _STALE_SECONDS = 3600.0
 def made(folder: Path) -> Iterator[None]:
     """Make a folder where there is none; in the end remove what was made and holds nothing.
 
-    Raises `OSError`.
+    What cannot be made raises `OSError`.
+
+    Args:
+        folder: The folder.
+
+    Yields:
+        Nothing.
+
     """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
@@ -40,9 +47,16 @@ def made(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def staging_folder(parent: Path) -> Iterator[Path]:
-    """A hidden folder to write in, on the disk of `parent`, which is made for it where need be.
+    """A hidden folder to write in, which in the end is removed with what is still in it.
 
-    In the end it is removed with what is still in it. Raises `OSError`.
+    What cannot be made raises `OSError`.
+
+    Args:
+        parent: Folder on whose disk it is; made where need be.
+
+    Yields:
+        The folder.
+
     """
     with made(parent):
         _remove_stale(parent)
@@ -56,9 +70,13 @@ def staging_folder(parent: Path) -> Iterator[Path]:
 
 
 def put_in_place(new: Path, place: Path, aside: Path | None = None) -> None:
-    """Rename a staging folder to `place`; a failure leaves what was there.
+    """Rename a staging folder; a failure leaves what was there, and raises `OSError`.
 
-    What was there is kept as `aside`, or removed with what else is staged. Raises `OSError`.
+    Args:
+        new: The staging folder.
+        place: What it becomes.
+        aside: Where what was there is kept; it is removed with what else is staged where None.
+
     """
     old = aside or new.with_name(place.name)
     if os.path.lexists(place):

@@ -27,9 +27,14 @@ _TOKEN = re.compile(
 
 
 def too_deep_line(text: str) -> int | None:
-    """Line, counted from 1, of the first dotted key or bracket that goes too deep, if there is one.
+    """Where a text goes too deep: a bracket, or a key of more than `MAX_DEPTH` parts.
 
-    A key goes too deep with more than `MAX_DEPTH` parts.
+    Args:
+        text: The text, in TOML.
+
+    Returns:
+        The first such line, counted from 1, or None.
+
     """
     depth = 0
     for token in _TOKEN.finditer(text):

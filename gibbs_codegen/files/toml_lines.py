@@ -8,6 +8,7 @@ cannot place, such as one inside an inline table, is given the line of its neare
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 
 _NAME = r"""[A-Za-z0-9_\-."']+"""
 _TABLE = re.compile(rf"\[(?P<name>{_NAME})\](?:\s*#.*)?")
@@ -18,7 +19,15 @@ _TOKEN = re.compile(r"""\"{3}|'{3}|"(?:[^"\\]|\\.)*+"?|'[^']*+'?|[\[\]{}#]""")
 
 
 def key_lines(text: str) -> dict[str, int]:
-    """Map key paths, written like `link[0].mass`, to line numbers counted from 1."""
+    """Lines of the keys of a document.
+
+    Args:
+        text: The document, in TOML.
+
+    Returns:
+        Lines, counted from 1, by key path, written like `link[0].mass`.
+
+    """
     lines: dict[str, int] = {}
     counts: dict[str, int] = {}
     prefix, unfinished = "", _Unfinished()
@@ -42,13 +51,21 @@ def key_lines(text: str) -> dict[str, int]:
     return lines
 
 
-def line_of(lines: dict[str, int], path: str) -> int | None:
-    """Line of `path`, or of the nearest parent that has one."""
-    while path:
-        if path in lines:
-            return lines[path]
-        cut = max(path.rfind("."), path.rfind("["))
-        path = path[:cut] if cut > 0 else ""
+def line_of(lines: Mapping[str, int], place: Sequence[str | int]) -> int | None:
+    """Line of an entry, or of the nearest table or list around it that has one.
+
+    Args:
+        lines: Lines by key path.
+        place: Keys and list places of the entry, from the top of the file inwards.
+
+    Returns:
+        The line, counted from 1, or None where there is none.
+
+    """
+    parts = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
+    for count in range(len(parts), 0, -1):
+        if line := lines.get("".join(parts[:count]).removeprefix(".")):
+            return line
     return None
 
 

@@ -29,7 +29,7 @@ class Balance:
 
     `inertia` holds xx, yy, zz, xy, xz, yz (xy = −∫ xy dm), `offset` is the distance of the centre
     of mass from the base's axis in m. `hover` holds the thrusts in N of least norm that carry the
-    machine's weight with the base level and at rest, the arm's centre of mass beneath the base
+    robot's weight with the base level and at rest, the arm's centre of mass beneath the base
     centre; it is None where no thrusts do.
     """
 
@@ -41,7 +41,15 @@ class Balance:
 
 
 def balance(robot: Robot) -> Balance:
-    """Balance of a robot's base."""
+    """Balance of the base of a robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The balance, in the base's frame.
+
+    """
     mass, moment, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for k in range(1, robot.rotors + 1):
         body, (turn, origin) = as_rigid_body(robot.base.arm(k)), arm_frame(robot.base, k)
@@ -78,7 +86,15 @@ def _hover(robot: Robot, moment: Array) -> Array | None:
 
 
 def balance_lines(found: Balance) -> list[str]:
-    """Mass, centre of mass, inertia and hover thrusts in words."""
+    """Mass, centre of mass, inertia and hover thrusts in words.
+
+    Args:
+        found: Balance of a base.
+
+    Returns:
+        A line each for mass with its centre, inertia, and thrusts.
+
+    """
     x, y, z = map(_number, found.com)
     pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
     how = "of least norm, level, the arm's centre of mass beneath the base centre"
@@ -96,7 +112,16 @@ def balance_lines(found: Balance) -> list[str]:
 
 
 def lopsided(robot: Robot, found: Balance) -> str | None:
-    """What is wrong with a base whose centre of mass is off its axis, and a remedy; or None."""
+    """What is wrong with a base whose centre of mass is off its axis, and a remedy.
+
+    Args:
+        robot: The robot.
+        found: Balance of its base.
+
+    Returns:
+        The warning, or None for a base that is balanced.
+
+    """
     base = robot.base
     longest = max(base.arm(k).length for k in range(1, robot.rotors + 1))
     if found.offset <= _LOPSIDED * longest or longest == 0.0:

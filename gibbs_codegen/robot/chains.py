@@ -1,6 +1,6 @@
 """Decomposition into open chains (eq. 1, Fig. 2) and their numbering, as plain data.
 
-The machine with N rotors and n links falls into N open chains, each starting at the virtual links:
+The robot with N rotors and n links falls into N open chains, each starting at the virtual links:
 chain j = 1 … N−1 is arm −1 → arm 0 → arm 1 → arm j+1, chain N is arm −1 → arm 0 → arm 1 → arm N+1
 → … → arm N+n. *Mass once*: arm 1 has its mass in chain 1 only. *Thrust once*: motor 1 acts in
 chain 1 only.
@@ -42,7 +42,15 @@ class Chain:
 
 
 def decompose(robot: Robot) -> tuple[Chain, ...]:
-    """The robot's N open chains, in order (eq. 1)."""
+    """Open chains that a robot falls into (eq. 1).
+
+    Args:
+        robot: The robot, of N rotors.
+
+    Returns:
+        The N chains, in order.
+
+    """
     base = tuple(_base_chain(j) for j in range(1, robot.rotors))
     return (*base, _arm_chain(robot))
 
@@ -68,9 +76,15 @@ def _arm_chain(robot: Robot) -> Chain:
 
 
 def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
-    """For each chain, the place of each of its unknowns among the hybrid ones (eq. 18, Figs. 6–9).
+    """Where the unknowns of each chain stand among the hybrid ones (eq. 18, Figs. 6–9).
 
-    Places count from 0; the method counts its rows from −1.
+    Args:
+        robot: The robot.
+
+    Returns:
+        For each chain the place of each of its unknowns. Places count from 0; the method counts its
+        rows from −1.
+
     """
     place = {unknown.name: i for i, unknown in enumerate(hybrid_coordinates(robot))}
     return tuple(tuple(place[name] for name in chain.unknowns) for chain in decompose(robot))

@@ -23,14 +23,31 @@ class Coordinate:
 
 
 def joint_coordinate(robot: Robot, i: int) -> Coordinate:
-    """Coordinate of the arm's joint i = 1 … n, numbered N + i as in the method."""
+    """Coordinate of a joint of the arm, numbered N + i as in the method.
+
+    Args:
+        robot: The robot, of N rotors.
+        i: Number of the link that the joint moves, from 1 to n.
+
+    Returns:
+        The coordinate: an angle, or a travel of a prismatic joint.
+
+    """
     number, kind = robot.rotors + i, robot.links[i - 1].joint
     what = "travel" if kind == "prismatic" else "angle"
     return Coordinate(joint_name(kind, number), JOINT_TERMS[kind].unit, f"{what} of joint {number}")
 
 
 def attitude_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """θ₋₁, θ₀, θ₁: the intrinsic rotations that turn the world's axes into those of base arm 1."""
+    """θ₋₁, θ₀, θ₁: the intrinsic rotations that turn the world's axes into those of base arm 1.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The three angles, in order.
+
+    """
     places = ("first", "second", "third")
     return tuple(
         Coordinate(name, "rad", f"{place} attitude angle, about {axis}")
@@ -39,37 +56,86 @@ def attitude_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
 
 def position_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """World position of the origin of the coordinates: motor 1 or the base centre."""
+    """World position of the origin of the coordinates: motor 1 or the base centre.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        x, y and z.
+
+    """
     point = "motor 1 (O1)" if robot.base.origin == "motor1" else "the base centre (O2)"
     return tuple(Coordinate(name, "m", f"world {name} of {point}") for name in POSITION)
 
 
 def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """Entries of q, in order; length 6 + n."""
+    """Entries of q.
+
+    Args:
+        robot: The robot, with n links.
+
+    Returns:
+        The 6 + n coordinates, in order.
+
+    """
     base = (*attitude_coordinates(robot), *position_coordinates(robot))
     joints = [joint_coordinate(robot, i) for i in range(1, len(robot.links) + 1)]
     return tuple(layout_of(robot).joined(base, joints))
 
 
 def coordinate_text(robot: Robot, place: int) -> str:
-    """The coordinate at a place of q by its name and the link that it moves, for a message."""
+    """A coordinate by its name and the link that it moves, for a message.
+
+    Args:
+        robot: The robot.
+        place: Place in q, from 0.
+
+    Returns:
+        Such as "theta_8 (the joint of link 2)".
+
+    """
     layout = layout_of(robot)
     name, joints = layout.names[place], layout.joint_places
     return f"{name} (the joint of link {joints.index(place) + 1})" if place in joints else name
 
 
 def constrained_coordinate(k: int) -> Coordinate:
-    """θ_k, k = 2 … N: the angle of base arm k against base arm 1, held constant."""
+    """θ_k: the angle of a base arm against base arm 1, held constant.
+
+    Args:
+        k: Number of the arm, from 2 to N.
+
+    Returns:
+        The coordinate.
+
+    """
     return Coordinate(f"theta_{k}", "rad", f"constrained angle of base arm {k}")
 
 
 def constraint_torque(k: int) -> Coordinate:
-    """τ'_k, k = 2 … N: the torque that keeps base arm k from turning against base arm 1."""
+    """τ'_k: the torque that keeps a base arm from turning against base arm 1.
+
+    Args:
+        k: Number of the arm, from 2 to N.
+
+    Returns:
+        The unknown.
+
+    """
     return Coordinate(f"tau_prime_{k}", "N m", f"constraint torque on base arm {k}")
 
 
 def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """Hybrid unknowns, in order; length 6 + n + 2(N − 1)."""
+    """Hybrid unknowns.
+
+    Args:
+        robot: The robot, with N rotors and n links.
+
+    Returns:
+        The 6 + n + 2(N − 1) unknowns, in order.
+
+    """
     reduced, first = reduced_coordinates(robot), layout_of(robot).constrained.start
     arms = range(2, robot.rotors + 1)
     return (
@@ -81,7 +147,15 @@ def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
 
 def inputs(robot: Robot) -> tuple[Coordinate, ...]:
-    """Entries of u: thrusts F₁ … F_N, then the joint torques (forces where prismatic)."""
+    """Entries of u.
+
+    Args:
+        robot: The robot, with N rotors and n links.
+
+    Returns:
+        Thrusts F₁ … F_N, then n joint torques (forces where prismatic).
+
+    """
     thrusts = tuple(
         Coordinate(f"F_{k}", "N", f"thrust of motor {k}") for k in range(1, robot.rotors + 1)
     )
@@ -94,7 +168,15 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
 
 
 def points(robot: Robot) -> tuple[str, ...]:
-    """Named points of the machine, in the order of `positions`."""
+    """Named points of the robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Their names, in the order of `positions`.
+
+    """
     motors = tuple(f"motor{k}" for k in range(1, robot.rotors + 1))
     joints = tuple(f"joint{robot.rotors + i}" for i in range(1, len(robot.links) + 1))
     return ("O1", "O2", *motors, *joints, "tip")

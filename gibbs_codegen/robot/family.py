@@ -1,12 +1,20 @@
-"""The paper's family of machines, for any number of rotors and links (Table 1)."""
+"""The paper's family of robots, for any number of rotors and links (Table 1)."""
 
 from __future__ import annotations
 
 from fractions import Fraction
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.file import MAX_LINKS, MAX_ROTORS
-from gibbs_codegen.robot.model import Base, Link, Robot, Rod, Vector3, alternating_thrust
+from gibbs_codegen.robot.model import (
+    MAX_LINKS,
+    MAX_ROTORS,
+    Base,
+    Link,
+    Robot,
+    Rod,
+    Vector3,
+    alternating_thrust,
+)
 
 _SECTION_INERTIA: Vector3 = (212e-8, 21.2e-8, 190.8e-8)
 _BASE_ARM = Rod(0.5, 1.0, _SECTION_INERTIA)
@@ -16,11 +24,22 @@ _GREEK = {4: "quadrotor", 6: "hexarotor", 8: "octorotor", 10: "decarotor"}
 
 
 def paper_family(rotors: int, links: int) -> Robot:
-    """Table 1 with N = `rotors` and n = `links`.
+    """Member of the paper's family: Table 1 with other numbers of rotors and links.
 
     The arm's first link has no length or mass and turns about the base normal; n − 1 parallel
     links (α = 90°, then 0) of 3 m and 1 kg/m follow. A single link is one such 3 m link with
-    α = 90°. Raises `UsageError` outside 2 ≤ N ≤ 256, 0 ≤ n ≤ 64.
+    α = 90°.
+
+    Args:
+        rotors: N, from 2 to 256.
+        links: n, from 0 to 64.
+
+    Returns:
+        The robot.
+
+    Raises:
+        UsageError: If a number is out of its range.
+
     """
     if not 2 <= rotors <= MAX_ROTORS:
         raise UsageError(f"rotors must be from 2 to {MAX_ROTORS}, not {rotors}")

@@ -38,14 +38,44 @@ JOINT_TERMS: dict[JointKind, JointTerms] = {
 
 
 def joint_name(kind: JointKind, number: int) -> str:
-    """Name of the coordinate of joint `number`, such as theta_7 or d_8."""
+    """Name of the coordinate of a joint, such as theta_7 or d_8.
+
+    Args:
+        kind: Kind of the joint.
+        number: Its number, N + i for link i.
+
+    Returns:
+        The name.
+
+    """
     return f"{JOINT_TERMS[kind].letter}_{number}"
 
 
+def joint_pattern(kind: JointKind) -> str:
+    """Names of the coordinates of a kind of joint.
+
+    Args:
+        kind: The kind.
+
+    Returns:
+        A regular expression that they match as a whole.
+
+    """
+    return rf"{JOINT_TERMS[kind].letter}_[0-9]{{1,4}}"
+
+
 def joint_kind(name: str) -> JointKind | None:
-    """Kind of the joint that a coordinate belongs to, or None for a name that no joint has."""
-    for kind, terms in JOINT_TERMS.items():
-        if re.fullmatch(rf"{terms.letter}_[0-9]{{1,4}}", name):
+    """Kind of the joint that a coordinate belongs to.
+
+    Args:
+        name: Name of the coordinate.
+
+    Returns:
+        The kind, or None for a name that no joint has.
+
+    """
+    for kind in JOINT_TERMS:
+        if re.fullmatch(joint_pattern(kind), name):
             return kind
     return None
 
@@ -63,7 +93,15 @@ class Places:
 
     @classmethod
     def of_joints(cls, joints: int) -> Places:
-        """Places of the coordinates of a base with `joints` joints."""
+        """Places of the coordinates of a base with joints.
+
+        Args:
+            joints: Number of joints, n.
+
+        Returns:
+            The places in q.
+
+        """
         first = len(ATTITUDE)
         end = first + joints
         return cls(slice(0, first), slice(first, end), slice(end, end + len(POSITION)))
@@ -86,11 +124,28 @@ class Places:
         return [*range(self.size)[self.joints]]
 
     def split(self, values: Sequence[Entry]) -> tuple[list[Entry], list[Entry]]:
-        """The values of the base and those of the joints."""
+        """The values of the base and those of the joints.
+
+        Args:
+            values: A value for each coordinate.
+
+        Returns:
+            Six values of the base, attitude first, and n of the joints.
+
+        """
         return [values[place] for place in self.base], [*values[self.joints]]
 
     def joined(self, base: Sequence[Entry], joints: Sequence[Entry]) -> list[Entry]:
-        """Values of the base and of the joints, in the order of the coordinates."""
+        """Values of the base and of the joints in the order of the coordinates.
+
+        Args:
+            base: Six values, those of the attitude first.
+            joints: A value for each joint.
+
+        Returns:
+            A value for each coordinate.
+
+        """
         values = dict(zip(self.base, base, strict=True))
         values |= zip(self.joint_places, joints, strict=True)
         return [values[place] for place in range(self.size)]
@@ -116,6 +171,9 @@ class Layout(Places):
         Args:
             names: Names of the entries of q, in order.
             constrained: Number of constrained angles, N − 1.
+
+        Returns:
+            The layout.
 
         Raises:
             UsageError: If the names are not those of a base with joints.
@@ -161,7 +219,15 @@ class Layout(Places):
 
 
 def layout_of(robot: Robot) -> Layout:
-    """The layout of a robot's coordinates."""
+    """Layout of the coordinates of a robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The layout.
+
+    """
     joints = [
         joint_name(link.joint, robot.rotors + i) for i, link in enumerate(robot.links, start=1)
     ]

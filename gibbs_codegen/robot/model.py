@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
+from typing import Literal, get_args
 
 Vector3 = tuple[float, float, float]
 JointKind = Literal["revolute", "prismatic"]
 Origin = Literal["motor1", "centre"]
+Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
 
-ATTITUDES = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx")
-ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
-JOINT_KINDS: tuple[JointKind, ...] = ("revolute", "prismatic")
+ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
+ORIGINS: tuple[Origin, ...] = get_args(Origin)
+JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
+MAX_ROTORS = 256
+MAX_LINKS = 64
 AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -63,7 +66,15 @@ Body = Rod | RigidBody
 
 
 def as_rigid_body(body: Body) -> RigidBody:
-    """The same body by mass, centre of mass and inertia about it."""
+    """The same body by mass, centre of mass and inertia about it.
+
+    Args:
+        body: A rod or rigid body.
+
+    Returns:
+        The rigid body.
+
+    """
     if isinstance(body, RigidBody):
         return body
     mass, (xx, yy, zz) = body.total_mass, body.section_inertia
@@ -102,7 +113,7 @@ class Base:
     arms: tuple[Body, ...]
     thrust: tuple[Vector3, ...]
     drag: tuple[float, ...]
-    attitude: str = "xyz"
+    attitude: Attitude = "xyz"
     origin: Origin = "motor1"
 
     @property
@@ -111,11 +122,27 @@ class Base:
         return len(self.arms) == 1
 
     def arm(self, k: int) -> Body:
-        """Body of arm k, k = 1 … N."""
+        """Body of a base arm.
+
+        Args:
+            k: Number of the arm, from 1 to N.
+
+        Returns:
+            The body, in the arm's frame.
+
+        """
         return self.arms[0] if self.shares_one_arm else self.arms[k - 1]
 
     def arm_angle_deg(self, k: int) -> Fraction:
-        """Constrained angle θ_k of arm k = 2 … N against arm 1: −180° + 360°(k−1)/N."""
+        """Constrained angle θ_k of a base arm against arm 1: −180° + 360°(k−1)/N.
+
+        Args:
+            k: Number of the arm, from 2 to N.
+
+        Returns:
+            The angle in degrees.
+
+        """
         return Fraction(-180) + Fraction(360 * (k - 1), self.rotors)
 
 
@@ -135,11 +162,19 @@ class Robot:
 
     @property
     def total_mass(self) -> float:
-        """Mass of the whole machine in kg."""
+        """Mass of the whole robot in kg."""
         arms = sum(self.base.arm(k).total_mass for k in range(1, self.rotors + 1))
         return arms + sum(link.body.total_mass for link in self.links)
 
 
 def alternating_thrust(rotors: int) -> tuple[Vector3, ...]:
-    """Default directions: odd motors push along z, even motors along y of their arm's frame."""
+    """Default directions: odd motors push along z, even motors along y of their arm's frame.
+
+    Args:
+        rotors: Number of rotors, N.
+
+    Returns:
+        A unit vector for each motor.
+
+    """
     return tuple(AXES["y" if k % 2 else "z"] for k in range(rotors))

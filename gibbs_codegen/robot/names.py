@@ -14,7 +14,7 @@ import re
 
 from gibbs_codegen.interface import FUNCTIONS
 
-_PATTERN = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
+NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
@@ -28,9 +28,17 @@ _ENDINGS = {"_casadi", "_default", "_init"} | {
 
 
 def name_fault(name: str) -> str | None:
-    """Why `name` is refused as a robot's name, or None where it is accepted."""
+    """Why a text is refused as a robot's name.
+
+    Args:
+        name: The text.
+
+    Returns:
+        What is wrong with it and what would be right, or None where it is accepted.
+
+    """
     shown = ascii(name if len(name) <= 64 else name[:61] + "...")
-    if not _PATTERN.fullmatch(name):
+    if not re.fullmatch(NAME_PATTERN, name, re.ASCII):
         return (
             f"{shown} is not a name for a module: use a lower-case letter, then lower-case "
             "letters, digits and _, at most 64 in all"
@@ -49,7 +57,15 @@ def name_fault(name: str) -> str | None:
 
 
 def name_from(text: str) -> str:
-    """A name that is accepted, as close to `text` as can be."""
+    """A name that is accepted, as close to a text as can be.
+
+    Args:
+        text: The text, such as the name of a file.
+
+    Returns:
+        The name.
+
+    """
     letters = re.sub(r"[^a-z0-9_]+", "_", text.lower(), flags=re.ASCII).strip("_")
     if not letters[:1].isalpha():
         letters = f"robot_{letters}".rstrip("_")

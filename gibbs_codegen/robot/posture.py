@@ -1,4 +1,4 @@
-"""Where a machine and its frames are at one configuration, in numbers: what drawings start from.
+"""Where a robot and its frames are at one configuration, in numbers: what drawings start from.
 
 Plain composition of the frames that a robot file fixes, with no part in the derivation, which the
 emitted `positions` come from; a test compares the two.
@@ -28,7 +28,15 @@ class Frame:
     axes: Array
 
     def point(self, x: float) -> Array:
-        """The point (3) at `x` along the x axis, m."""
+        """A point on the x axis.
+
+        Args:
+            x: Distance along the axis, m.
+
+        Returns:
+            The point (3) in world axes, m.
+
+        """
         place: Array = self.origin + x * self.axes[:, 0]
         return place
 
@@ -58,9 +66,18 @@ class MachineFrames:
 
 
 def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
-    """Frames of a robot at q = θ₋₁, θ₀, θ₁, the arm's joints, x, y, z (rad, m).
+    """Frames of a robot at one configuration.
 
-    Raises `UsageError` where q has another length.
+    Args:
+        robot: The robot.
+        q: θ₋₁, θ₀, θ₁, the arm's joints, x, y, z (rad, m).
+
+    Returns:
+        The frames, in world axes.
+
+    Raises:
+        UsageError: If q has another length.
+
     """
     base, layout = robot.base, layout_of(robot)
     if np.shape(q) != (layout.size,):
@@ -83,7 +100,17 @@ def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
 
 
 def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tuple[Frame, ...]:
-    """Frames of the arm's links: Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d), one after another."""
+    """Frames of the arm's links: Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d), one after another.
+
+    Args:
+        robot: The robot, with n links.
+        carrier: Frame at the base centre, with arm 1's axes.
+        joints: Angle (rad) or travel (m) of each joint (n).
+
+    Returns:
+        The frames, in world axes.
+
+    """
     frames: list[Frame] = []
     before = 0.0
     for link, joint in zip(robot.links, joints, strict=True):
@@ -99,7 +126,16 @@ def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tup
 
 
 def turn(axis: int, angle: float) -> Array:
-    """Rotation matrix about a coordinate axis."""
+    """Rotation matrix about a coordinate axis.
+
+    Args:
+        axis: 0, 1 or 2 for x, y or z.
+        angle: The angle, rad.
+
+    Returns:
+        The matrix (3, 3).
+
+    """
     c, s = np.cos(angle), np.sin(angle)
     p, q = (axis + 1) % 3, (axis + 2) % 3
     matrix: Array = np.eye(3)

@@ -11,11 +11,19 @@ _TOLERANCE = 1e-9
 
 
 def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
-    """Why no body of `mass` has the inertia xx, yy, zz, xy, xz, yz (kg m²), or None if one has.
+    """Why no body has a certain inertia.
 
     An inertia matrix J belongs to a mass distribution if and only if the matrix of its second
     moments E = ½ tr(J)·1 − J is positive semidefinite, which is the triangle inequality between
     principal moments, positive semidefiniteness of J included.
+
+    Args:
+        mass: Mass of the body, kg.
+        inertia: xx, yy, zz, xy, xz, yz about its centre of mass, kg m².
+
+    Returns:
+        What is wrong with the inertia, or None if a body has it.
+
     """
     xx, yy, zz, xy, xz, yz = inertia
     scale = max(abs(entry) for entry in inertia)

@@ -36,6 +36,7 @@ class LinkText:
 class RobotText:
     """What the template is given; `rigid_arm` are comments."""
 
+    names_schema: bool
     name: str
     gravity: str
     rotors: int
@@ -49,14 +50,23 @@ class RobotText:
 
 
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
-    """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
+    """Commented TOML that `parse_robot` reads back as the same robot.
 
-    `to_start_from` adds, as comments, the arm and the last link in the other form of a body.
+    Args:
+        robot: The robot.
+        name: Name that the text gives the robot; its own where None.
+        to_start_from: Whether to name the schema for editors in the first line, and to add, as
+            comments, the arm and the last link in the other form of a body.
+
+    Returns:
+        The text of a robot file.
+
     """
     base = robot.base
     arms = [_inline_table(arm) for arm in base.arms]
     last = len(robot.links) if to_start_from else None
     context = RobotText(
+        names_schema=to_start_from,
         name=name or robot.name,
         gravity=repr(robot.gravity),
         rotors=base.rotors,

@@ -42,7 +42,16 @@ class Arrangement:
 
 
 def arm_frame(base: Base, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Axes (a column each) and origin of arm k's frame from the base centre O₂, in arm 1's axes."""
+    """Frame of a base arm, from the base centre O₂ in arm 1's axes.
+
+    Args:
+        base: The base.
+        k: Number of the arm, from 1 to N.
+
+    Returns:
+        The axes (3, 3), a column each, and the origin (3), m.
+
+    """
     if k == 1:
         return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
     angle = np.deg2rad(float(base.arm_angle_deg(k)))
@@ -51,7 +60,15 @@ def arm_frame(base: Base, k: int) -> tuple[NDArray[np.float64], NDArray[np.float
 
 
 def wrench_matrix(robot: Robot) -> NDArray[np.float64]:
-    """Force and moment about the base centre O₂ of each unit thrust, in arm 1's frame: 6×N."""
+    """Force and moment of each unit thrust about the base centre O₂, in arm 1's axes.
+
+    Args:
+        robot: The robot, with N rotors.
+
+    Returns:
+        The matrix (6, N), force rows first; moments in m.
+
+    """
     base = robot.base
     columns = []
     for k in range(1, robot.rotors + 1):
@@ -65,7 +82,15 @@ def wrench_matrix(robot: Robot) -> NDArray[np.float64]:
 
 
 def arrangement(robot: Robot) -> Arrangement:
-    """Rank and conditioning of the motor arrangement, in N and N m about the base centre."""
+    """Rank and conditioning of the motor arrangement, in N and N m about the base centre.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The arrangement.
+
+    """
     matrix = wrench_matrix(robot)
     left, values, _ = np.linalg.svd(matrix)
     rank = int(np.sum(values > 1e-9 * values[0])) if values[0] > 0 else 0
@@ -101,6 +126,13 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
 
     Tried are those with which alternating tilts go wrong: arm 1's axes point the other way round,
     and the arms may have to alternate.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The hint, or None where no signs are far better.
+
     """
     rotors, now = robot.rotors, arrangement(robot)
     every_second = set(range(2, rotors + 1, 2))

@@ -95,7 +95,17 @@ class Tangent:
 
 
 def turning_of(rotation: Array, rate: Array, second: Array) -> Turning:
-    """ω and dω/dt of a rotation R(t), from R, dR/dt and d²R/dt² (…, 3, 3)."""
+    """Angular velocity and acceleration of a rotation R(t).
+
+    Args:
+        rotation: R (…, 3, 3).
+        rate: dR/dt (…, 3, 3), 1/s.
+        second: d²R/dt² (…, 3, 3), 1/s².
+
+    Returns:
+        The rotation with ω and dω/dt in world axes.
+
+    """
     transposed = np.swapaxes(rotation, -1, -2)
     spin = rate @ transposed
     # d(Ṙ Rᵀ)/dt; what is symmetric in it cancels in `_axis`.
@@ -104,7 +114,17 @@ def turning_of(rotation: Array, rate: Array, second: Array) -> Turning:
 
 
 def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
-    """Angles (s), rad, between unit vectors `direction` (s, 3) and the tangent of a path."""
+    """Angles between directions and the tangent of a path.
+
+    Args:
+        path: The path.
+        time: Times (s) at which to compare, s.
+        direction: Unit vectors (s, 3), world axes.
+
+    Returns:
+        The angles (s), rad.
+
+    """
     velocity = path(time)[..., 1, :]
     tangent = velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
     # By the chord: the cosine cannot tell angles below 1e-8.
@@ -114,6 +134,17 @@ def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
 
 
 def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
+    """Refuse a path without a direction to follow.
+
+    Args:
+        time: Times (s), s.
+        velocity: Velocity of the base (s, 3), m/s.
+        tangent: Its direction (s, 3).
+
+    Raises:
+        UsageError: If the path stands still, or goes straight up or down.
+
+    """
     still = np.linalg.norm(velocity, axis=-1) < _STANDSTILL
     if np.any(still):
         raise UsageError(
@@ -129,7 +160,17 @@ def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
 
 
 def _unit(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Array]:
-    """The unit vector along `vector`, and its first two derivatives in time."""
+    """The unit vector along a vector, and its first two derivatives in time.
+
+    Args:
+        vector: The vector (…, 3).
+        rate: Its first derivative (…, 3).
+        second: Its second derivative (…, 3).
+
+    Returns:
+        The unit vector and its derivatives (…, 3).
+
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / np.linalg.norm(vector, axis=-1, keepdims=True)
         unit = vector * inverse

@@ -192,10 +192,17 @@ class Sum:
 
 
 def check_path(path: Path, duration: float, what: str) -> None:
-    """See that a path gives what a path is to give, at some times of 0 … `duration` s.
+    """See that a path gives what a path is to give, at some times of the flight.
 
-    `what` names it. Raises `UsageError` for another shape, and where rates are not the derivatives
-    of positions; differences tell rough mistakes only.
+    Args:
+        path: The path.
+        duration: Duration of the flight, s.
+        what: Name of the path for messages.
+
+    Raises:
+        UsageError: If the shape is another, or rates are not the derivatives of positions;
+            differences tell rough mistakes only.
+
     """
     time = np.linspace(0.0, duration, 9)[1:-1] * 0.993
     step = 1e-5 * duration

@@ -14,6 +14,8 @@ from gibbs_codegen.scenario.paths import Path, Vector
 Law = Literal["computed_torque", "open_loop", "off"]
 Method = Literal["adaptive", "rk4"]
 
+MAX_DURATION = 3600.0  # s
+
 
 def _require(right: bool, otherwise: str) -> None:
     if not right:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from support.random_robots import robots
 
 from gibbs_codegen.errors import RobotFileError, UsageError
-from gibbs_codegen.files.toml import MAX_BYTES
+from gibbs_codegen.files.shipped import MAX_BYTES
 from gibbs_codegen.pipeline import module_files
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
@@ -108,7 +108,7 @@ lenght = 1.0
         "robot.toml:1: name: 'class' is a keyword of Python, which no module can be named; "
         "add a word, e.g. class_arm",
         "robot.toml:2: gravity: must be a number, not a string",
-        "robot.toml:3: base.rotors: missing",
+        "robot.toml:3: base.rotors: missing: the number of rotors and arms, N",
         "robot.toml:4: base.rotor: unknown key; did you mean rotors?",
         "robot.toml:5: base.attitude: must be one of 'xyz', 'xzy', 'yxz', 'yzx', 'zxy', 'zyx', "
         "not 'yaw'",
@@ -171,7 +171,7 @@ def test_places_count_from_one_and_keys_in_quotes_stay_as_they_are() -> None:
             "mass = 1, inertia = [1, 1, 1, 5, 0, 0]",
             "negative principal moment",
         ),
-        ("mass_per_length = 1.0", "mass_per_length = 0", "the machine has no mass"),
+        ("mass_per_length = 1.0", "mass_per_length = 0", "the robot has no mass"),
         (
             "mass_per_length = 1.0",
             "mass = 0, inertia = [1, 1, 1, 0, 0, 0]",
@@ -256,6 +256,20 @@ def test_one_mistake_is_one_fault() -> None:
     assert len(faults(with_section)) == 1
 
 
+def test_what_several_keys_get_wrong_is_told_beside_faults_of_each() -> None:
+    arms = "arm = [{ length = -1, mass = 1, mass_per_length = 1 }, { inertia = 3 }]"
+    lines = faults(BASE.replace("arm = { length = 0.5, mass_per_length = 1.0 }", arms))
+    assert [line.partition(": ")[2].partition(";")[0] for line in lines] == [
+        "base.arm: a list of 2 for 3 rotors",
+        "base.arm 1: mass_per_length: belongs to a rod, but mass describes a rigid body: give "
+        "mass_per_length and section_inertia, or mass, com and inertia",
+        "base.arm 1: length: must be at least 0, not -1",
+        "base.arm 2: mass: missing: a rigid body needs its mass in kg",
+        "base.arm 2: length: missing: the distance from the base centre to the motor, in m",
+        "base.arm 2: inertia: must be a list of 6 numbers, not a number",
+    ]
+
+
 def test_a_single_bracket_is_explained_with_its_line() -> None:
     (line,) = faults(BASE + "[link]\nmass = 1\n[link]\nmass = 1\n")
     assert line.startswith("robot.toml:8: not valid TOML")
@@ -276,6 +290,8 @@ def test_a_flood_of_faults_is_cut_short() -> None:
 def test_a_near_miss_is_suggested() -> None:
     with pytest.raises(UsageError, match="did you mean hexarotor_3link"):
         read_robot("hexarotor_3lnk")
+    with pytest.raises(UsageError, match="did you mean quadrotor_2link"):
+        read_robot("quadrotor_2lnk.toml")
     with pytest.raises(UsageError, match="is not a file"):
         read_robot(".")
 

@@ -21,7 +21,7 @@ from gibbs_codegen.errors import (
     RobotFileError,
     ScenarioFileError,
 )
-from gibbs_codegen.files.toml import MAX_BYTES
+from gibbs_codegen.files.shipped import MAX_BYTES
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
@@ -42,7 +42,7 @@ HELPFUL = re.compile(
     r"most|not UTF-8 text \(byte \d+\); save it as UTF-8|larger than \d+ bytes|give (at most|one)|"
     r"use a lower-case letter|add a word|a direction of length zero; give|belongs to a rod.*: give|"
     r"is not zero although the body has no mass|an inertia matrix is positive semidefinite|no "
-    r"principal moment may exceed|lower it|take longer ones|the machine has no mass; give"
+    r"principal moment may exceed|lower it|take longer ones|the robot has no mass; give"
 )
 
 

@@ -15,16 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError
-from gibbs_codegen.scenario.file import (
-    MAX_DURATION,
-    changes_of,
-    parse_scenario,
-    read_scenario,
-    shipped_scenarios,
-)
+from gibbs_codegen.files.changes import changes_of
+from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_scenarios
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
 from gibbs_codegen.scenario.scenario import (
+    MAX_DURATION,
     ArmTask,
     Control,
     Motors,
@@ -241,6 +237,11 @@ def test_there_is_no_such_file(name: str) -> None:
     assert len(str(refusal.value)) < 300
 
 
+def test_a_near_miss_is_suggested() -> None:
+    with pytest.raises(UsageError, match=r"no scenario of that name ships; did you mean paper\?"):
+        read_scenario("papr")
+
+
 def test_a_file_that_is_not_a_page_of_text(tmp_path: FilePath) -> None:
     file = tmp_path / "s.toml"
     file.write_bytes(b'name = "\xff"')
@@ -283,7 +284,8 @@ mass = nan
         "s.toml:1: name: must be a string, not a number",
         "s.toml:2: duraton: unknown key; did you mean duration?",
         "s.toml:4: base.attitude.heading: unknown key; did you mean heading_deg?",
-        "s.toml:5: base.path.period: missing: in s; negative: the other way round",
+        "s.toml:5: base.path.period: missing: the time of a turn, in s; negative: the other way "
+        "round",
         "s.toml:7: base.path.centre: must have 3 numbers, not 2",
         "s.toml:8: base.path.radius: must be at least 0, not -1",
         "s.toml:10: arm.posture_deg.theta_7: must be a number, not a boolean",
@@ -347,7 +349,7 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("arm.tip_beside_base", {"kind": "fixed", "position": [0] * 3}, "tip already says what"),
         ("arm.guess", {"theta_7": 1}, "theta_7: must be the name of a joint, d_…, here"),
         ("arm.guess_deg", {"theta_": 1}, "must be the name of a joint, theta_…, here"),
-        ("arm.guess_deg", {"theta_7\n": 1}, r"theta_7\n: must be the name of a joint"),
+        ("arm.guess_deg", {"theta_7\n": 1}, r"'theta_7\n': must be the name of a joint"),
         ("arm.guess_deg", {"theta_7": [1]}, "theta_7: must be a number, not a list"),
         ("arm.limits_deg", {"theta_9": [0, 0]}, "the lower limit must be below the upper"),
         ("arm.limits_deg", {"theta_9": [9, -9]}, "the lower limit must be below the upper"),
@@ -375,7 +377,8 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("integration.divergence", 0, "must be at least 1e-09, not 0"),
         ("parameters.gravity", True, "gravity: must be a number, not a boolean"),
         ("parameters.gravity", {"a": 1}, "gravity: must be a number, not a table"),
-        ("parameters", {"\x1b": "x"}, r"parameters.\x1b: must be a number, not a string"),
+        ("parameters", {"\x1b": "x"}, r"parameters.'\x1b': must be a number, not a string"),
+        ("parameters", {"x[1].y": "x"}, "parameters.'x[1].y': must be a number, not a string"),
         ("base.path.radius", -(10**13), "must be at most 1e+12 in size, not -10000000000000"),
     ],
 )
@@ -628,8 +631,11 @@ def test_changes_are_checked_as_the_file_is() -> None:
     assert changed.base == read_scenario("hover").base
     with pytest.raises(ScenarioFileError, match=r"duraton: unknown key; did you mean duration\?"):
         read_scenario("hover", changes_of(["duraton=2"]))
+    deep: list[Any] = []
+    for _ in range(5000):
+        deep = [deep]
     with pytest.raises(ScenarioFileError, match="nested too deeply"):
-        read_scenario("hover", {"x": [[[[[[[[[[[[[[[[[[[[1]]]]]]]]]]]]]]]]]]]]})
+        read_scenario("hover", {"x": deep})
 
 
 @pytest.mark.parametrize("entry", ["arm.tip", "motors.limits", "motors.time_constant", "arm"])

@@ -1,0 +1,36 @@
+"""`schema`: the JSON schema of a kind of file, for editors."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from gibbs_codegen.cli.terminal import Parser
+
+
+def add(commands: argparse._SubParsersAction[Parser]) -> None:
+    """Add the command to the parser.
+
+    Args:
+        commands: The parsers of the commands.
+
+    """
+    schema = commands.add_parser(
+        "schema",
+        help="print the JSON schema of robot or scenario files, with which editors complete keys",
+        allow_abbrev=False,
+    )
+    schema.add_argument(
+        "file", choices=("robot", "scenario"), help="kind of file that the schema is for"
+    )
+    schema.set_defaults(command=_schema)
+
+
+def _schema(options: argparse.Namespace) -> int:
+    # Late, as both import pydantic.
+    from gibbs_codegen.robot.tables import RobotTable
+    from gibbs_codegen.scenario.tables import ScenarioTable
+
+    table = RobotTable if options.file == "robot" else ScenarioTable
+    print(json.dumps(table.json_schema(), indent=2))
+    return 0

@@ -1,0 +1,81 @@
+"""Files by path, or by the name of one that ships with the package."""
+
+from __future__ import annotations
+
+import difflib
+from importlib import resources
+from pathlib import Path
+
+from gibbs_codegen.errors import Fault, RefusedFileError, UsageError, printable
+
+MAX_BYTES = 1_000_000
+
+
+def shipped_names(folder: str) -> tuple[str, ...]:
+    """Names of the files of one kind that ship, in order.
+
+    Args:
+        folder: Folder of the package that holds them, such as "robots".
+
+    Returns:
+        The names, without their ending.
+
+    """
+    files = (resources.files("gibbs_codegen") / folder).iterdir()
+    return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".toml")))
+
+
+def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> tuple[str, str]:
+    """Text of a file.
+
+    Args:
+        name_or_path: Name of one that ships, which comes first, or path.
+        folder: Folder of the package that holds those that ship.
+        refused: Error for a file that is not a page of UTF-8 text.
+
+    Returns:
+        The text, and the name of the file for messages.
+
+    Raises:
+        UsageError: If there is no such file, or it cannot be read.
+
+    """
+    shipped = shipped_names(folder)
+    if name_or_path in shipped:
+        source = f"{name_or_path}.toml"
+        resource = resources.files("gibbs_codegen") / folder / source
+        return resource.read_text(encoding="utf-8"), source
+    path = Path(name_or_path)
+    try:
+        if not path.is_file():
+            raise UsageError(_not_found(path, folder.removesuffix("s"), shipped))
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            reason = f"larger than {MAX_BYTES} bytes; a {refused.kind} is a page of text"
+            raise refused(name_or_path, [Fault("", reason)])
+        return data.decode("utf-8-sig"), name_or_path
+    except UnicodeDecodeError as error:
+        fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
+        raise refused(name_or_path, [fault]) from None
+    except OSError as error:
+        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
+
+
+def _not_found(path: Path, noun: str, shipped: tuple[str, ...]) -> str:
+    """Words for a path at which there is no file.
+
+    Args:
+        path: The path.
+        noun: What the file would describe.
+        shipped: Names of those that ship.
+
+    Returns:
+        The words.
+
+    """
+    if path.exists():
+        return f"{printable(path)}: is not a file; give a {noun} file in TOML"
+    near = difflib.get_close_matches(str(path)[:80].removesuffix(".toml"), shipped, n=1)
+    hint = f"; did you mean {near[0]}?" if near else f" ({', '.join(shipped)})"
+    return f"{printable(path)}: no such {noun} file, and no {noun} of that name ships{hint}"

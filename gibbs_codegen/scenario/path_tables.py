@@ -1,0 +1,156 @@
+"""Tables that describe paths: `kind`, and what belongs to it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import AfterValidator, Field, model_validator
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.faults import fault, refusal
+from gibbs_codegen.files.fields import Tables, by_kind
+from gibbs_codegen.files.table import Table
+from gibbs_codegen.scenario.numbers import LEAST, NotNegative, Number, Positive, Vector
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
+
+# A quintic spline at rest at both ends needs no more.
+_FEWEST_POINTS = 2
+_MOST_POINTS = 10_000
+_MOST_TERMS = 100
+
+
+def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    if math.hypot(*vector) < LEAST:
+        raise fault("a direction of length zero")
+    return vector
+
+
+def _not_zero(number: float) -> float:
+    if abs(number) < LEAST:
+        raise fault("must not be 0")
+    return number
+
+
+class FixedTable(Table):
+    """A point that stays where it is."""
+
+    kind: Literal["fixed"]
+    position: Vector = Field(description="the point, [x, y, z] in m")
+
+    def path(self) -> Path:
+        """The path that the table describes."""
+        return Fixed(self.position)
+
+
+class TermTable(Table):
+    """A term amplitude · e^(growth·t) · cos(frequency·t + phase)."""
+
+    amplitude: Number = Field(description="the amplitude, in m")
+    growth: Number = Field(default=0.0, description="rate of growth, 1/s; negative: a decay")
+    frequency: Number = Field(default=0.0, description="angular frequency, rad/s")
+    phase_deg: Number = Field(default=0.0, description="phase, degrees")
+
+    def term(self) -> Term:
+        """The term that the table describes."""
+        return Term(self.amplitude, self.growth, self.frequency, math.radians(self.phase_deg))
+
+
+class HarmonicTable(Table):
+    """On each axis a sum of growing or decaying oscillations."""
+
+    kind: Literal["harmonic"]
+    x: Annotated[list[TermTable], Tables("x", _MOST_TERMS, "terms")] = Field(
+        default_factory=list, description="terms of the first coordinate"
+    )
+    y: Annotated[list[TermTable], Tables("y", _MOST_TERMS, "terms")] = Field(
+        default_factory=list, description="terms of the second coordinate"
+    )
+    z: Annotated[list[TermTable], Tables("z", _MOST_TERMS, "terms")] = Field(
+        default_factory=list, description="terms of the third coordinate"
+    )
+
+    def path(self) -> Path:
+        """The path that the table describes."""
+        return Harmonic(
+            *(tuple(term.term() for term in terms) for terms in (self.x, self.y, self.z))
+        )
+
+
+class LineTable(Table):
+    """A straight line with minimum jerk, at rest before and after."""
+
+    kind: Literal["line"]
+    start: Vector = Field(description="where it begins, [x, y, z] in m")
+    end: Vector = Field(description="where it ends, [x, y, z] in m")
+    duration: Positive = Field(description="the time from start to end, in s")
+    begin: Number = Field(default=0.0, description="when it begins, s")
+
+    def path(self) -> Path:
+        """The path that the table describes."""
+        return Line(self.start, self.end, self.duration, self.begin)
+
+
+class CircleTable(Table):
+    """A circle at constant speed, anticlockwise about its normal."""
+
+    kind: Literal["circle"]
+    centre: Vector = Field(description="the centre, [x, y, z] in m")
+    radius: NotNegative = Field(description="the radius, in m")
+    period: Annotated[Number, AfterValidator(_not_zero)] = Field(
+        description="the time of a turn, in s; negative: the other way round"
+    )
+    normal: Annotated[Vector, AfterValidator(_direction)] = Field(
+        default=(0.0, 0.0, 1.0), description="direction of the axis, [x, y, z]"
+    )
+    phase_deg: Number = Field(default=0.0, description="angle at which it begins, degrees")
+
+    def path(self) -> Path:
+        """The path that the table describes."""
+        phase = math.radians(self.phase_deg)
+        return Circle(self.centre, self.radius, self.period, self.normal, phase)
+
+
+class WaypointsTable(Table):
+    """A smooth path through points at given times, at rest at both ends."""
+
+    kind: Literal["waypoints"]
+    times: list[Number] = Field(description="a list of increasing times, s")
+    points: list[Vector] = Field(description="a list of points, [x, y, z] in m, one for each time")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_for_each(cls, values: Any) -> Any:
+        times, points = values.get("times"), values.get("points")
+        if isinstance(times, list) and isinstance(points, list):
+            count = len(times)
+            if len(points) != count or not _FEWEST_POINTS <= count <= _MOST_POINTS:
+                words = (
+                    f"{len(points)} points at {count} times; give as many of both, "
+                    f"{_FEWEST_POINTS} to {_MOST_POINTS}"
+                )
+                raise refusal([(("points",), words)])
+        return values
+
+    @model_validator(mode="after")
+    def _is_smooth(self) -> Self:
+        for place, (sooner, later) in enumerate(itertools.pairwise(self.times), start=1):
+            if later <= sooner:
+                words = f"must be after {sooner:g}, not {later:g}"
+                raise refusal([(("times", place), words)])
+        try:
+            self.path()
+        except UsageError as error:
+            raise refusal([(("times",), str(error))]) from None
+        return self
+
+    def path(self) -> Path:
+        """The path that the table describes."""
+        return Waypoints(self.times, self.points)
+
+
+PathTable = Annotated[
+    FixedTable | HarmonicTable | LineTable | CircleTable | WaypointsTable,
+    by_kind(FixedTable, HarmonicTable, LineTable, CircleTable, WaypointsTable),
+]

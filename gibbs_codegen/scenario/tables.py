@@ -1,0 +1,242 @@
+"""The tables of a scenario file: what each key may hold, and the scenario that they make.
+
+A key is one field with its description; those of the arm are in `arm_table`, those of paths in
+`path_tables`. Lengths in m, times in s, angles in degrees where a key
+ends in `_deg`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from gibbs_codegen.files.faults import fault, refusal
+from gibbs_codegen.files.fields import Bounds, by_kind, listed
+from gibbs_codegen.files.table import Table
+from gibbs_codegen.robot.model import MAX_ROTORS
+from gibbs_codegen.scenario.arm_table import ArmTable
+from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive, Vector
+from gibbs_codegen.scenario.orientation import Level, Tangent
+from gibbs_codegen.scenario.path_tables import PathTable
+from gibbs_codegen.scenario.scenario import (
+    MAX_DURATION,
+    Control,
+    Law,
+    Method,
+    Motors,
+    Scenario,
+    Settings,
+    StartOffset,
+    TipForce,
+)
+
+_MIN_DURATION = 1e-3
+_MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
+_LONGEST_NAME = 200
+
+
+def _line_of_text(least: int) -> AfterValidator:
+    def check(text: str) -> str:
+        if text.isprintable() and least <= len(text.strip()) <= _LONGEST_NAME:
+            return text
+        raise fault(f"must be {least} to {_LONGEST_NAME} characters on one line")
+
+    return AfterValidator(check)
+
+
+class LevelTable(Table):
+    """The base level, with a heading that turns at a constant rate."""
+
+    kind: Literal["level"] = "level"
+    heading_deg: Number = Field(default=0.0, description="heading at the start, degrees")
+    rate_deg: Number = Field(default=0.0, description="rate of the heading, degrees per second")
+
+    def attitude(self) -> Level:
+        """The attitude that the table describes."""
+        return Level(math.radians(self.heading_deg), math.radians(self.rate_deg))
+
+
+class TangentTable(Table):
+    """A base arm along the path."""
+
+    kind: Literal["tangent"]
+    arm: Annotated[int, Bounds(1, MAX_ROTORS)] = Field(
+        default=Tangent.arm, description="number of the base arm that is tangent to the path"
+    )
+
+    def attitude(self) -> Tangent:
+        """The attitude that the table describes."""
+        return Tangent(self.arm)
+
+
+class BaseTable(Table):
+    """What the base is to do."""
+
+    path: PathTable = Field(description="desired path of the base centre")
+    attitude: Annotated[
+        LevelTable | TangentTable, by_kind(LevelTable, TangentTable, default="level")
+    ] = Field(default_factory=LevelTable, description="desired attitude; default: level")
+
+
+class StartTable(Table):
+    """What is off at the start: deviation from the desired motion."""
+
+    offset: Vector = Field(
+        default=(0.0, 0.0, 0.0), description="deviation of the base centre, world axes, m"
+    )
+    turn_deg: Vector = Field(
+        default=(0.0, 0.0, 0.0),
+        description="deviation of the attitude: rotation vector, world axes, degrees",
+    )
+
+    def start(self) -> StartOffset:
+        """The deviation that the table describes."""
+        x, y, z = map(math.radians, self.turn_deg)
+        return StartOffset(self.offset, (x, y, z))
+
+
+class ControlTable(Table):
+    """The control law."""
+
+    law: Law = Field(default=Control.law, description="what commands the motors and joints")
+    frequency: Annotated[Positive, Bounds(most=1e4)] = Field(
+        default=Control.frequency, description="natural frequency of the error dynamics, rad/s"
+    )
+    damping_ratio: Annotated[NotNegative, Bounds(most=1e4)] = Field(
+        default=Control.damping_ratio, description="damping ratio of the error dynamics"
+    )
+
+
+class MotorsTable(Table):
+    """Limits and lag of every motor."""
+
+    limits: Annotated[tuple[Number, Number], listed(2)] | None = Field(
+        default=None, description="least and greatest thrust, N; default: none"
+    )
+    time_constant: NotNegative = Field(
+        default=0.0, description="time constant of the lag, s; 0: no lag"
+    )
+
+    @field_validator("limits")
+    @classmethod
+    def _least_below_greatest(cls, limits: tuple[float, float]) -> tuple[float, float]:
+        if limits[0] >= limits[1]:
+            raise fault("the least thrust must be below the greatest")
+        return limits
+
+
+class TipForceTable(Table):
+    """A force on the tip for a time."""
+
+    force: Vector = Field(description="[x, y, z] in N, world axes")
+    begin: NotNegative = Field(default=0.0, description="when it begins, s")
+    end: Number = Field(default=MAX_DURATION, description="when it ends, s")
+
+    @model_validator(mode="after")
+    def _ends_after_begin(self) -> Self:
+        if self.end <= self.begin:
+            raise refusal([(("end",), f"must be after begin, {self.begin:g} s")])
+        return self
+
+
+class IntegrationTable(Table):
+    """How the motion is integrated, and how much of it is kept."""
+
+    method: Method = Field(
+        default=Settings.method, description="steps that adapt, or of one length"
+    )
+    step: Annotated[Number, Bounds(1e-6)] = Field(
+        default=Settings.step, description="greatest step of rk4, s"
+    )
+    # SciPy raises smaller ones to about this.
+    relative_tolerance: Annotated[Number, Bounds(3e-14), Bounds(most=0.1)] = Field(
+        default=Settings.relative_tolerance, description="relative tolerance of adaptive steps"
+    )
+    absolute_tolerance: Annotated[Number, Bounds(1e-16), Bounds(most=0.1)] = Field(
+        default=Settings.absolute_tolerance,
+        description="absolute tolerance of adaptive steps; m, rad, m/s and rad/s",
+    )
+    rate: Annotated[Number, Bounds(0.1)] = Field(
+        default=Settings.rate, description="samples that are kept per second"
+    )
+    divergence: Positive = Field(
+        default=Settings.divergence,
+        description="deviation from the desired motion at which control counts as lost, m or rad",
+    )
+
+
+class ScenarioTable(Table):
+    """A flight: desired paths, state at the start, control law and integration.
+
+    Lengths in m, times in s, world axes. Angles are in degrees, in keys that end in `_deg`.
+    """
+
+    model_config = ConfigDict(title="Scenario file of gibbs_codegen")
+
+    name: Annotated[str, _line_of_text(1)] = Field(description="name of the flight, on one line")
+    description: Annotated[str, _line_of_text(0)] = Field(
+        default="", description="what it is, on one line"
+    )
+    duration: Annotated[Number, Bounds(_MIN_DURATION, MAX_DURATION, " s")] = Field(
+        description="the time to fly, in s"
+    )
+    base: BaseTable = Field(description="the base's desired path and attitude, [base]")
+    arm: ArmTable = Field(
+        default_factory=ArmTable, description="what the arm does; default: it hangs at rest"
+    )
+    start: StartTable = Field(
+        default_factory=StartTable, description="deviation from the desired motion at the start"
+    )
+    control: ControlTable = Field(default_factory=ControlTable, description="the control law")
+    motors: MotorsTable = Field(default_factory=MotorsTable, description="limits and lag of motors")
+    tip_force: TipForceTable | None = Field(
+        default=None, description="a force on the tip; default: none"
+    )
+    integration: IntegrationTable = Field(
+        default_factory=IntegrationTable, description="method, tolerances and samples"
+    )
+    parameters: dict[str, Number] = Field(
+        default_factory=dict, description="parameters of the module that are changed, SI units"
+    )
+
+    @field_validator("integration")
+    @classmethod
+    def _is_not_endless(cls, table: IntegrationTable, info: ValidationInfo) -> IntegrationTable:
+        duration = info.data.get("duration", 0.0)
+        faults = []
+        if table.rate * duration > _MAX_SAMPLES:
+            words = f"more than {_MAX_SAMPLES} samples in {duration:g} s; lower it"
+            faults.append((("rate",), words))
+        if table.method == "rk4" and duration / table.step > _MAX_STEPS:
+            words = f"more than {_MAX_STEPS} steps in {duration:g} s; take longer ones"
+            faults.append((("step",), words))
+        if faults:
+            raise refusal(faults)
+        return table
+
+    def scenario(self) -> Scenario:
+        """The scenario that the file describes."""
+        base = self.base.path.path()
+        return Scenario(
+            name=self.name,
+            duration=self.duration,
+            base=base,
+            attitude=self.base.attitude.attitude(),
+            arm=self.arm.task(base),
+            start=self.start.start(),
+            control=Control(**dict(self.control)),
+            motors=Motors(**dict(self.motors)),
+            tip_force=TipForce(**dict(self.tip_force)) if self.tip_force else None,
+            integration=Settings(**dict(self.integration)),
+            parameters=self.parameters,
+            description=self.description,
+        )
