@@ -1,6 +1,7 @@
 """Symbolic dynamics of aerial manipulators, emitted as fast, dependency-free functions.
 
-`gibbs_codegen.pipeline` is the map of the package. What needs SymPy is imported when first used.
+`gibbs_codegen.pipeline` is the map of the package. What takes time to import is imported
+when it is first used.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from gibbs_codegen.errors import ScenarioFileError as ScenarioFileError
 from gibbs_codegen.errors import SingularRobotError as SingularRobotError
 from gibbs_codegen.errors import UsageError as UsageError
 from gibbs_codegen.errors import WrongModuleError as WrongModuleError
-from gibbs_codegen.runtime.load import load as load
 from gibbs_codegen.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.robot.family import paper_family as paper_family
     from gibbs_codegen.robot.file import parse_robot as parse_robot
     from gibbs_codegen.robot.file import read_robot as read_robot
+    from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.scenario.file import read_scenario as read_scenario
     from gibbs_codegen.scenario.scenario import Scenario as Scenario
     from gibbs_codegen.simulator.flight import Flight as Flight
@@ -58,6 +59,7 @@ _LAZY = {
     "derive": "derivation.derive",
     "generate": "pipeline",
     "hybrid_pattern_figure": "figures.coupling",
+    "load": "runtime.load",
     "machine_figure": "figures.machine",
     "paper_family": "robot.family",
     "parse_robot": "robot.file",

@@ -1,10 +1,10 @@
-"""The errors a user can meet: each says what is wrong, where, and what would be right."""
+"""The errors that users meet: each says what is wrong, where, and what would be right."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 # More than a person will read at a time.
 _SHOWN = 50
@@ -13,9 +13,16 @@ _LONGEST = 160
 
 
 def printable(text: object, most: int = _LONGEST) -> str:
-    """A text of somebody else's, such as a path, as a message may hold it.
+    """A text from outside, such as a path, in a form that is safe in a message.
 
-    On one line of at most `most` characters, with what a terminal would obey or hide as escapes.
+    Args:
+        text: the text, or what has it as its text.
+        most: the largest length, in characters.
+
+    Returns:
+        The text on one line, abbreviated in its middle if it is too long, with control characters
+        as escapes.
+
     """
     plain = "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text)
@@ -27,21 +34,24 @@ def printable(text: object, most: int = _LONGEST) -> str:
 
 
 class GibbsCodegenError(Exception):
-    """Root of every error that this package raises on purpose.
+    """Base of every error that this package raises on purpose.
 
-    `exit_code` is what the command line returns for it: 2 for wrong use or a refused robot file,
-    1 for work that was accepted and then failed.
+    `exit_code` is what the command line returns for it: 2 for wrong usage or a rejected file, 1
+    for work that was accepted and then failed.
     """
 
     exit_code = 2
 
 
-@dataclass(frozen=True)
-class Fault:
-    """One thing wrong with a file: its key path, the line where it can be had, and why.
+class Fault(NamedTuple):
+    """One thing wrong with a file.
 
-    A path counts as Python does, `link[0].mass`; its text counts from 1, as PARAMETERS and the
-    comments of robot files do: `link 1: mass`.
+    Attributes:
+        path: path of the key, which counts as Python does: `link[0].mass`. The text of the fault
+            counts from 1, as PARAMETERS and the comments of robot files do: `link 1: mass`.
+        message: what is wrong, and what would be right.
+        line: the line of the file, if it is known.
+
     """
 
     path: str
@@ -49,14 +59,22 @@ class Fault:
     line: int | None = None
 
     def text(self, source: str) -> str:
-        """The fault as `source:line: key: message`."""
+        """The fault in one line.
+
+        Args:
+            source: name of the file.
+
+        Returns:
+            `source:line: key: message`.
+
+        """
         place = source if self.line is None else f"{source}:{self.line}"
         where = f"{place}: {_counted(self.path)}" if self.path else place
         return f"{where}: {self.message}"
 
 
 def _counted(path: str) -> str:
-    """A key path as a person counts; what stands in quotes is a key of the file as it is."""
+    """A key path that counts from 1; what stands in quotes is a key of the file as it is."""
 
     def number(found: re.Match[str]) -> str:
         if found[1] is None:
@@ -67,9 +85,13 @@ def _counted(path: str) -> str:
 
 
 class RefusedFileError(GibbsCodegenError):
-    """A file that is refused; `faults` holds every reason, in the order of the file.
+    """A file that is rejected.
 
-    `kind` says what kind of file it is.
+    Attributes:
+        kind: what kind of file it is.
+        source: its name.
+        faults: every reason, in the order of the file.
+
     """
 
     kind = "file"
@@ -85,13 +107,13 @@ class RefusedFileError(GibbsCodegenError):
 
 
 class RobotFileError(RefusedFileError):
-    """A robot file that is refused."""
+    """A robot file that is rejected."""
 
     kind = "robot file"
 
 
 class ScenarioFileError(RefusedFileError):
-    """A scenario that is refused."""
+    """A scenario that is rejected."""
 
     kind = "scenario"
 
@@ -99,9 +121,13 @@ class ScenarioFileError(RefusedFileError):
 class SingularRobotError(GibbsCodegenError):
     """A robot whose mass matrix is singular, or too ill-conditioned, at every configuration.
 
-    `motions` holds the coordinates of each massless degree of freedom: one coordinate, or several
-    that move together. `ill_conditioned` says that it has inertia, but so little beside the rest
-    that rounding hides it.
+    Attributes:
+        robot: the robot's name.
+        motions: the coordinates of each massless degree of freedom: one, or several that move
+            together.
+        ill_conditioned: whether these degrees of freedom have inertia, but so little beside the
+            rest that rounding hides it.
+
     """
 
     def __init__(
@@ -133,7 +159,7 @@ class SingularRobotError(GibbsCodegenError):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Every coordinate that is named, once."""
+        """Every coordinate of these degrees of freedom, once."""
         return tuple(dict.fromkeys(name for motion in self.motions for name in motion))
 
 
@@ -149,7 +175,7 @@ class UsageError(GibbsCodegenError):
 
 
 class WrongModuleError(GibbsCodegenError):
-    """Emitted functions that are not those of the robot; `failures` names the failed checks."""
+    """Emitted functions that are not those of the robot; `failures` names what failed."""
 
     exit_code = 1
 

@@ -56,7 +56,15 @@ class Output:
     entries: str = "[{unit}]"
 
     def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
-        """Its shape in numbers, given the lengths that letters stand for."""
+        """The shape in numbers.
+
+        Args:
+            lengths: the length that each letter stands for.
+
+        Returns:
+            The size of each axis.
+
+        """
         return tuple(int(x) if x.isdigit() else lengths[x] for x in self.shape)
 
 
@@ -233,13 +241,32 @@ class Signature:
 
 
 def module_signatures(module: Any) -> list[Signature]:
-    """Signatures of the functions of a generated module, or of what lists the same constants."""
+    """Signatures of the functions of a module.
+
+    Args:
+        module: a generated module, or what lists the same constants.
+
+    Returns:
+        The signatures, in the order of the table.
+
+    """
     lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
     return signatures(*map(len, lists))
 
 
 def signatures(coordinates: int, hybrid: int, inputs: int, points: int) -> list[Signature]:
-    """Signatures of all functions of a module, given the lengths of what it lists."""
+    """Signatures of all functions, given the lengths of what a module lists.
+
+    Args:
+        coordinates: number of COORDINATES.
+        hybrid: number of HYBRID_COORDINATES.
+        inputs: number of INPUTS.
+        points: number of POINTS.
+
+    Returns:
+        The signatures, in the order of the table.
+
+    """
     constrained = (hybrid - coordinates) // 2
     lengths = {"q": coordinates, "h": hybrid, "u": inputs, "k": points, "c": constrained}
     found = []

@@ -43,14 +43,27 @@ def generate(
     verify: bool = True,
     force: bool = False,
 ) -> Path:
-    """Generate the module of a robot file, or of a robot that ships, and return its folder.
+    """Generate the module of a robot file, or of a robot that ships: all of it, or nothing.
 
-    The module is `out`/<name>. With `verify` its NumPy functions are checked first, in a moment,
-    against Newton–Euler equations that share no code with the derivation, and with each other.
-    A folder there with files that were not generated, or were changed since, is refused; with
-    `force` it is kept under another name, which the log `gibbs_codegen` tells.
-    Raises `RobotFileError`, `SingularRobotError`, `UsageError`, `WrongModuleError` or
-    `OutputError`, and then has written nothing.
+    Args:
+        robot_file: path of a robot file, or the name of a robot that ships.
+        out: folder of modules; the module is `out`/<name>.
+        targets: what to emit.
+        keep_zeros: whether parameters that are zero in the file stay parameters.
+        verify: whether to check the functions first, in a moment, against Newton–Euler equations
+            that share no code with the derivation, and with each other.
+        force: whether a module's folder with files that were not generated, or were changed since,
+            is kept under another name, which the log `gibbs_codegen` tells, instead of refused.
+
+    Returns:
+        The module's folder.
+
+    Raises:
+        RobotFileError: if the file is faulty.
+        SingularRobotError: if the robot has a massless degree of freedom.
+        UsageError: if there is no such robot or target, or the folder is refused.
+        WrongModuleError: if a check fails.
+        OutputError: if the module cannot be written.
     """
     robot, text = read_robot(os.fspath(robot_file))
     return generate_robot(robot, text, out, targets, keep_zeros, verify=verify, force=force)[1]
@@ -66,7 +79,20 @@ def generate_robot(
     verify: bool = True,
     force: bool = False,
 ) -> tuple[Model, Path]:
-    """Generate the module of a robot that was read from `text`; return its model and folder."""
+    """Generate the module of a robot that has been read.
+
+    Args:
+        robot: the robot.
+        text: its robot file, which the module keeps.
+        out, targets, keep_zeros, verify, force: as of `generate`.
+        progress: told in a word what is done next.
+
+    Returns:
+        The derived model, and the module's folder.
+
+    Raises:
+        SingularRobotError, UsageError, WrongModuleError, OutputError: as `generate`.
+    """
     check_output_folder(out)
     folder = Path(out) / robot.name
     check_replaceable(folder, text, force)
@@ -90,7 +116,20 @@ def check_robot(
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
 ) -> tuple[Path, list[str]]:
-    """Compare the module in `out` with what would be written: folder and differing files."""
+    """Compare a module on disk with what would be written.
+
+    Args:
+        robot: the robot.
+        text: its robot file.
+        out, targets, keep_zeros: as of `generate`.
+        progress: told in a word what is done next.
+
+    Returns:
+        The module's folder, and the names of the files that differ.
+
+    Raises:
+        SingularRobotError, UsageError: as `generate`.
+    """
     check_output_folder(out)
     folder = Path(out) / robot.name
     _, files = module_files(robot, text, targets, keep_zeros, progress)
@@ -100,7 +139,22 @@ def check_robot(
 def module_files(
     robot: Robot, text: str, targets: Sequence[str], keep_zeros: bool, progress: Progress
 ) -> tuple[Model, dict[str, str]]:
-    """The derived model, and the text of every file of its module."""
+    """Derive a robot and render its module.
+
+    Args:
+        robot: the robot.
+        text: its robot file.
+        targets: what to emit.
+        keep_zeros: whether parameters that are zero in the file stay parameters.
+        progress: told in a word what is done next.
+
+    Returns:
+        The derived model, and the text of each file of the module by its name.
+
+    Raises:
+        SingularRobotError: if the robot has a massless degree of freedom.
+        UsageError: if there is no such target.
+    """
     found = find_targets(targets)
     model = derive(robot, keep_zeros, progress)
     progress("rendering")

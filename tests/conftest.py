@@ -27,6 +27,25 @@ settings.load_profile("project")
 
 ROOT = Path(__file__).parent.parent
 
+# Tests that repeat themselves with other numbers, and how many of their cases the default run has,
+# so that it stays within minutes. The rest is slow.
+CASES_BY_DEFAULT = {
+    "test_a_lost_flight_ends_with_its_reason": 4,
+    "test_a_million_angles": 8,
+    "test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers": 1,
+    "test_both_back_ends_agree_on_other_robots": 2,
+    "test_constants_that_c_computes_keep_their_digits": 3,
+    "test_energy_balances_to_1e_8": 1,
+    "test_every_attitude_and_origin": 4,
+    "test_every_step_is_that_of_python": 8,
+    "test_fixed_steps_are_of_fourth_order_with_gravity_on": 2,
+    "test_machine_stands_where_its_frames_are": 2,
+    "test_motion_inputs_and_constraint_torques_solve_the_hybrid_system": 1,
+    "test_names_and_values_are_those_of_the_derivation": 2,
+    "test_stack_is_what_the_header_promises": 3,
+    "test_text_read_back_gives_the_same_numbers": 7,
+    "test_what_is_right_passes_every_formulation": 4,
+}
 # Slow tests that repeat themselves with other numbers, and how many of their cases CI runs, so that
 # it stays within its time on slow machines. The rest is for `pytest -m exhaustive`.
 CASES_IN_CI = {
@@ -47,13 +66,18 @@ CASES_IN_CI = {
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the slow cases that CI leaves out, evenly spread over all of a test."""
-    for name, kept in CASES_IN_CI.items():
-        cases = [i for i in items if i.name.startswith(f"{name}[") and i.get_closest_marker("slow")]
-        chosen = {round(k * len(cases) / kept) for k in range(kept)}
-        for place, item in enumerate(cases):
-            if place not in chosen:
-                item.add_marker(pytest.mark.exhaustive)
+    """Mark the cases that the default run and CI leave out, evenly spread over all of a test."""
+    for kept, were_slow, mark in (
+        (CASES_BY_DEFAULT, False, pytest.mark.slow),
+        (CASES_IN_CI, True, pytest.mark.exhaustive),
+    ):
+        for name, count in kept.items():
+            cases = [item for item in items if item.name.startswith(f"{name}[")]
+            cases = [i for i in cases if bool(i.get_closest_marker("slow")) == were_slow]
+            chosen = {round(k * len(cases) / count) for k in range(count)}
+            for place, item in enumerate(cases):
+                if place not in chosen:
+                    item.add_marker(mark)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -25,7 +25,7 @@ def test_only_the_command_line_exits() -> None:
 def test_flying_imports_no_sympy(tmp_path: Path) -> None:
     run = (
         "import sys; from gibbs_codegen import load, read_scenario, simulate, write_results; "
-        "scenario = read_scenario('paper', {'duration': 0.1}); "
+        "scenario = read_scenario('paper', {'duration': 0.02}); "
         "robots = [load('generated/hexarotor_3link', b) for b in ('numpy', 'c')]; "
         "flights = [simulate(robot, scenario) for robot in robots]; "
         f"write_results(flights[1], {str(tmp_path)!r}); "

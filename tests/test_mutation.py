@@ -94,8 +94,8 @@ CLASSIC = {
     "derivation.motion": ("let(y * spin) - yz", "let(y * spin) + yz"),
     "derivation.hybrid": ("inertia_force - active", "inertia_force + active"),
     "derivation.root.tait_bryan": ("tape.let(z - gravity)", "z"),
-    "program.lower": ("(sign * inner, node)", "(inner, node)"),
-    "targets.c.function": ("load(name, argument, i)", "load(name, argument, i + 1)"),
+    "program.inlining": ("(sign * inner, node)", "(inner, node)"),
+    "targets.c.sections": ("load(name, argument, i)", "load(name, argument, i + 1)"),
 }
 
 

@@ -40,6 +40,8 @@ import difflib
 import inspect
 import math
 import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,57 +93,7 @@ def prepare(parameters: dict[str, float]) -> tuple[float, ...]:
     where the values leave an acceleration undetermined or cannot be computed with; TypeError for
     what is no number.
     """
-    given = {**PARAMETERS, **parameters}
-    unknown = [name for name in given if name not in PARAMETERS]
-    if unknown:
-        raise ValueError("; ".join(map(_unknown, unknown[:5])))
-    values = {}
-    for name, value in given.items():
-        number = _numbers(name, value)
-        if number.ndim != 0:
-            raise ValueError(f"{name} must be one number, not an array of shape {number.shape}")
-        if not math.isfinite(number):
-            raise ValueError(f"{name} must be a finite number, not {number}")
-        values[name] = float(number)
-    try:
-        constants = _constants(values)
-    except ZeroDivisionError:
-        raise ValueError("these parameters leave an acceleration undetermined") from None
-    if not all(map(math.isfinite, constants)):
-        raise ValueError("these parameters are too large or too small to compute with")
-    return constants
-
-
-def _unknown(name):
-    """What to say of a name that is not in PARAMETERS."""
-    if name in _FOLDED:
-        return (
-            f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
-            "gibbs-codegen generate --all-parameters keeps it"
-        )
-    close = difflib.get_close_matches(str(name), PARAMETERS, cutoff=0.5)
-    hint = f"did you mean {' or '.join(close)}?" if close else "PARAMETERS has all names"
-    return f"unknown parameter {name!r:.80}: {hint}"
-
-
-def _numbers(name, values):
-    """Real numbers as an array of float64; what only looks like numbers is refused by name."""
-    try:
-        array = np.asarray(values)
-        if array.dtype.kind not in "biufO":
-            raise TypeError(f"not {array.dtype}")
-        if array.dtype.kind == "O":
-            # None would become NaN, and text would be read.
-            for entry in array.flat:
-                if not hasattr(entry, "__float__"):
-                    raise TypeError(f"not {type(entry).__name__}")
-        if np.ma.is_masked(values):
-            raise ValueError("not masked")
-        return array.astype(np.float64, copy=False)
-    except TypeError as error:
-        raise TypeError(f"{name} must be real numbers: {error}") from None
-    except (ValueError, OverflowError) as error:
-        raise ValueError(f"{name} must be real numbers: {error}") from None
+    return prepared(_constants, PARAMETERS, _FOLDED, parameters)
 
 
 def _constants(values):
@@ -253,16 +205,124 @@ def _constants(values):
     )
 
 
-_DEFAULT_CONSTANTS = prepare(PARAMETERS)
+# From here to `_evaluate` every generated module has the same lines.
 _FLOAT = np.dtype(np.float64)
 # NumPy had at most 32 before version 2, and results have one more than arguments.
 _MOST_AXES = 31
 
 
-def _argument(name, values, width):
-    """An argument as an array, once its axes have been checked."""
-    plain = type(values) is np.ndarray and values.dtype is _FLOAT
-    array = values if plain else _numbers(name, values)
+def prepared(
+    compute: Callable[[dict[str, float]], tuple[float, ...]],
+    defaults: Mapping[str, float],
+    folded: Sequence[str],
+    parameters: Mapping[str, float],
+) -> tuple[float, ...]:
+    """Constants of a module for given parameters.
+
+    Args:
+        compute: constants of all parameters; ZeroDivisionError where there are none
+        defaults: all parameters with their defaults
+        folded: names that are no parameters, since they are zero in the robot file
+        parameters: values that differ from the defaults, by name
+
+    Returns:
+        The constants, all of them finite.
+
+    Raises:
+        TypeError: what is given is no number
+        ValueError: a name is unknown, a value is not finite, or the constants are not
+    """
+    given = {**defaults, **parameters}
+    unknown = [name for name in given if name not in defaults]
+    if unknown:
+        raise ValueError("; ".join(_unknown(name, defaults, folded) for name in unknown[:5]))
+    values = {}
+    for name, value in given.items():
+        number = real_numbers(name, value)
+        if number.ndim != 0:
+            raise ValueError(f"{name} must be one number, not an array of shape {number.shape}")
+        if not math.isfinite(number):
+            raise ValueError(f"{name} must be a finite number, not {number}")
+        values[name] = float(number)
+    try:
+        constants = compute(values)
+    except ZeroDivisionError:
+        raise ValueError("these parameters leave an acceleration undetermined") from None
+    if not all(map(math.isfinite, constants)):
+        raise ValueError("these parameters are too large or too small to compute with")
+    return constants
+
+
+def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) -> str:
+    """What an error says of a name that is no parameter.
+
+    Args:
+        name, defaults, folded: as of `prepared`
+
+    Returns:
+        A sentence.
+    """
+    if name in folded:
+        return (
+            f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
+            "gibbs-codegen generate --all-parameters keeps it"
+        )
+    close = difflib.get_close_matches(str(name), defaults, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else "PARAMETERS has all names"
+    return f"unknown parameter {name!r:.80}: {hint}"
+
+
+def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Real numbers as an array of float64; what only looks like numbers is refused by name.
+
+    Args:
+        name: what an error calls the values
+        values: numbers, or nested sequences of them
+
+    Returns:
+        An array of the shape that NumPy gives the values; not a copy where none is needed.
+
+    Raises:
+        TypeError: an entry is not a real number
+        ValueError: an entry does not fit into a float or is masked, or rows differ in length
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "biufO":
+            raise TypeError(f"not {array.dtype}")
+        if array.dtype.kind == "O":
+            # None would become NaN, and text would be read.
+            for entry in array.flat:
+                if not hasattr(entry, "__float__"):
+                    raise TypeError(f"not {type(entry).__name__}")
+        if np.ma.is_masked(values):
+            raise ValueError("not masked")
+        return array.astype(np.float64, copy=False)
+    except TypeError as error:
+        raise TypeError(f"{name} must be real numbers: {error}") from None
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be real numbers: {error}") from None
+
+
+def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
+    """An argument of a function as an array, once its axes have been checked.
+
+    Args:
+        name: what an error calls the argument
+        values: one state or a batch of states, as NumPy takes them
+        width: entries of one state
+
+    Returns:
+        Array (..., width).
+
+    Raises:
+        TypeError, ValueError: as of `real_numbers`
+        ValueError: the last axis has another length, or there are too many axes
+    """
+    if type(values) is np.ndarray and values.dtype is _FLOAT:
+        array = values
+    else:
+        array = real_numbers(name, values)
     if array.ndim == 0 or array.shape[-1] != width:
         raise ValueError(
             f"{name} must have {width} entries along its last axis, not shape {array.shape}"
@@ -272,87 +332,188 @@ def _argument(name, values, width):
     return array
 
 
-def _evaluate(kernel, constants, *arguments):
-    """Entries of a kernel's output and the shape of the batch."""
-    k = _DEFAULT_CONSTANTS if constants is None else constants
-    if k is not _DEFAULT_CONSTANTS:
-        alike = isinstance(k, tuple) and len(k) == len(_DEFAULT_CONSTANTS)
-        if not alike or not {*map(type, k)} <= {float}:
-            raise TypeError("constants must be what this module's prepare() returned")
-    for argument in arguments:
-        if argument.ndim > 1:
-            break
-    else:
-        try:
-            entries = kernel(k, math.sin, math.cos, *[a.tolist() for a in arguments])
-            if math.isfinite(sum(entries)):
-                return entries, ()
-        except (ArithmeticError, ValueError):
-            # Floats raise where arrays give inf or nan; one state answers as a batch does.
-            pass
-        return _evaluate_and_report(kernel, k, arguments, arguments, ()), ()
-    shapes = [argument.shape[:-1] for argument in arguments]
+def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
+    """Shape of the batch that the leading axes of arguments broadcast to.
+
+    Args:
+        arrays: arguments (..., width), each with a width of its own
+
+    Returns:
+        The common shape without the last axis.
+
+    Raises:
+        ValueError: the leading axes do not broadcast
+    """
+    shapes = [array.shape[:-1] for array in arrays]
     try:
-        batch = np.broadcast_shapes(*shapes)
+        return np.broadcast_shapes(*shapes)
     except ValueError:
         raise ValueError(f"leading axes {shapes} do not broadcast") from None
-    columns = [np.ascontiguousarray(np.moveaxis(argument, -1, 0)) for argument in arguments]
-    try:
-        with np.errstate(all="raise", under="ignore"):
-            return kernel(k, np.sin, np.cos, *columns), batch
-    except FloatingPointError:
-        return _evaluate_and_report(kernel, k, columns, arguments, batch), batch
 
 
-def _evaluate_and_report(kernel, k, columns, arguments, batch):
-    """Entries of a kernel's output, whatever they are, once what is not finite is reported."""
-    with np.errstate(all="ignore"):
-        entries = kernel(k, np.sin, np.cos, *columns)
-    finite = np.array([np.broadcast_to(np.isfinite(entry), batch) for entry in entries])
-    names = [*inspect.signature(kernel).parameters][3:]
-    named = dict(zip(names, arguments, strict=True))
-    report_not_finite(kernel.__name__[1:], named, finite.all(axis=0), 5)
-    return entries
+class Evaluator:
+    """Calls the kernels of a module, for one state on floats and for a batch on whole arrays.
 
-
-def report_not_finite(function, arguments, finite, level):
-    """Say, as np.errstate(invalid=...) has it, where finite arguments gave what is not `finite`.
-
-    `finite` is a truth value for each state; `level` is how far up the stack the caller is.
+    A kernel takes constants, sine, cosine and the entries of its arguments, and returns the entries
+    of its outputs, one after the other.
     """
-    lost = ~finite
-    for argument in arguments.values():
-        lost = lost & np.isfinite(argument).all(axis=-1)
-    mode = np.geterr()["invalid"]
-    if mode == "ignore" or not lost.any():
-        return
-    state = np.unravel_index(np.argmax(lost), lost.shape)
-    labels = {"q": COORDINATES, "v": COORDINATES, "a": COORDINATES, "u": INPUTS}
-    largest, place = 0.0, ""
-    for name, argument in arguments.items():
-        values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
-        i = np.argmax(np.abs(values))
-        if abs(values[i]) >= abs(largest):
-            largest, place = values[i], f"{name} of {labels[name][i]}"
-    place_of_state = ", ".join(map(str, state))
-    where = f" in {lost.sum()} of {lost.size} states, first [{place_of_state}]," if state else ""
-    message = (
-        f"{NAME}.{function} is not finite{where} though its arguments are: numbers overflow, "
-        f"or nothing resists an acceleration (largest there: {place}, {largest:g})"
-    )
-    if mode == "raise":
-        raise FloatingPointError(message)
-    warnings.warn(message, RuntimeWarning, stacklevel=level)
+
+    def __init__(
+        self,
+        module: str,
+        coordinates: Sequence[str],
+        inputs: Sequence[str],
+        default_constants: tuple[float, ...],
+    ) -> None:
+        """Take the names that reports use, and the constants of calls that give none."""
+        self._report = NotFiniteReport(module, coordinates, inputs)
+        self._default = default_constants
+
+    def __call__(
+        self,
+        kernel: Callable[..., Sequence[Any]],
+        constants: tuple[float, ...] | None,
+        *arguments: NDArray[np.float64],
+    ) -> tuple[Sequence[Any], tuple[int, ...]]:
+        """Evaluate a kernel, and warn where finite arguments give what is not finite.
+
+        Args:
+            kernel: what computes the entries
+            constants: what `prepare` returned, or None for the default
+            arguments: arrays (..., width) in the order of the kernel
+
+        Returns:
+            The entries of the outputs, numbers or arrays over the batch, and the batch's shape.
+
+        Raises:
+            TypeError: the constants are not this module's
+            ValueError: the leading axes do not broadcast
+        """
+        k = self._default if constants is None else constants
+        if k is not self._default:
+            alike = isinstance(k, tuple) and len(k) == len(self._default)
+            if not alike or not {*map(type, k)} <= {float}:
+                raise TypeError("constants must be what this module's prepare() returned")
+        for argument in arguments:
+            if argument.ndim > 1:
+                break
+        else:
+            try:
+                entries = kernel(k, math.sin, math.cos, *[a.tolist() for a in arguments])
+                if math.isfinite(sum(entries)):
+                    return entries, ()
+            except (ArithmeticError, ValueError):
+                # Floats raise where arrays give inf or nan; one state answers as a batch does.
+                pass
+            return self._evaluate_and_report(kernel, k, arguments, arguments, ()), ()
+        batch = batch_shape(arguments)
+        columns = [np.ascontiguousarray(np.moveaxis(argument, -1, 0)) for argument in arguments]
+        try:
+            with np.errstate(all="raise", under="ignore"):
+                return kernel(k, np.sin, np.cos, *columns), batch
+        except FloatingPointError:
+            return self._evaluate_and_report(kernel, k, columns, arguments, batch), batch
+
+    def _evaluate_and_report(
+        self,
+        kernel: Callable[..., Sequence[Any]],
+        k: tuple[float, ...],
+        columns: Sequence[NDArray[np.float64]],
+        arguments: Sequence[NDArray[np.float64]],
+        batch: tuple[int, ...],
+    ) -> Sequence[Any]:
+        """Entries of a kernel's output, whatever they are, once what is not finite is reported.
+
+        Args:
+            kernel, k: what computes the entries, and its constants
+            columns: arguments (width, ...), entry by entry
+            arguments: the same (..., width), as they were given
+            batch: the shape that leading axes broadcast to
+
+        Returns:
+            The entries.
+        """
+        with np.errstate(all="ignore"):
+            entries = kernel(k, np.sin, np.cos, *columns)
+        finite = [np.broadcast_to(np.isfinite(entry), batch) for entry in entries]
+        names = [*inspect.signature(kernel).parameters][3:]
+        named = dict(zip(names, arguments, strict=True))
+        self._report(kernel.__name__[1:], named, np.logical_and.reduce(finite), 5)
+        return entries
 
 
-def _array(entries, shape, batch):
-    """Array of the given shape for each state of the batch; constant entries are broadcast."""
+class NotFiniteReport:
+    """Says where functions of a module gave what is not finite though their arguments are."""
+
+    def __init__(self, module: str, coordinates: Sequence[str], inputs: Sequence[str]) -> None:
+        """Take the module's name, those of the entries of q, v and a, and those of u."""
+        self._module = module
+        self._labels = {"q": coordinates, "v": coordinates, "a": coordinates, "u": inputs}
+
+    def __call__(
+        self,
+        function: str,
+        arguments: Mapping[str, NDArray[np.float64]],
+        finite: NDArray[np.bool_],
+        level: int,
+    ) -> None:
+        """Report, as np.errstate(invalid=...) has it, states that are lost.
+
+        Args:
+            function: name of the function
+            arguments: arrays (..., width) by the names q, v, a and u
+            finite: whether all results of a state are finite, of the shape of the batch
+            level: how far up the stack the caller is, for the warning's place
+
+        Raises:
+            FloatingPointError: a state is lost, and np.errstate says "raise"
+        """
+        lost = ~finite
+        for argument in arguments.values():
+            lost = lost & np.isfinite(argument).all(axis=-1)
+        mode = np.geterr()["invalid"]
+        if mode == "ignore" or not lost.any():
+            return
+        state = np.unravel_index(np.argmax(lost), lost.shape)
+        largest, place = 0.0, ""
+        for name, argument in arguments.items():
+            values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
+            i = int(np.argmax(np.abs(values)))
+            if abs(values[i]) >= abs(largest):
+                largest, place = values[i], f"{name} of {self._labels[name][i]}"
+        first = ", ".join(map(str, state))
+        where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
+        message = (
+            f"{self._module}.{function} is not finite{where} though its arguments are: numbers "
+            f"overflow, or nothing resists an acceleration (largest there: {place}, {largest:g})"
+        )
+        if mode == "raise":
+            raise FloatingPointError(message)
+        warnings.warn(message, RuntimeWarning, stacklevel=level)
+
+
+def shaped(
+    entries: Sequence[Any], shape: tuple[int, ...], batch: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """An output of a function, from its entries.
+
+    Args:
+        entries: numbers, or arrays of the shape of the batch; a number is the same for all states
+        shape: shape of the output for one state
+        batch: shape of the batch, () for one state
+
+    Returns:
+        Array (*batch, *shape).
+    """
     if not batch:
         return np.array(entries, dtype=np.float64).reshape(shape)
     array = np.empty((*batch, len(entries)))
     for i, entry in enumerate(entries):
         array[..., i] = entry
     return array.reshape(*batch, *shape)
+
+
+_evaluate = Evaluator(NAME, COORDINATES, INPUTS, prepare(PARAMETERS))
 
 
 def mass_matrix_and_residual(
@@ -380,10 +541,10 @@ def mass_matrix_and_residual(
     entries, batch = _evaluate(
         _mass_matrix_and_residual,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
     )
-    return _array(entries[0:64], (8, 8), batch), _array(entries[64:72], (8,), batch)
+    return shaped(entries[0:64], (8, 8), batch), shaped(entries[64:72], (8,), batch)
 
 
 def _mass_matrix_and_residual(k, sin, cos, q, v):
@@ -619,9 +780,9 @@ def mass_matrix(
     entries, batch = _evaluate(
         _mass_matrix,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (8, 8), batch)
+    return shaped(entries, (8, 8), batch)
 
 
 def _mass_matrix(k, sin, cos, q):
@@ -764,10 +925,10 @@ def residual(
     entries, batch = _evaluate(
         _residual,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
     )
-    return _array(entries, (8,), batch)
+    return shaped(entries, (8,), batch)
 
 
 def _residual(k, sin, cos, q, v):
@@ -937,9 +1098,9 @@ def input_matrix(
     entries, batch = _evaluate(
         _input_matrix,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (8, 6), batch)
+    return shaped(entries, (8, 6), batch)
 
 
 def _input_matrix(k, sin, cos, q):
@@ -1006,11 +1167,11 @@ def forward_dynamics(
     entries, batch = _evaluate(
         _forward_dynamics,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
-        _argument("u", u, 6),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+        state_array("u", u, 6),
     )
-    return _array(entries, (8,), batch)
+    return shaped(entries, (8,), batch)
 
 
 def _forward_dynamics(k, sin, cos, q, v, u):
@@ -1216,11 +1377,11 @@ def inverse_dynamics(
     entries, batch = _evaluate(
         _inverse_dynamics,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
-        _argument("a", a, 8),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+        state_array("a", a, 8),
     )
-    return _array(entries, (8,), batch)
+    return shaped(entries, (8,), batch)
 
 
 def _inverse_dynamics(k, sin, cos, q, v, a):
@@ -1417,9 +1578,9 @@ def hybrid_mass_matrix(
     entries, batch = _evaluate(
         _hybrid_mass_matrix,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (14, 14), batch)
+    return shaped(entries, (14, 14), batch)
 
 
 def _hybrid_mass_matrix(k, sin, cos, q):
@@ -1592,10 +1753,10 @@ def hybrid_residual(
     entries, batch = _evaluate(
         _hybrid_residual,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
     )
-    return _array(entries, (14,), batch)
+    return shaped(entries, (14,), batch)
 
 
 def _hybrid_residual(k, sin, cos, q, v):
@@ -1790,9 +1951,9 @@ def hybrid_input_matrix(
     entries, batch = _evaluate(
         _hybrid_input_matrix,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (14, 6), batch)
+    return shaped(entries, (14, 6), batch)
 
 
 def _hybrid_input_matrix(k, sin, cos, q):
@@ -1861,12 +2022,12 @@ def constraint_torques(
     entries, batch = _evaluate(
         _constraint_torques,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
-        _argument("a", a, 8),
-        _argument("u", u, 6),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+        state_array("a", a, 8),
+        state_array("u", u, 6),
     )
-    return _array(entries, (3,), batch)
+    return shaped(entries, (3,), batch)
 
 
 def _constraint_torques(k, sin, cos, q, v, a, u):
@@ -1958,11 +2119,11 @@ def gibbs(
     entries, batch = _evaluate(
         _gibbs,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
-        _argument("a", a, 8),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+        state_array("a", a, 8),
     )
-    return _array(entries, (), batch)
+    return shaped(entries, (), batch)
 
 
 def _gibbs(k, sin, cos, q, v, a):
@@ -2198,10 +2359,10 @@ def kinetic_energy(
     entries, batch = _evaluate(
         _kinetic_energy,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
     )
-    return _array(entries, (), batch)
+    return shaped(entries, (), batch)
 
 
 def _kinetic_energy(k, sin, cos, q, v):
@@ -2341,9 +2502,9 @@ def potential_energy(
     entries, batch = _evaluate(
         _potential_energy,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (), batch)
+    return shaped(entries, (), batch)
 
 
 def _potential_energy(k, sin, cos, q):
@@ -2405,9 +2566,9 @@ def positions(
     entries, batch = _evaluate(
         _positions,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (9, 3), batch)
+    return shaped(entries, (9, 3), batch)
 
 
 def _positions(k, sin, cos, q):
@@ -2505,9 +2666,9 @@ def tip_pose(
     entries, batch = _evaluate(
         _tip_pose,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (4, 4), batch)
+    return shaped(entries, (4, 4), batch)
 
 
 def _tip_pose(k, sin, cos, q):
@@ -2593,9 +2754,9 @@ def tip_jacobian(
     entries, batch = _evaluate(
         _tip_jacobian,
         constants,
-        _argument("q", q, 8),
+        state_array("q", q, 8),
     )
-    return _array(entries, (6, 8), batch)
+    return shaped(entries, (6, 8), batch)
 
 
 def _tip_jacobian(k, sin, cos, q):
@@ -2697,10 +2858,10 @@ def tip_bias_acceleration(
     entries, batch = _evaluate(
         _tip_bias_acceleration,
         constants,
-        _argument("q", q, 8),
-        _argument("v", v, 8),
+        state_array("q", q, 8),
+        state_array("v", v, 8),
     )
-    return _array(entries, (6,), batch)
+    return shaped(entries, (6,), batch)
 
 
 def _tip_bias_acceleration(k, sin, cos, q, v):

@@ -14,15 +14,23 @@
 
 #include "quadrotor_2link.h"
 
-#include <float.h>
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
-
 typedef quadrotor_2link_real real;
 typedef quadrotor_2link_constants Constants;
 
 #define LANES QUADROTOR_2LINK_LANES
+#define MODULE(name) quadrotor_2link_##name
+#ifdef QUADROTOR_2LINK_FLOAT
+#define SINGLE
+#endif
+
+/*
+ * From here to MODULE(unpack) the source is the same for every robot. It needs `real`, LANES,
+ * MODULE(name), which puts the robot's name before a name, and SINGLE where `real` is float.
+ */
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
 
 #if defined(_MSC_VER) || (defined(__cplusplus) && defined(__GNUC__))
 #define RESTRICT __restrict
@@ -62,6 +70,52 @@ typedef quadrotor_2link_constants Constants;
 #define PARALLEL
 #endif
 
+/* Literals, and what their bits mean. */
+#ifdef SINGLE
+#define R(literal) literal##f
+typedef uint32_t bits;
+#define SIGN_SHIFT 30
+#define MAGNITUDE UINT32_C(0x7fffffff)
+#define NOT_FINITE UINT32_C(0x7f800000)
+#else
+#if DBL_MANT_DIG != 53
+#error "double has not 64 bits here: choose single precision, as the header says"
+#endif
+/* No array has a negative size: -fsingle-precision-constant would make floats of all constants. */
+typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
+#define R(literal) literal
+typedef uint64_t bits;
+#define SIGN_SHIFT 62
+#define MAGNITUDE UINT64_C(0x7fffffffffffffff)
+#define NOT_FINITE UINT64_C(0x7ff0000000000000)
+#endif
+
+/*
+ * Some sums keep what rounding takes, so their order matters. Where the compiler does not keep to
+ * the arithmetic as it is written, STEPWISE makes it store every number on the way.
+ */
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
+    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
+#define REORDERED
+#define STEPWISE volatile
+#else
+#define STEPWISE
+#endif
+
+#ifdef __clang__
+#define AS_WRITTEN _Pragma("clang fp reassociate(off)")
+#else
+#define AS_WRITTEN
+#endif
+
+/* By its bits, since compilers that are told so take every number for finite. */
+static int is_finite(const real value)
+{
+    bits value_bits;
+    memcpy(&value_bits, &value, sizeof value_bits);
+    return (value_bits & MAGNITUDE) < NOT_FINITE;
+}
+
 /*
  * Sine and cosine. The nearest multiple m of pi/2 is taken from the angle, in parts of which all
  * but the last multiply exactly; what rounding takes from the rest is kept. Polynomials give the
@@ -69,14 +123,9 @@ typedef quadrotor_2link_constants Constants;
  * ANGLE_LIMIT and infinities are left to the library, and so is every angle where the compiler does
  * not keep to the arithmetic as it is written.
  */
-#ifdef QUADROTOR_2LINK_FLOAT
-#define R(literal) literal##f
+#ifdef SINGLE
 #define LIBRARY_SIN sinf
 #define LIBRARY_COS cosf
-typedef uint32_t bits;
-#define SIGN_SHIFT 30
-#define MAGNITUDE UINT32_C(0x7fffffff)
-#define NOT_FINITE UINT32_C(0x7f800000)
 #define ANGLE_LIMIT UINT32_C(0x43c80000) /* 400 as float */
 #define ROUND R(12582912.0)              /* 1.5 * 2^23 */
 #define HALF_PI_1 R(1.570770263671875)
@@ -89,18 +138,8 @@ typedef uint32_t bits;
     ((R(0.041666646807190746216) + (z) * R(-0.0013887364485517624984)) +                       \
      (zz) * R(0.000024438090961243314256))
 #else
-#if DBL_MANT_DIG != 53
-#error "double has not 64 bits here: choose single precision, as the header says"
-#endif
-/* No array has a negative size: -fsingle-precision-constant would make floats of all constants. */
-typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
-#define R(literal) literal
 #define LIBRARY_SIN sin
 #define LIBRARY_COS cos
-typedef uint64_t bits;
-#define SIGN_SHIFT 62
-#define MAGNITUDE UINT64_C(0x7fffffffffffffff)
-#define NOT_FINITE UINT64_C(0x7ff0000000000000)
 #define ANGLE_LIMIT UINT64_C(0x40f86a0000000000) /* 100000 as double */
 #define ROUND R(6755399441055744.0)              /* 1.5 * 2^52 */
 #define HALF_PI_1 R(1.570796326792333275079727)
@@ -116,54 +155,86 @@ typedef uint64_t bits;
              (zz) * (R(2.0875721623861680061e-09) + (z) * R(-1.1359559340405310137e-11))))
 #endif
 
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
-    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
+#ifdef REORDERED
 #undef ANGLE_LIMIT
 #define ANGLE_LIMIT 0
-#define STEPWISE volatile
 #elif defined(__GNUC__) && (defined(__SSE2__) || defined(__aarch64__))
 #define QUAD
 #endif
 
-#ifdef __clang__
-#define AS_WRITTEN _Pragma("clang fp reassociate(off)")
-#else
-#define AS_WRITTEN
-#endif
-/* What init_constants computes is not to be reordered: some sums keep what rounding takes. */
-#ifndef STEPWISE
-#define STEPWISE
-#endif
+/* Sine and cosine of one angle. */
+#define KERNEL sine_cosine_one
+#define NUMBER real
+#define BITS bits
+/* `beyond` becomes 1 where the angle is not for this function. */
+static INLINE void KERNEL(
+    const NUMBER *angle,
+    NUMBER *sine,
+    NUMBER *cosine,
+    BITS *beyond)
+{
+    AS_WRITTEN
+    const NUMBER x = *angle;
+    const NUMBER shifted = x * R(0.6366197723675813430755) + ROUND;
+    const NUMBER m = shifted - ROUND;
+    const NUMBER first = x - m * HALF_PI_1;
+    const NUMBER second = m * HALF_PI_2;
+    const NUMBER third = HALF_PI_REST(m);
+    const NUMBER r = first - (second + third);
+    const NUMBER lost = ((first - r) - second) - third;
+    const NUMBER z = r * r;
+    const NUMBER zz = z * z;
+    const NUMBER sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
+    const NUMBER cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
+    const bits one = 1;
+    BITS angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
+    memcpy(&angle_bits, &x, sizeof x);
+    memcpy(&quadrant, &shifted, sizeof x);
+    memcpy(&rest_bits, &r, sizeof x);
+    memcpy(&sine_bits, &sine_of_rest, sizeof x);
+    memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
+    /* The sine of a negative zero is one. */
+    sine_bits |= rest_bits & ~(bits)MAGNITUDE;
+    const BITS swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
+    sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
+    cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
+    memcpy(sine, &sine_bits, sizeof x);
+    memcpy(cosine, &cosine_bits, sizeof x);
+    *beyond = ((bits)ANGLE_LIMIT - (angle_bits & MAGNITUDE)) >> (SIGN_SHIFT + 1);
+}
+#undef KERNEL
+#undef NUMBER
+#undef BITS
 
-/* Four angles in a vector, where there are vectors. */
+/* Of four angles in a vector, where there are vectors. */
 #ifdef QUAD
 typedef real quad __attribute__((vector_size(4 * sizeof(real))));
 typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
-#endif
-
-/* Sine and cosine of one angle. */
+#define KERNEL sine_cosine_quad
+#define NUMBER quad
+#define BITS quad_bits
 /* `beyond` becomes 1 where the angle is not for this function. */
-static INLINE void sine_cosine_one(
-    const real *angle,
-    real *sine,
-    real *cosine,
-    bits *beyond)
+static INLINE void KERNEL(
+    const NUMBER *angle,
+    NUMBER *sine,
+    NUMBER *cosine,
+    BITS *beyond)
 {
     AS_WRITTEN
-    const real x = *angle;
-    const real shifted = x * R(0.6366197723675813430755) + ROUND;
-    const real m = shifted - ROUND;
-    const real first = x - m * HALF_PI_1;
-    const real second = m * HALF_PI_2;
-    const real third = HALF_PI_REST(m);
-    const real r = first - (second + third);
-    const real lost = ((first - r) - second) - third;
-    const real z = r * r;
-    const real zz = z * z;
-    const real sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
-    const real cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
+    const NUMBER x = *angle;
+    const NUMBER shifted = x * R(0.6366197723675813430755) + ROUND;
+    const NUMBER m = shifted - ROUND;
+    const NUMBER first = x - m * HALF_PI_1;
+    const NUMBER second = m * HALF_PI_2;
+    const NUMBER third = HALF_PI_REST(m);
+    const NUMBER r = first - (second + third);
+    const NUMBER lost = ((first - r) - second) - third;
+    const NUMBER z = r * r;
+    const NUMBER zz = z * z;
+    const NUMBER sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
+    const NUMBER cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
     const bits one = 1;
-    bits angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
+    BITS angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
     memcpy(&angle_bits, &x, sizeof x);
     memcpy(&quadrant, &shifted, sizeof x);
     memcpy(&rest_bits, &r, sizeof x);
@@ -171,52 +242,16 @@ static INLINE void sine_cosine_one(
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
     /* The sine of a negative zero is one. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const bits swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
+    const BITS swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
     cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
     memcpy(sine, &sine_bits, sizeof x);
     memcpy(cosine, &cosine_bits, sizeof x);
     *beyond = ((bits)ANGLE_LIMIT - (angle_bits & MAGNITUDE)) >> (SIGN_SHIFT + 1);
 }
-
-
-#ifdef QUAD
-/* `beyond` becomes 1 where the angle is not for this function. */
-static INLINE void sine_cosine_quad(
-    const quad *angle,
-    quad *sine,
-    quad *cosine,
-    quad_bits *beyond)
-{
-    AS_WRITTEN
-    const quad x = *angle;
-    const quad shifted = x * R(0.6366197723675813430755) + ROUND;
-    const quad m = shifted - ROUND;
-    const quad first = x - m * HALF_PI_1;
-    const quad second = m * HALF_PI_2;
-    const quad third = HALF_PI_REST(m);
-    const quad r = first - (second + third);
-    const quad lost = ((first - r) - second) - third;
-    const quad z = r * r;
-    const quad zz = z * z;
-    const quad sine_of_rest = r + ((r * z) * SINE_SERIES(z, zz) + lost);
-    const quad cosine_of_rest = (R(1.0) - R(0.5) * z) + zz * COSINE_SERIES(z, zz);
-    const bits one = 1;
-    quad_bits angle_bits, quadrant, rest_bits, sine_bits, cosine_bits;
-    memcpy(&angle_bits, &x, sizeof x);
-    memcpy(&quadrant, &shifted, sizeof x);
-    memcpy(&rest_bits, &r, sizeof x);
-    memcpy(&sine_bits, &sine_of_rest, sizeof x);
-    memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
-    /* The sine of a negative zero is one. */
-    sine_bits |= rest_bits & ~(bits)MAGNITUDE;
-    const quad_bits swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
-    sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
-    cosine_bits ^= swap ^ (((quadrant + one) & (one + one)) << SIGN_SHIFT);
-    memcpy(sine, &sine_bits, sizeof x);
-    memcpy(cosine, &cosine_bits, sizeof x);
-    *beyond = ((bits)ANGLE_LIMIT - (angle_bits & MAGNITUDE)) >> (SIGN_SHIFT + 1);
-}
+#undef KERNEL
+#undef NUMBER
+#undef BITS
 #endif
 
 /* Angles that are not for the functions above, so that no other's result depends on them. */
@@ -301,7 +336,7 @@ static void fill_lanes(
     }
 }
 
-void quadrotor_2link_pack(
+void MODULE(pack)(
     const size_t count,
     const size_t width,
     const real *RESTRICT rows,
@@ -318,7 +353,7 @@ void quadrotor_2link_pack(
     }
 }
 
-void quadrotor_2link_unpack(
+void MODULE(unpack)(
     const size_t count,
     const size_t width,
     const real *RESTRICT blocks,
@@ -377,14 +412,6 @@ const Constants
     R(2.5),
     R(1.0599999999999996e-07),
 };
-
-/* By its bits, since compilers that are told so take every number for finite. */
-static int is_finite(const real value)
-{
-    bits value_bits;
-    memcpy(&value_bits, &value, sizeof value_bits);
-    return (value_bits & MAGNITUDE) < NOT_FINITE;
-}
 
 int quadrotor_2link_init_constants(
     const real *RESTRICT parameters,

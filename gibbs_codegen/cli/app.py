@@ -1,7 +1,7 @@
 """The command line: its parser, exit codes, and what becomes of errors and output.
 
-SymPy and all that needs it are imported by the command that needs them, so that help and refusals
-come at once.
+SymPy, NumPy and whatever else takes time to import is imported by the command that needs it, so
+that `--help` and refusals appear at once.
 """
 
 from __future__ import annotations
@@ -43,12 +43,21 @@ def console() -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command and return its exit code: 0 done, 1 failed, 2 wrong use or a refused file."""
+    """Run a command.
+
+    Args:
+        arguments: the words after `gibbs-codegen`; without them, those of the process.
+
+    Returns:
+        The exit code: 0 if the command succeeded, 1 if it failed, 2 for wrong usage or a rejected
+        file.
+
+    """
     parser = argument_parser()
     words = sys.argv[1:] if arguments is None else arguments
     for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
         if re.fullmatch(r"--[a-z-]+=--", word):
-            parser.error(f"{word}: -- is no value; a path of that name is ./--")
+            parser.error(f"{word}: -- is not a value; write ./-- for a path of that name")
     options = parser.parse_args(words)
     try:
         code: int = options.command(options)
@@ -69,7 +78,8 @@ def argument_parser() -> argparse.ArgumentParser:
     """Parser of the command line; `command` of what it returns runs the command."""
     parser = Parser(
         prog="gibbs-codegen",
-        description="Derive the dynamics of an aerial manipulator and emit them as fast functions.",
+        description="Derive the equations of motion of flying robots with arms, and write them as "
+        "fast functions in NumPy and C.",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")

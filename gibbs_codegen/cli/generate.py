@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-import textwrap
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gibbs_codegen.cli import robot_argument, terminal
@@ -14,52 +12,55 @@ from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import printable
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from gibbs_codegen.robot.model import Robot
+
+_FLAGS = {
+    "--check": "write nothing, and exit with 1 if the module on disk differs from what would be "
+    "written",
+    "--force": "if the module's folder holds files that were not generated, or were changed since, "
+    "keep it under another name instead of refusing",
+    "--all-parameters": "keep parameters that are zero in the robot file, so that they can be "
+    "changed at run time",
+    "--no-verify": "write the module without checking its functions first",
+}
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: where the parser keeps its commands.
+
+    """
     generate = commands.add_parser(
-        "generate", help="derive a robot's equations and write its module", allow_abbrev=False
+        "generate",
+        help="derive a robot's equations of motion and write its module",
+        allow_abbrev=False,
     )
     robot_argument.add_robot(generate)
     generate.add_argument(
         "--target",
         action="append",
         metavar="TARGET",
-        help="what to emit; may be repeated (default: every target)",
+        help="a target to emit, such as numpy or c; may be repeated (default: all targets)",
     )
     generate.add_argument(
-        "--out", default="generated", metavar="DIR", help="folder of modules (default: generated)"
+        "--out",
+        default="generated",
+        metavar="DIR",
+        help="folder in which modules are written (default: generated)",
     )
-    generate.add_argument(
-        "--check",
-        action="store_true",
-        help="write nothing; exit 1 where the module on disk differs from what would be written",
-    )
-    generate.add_argument(
-        "--force",
-        action="store_true",
-        help="where the module's folder has files that were not generated, or were changed since, "
-        "keep it under another name instead of refusing",
-    )
-    generate.add_argument(
-        "--all-parameters",
-        action="store_true",
-        help="keep parameters that are zero in the robot file",
-    )
-    generate.add_argument(
-        "--no-verify",
-        action="store_true",
-        help="write the module without checking its functions first",
-    )
+    for flag, meaning in _FLAGS.items():
+        generate.add_argument(flag, action="store_true", help=meaning)
     generate.set_defaults(command=_generate)
 
 
 def _generate(options: argparse.Namespace) -> int:
     robot, text = robot_argument.chosen_robot(options)
     from gibbs_codegen import pipeline
-    from gibbs_codegen.program.nodes import count_operations
+    from gibbs_codegen.program.operations import count_operations
     from gibbs_codegen.targets.registry import TARGETS
 
     targets = options.target or list(TARGETS)
@@ -93,7 +94,9 @@ def _generate(options: argparse.Namespace) -> int:
 
 
 def _print_balance(robot: Robot) -> None:
-    """How the base is balanced, and a warning where it is lopsided."""
+    """Print how the base is balanced, and a warning if it is lopsided."""
+    import textwrap
+
     from gibbs_codegen.robot.balance import balance, balance_lines, lopsided
 
     found = balance(robot)

@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.terminal import Parser
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: where the parser keeps its commands.
+
+    """
     info = commands.add_parser(
-        "info", help="show chains, coordinates, motors and operation counts", allow_abbrev=False
+        "info",
+        help="show a robot's base, chains, coordinates, motors and operation counts",
+        allow_abbrev=False,
     )
     robot_argument.add_robot(info)
-    info.add_argument("--json", action="store_true", help="print JSON")
+    info.add_argument("--json", action="store_true", help="print JSON instead of tables")
     info.set_defaults(command=_info)
 
 
 def _info(options: argparse.Namespace) -> int:
+    import json
+
     robot, _ = robot_argument.chosen_robot(options)
     from gibbs_codegen.derivation.derive import derive
 

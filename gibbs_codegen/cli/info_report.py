@@ -11,7 +11,8 @@ from rich.text import Text
 
 from gibbs_codegen.derivation.filling import filled_matrix
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import Number, count_operations
+from gibbs_codegen.program.nodes import Number
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.robot.balance import balance, balance_lines, lopsided
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.coordinates import (
@@ -25,7 +26,15 @@ from gibbs_codegen.robot.thrusters import arrangement, tilt_hint
 
 
 def report(model: Model) -> dict[str, Any]:
-    """Everything that `info` tells, as values that JSON can hold."""
+    """Everything that `info` shows.
+
+    Args:
+        model: the derived robot.
+
+    Returns:
+        Values that JSON can hold.
+
+    """
     return _facts(model) | {"hybrid_pattern": _pattern(model.robot)}
 
 
@@ -86,7 +95,13 @@ def _hybrid_rows(model: Model) -> list[dict[str, Any]]:
 
 
 def print_report(model: Model, console: Console) -> None:
-    """The report in a readable layout."""
+    """Print the report in a readable layout.
+
+    Args:
+        model: the derived robot.
+        console: where to print.
+
+    """
     data = _facts(model)
     console.print(
         f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "

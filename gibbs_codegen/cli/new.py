@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 import argparse
-import shlex
-from pathlib import Path
 
 from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import printable
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: where the parser keeps its commands.
+
+    """
     new = commands.add_parser(
         "new", help="write a commented robot file to start from", allow_abbrev=False
     )
-    new.add_argument("file", metavar="ROBOT.toml", help="file to write; it must not exist yet")
+    new.add_argument(
+        "file", metavar="ROBOT.toml", help="robot file to write, which must not exist yet"
+    )
     new.set_defaults(command=_new)
 
 
 def _new(options: argparse.Namespace) -> int:
+    import shlex
+    from pathlib import Path
+
     from gibbs_codegen.files.module_writer import write_new_file
     from gibbs_codegen.robot.family import paper_family
     from gibbs_codegen.robot.names import name_from

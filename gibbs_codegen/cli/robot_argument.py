@@ -4,52 +4,77 @@ from __future__ import annotations
 
 import argparse
 import os
-import tempfile
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gibbs_codegen.errors import UsageError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from gibbs_codegen.program.model import Progress
     from gibbs_codegen.robot.model import Robot
 
 
 _ROBOT = (
-    "robot file, the name of a robot that ships, or a generated module: its folder, or its name "
-    "in generated/"
+    "a robot file, the name of a robot that ships, or a generated module, given by its folder or "
+    "by its name in generated/; if a name is both, "
 )
-_FAMILY = "the paper's family: base arms and links as in its Table 1"
 
 
 def add_robot(parser: argparse.ArgumentParser) -> None:
-    """Add ROBOT, or --rotors and --links, to a command that derives."""
+    """Add ROBOT, or --rotors and --links, to a command that derives.
+
+    Args:
+        parser: the parser of the command.
+
+    """
     parser.add_argument(
-        "robot",
-        nargs="?",
-        metavar="ROBOT",
-        help=f"{_ROBOT}; of a name that is both, the robot that ships is taken",
+        "robot", nargs="?", metavar="ROBOT", help=f"{_ROBOT}the robot that ships is taken"
     )
     parser.add_argument(
-        "--rotors", type=int, metavar="N", help=f"with --links: {_FAMILY}; 2 to 256 rotors"
+        "--rotors",
+        type=int,
+        metavar="N",
+        help="number of rotors, 2 to 256, of a member of the paper's family, whose base arms and "
+        "links are those of its Table 1; requires --links",
     )
-    parser.add_argument("--links", type=int, metavar="n", help="links of the arm, 0 to 64")
+    parser.add_argument(
+        "--links",
+        type=int,
+        metavar="n",
+        help="number of links of its arm, 0 to 64; requires --rotors",
+    )
 
 
 def add_module(parser: argparse.ArgumentParser) -> None:
-    """Add ROBOT to a command that runs a module."""
+    """Add ROBOT to a command that runs a module.
+
+    Args:
+        parser: the parser of the command.
+
+    """
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help=f"{_ROBOT}; of a name that is both, the module is taken; a robot's is made for this "
-        "and not kept",
+        help=f"{_ROBOT}the module is taken; if there is no module, one is generated and not kept",
     )
 
 
 def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
-    """The robot that the options ask for, and the text of its file."""
+    """The robot that the options ask for.
+
+    Args:
+        options: the options of a command with `add_robot`.
+
+    Returns:
+        The robot and the text of its file.
+
+    Raises:
+        UsageError: If the options ask for no robot, or for two.
+
+    """
     if options.robot is not None:
         if options.rotors is not None or options.links is not None:
             raise UsageError("give ROBOT, or --rotors and --links, not both")
@@ -64,11 +89,22 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
 
 
 def find_robot(word: str) -> tuple[Robot, str]:
-    """The robot that a word names, and the text of its file.
+    """The robot that a word names.
 
     A robot that ships comes first, then a file or the folder of a module, then a module in
-    generated/. Raises `RobotFileError` for a refused file and `UsageError` where there is none, or
-    where the module in generated/ may be older than a robot file of its name.
+    generated/.
+
+    Args:
+        word: the word.
+
+    Returns:
+        The robot and the text of its file.
+
+    Raises:
+        RobotFileError: If the file is rejected.
+        UsageError: If there is no such robot, or a module in generated/ may be older than a robot
+            file of its name.
+
     """
     from gibbs_codegen.robot.file import read_robot, shipped_robots
 
@@ -90,17 +126,29 @@ def find_robot(word: str) -> tuple[Robot, str]:
 def found_module(
     word: str, progress: AbstractContextManager[Progress]
 ) -> Iterator[tuple[Path, bool]]:
-    """Folder of the module that a word names, and whether it is kept.
+    """The module that a word names.
 
     A folder of that path, or of that name in generated/, comes first: it is a module, or what is
-    left of one. Of any other robot a module is made for the occasion. Raises as `find_robot`.
+    left of one. For any other robot a module is generated, and removed on leaving.
+
+    Args:
+        word: the word, as of `find_robot`, which raises errors for words that name nothing.
+        progress: shows the steps while a module is generated.
+
+    Yields:
+        The folder of the module, and whether it is kept.
+
     """
+    from pathlib import Path
+
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         from gibbs_codegen.runtime.load import find_module
 
         yield find_module(Path(word)), True
         return
     robot, text = find_robot(word)
+    import tempfile
+
     from gibbs_codegen.pipeline import generate_robot  # It imports SymPy, which modules do without.
 
     with tempfile.TemporaryDirectory() as out:

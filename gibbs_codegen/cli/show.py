@@ -9,25 +9,40 @@ from gibbs_codegen.cli.terminal import Parser
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: where the parser keeps its commands.
+
+    """
     show = commands.add_parser(
         "show",
-        help="print the paper's equations of one chain, as text or LaTeX",
+        help="print the paper's equations of one chain as text or LaTeX",
         allow_abbrev=False,
     )
     robot_argument.add_robot(show)
     show.add_argument(
-        "--chain", type=int, required=True, metavar="J", help="number of the chain, 1 to N"
+        "--chain",
+        type=int,
+        required=True,
+        metavar="J",
+        help="number of the chain, from 1 to the number of rotors",
     )
     show.add_argument(
         "--equation",
         action="append",
         type=int,
         metavar="E",
-        help="2 (Gibbs function), 5 (its partials), 6 (a link's two vectors), 15 (equations of "
-        "motion) or 18 (places in the hybrid system); may be repeated (default: 15 and 18)",
+        help="number of an equation: 2 (Gibbs function), 5 (its partial derivatives), 6 (the two "
+        "vectors of a link), 15 (equations of motion) or 18 (places in the hybrid system); may be "
+        "repeated (default: 15 and 18)",
     )
-    show.add_argument("--format", choices=("text", "latex"), default="text", help="default: text")
+    show.add_argument(
+        "--format",
+        choices=("text", "latex"),
+        default="text",
+        help="how to print the equations (default: text)",
+    )
     show.set_defaults(command=_show)
 
 

@@ -12,10 +12,15 @@ from gibbs_codegen.errors import printable
 
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: where the parser keeps its commands.
+
+    """
     simulate = commands.add_parser(
         "simulate",
-        help="fly a scenario with a generated module: time series and figures",
+        help="fly a scenario with a module, and write time series and figures",
         allow_abbrev=False,
     )
     robot_argument.add_module(simulate)
@@ -23,16 +28,20 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
         "--scenario",
         default="paper",
         metavar="NAME|FILE",
-        help="paper (default), hover, line, circle, or a scenario file in TOML",
+        help="the scenario to fly: paper (default), hover, line, circle, or a scenario file",
     )
     simulate.add_argument(
-        "--out", default="flight", metavar="DIR", help="folder of the results (default: flight)"
+        "--out",
+        default="flight",
+        metavar="DIR",
+        help="folder in which the results are written (default: flight)",
     )
     simulate.add_argument(
         "--backend",
         choices=("numpy", "c"),
         default="c",
-        help="c (default; compiled once, NumPy where that is not possible) or numpy",
+        help="back end to compute with; c is compiled once, and replaced by numpy if that is not "
+        "possible (default: c)",
     )
     simulate.add_argument(
         "--set",
@@ -41,8 +50,10 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
         metavar="KEY=VALUE",
         help="replace an entry of the scenario, such as start.offset=[0.2,0,0]; may be repeated",
     )
-    simulate.add_argument("--no-figures", action="store_true", help="time series only")
-    simulate.add_argument("--animate", choices=("gif", "mp4"), help="write an animation too")
+    simulate.add_argument("--no-figures", action="store_true", help="write the time series only")
+    simulate.add_argument(
+        "--animate", choices=("gif", "mp4"), help="write an animation as well, in this format"
+    )
     simulate.set_defaults(command=_simulate)
 
 

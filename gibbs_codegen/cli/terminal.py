@@ -20,7 +20,12 @@ class Parser(argparse.ArgumentParser):
     """A parser that shows what it does not understand as a message may hold it."""
 
     def error(self, message: str) -> NoReturn:
-        """Print the usage and the message, and exit with 2."""
+        """Print the usage and the message, and exit with 2.
+
+        Args:
+            message: what is wrong with the command line.
+
+        """
         super().error(printable(message, 400))
 
 

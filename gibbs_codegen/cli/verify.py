@@ -1,36 +1,50 @@
-"""`verify`: a module against formulations that share no code with the derivation."""
+"""`verify`: compare a module with formulations that share no code with the derivation."""
 
 from __future__ import annotations
 
 import argparse
-import json
+import os
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gibbs_codegen.cli import robot_argument, terminal
 from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import printable
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from gibbs_codegen.verification.verify import Verification
+
 
 def add(commands: argparse._SubParsersAction[Parser]) -> None:
-    """Add the command to the parser."""
+    """Add the command to the parser.
+
+    Args:
+        commands: where the parser keeps its commands.
+
+    """
     verify = commands.add_parser(
         "verify",
-        help="check a module against formulations that share no code with the derivation",
+        help="compare a module with formulations that share no code with the derivation",
         allow_abbrev=False,
     )
     robot_argument.add_module(verify)
     verify.add_argument(
-        "--states", type=int, default=20, metavar="K", help="random states (default: 20)"
+        "--states",
+        type=int,
+        default=20,
+        metavar="K",
+        help="number of random states to compare at (default: 20)",
     )
-    verify.add_argument("--seed", type=int, default=0, help="of the states (default: 0)")
+    verify.add_argument("--seed", type=int, default=0, help="seed of the states (default: 0)")
     verify.add_argument(
         "--backend",
         choices=("numpy", "c"),
         action="append",
-        help="what to check; may be repeated (default: both)",
+        help="a back end to verify; may be repeated (default: both)",
     )
-    verify.add_argument("--json", action="store_true", help="print JSON")
+    verify.add_argument("--json", action="store_true", help="print JSON instead of tables")
     verify.set_defaults(command=_verify)
 
 
@@ -43,9 +57,17 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int:
-    from rich.console import Console
+    """Verify a module, print what was found, and return the exit code.
 
-    from gibbs_codegen.cli.verify_report import as_data, failure_lines, print_verification
+    Args:
+        options: the options of the command.
+        folder: the module.
+        kept: whether the module stays when the command has ended.
+
+    Returns:
+        The exit code.
+
+    """
     from gibbs_codegen.verification.modules import verify
 
     backends = options.backend or ["numpy", "c"]
@@ -54,14 +76,17 @@ def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int
     lacking = [backend for backend in options.backend or () if backend not in found.comparisons]
     passed = found.passed and not lacking
     if options.json:
+        import json
+
+        from gibbs_codegen.cli.verify_report import as_data
+
         print(json.dumps(as_data(found) | {"passed": passed}, indent=2))
     else:
-        print_verification(found, Console(width=terminal.width(), highlight=False, soft_wrap=False))
-        name = printable(folder) if kept else f"{found.robot}, made for this and not kept"
-        if passed:
-            print(f"{name}: all {found.count} comparisons within their limits")
+        _print_found(found, passed, folder if kept else None)
     if passed:
         return 0
+    from gibbs_codegen.cli.verify_report import failure_lines
+
     lines = [f"back end {b} was asked for: {found.not_done[f'back end {b}']}" for b in lacking]
     if found.failures:
         lines.append(f"{len(found.failures)} of {found.count} comparisons failed:")
@@ -70,3 +95,26 @@ def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int
         lines.append("nothing could be compared")
     print(f"gibbs-codegen: {found.robot}: " + "\n".join(lines), file=sys.stderr)
     return 1
+
+
+def _print_found(found: Verification, passed: bool, folder: Path | None) -> None:
+    """Print the tables, and a line if all is well.
+
+    Args:
+        found: the verification.
+        passed: whether it passed, and was made of all back ends that were asked for.
+        folder: the module, or None if it was generated for this and is not kept.
+
+    """
+    from rich.console import Console
+
+    from gibbs_codegen.cli.verify_report import print_verification
+
+    width = terminal.width()
+    print_verification(found, Console(width=width, highlight=False, soft_wrap=False))
+    if passed:
+        verdict = f": all {found.count} comparisons within their limits"
+        name = f"{found.robot}, generated for this and not kept"
+        if folder is not None:
+            name = min(str(folder), os.path.relpath(folder), key=len)
+        print(printable(name, max(width - len(verdict), 16)) + verdict)

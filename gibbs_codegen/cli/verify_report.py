@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Any
 
 from rich.console import Console
@@ -19,7 +20,15 @@ _MOST_FAILURES = 12
 
 
 def as_data(verification: Verification) -> dict[str, Any]:
-    """Everything that `verify` found, as values that JSON can hold; what is no number is null."""
+    """Everything that `verify` found.
+
+    Args:
+        verification: what was found.
+
+    Returns:
+        Values that JSON can hold; what is not a number is null.
+
+    """
     return {
         "robot": verification.robot,
         "seed": verification.seed,
@@ -29,15 +38,8 @@ def as_data(verification: Verification) -> dict[str, Any]:
         "not_done": verification.not_done,
         "backends": {
             backend: [
-                {
-                    "what": c.what,
-                    "against": c.against,
-                    "states": c.states,
-                    "error": c.error if math.isfinite(c.error) else None,
-                    "limit": c.limit,
-                    "passed": c.passed,
-                    "fault": c.fault,
-                }
+                asdict(c)
+                | {"error": c.error if math.isfinite(c.error) else None, "passed": c.passed}
                 for c in comparisons
             ]
             for backend, comparisons in verification.comparisons.items()
@@ -46,7 +48,13 @@ def as_data(verification: Verification) -> dict[str, Any]:
 
 
 def print_verification(verification: Verification, console: Console) -> None:
-    """The largest errors in tables: functions by formulations, then invariants, per back end."""
+    """Print the largest errors: for each back end functions by formulations, then the rest.
+
+    Args:
+        verification: what was found.
+        console: where to print.
+
+    """
     for backend, comparisons in verification.comparisons.items():
         by_formulation, others = _sorted(comparisons)
         title = f"{backend}: largest relative error of each function against …"
@@ -62,7 +70,15 @@ def print_verification(verification: Verification, console: Console) -> None:
 
 
 def failure_lines(verification: Verification) -> list[str]:
-    """The comparisons that failed, one a line, the worst first."""
+    """The comparisons that failed.
+
+    Args:
+        verification: what was found.
+
+    Returns:
+        A line for each, the worst first, and one that counts those that are left out.
+
+    """
     failures = sorted(verification.failures, key=lambda f: -f[1].error)
     lines = [f"{backend}: {failure_text(c)}" for backend, c in failures[:_MOST_FAILURES]]
     if len(failures) > _MOST_FAILURES:

@@ -45,3 +45,16 @@ class ChainEquation:
     places: tuple[Place, ...] = ()
     inputs: tuple[tuple[Name, Name], ...] = ()
     closed: bool = True
+
+    @property
+    def bordered(self) -> list[list[list[sp.Expr]]]:
+        """Matrix, unknowns, R and F of eq. 15, bordered where the chain is constrained."""
+        zero, one = sp.S.Zero, sp.S.One
+        matrix = [list(row) for row in self.matrix]
+        vectors = [list(self.accelerations), list(self.residual), list(self.forces)]
+        if self.torque is not None:
+            zeta = [one if i == 3 else zero for i in range(len(matrix))]
+            matrix = [[*row, -z] for row, z in zip(matrix, zeta, strict=True)] + [[*zeta, zero]]
+            for vector, last in zip(vectors, (self.torque, zero, zero), strict=True):
+                vector.append(last)
+        return [matrix, *vectors]

@@ -33,7 +33,15 @@ def _explained_unknowns(robot: Robot) -> dict[str, Coordinate]:
 
 
 def chain_names(machine: Machine, chain: Chain) -> dict[sp.Symbol, Name]:
-    """Names of coordinates, inputs and parameters."""
+    """Names of everything that occurs in a chain.
+
+    Args:
+        machine: the robot in symbols.
+        chain: one of its chains.
+
+    Returns:
+        Names of coordinates, inputs, parameters and fixed angles, by symbol.
+    """
     robot, number = machine.robot, chain.number
     unknowns = _explained_unknowns(robot)
     explained = [(c, unknowns[c].meaning, unknowns[c].unit) for c in chain.coordinates]

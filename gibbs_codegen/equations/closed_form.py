@@ -7,19 +7,17 @@ from functools import lru_cache
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import (
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.tree_dynamics import (
     Matrix,
-    State,
     generalised_inertia_forces,
     gibbs_function,
     mass_matrix,
 )
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.equations.normal_form import TooLongError, collected, count_terms
-from gibbs_codegen.equations.readable_chain import readable_chain
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.equations.readable_chain import chain_state, check_chain, readable_chain
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.symbolic.tape import InlineTape, Stage
+from gibbs_codegen.symbolic.tape import InlineTape
 
 
 @dataclass(frozen=True)
@@ -37,23 +35,26 @@ class ChainClosedForm:
 
 
 def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
-    """Closed form of chain `number` = 1 … N (eqs. 2, 3 and 5).
+    """Closed form of an open chain (eqs. 2, 3 and 5), which grows about threefold with every link.
 
-    A constrained joint keeps its acceleration as a symbol; its rate is zero. Raises `UsageError`
-    where there is no such chain. Expressions grow by a factor of three or so with every link.
+    Args:
+        robot: the robot.
+        number: of the chain, 1 to N.
+
+    Returns:
+        The closed form. A constrained joint keeps its acceleration as a symbol; its rate is zero.
+
+    Raises:
+        UsageError: if there is no such chain.
     """
-    if not 1 <= number <= robot.rotors:
-        raise UsageError(f"chain {number}: {robot.name} has chains 1 to {robot.rotors}")
+    check_chain(robot, number)
     tape = InlineTape()
     machine = Machine.of(robot, tape)
     chain, serial = machine.open_chains[number - 1]
-    free = {symbol.name for symbol in machine.q}
-    accelerations = tuple(tape.symbol(f"a_{name}", Stage.MOTION) for name in chain.coordinates)
-    rates = [sp.Symbol(f"v_{name}") if name in free else sp.S.Zero for name in chain.coordinates]
-    state = State(rates, accelerations, machine.parameters.gravity)
+    state = chain_state(machine, chain)
     return ChainClosedForm(
         chain.coordinates,
-        accelerations,
+        tuple(state.accelerations),
         gibbs_function(tape, machine.root, serial, state),
         tuple(generalised_inertia_forces(tape, machine.root, serial, state)),
     )
@@ -63,7 +64,16 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
 def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.Expr]]:
     """I_j and R_j (eq. 15) in symbols that read well, collected by products of rates.
 
-    Raises `TooLongError` where together they have more than `most` terms.
+    Args:
+        robot: the robot.
+        chain: number of the chain, 1 to N.
+        most: terms that both may have together.
+
+    Returns:
+        The mass matrix, and the residual.
+
+    Raises:
+        TooLongError: if they have more terms.
     """
     readable = readable_chain(robot, chain)
     tape, root, serial = readable.machine.tape, readable.machine.root, readable.serial

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 
 import sympy as sp
 
+from gibbs_codegen.equations.notation import Kind, Name, name
 from gibbs_codegen.symbolic.tape import Tape, signed
 
 Definition = tuple[sp.Symbol, sp.Expr]
@@ -38,7 +39,10 @@ class Definitions:
     def name(self, symbol: sp.Symbol, value: sp.Expr) -> None:
         """Define `symbol` as what the tape has for `value`, and read it in its place from now on.
 
-        A value that is a number, a symbol or already has a name is defined, but read by that.
+        Args:
+            symbol: the symbol.
+            value: an expression of the tape. One that is a number, a symbol or already has a name
+                is defined, but read by that.
         """
         sign, original = signed(value)
         if original in self._values or original not in self._tape.statements:
@@ -50,7 +54,14 @@ class Definitions:
             self._values[original] = sign * symbol
 
     def expression(self, value: sp.Expr) -> sp.Expr:
-        """What the tape has for a value, in the names that are defined so far."""
+        """Write a value in the names that are defined so far.
+
+        Args:
+            value: an expression of the tape.
+
+        Returns:
+            The same in numbered quantities, which are defined as need be, and names.
+        """
         leaves = {symbol: self._value(symbol) for symbol in _symbols(value)}
         return value.xreplace(leaves)
 
@@ -101,3 +112,19 @@ def _count_leaves(expression: sp.Expr) -> int:
     if not expression.args or isinstance(expression, (sp.sin, sp.cos)):
         return 1
     return sum(map(_count_leaves, expression.args))
+
+
+def step_names(lines: Iterable[Definition]) -> dict[sp.Symbol, Name]:
+    """Names of the quantities that definitions number.
+
+    Args:
+        lines: definitions, those of other quantities among them.
+
+    Returns:
+        Names by symbol.
+    """
+    return {
+        symbol: name("h", symbol.name.removeprefix("h_"), Kind.STEP, "")
+        for symbol, _ in lines
+        if symbol.name.startswith("h_")
+    }

@@ -7,15 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import sympy as sp
-
-from gibbs_codegen.equations.chain_equation import ChainEquation
-from gibbs_codegen.equations.notation import Name
-from gibbs_codegen.equations.typeset import text_width
-
-# A wider matrix does not fit a page; its entries are listed in any case.
-_WIDEST = 12
-
 WHY_DEFINITIONS = (
     "Written out, these expressions would be too long to be read: they grow about threefold with "
     "every link. They are given as definitions instead, each by those before it, and vectors in "
@@ -106,85 +97,3 @@ FORMS = {
         ),
     ),
 }
-
-
-def motion_latex(equation: ChainEquation) -> list[str]:
-    """Eq. 15 in blocks and, where that fits a page, entry by entry."""
-    j = equation.chain
-    if equation.torque is None:
-        rows = [f"I_{{{j}}} \\ddot{{\\theta}}_{{{j}}} &= R_{{{j}}} + F_{{{j}}}"]
-    else:
-        torque, zeta = equation.names[equation.torque].latex, f"\\zeta_{{{j},4}}"
-        rows = [
-            f"\\begin{{bmatrix}} I_{{{j}}} & -{zeta} \\\\ {zeta}^T & 0 \\end{{bmatrix}}\n"
-            f"\\begin{{Bmatrix}} \\ddot{{\\theta}}_{{{j}}} \\\\ {torque} \\end{{Bmatrix}} &=\n"
-            f"\\begin{{Bmatrix}} R_{{{j}}} \\\\ 0 \\end{{Bmatrix}} +\n"
-            f"\\begin{{Bmatrix}} F_{{{j}}} \\\\ 0 \\end{{Bmatrix}}"
-        ]
-    matrix, *vectors = _entries(equation)
-    if len(matrix) > _WIDEST:
-        return rows
-    written = [[_latex(equation.names, entry) for entry in row] for row in matrix]
-    columns = "c" * len(equation.residual) + ("|c" if equation.torque else "")
-    lines = [" & ".join(row) for row in written]
-    if equation.torque:
-        lines[-1] = f"\\hline {lines[-1]}"
-    body = " \\\\\n".join(lines)
-    unknowns, residual, forces = (
-        "\\begin{Bmatrix} "
-        + " \\\\ ".join(_latex(equation.names, entry) for entry in vector)
-        + " \\end{Bmatrix}"
-        for vector in vectors
-    )
-    array = f"\\left[\\begin{{array}}{{{columns}}}\n{body}\n\\end{{array}}\\right]"
-    return [*rows, f"&{array}\n{unknowns}", f"&\\quad = {residual} + {forces}"]
-
-
-def motion_text(equation: ChainEquation) -> list[str]:
-    """Eq. 15 in blocks and, where that fits a page, entry by entry."""
-    j = equation.chain
-    if equation.torque is None:
-        lines = [f"I_{j}·θ̈_{j} = R_{j} + F_{j}"]
-    else:
-        torque = equation.names[equation.torque].text
-        lines = [f"I_{j}·θ̈_{j} - ζ_{{{j},4}}·{torque} = R_{j} + F_{j}", f"ζ_{{{j},4}}ᵀ·θ̈_{j} = 0"]
-    matrix, *vectors = _entries(equation)
-    if len(matrix) > _WIDEST:
-        return lines
-    pattern = [
-        " ".join("0" if e == 0 else str(e) if e.is_Number else "I" for e in row) for row in matrix
-    ]
-    names = equation.names
-    columns = [[_text(names, entry) for entry in vector] for vector in vectors]
-    for row, unknown, residual, force in zip(pattern, *columns, strict=True):
-        cells = " ".join(f"{cell:>2}" for cell in row.split())
-        lines.append(
-            f"[{cells} ] {{ {padded(unknown, 10)} }} = {{ {residual:<8} }} + {{ {force:<8} }}"
-        )
-    return lines
-
-
-def _entries(equation: ChainEquation) -> list[list[list[sp.Expr]]]:
-    """Matrix, unknowns, R and F of eq. 15, bordered where the chain is constrained."""
-    zero, one = sp.S.Zero, sp.S.One
-    matrix = [list(row) for row in equation.matrix]
-    vectors = [list(equation.accelerations), list(equation.residual), list(equation.forces)]
-    if equation.torque is not None:
-        zeta = [one if i == 3 else zero for i in range(len(matrix))]
-        matrix = [[*row, -z] for row, z in zip(matrix, zeta, strict=True)] + [[*zeta, zero]]
-        for vector, last in zip(vectors, (equation.torque, zero, zero), strict=True):
-            vector.append(last)
-    return [matrix, *vectors]
-
-
-def _latex(names: dict[sp.Symbol, Name], entry: sp.Expr) -> str:
-    return names[entry].latex if entry.is_Symbol else str(entry)
-
-
-def _text(names: dict[sp.Symbol, Name], entry: sp.Expr) -> str:
-    return names[entry].text if entry.is_Symbol else str(entry)
-
-
-def padded(text: str, width: int) -> str:
-    """Text filled with spaces to a width."""
-    return text + " " * (width - text_width(text))

@@ -1,4 +1,4 @@
-"""The motions of a chain's items, each in its own frame, as named quantities of a tape."""
+"""Equations of chains too long for closed forms: by the motions of their items, as definitions."""
 
 from __future__ import annotations
 
@@ -8,11 +8,17 @@ from typing import TypeVar
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import State, chain_motions
-from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT
+from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT, link_gibbs_function
+from gibbs_codegen.derivation.tree_dynamics import (
+    Matrix,
+    generalised_inertia_forces,
+    mass_matrix,
+    tree_motions,
+)
 from gibbs_codegen.equations.definitions import Definition, Definitions
 from gibbs_codegen.equations.notation import Kind, name
-from gibbs_codegen.equations.readable_chain import ReadableChain, own_frames
+from gibbs_codegen.equations.readable_chain import own_frames, readable_chain
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
 
 Entry = TypeVar("Entry")
@@ -30,61 +36,96 @@ _VECTORS = (
 
 
 class ItemMotions:
-    """Motions of a chain's items in their own frames, by name; `tape` is the chain's."""
+    """Motions of a chain's items in their own frames, by name, on a tape of their own.
 
-    def __init__(self, readable: ReadableChain, tape: Tape, state: State) -> None:
-        self._tape, self._readable = tape, readable
-        self.serial = own_frames(readable)
-        self.names = dict(readable.names)
-        root = readable.machine.root
-        before, after = root.places(readable.serial.joints), root.places(self.serial.joints)
+    From them eqs. 2, 5 and 15 are made as definitions, each by those before it; `names` are those
+    of the chain `readable` and of the motions.
+    """
+
+    def __init__(self, robot: Robot, number: int, accelerated: bool = True) -> None:
+        self._tape = Tape()
+        self.readable = readable_chain(robot, number, self._tape)
+        self._serial = own_frames(self.readable)
+        self.names = dict(self.readable.names)
+        root = self.readable.machine.root
+        before = root.places(self.readable.serial.joints)
+        after = root.places(self._serial.joints)
 
         def longer(values: Sequence[sp.Expr]) -> list[sp.Expr]:
             base, joints = before.split(values)
             return after.joined(base, [*joints, sp.S.Zero])
 
-        self.state = replace(
+        state = self.readable.state if accelerated else self.readable.unaccelerated
+        self._state = replace(
             state, rates=longer(state.rates), accelerations=longer(state.accelerations)
         )
         self._named: list[tuple[sp.Symbol, sp.Symbol, int, sp.Expr]] = []
-        motions = chain_motions(tape, root, self.serial, self.state)[:-1]
+        motions = tree_motions(self._tape, root, self._serial, self._state)[:-1]
         for k, motion in enumerate(motions):
             vectors = (motion.omega, motion.omega_dot, motion.acceleration)
             for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):
                 for old, axis, value in zip(generic, "xyz", vector, strict=True):
                     symbol = sp.Symbol(f"{old.name}_{3 + k}")
-                    index = f"{readable.chain.number},{3 + k},{axis}"
+                    index = f"{number},{3 + k},{axis}"
                     self.names[symbol] = name(letter, index, Kind.MOTION, meaning, mark)
                     self._named.append((symbol, old, k, value))
 
-    @property
-    def values(self) -> list[sp.Expr]:
-        """What the tape has for the components."""
-        return [value for *_, value in self._named]
+    def gibbs_functions(self) -> tuple[dict[int, sp.Expr], list[Definition]]:
+        """Gibbs functions of the items that have one, by number, and definitions (eq. 2)."""
+        definitions = self._definitions([])
+        shares = {}
+        for k, segment in enumerate(self.readable.serial.segments):
+            values = {
+                symbol: definitions.expression(value)
+                for symbol, value in segment.inertia.values.items()
+            }
+            for _, old, item, value in self._named:
+                if item == k:
+                    values[old] = definitions.expression(value)
+            share = sp.expand(link_gibbs_function().xreplace(values))
+            if share != 0:
+                shares[3 + k] = share
+        return shares, definitions.made
 
-    def define(self, definitions: Definitions) -> None:
-        """Define the components that are not zero."""
+    def partials(self) -> tuple[list[sp.Expr], list[Definition]]:
+        """∂S_j/∂θ̈_{j,i} in the order of the coordinates, and definitions (eq. 5)."""
+        return self._rows(self._inertia_forces())
+
+    def system(self) -> tuple[Matrix, list[sp.Expr], list[Definition]]:
+        """I_j, R_j and definitions (eq. 15), of motions without accelerations."""
+        root = self.readable.machine.root
+        matrix = self._without_last(mass_matrix(self._tape, root, self._serial))
+        rows = [self._without_last(row) for row in matrix]
+        residual = [-entry for entry in self._inertia_forces()]
+        size = len(residual)
+        upper = [(i, j) for i in range(size) for j in range(i, size)]
+        made, steps = self._rows([*residual, *(rows[i][j] for i, j in upper)])
+        matrix = [[sp.S.Zero] * size for _ in range(size)]
+        for (i, j), entry in zip(upper, made[size:], strict=True):
+            matrix[i][j] = matrix[j][i] = entry
+        return matrix, made[:size], steps
+
+    def _inertia_forces(self) -> list[sp.Expr]:
+        root = self.readable.machine.root
+        forces = generalised_inertia_forces(self._tape, root, self._serial, self._state)
+        return self._without_last(forces)
+
+    def _definitions(self, values: Sequence[sp.Expr]) -> Definitions:
+        """Definitions of the components that are not zero, for the values that will be read."""
+        outputs = [value for *_, value in self._named]
+        definitions = Definitions(self._tape, [*outputs, *values])
         for symbol, _, _, value in self._named:
             if value != 0:
                 definitions.name(symbol, value)
+        return definitions
 
-    def symbols(self, k: int, definitions: Definitions) -> dict[sp.Symbol, sp.Expr]:
-        """Components of segment k by the symbols that the Gibbs function of a link has for them."""
-        return {
-            old: definitions.expression(value)
-            for _, old, segment, value in self._named
-            if segment == k
-        }
-
-    def rows(self, values: Sequence[sp.Expr]) -> tuple[list[sp.Expr], list[Definition]]:
+    def _rows(self, values: Sequence[sp.Expr]) -> tuple[list[sp.Expr], list[Definition]]:
         """Values in terms of definitions, and these."""
-        definitions = Definitions(self._tape, [*self.values, *values])
-        self.define(definitions)
-        rows = [definitions.expression(value) for value in values]
-        return rows, definitions.made
+        definitions = self._definitions(values)
+        return [definitions.expression(value) for value in values], definitions.made
 
-    def without_last(self, rows: Sequence[Entry]) -> list[Entry]:
+    def _without_last(self, rows: Sequence[Entry]) -> list[Entry]:
         """Rows of all coordinates without that of the last segment, which has no inertia."""
-        root = self._readable.machine.root
-        base, joints = root.places(self.serial.joints).split(rows)
-        return root.places(self._readable.serial.joints).joined(base, joints[:-1])
+        root = self.readable.machine.root
+        base, joints = root.places(self._serial.joints).split(rows)
+        return root.places(self.readable.serial.joints).joined(base, joints[:-1])

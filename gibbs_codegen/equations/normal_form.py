@@ -26,9 +26,17 @@ class TooLongError(Exception):
 def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.Expr:
     """The expression multiplied out and collected by products of `keys`.
 
-    It may hold rational numbers and their square roots, symbols, sines and cosines, sums, products
-    and positive powers. In each coefficient common factors stand before the sum. Raises
-    `TooLongError` where any step has more than `most` terms.
+    Args:
+        expression: rational numbers and their square roots, symbols, sines and cosines, sums,
+            products and positive powers.
+        keys: the symbols by whose products to collect.
+        most: terms in any step, at most.
+
+    Returns:
+        An equal expression; in each coefficient common factors stand before the sum.
+
+    Raises:
+        TooLongError: if a step has more terms.
     """
     found = _leaves(expression)
     if not found:
@@ -52,7 +60,14 @@ def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.E
 
 
 def count_terms(expression: sp.Expr) -> int:
-    """Number of terms that are added anywhere in an expression, one at least."""
+    """Count the terms of an expression.
+
+    Args:
+        expression: the expression.
+
+    Returns:
+        How many terms are added anywhere in it, one at least.
+    """
     if expression.is_Add or expression.is_Mul:
         counts = [count_terms(argument) for argument in expression.args]
         return sum(counts) if expression.is_Add else max(counts)
@@ -190,7 +205,16 @@ class _Expansion:
 
 
 def _square_replaced(terms: Terms, place: int, value: list[tuple[int | None, int]]) -> Terms:
-    """Replace the square of the leaf at `place` by a sum of numbers and numbers times squares."""
+    """Replace the square of a leaf.
+
+    Args:
+        terms: a polynomial.
+        place: of the leaf.
+        value: what the square is: a sum of numbers (None) and numbers times squares of leaves.
+
+    Returns:
+        An equal polynomial in which that leaf has no power above one.
+    """
     while any(monomial[place] > 1 for monomial in terms):
         replaced: Terms = defaultdict(lambda: sp.QQ(0))
         for monomial, number in terms.items():
@@ -208,7 +232,16 @@ def _square_replaced(terms: Terms, place: int, value: list[tuple[int | None, int
 
 
 def _folded(terms: Terms, kept: int, folded: int) -> Terms:
-    """Write p·(1 − x²) as p·y², where x and y are cosine and sine or the other way round."""
+    """Write p·(1 − x²) as p·y², where x and y are cosine and sine or the other way round.
+
+    Args:
+        terms: a polynomial.
+        kept: place of x.
+        folded: place of y.
+
+    Returns:
+        An equal polynomial.
+    """
     result = dict(terms)
     for monomial in sorted(terms, reverse=True):
         if monomial[kept] < 2 or monomial not in result:
@@ -225,7 +258,16 @@ def _folded(terms: Terms, kept: int, folded: int) -> Terms:
 
 
 def _merged(terms: Terms, cos_a: int, sin_a: int, cos_b: int, sin_b: int, c: int, s: int) -> Terms:
-    """Write cos a·cos b + sin a·sin b as cos(a − b), sin a·cos b − cos a·sin b as sin(a − b)."""
+    """Write cos a·cos b + sin a·sin b as cos(a − b), sin a·cos b − cos a·sin b as sin(a − b).
+
+    Args:
+        terms: a polynomial.
+        cos_a, sin_a, cos_b, sin_b: places of the functions of a and b.
+        c, s: places of cos(a − b) and sin(a − b).
+
+    Returns:
+        An equal polynomial.
+    """
     result = dict(terms)
     for (first, second), (third, fourth), sign, merged in (
         ((cos_a, cos_b), (sin_a, sin_b), 1, c),

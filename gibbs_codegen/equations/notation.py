@@ -64,9 +64,18 @@ _MARKS = {"dot": "\u0307", "ddot": "\u0308", "bar": "\u0304"}
 def name(
     letter: str, index: str, kind: Kind, meaning: str, mark: str = "", prime: bool = False
 ) -> Name:
-    """A letter, such as theta or l, with an index, and perhaps a dot, two dots, a bar or a prime.
+    """Compose a name.
 
-    A letter with a digit, such as B_0, keeps it apart from the index.
+    Args:
+        letter: such as theta or l; one with a digit, such as B_0, keeps it apart from the index.
+        index: the subscript, or "".
+        kind: what the symbol stands for.
+        meaning: for the legend, with the unit.
+        mark: what stands above the letter: dot, ddot, bar or nothing.
+        prime: whether a prime follows the letter.
+
+    Returns:
+        The name.
     """
     greek = _GREEK.get(letter, letter)
     text, latex = (
@@ -84,13 +93,27 @@ def name(
 
 
 def latex_index(index: str) -> str:
-    """A subscript in LaTeX."""
+    """A subscript in LaTeX.
+
+    Args:
+        index: its text, or "".
+
+    Returns:
+        The subscript, or "".
+    """
     degrees = r"^{\circ}"
     return f"_{{{index.replace('°', degrees)}}}" if index else ""
 
 
 def text_index(index: str) -> str:
-    """A subscript in plain text."""
+    """A subscript in plain text.
+
+    Args:
+        index: its text, or "".
+
+    Returns:
+        The subscript, or "".
+    """
     return "" if not index else f"_{index}" if len(index) == 1 else f"_{{{index}}}"
 
 
@@ -108,7 +131,12 @@ def coordinate_names(
 ) -> Iterator[tuple[sp.Symbol, Name]]:
     """Names of the coordinates of a chain, with their rates and accelerations.
 
-    `coordinates` gives the derivation's name, the meaning and the unit of each, in order.
+    Args:
+        chain: number of the chain.
+        coordinates: of each the derivation's name, the meaning and the unit, in order.
+
+    Yields:
+        Each symbol and its name.
     """
     for item, (internal, meaning, unit) in enumerate(coordinates, start=1):
         if internal in _LINEAR:
@@ -134,7 +162,20 @@ _PARAMETERS = (
 
 
 def parameter_name(internal: str, rotors: int, default: float, unit: str) -> Name:
-    """Name of a parameter of a robot with N = `rotors`: g, l_k, μ_k, I_k … by its arm's number."""
+    """Name of a parameter: g, l_k, μ_k, m_k … by the number k of its arm.
+
+    Args:
+        internal: the derivation's name.
+        rotors: N; the arm's first link is arm N + 1.
+        default: value in the robot file.
+        unit: of the value, with ^2 for squares.
+
+    Returns:
+        The name.
+
+    Raises:
+        ValueError: if there is no such parameter.
+    """
     value = f" ({default:.6g} {unit.replace('^2', '²')})"
     if internal == "gravity":
         return Name("g", "g", Kind.GRAVITY, f"gravity{value}")
@@ -156,7 +197,15 @@ def parameter_name(internal: str, rotors: int, default: float, unit: str) -> Nam
 
 
 def hybrid_name(internal: str, meaning: str) -> Name:
-    """Name of a hybrid unknown or an input, by its single index: θ_{-1}, d_7, x, τ'_k, F_k, τ_k."""
+    """Name of a hybrid unknown or an input, by its single index: θ_{-1}, d_7, x, τ'_k, F_k, τ_k.
+
+    Args:
+        internal: the derivation's name.
+        meaning: for the legend, with the unit.
+
+    Returns:
+        The name.
+    """
     if internal in _LINEAR:
         return name(internal, "", Kind.COORDINATE, meaning)
     if internal.startswith("tau_prime_"):
@@ -167,7 +216,14 @@ def hybrid_name(internal: str, meaning: str) -> Name:
 
 
 def accelerated(unknown: Name) -> Name:
-    """A hybrid coordinate with two dots; a constraint torque as it is."""
+    """The hybrid unknown that belongs to a hybrid coordinate.
+
+    Args:
+        unknown: a coordinate, or a constraint torque.
+
+    Returns:
+        The coordinate with two dots, or the torque as it is.
+    """
     if unknown.kind is Kind.INPUT:
         return unknown
     letter, separator, index = unknown.latex.partition("_")

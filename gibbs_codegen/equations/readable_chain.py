@@ -13,13 +13,14 @@ from fractions import Fraction
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import State
-from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia
+from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.serial_chain import Segment, SerialChain
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import State
+from gibbs_codegen.equations.chain_inertias import defined_inertia, named_inertia
 from gibbs_codegen.equations.chain_names import FIXED, chain_names
 from gibbs_codegen.equations.definitions import Definition
-from gibbs_codegen.equations.notation import Kind, Name, name
+from gibbs_codegen.equations.notation import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.model import AXES, Robot
@@ -49,7 +50,7 @@ class ReadableChain:
 
     machine: Machine
     chain: Chain
-    serial: SerialChain
+    serial: SegmentTree
     state: State
     inertias: tuple[Definition, ...]
     names: dict[sp.Symbol, Name]
@@ -65,50 +66,74 @@ class ReadableChain:
         return replace(self.state, accelerations=[sp.S.Zero] * len(self.state.rates))
 
 
-def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> ReadableChain:
-    """Chain `number` = 1 … N of a robot, on a tape that names nothing unless another is given.
+def check_chain(robot: Robot, number: int) -> None:
+    """Check that a robot has a chain.
 
-    Raises `UsageError` where there is no such chain.
+    Args:
+        robot: the robot.
+        number: of the chain.
+
+    Raises:
+        UsageError: if there is no such chain.
     """
     if not 1 <= number <= robot.rotors:
         raise UsageError(f"chain {number}: {robot.name} has chains 1 to {robot.rotors}")
+
+
+def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> ReadableChain:
+    """An open chain in symbols that read well.
+
+    Args:
+        robot: the robot.
+        number: of the chain, 1 to N.
+        tape: the tape; without one, on a tape that names nothing.
+
+    Returns:
+        The chain.
+    """
     tape = tape or InlineTape()
     machine = Machine.of(robot, tape)
     chain, serial = machine.open_chains[number - 1]
     names = chain_names(machine, chain)
     # What the symbols of inertia stand for is written in the parameters themselves.
     plain = Machine.of(robot, InlineTape())
-    root, *carried = serial.segments
+    root, *links = serial.segments
     if chain.is_constrained:
         (joint,) = _chain_joints(machine, chain)
         angle = tape.symbol(joint, Stage.CONFIGURATION)
-        carried = [_readable_arm(machine, carried[0], angle)]
+        links = [_readable_arm(machine, links[0], angle)]
     else:
-        carried = _readable_links(machine, tuple(carried))
+        links = _readable_links(machine, tuple(links))
     segments, inertias = [], []
-    for k, (segment, arm) in enumerate(zip((root, *carried), chain.links[2:], strict=True)):
-        inertia = _defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
-        named, definitions = _named_inertia(tape, chain.number, 3 + k, inertia, names)
+    for k, (segment, arm) in enumerate(zip((root, *links), chain.links[2:], strict=True)):
+        inertia = defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
+        named, definitions = named_inertia(tape, chain.number, 3 + k, inertia, names)
         segments.append(replace(segment, inertia=named))
         inertias += definitions
-    state = _state(machine, chain)
+    state = chain_state(machine, chain)
     return ReadableChain(
-        machine, chain, SerialChain(tuple(segments)), state, tuple(inertias), names
+        machine, chain, SegmentTree(tuple(segments)), state, tuple(inertias), names
     )
 
 
-def own_frames(readable: ReadableChain) -> SerialChain:
+def own_frames(readable: ReadableChain) -> SegmentTree:
     """The chain with each segment in its own frame, and one more, without inertia, at its end.
 
     The derivation keeps segments on parallel axes in one frame, and a last segment in the frame of
-    what carries it, which saves operations and takes explaining.
+    its parent, which saves operations and takes explaining.
+
+    Args:
+        readable: the chain.
+
+    Returns:
+        The chain of n segments as n + 1.
     """
     machine, serial = readable.machine, readable.serial
     segments = [serial.segments[0]]
     if readable.chain.is_constrained:
         (joint,) = _chain_joints(machine, readable.chain)
         rotation = Rotation.angle(machine.tape, Z, sp.Symbol(joint))
-        segments.append(replace(serial.segments[1], rotation=rotation, leads=True))
+        segments.append(replace(serial.segments[1], rotation=rotation, starts_group=True))
     else:
         _, joints = machine.places.split(machine.q)
         for link, joint, segment in zip(
@@ -116,8 +141,9 @@ def own_frames(readable: ReadableChain) -> SerialChain:
         ):
             angle = joint if link.joint == "revolute" else sp.S.Zero
             rotation = _turned(machine.tape, angle, link.theta_deg)
-            segments.append(replace(segment, rotation=rotation, leads=True))
-    return SerialChain((*segments, Segment(NO_INERTIA, NO_ROTATION)))
+            segments.append(replace(segment, rotation=rotation, starts_group=True))
+    end = Segment(NO_INERTIA, NO_ROTATION, parent=len(segments) - 1)
+    return SegmentTree((*segments, end))
 
 
 def _chain_joints(machine: Machine, chain: Chain) -> list[str]:
@@ -127,7 +153,14 @@ def _chain_joints(machine: Machine, chain: Chain) -> list[str]:
 
 
 def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
-    """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13)."""
+    """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13).
+
+    Args:
+        readable: the chain.
+
+    Returns:
+        An entry for each of its coordinates.
+    """
     chain, root, tape = readable.chain, readable.machine.root, readable.machine.tape
     u, segments = readable.machine.u, readable.serial.segments
     places = root.places(readable.serial.joints)
@@ -141,7 +174,7 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
             wrench = wrench.rotated(tape, segments[1].rotation)
             joints = [segments[1].row(wrench)]
             wrench = readable.serial.passed_in(tape, 1, wrench)
-            wrench = readable.serial.to_carrier(tape, 0, wrench)
+            wrench = readable.serial.to_group_frame(tape, 0, wrench)
         rows = places.joined(root.rows(tape, wrench), joints)
         forces = [force + row * u[k - 1] for force, row in zip(forces, rows, strict=True)]
     if not chain.is_constrained:
@@ -179,10 +212,18 @@ def _readable_arm(machine: Machine, segment: Segment, angle: sp.Symbol) -> Segme
 
     Where θ_{j,3} turns about the base normal as well, their sum turns the arm, as in an arm's
     links.
+
+    Args:
+        machine: the robot in symbols.
+        segment: the arm as the derivation has it.
+        angle: θ_{j,4}.
+
+    Returns:
+        The arm with that angle.
     """
     root = machine.root
     rotation = Rotation.angle(machine.tape, Z, root.segment_angle + angle)
-    return replace(segment, rotation=rotation, leads=not root.spins_about_normal)
+    return replace(segment, rotation=rotation, starts_group=not root.spins_about_normal)
 
 
 def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Segment]:
@@ -191,7 +232,7 @@ def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Seg
     readable = []
     _, joints = machine.places.split(machine.q)
     for link, joint, segment in zip(machine.robot.links, joints, segments, strict=True):
-        if segment.leads:
+        if segment.starts_group:
             angle, fixed = sp.S.Zero, Fraction(0)
         angle += joint if link.joint == "revolute" else 0
         fixed += link.theta_deg
@@ -217,52 +258,16 @@ def _fixed(tape: Scalars, axis: int, degrees: Fraction) -> Rotation:
     return Rotation.angle(tape, axis, symbol)
 
 
-def _defined_inertia(machine: Machine, arm: int) -> Inertia:
-    """Inertia of an arm about its joint, in the parameters."""
-    rotors = machine.robot.rotors
-    if arm == 1:
-        return machine.arm_1_inertia()
-    if arm <= rotors:
-        return machine.parameters.arm_inertia(arm)
-    return machine.parameters.link(arm - rotors).body.inertia
+def chain_state(machine: Machine, chain: Chain) -> State:
+    """The state of an open chain in symbols.
 
+    Args:
+        machine: the robot in symbols.
+        chain: one of its chains.
 
-def _named_inertia(
-    tape: Scalars, chain: int, item: int, inertia: Inertia, names: dict[sp.Symbol, Name]
-) -> tuple[Inertia, list[Definition]]:
-    """The inertia in symbols, those that are zero left out, and what they stand for."""
-    definitions: list[Definition] = []
-    known: dict[sp.Expr, sp.Symbol] = {}
-
-    def named(letter: str, axes: str, value: sp.Expr, meaning: str) -> sp.Expr:
-        value = sp.expand(value)
-        if value == 0:
-            return value
-        index = f"{chain},{item}" + (f",{axes}" if axes else "")
-        symbol = tape.symbol(f"{letter}_{item}{axes}", Stage.PARAMETER)
-        names[symbol] = name(letter, index, Kind.INERTIA, meaning.format(item))
-        same = known.setdefault(value, symbol) if letter == "J" else symbol
-        definitions.append((symbol, value if same is symbol else same))
-        return same
-
-    mass = named("B_0", "", inertia.mass, "mass of item {} (kg)")
-    b_x, b_y, b_z = (
-        named("b", axis, value, "first moment of mass of item {}, whose skew matrix is B_1 (kg m)")
-        for axis, value in zip("xyz", inertia.moment, strict=True)
-    )
-    e_xx, e_yy, e_zz, e_xy, e_xz, e_yz = inertia.second
-    entries = (e_yy + e_zz, e_xx + e_zz, e_xx + e_yy, -e_xy, -e_xz, -e_yz)
-    xx, yy, zz, xy, xz, yz = (
-        named("J", axes, value, "inertia matrix B_2 + B_3 of item {} about its joint (kg m²)")
-        for axes, value in zip(("xx", "yy", "zz", "xy", "xz", "yz"), entries, strict=True)
-    )
-    second = ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
-    s_xx, s_yy, s_zz, s_xy, s_xz, s_yz = map(tape.let, second)
-    named_inertia = Inertia(mass, (b_x, b_y, b_z), (s_xx, s_yy, s_zz, s_xy, s_xz, s_yz))
-    return named_inertia, definitions
-
-
-def _state(machine: Machine, chain: Chain) -> State:
+    Returns:
+        Rates, zero where a joint is constrained, and accelerations, which constrained joints keep.
+    """
     free = {symbol.name for symbol in machine.q}
     rates, accelerations = [], []
     for coordinate in chain.coordinates:

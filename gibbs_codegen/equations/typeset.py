@@ -45,7 +45,14 @@ def _latex_width(text: str) -> int:
 
 
 def text_width(text: str) -> int:
-    """As many letters as are seen: dots above take no room."""
+    """Width of plain text.
+
+    Args:
+        text: the text.
+
+    Returns:
+        As many letters as are seen: dots above take no room.
+    """
     return sum(not unicodedata.combining(letter) for letter in text)
 
 
@@ -85,15 +92,36 @@ class Writer:
         self.angles: dict[str, sp.Expr] = {}
 
     def line(self, expression: sp.Expr) -> str:
-        """An expression on one line."""
+        """An expression on one line.
+
+        Args:
+            expression: the expression.
+
+        Returns:
+            The line.
+        """
         return " ".join(self.pieces(expression))
 
     def pieces(self, expression: sp.Expr) -> list[str]:
-        """An expression cut where a line may end: before the signs of its sums."""
+        """An expression cut where a line may end.
+
+        Args:
+            expression: the expression.
+
+        Returns:
+            Its pieces, each but the first beginning with the sign of a term.
+        """
         return [piece for term in self.terms(expression) for piece in term]
 
     def terms(self, expression: sp.Expr) -> list[list[str]]:
-        """Terms of an expression, each cut where a line may end within it."""
+        """Terms of an expression.
+
+        Args:
+            expression: the expression.
+
+        Returns:
+            The terms in order, each cut where a line may end within it.
+        """
         terms: list[list[str]] = []
         for term in sorted(sp.Add.make_args(expression), key=self._term_key):
             number, factors = term.as_coeff_mul()
@@ -152,7 +180,14 @@ class Writer:
         raise TypeError(f"no way to write {type(base).__name__}: {base}")
 
     def angle_index(self, angle: sp.Expr) -> str:
-        """The index of s and c: that of the angle, sums as j,3+4, fixed parts in degrees."""
+        """The index of s and c.
+
+        Args:
+            angle: a sum of coordinates and a fixed angle.
+
+        Returns:
+            The index of the angle; that of a sum as j,3+4, a fixed part in degrees.
+        """
         fixed, moving = angle.as_independent(*angle.free_symbols, as_Add=True)
         symbols = sp.Add.make_args(moving) if moving != 0 else ()
         indices = [self._names[s].index for s in sorted(symbols, key=self._places.__getitem__)]
@@ -165,7 +200,14 @@ class Writer:
         return text
 
     def angle(self, angle: sp.Expr) -> str:
-        """An angle itself, for a legend."""
+        """An angle itself, for a legend.
+
+        Args:
+            angle: a sum of coordinates and a fixed angle.
+
+        Returns:
+            The sum, with the fixed angle as a multiple of π.
+        """
         fixed, symbols = angle.as_independent(*angle.free_symbols, as_Add=True)
         ordered = sorted(sp.Add.make_args(symbols), key=lambda s: self._places.get(s, 0))
         parts = [self._dialect.symbol(self._names[s]) for s in ordered if s.is_Symbol]
@@ -210,10 +252,19 @@ class Writer:
 def filled(
     terms: Sequence[Sequence[str]], first: int, width: int, visible: Callable[[str], int]
 ) -> list[tuple[int, str]]:
-    """Terms put on lines of at most `width` letters, `first` on the first, with their depths.
+    """Put terms on lines.
 
-    A line begins a term (depth 0) or goes on within one (depth 1). Terms that are longer than a
-    line, and what follows them, begin lines of their own; within a piece no line ends.
+    Terms that are longer than a line, and what follows them, begin lines of their own; within a
+    piece no line ends.
+
+    Args:
+        terms: each in pieces.
+        first: letters on the first line, at most.
+        width: letters on the others, at most.
+        visible: tells how many letters of a text are seen.
+
+    Returns:
+        The lines, each with its depth: 0 if it begins a term, 1 if it goes on within one.
     """
     lines: list[tuple[int, str]] = []
     room, broken = first, False

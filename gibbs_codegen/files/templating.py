@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import jinja2
 
 
-def render(template: str, context: Mapping[str, Any]) -> str:
-    """Text of one template. A name that the context lacks is an error."""
+def render(template: str, context: object) -> str:
+    """Text of one template.
+
+    Args:
+        template: name of its file
+        context: a value whose attributes the template reads by their names, such as a dataclass
+
+    Returns:
+        The text; a name that the context lacks is an error of Jinja's.
+    """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(template_folder()),
         undefined=jinja2.StrictUndefined,
@@ -19,7 +25,7 @@ def render(template: str, context: Mapping[str, Any]) -> str:
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701 - what is rendered is source code, not HTML
     )
-    return environment.get_template(template).render(context)
+    return environment.get_template(template).render(vars(context))
 
 
 def template_folder() -> Path:

@@ -1,11 +1,20 @@
-"""Loops for runs of like blocks in a row of steps.
+"""Loop rerolling: repeated blocks of a schedule become loops, which are short and vectorise.
 
-A recursion that carries many columns from joint to joint leaves, column by column, blocks that do
-the same: the same coefficients, other operands. Straight on, that is more code than processors
-fetch in time; as a loop over the columns it is a few lines, which compilers vectorise.
+    u0 = c*x0 - s*y0
+    u1 = s*y1 - c*x1
+    u2 = c*x2 - s*y2
+    …
+    u39 = c*x39 - s*y39
 
-The tape names x − y and y − x alike, so columns that are the same by nature differ in signs all
-over. A loop therefore reads and makes names times a sign, chosen such that all blocks are the same.
+becomes a loop of forty iterations of `u[i] = c*x[i] - s*y[i]`, with rows of operands x and y and
+of results u. The tape names x − y and y − x alike, so columns that are the same by nature differ in
+signs all over. Rows hold names times a sign, here minus `u1`.
+
+A recursion that carries many columns from joint to joint leaves such blocks, which are more code
+than processors fetch in time. They come with long arms, and pay in C only. Rerolling is therefore
+optional: whoever gives the schedule to `allocate_scratch` as it is gets the same function without
+loops. The C target makes that choice in one place, where it allocates scratch: it keeps loops for
+one state at a time only, and only where they stand for at least `_FEWEST_ROLLED` steps.
 """
 
 from __future__ import annotations
@@ -13,31 +22,41 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, count
+from math import prod
 
 from gibbs_codegen.program.nodes import Name, Node, Number, Product, Statement, Sum, names_in
-from gibbs_codegen.program.repeated_blocks import Run, Term, find_runs, pays
+from gibbs_codegen.program.repeated_blocks import (
+    RepeatedBlocks,
+    Term,
+    find_repeated_blocks,
+    is_profitable,
+)
 from gibbs_codegen.program.steps import Item, Loop, Step, Store
 
 
-def rolled(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
-    """Steps with loops for runs of like blocks, and the signs of names.
+def reroll(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
+    """Turn repeated blocks into loops.
 
-    What a loop reads in rows and what it makes is the names times their signs; what all its blocks
-    read is as it is.
+    Args:
+        steps: a schedule without loops.
+
+    Returns:
+        The schedule with loops, and the sign of each name, +1 or −1. What a loop reads and writes
+        in rows are names times their signs; what all its iterations read are the names themselves.
     """
     last_use: dict[str, int] = {}
     for i, step in enumerate(steps):
         last_use.update(dict.fromkeys(names_in(step.value), i))
     system = _Signs([step.name for step in steps if isinstance(step, Statement)])
-    runs = [(run, _agreeing_blocks(steps, run, system)) for run in find_runs(steps)]
-    signs = system.solved()
+    found = [(blocks, _consistent(steps, blocks, system)) for blocks in find_repeated_blocks(steps)]
+    signs = system.solution()
     items: list[Item] = []
     done = 0
-    for run, size in runs:
-        if pays(size, run.length):
-            first = run.stop - size * run.length
-            items += [*steps[done:first], _loop(steps, run, size, signs, last_use)]
-            done = run.stop
+    for blocks, iterations in found:
+        if is_profitable(iterations, blocks.length):
+            first = blocks.stop - iterations * blocks.length
+            items += [*steps[done:first], _loop(steps, blocks, iterations, signs, last_use)]
+            done = blocks.stop
     return [*items, *steps[done:]], signs
 
 
@@ -51,8 +70,8 @@ class _Signs:
         self._bits = {name: 1 << i for i, name in enumerate(names, start=1)}
         self._rows: dict[int, int] = {}
 
-    def agree(self, equations: Iterable[int]) -> bool:
-        """Add equations unless one contradicts what is there."""
+    def add_equations(self, equations: Iterable[int]) -> bool:
+        """Add equations, all or none: none if one contradicts what is there."""
         added: list[int] = []
         for equation in equations:
             while equation > 1 and equation.bit_length() in self._rows:
@@ -75,7 +94,7 @@ class _Signs:
                 bits ^= self._bits.get(factor, 0)
         return bits
 
-    def solved(self) -> dict[str, int]:
+    def solution(self) -> dict[str, int]:
         """A solution, with as many names as can be left as they are."""
         negative = 0
         for _, row in sorted(self._rows.items()):
@@ -86,52 +105,72 @@ class _Signs:
         return {name: -1 if negative & bit else 1 for name, bit in self._bits.items()}
 
 
-def _agreeing_blocks(steps: Sequence[Step], run: Run, signs: _Signs) -> int:
-    """How many blocks at the end of a run can have the same signs; `signs` learns what it takes."""
+def _consistent(steps: Sequence[Step], repeated: RepeatedBlocks, signs: _Signs) -> int:
+    """Count the iterations, up to the last block, that can have the same signs.
+
+    Args:
+        steps: the schedule.
+        repeated: repeated blocks in it.
+        signs: takes the equations of these iterations.
+
+    Returns:
+        How many iterations at the end are consistent with each other and with loops before.
+    """
     pattern: list[int] = []
-    for done, block in enumerate(reversed(run.blocks)):
-        first = run.stop - (done + 1) * run.length
+    for done, block in enumerate(reversed(repeated.blocks)):
+        first = repeated.stop - (done + 1) * repeated.length
         found = [
             signs.term(term, step.name if isinstance(step, Statement) else "")
-            for step, terms in zip(steps[first : first + run.length], block, strict=True)
+            for step, terms in zip(steps[first : first + repeated.length], block, strict=True)
             for term in terms
         ]
         pattern = pattern or found
-        if not signs.agree(a ^ b for a, b in zip(found, pattern, strict=True)):
+        if not signs.add_equations(a ^ b for a, b in zip(found, pattern, strict=True)):
             return done
-    return len(run.blocks)
+    return len(repeated.blocks)
 
 
 def _loop(
     steps: Sequence[Step],
-    run: Run,
-    size: int,
+    repeated: RepeatedBlocks,
+    iterations: int,
     signs: Mapping[str, int],
     last_use: Mapping[str, int],
 ) -> Loop:
-    """Loop over the last `size` blocks of a run; its names are those of the last block."""
-    firsts = range(run.stop - size * run.length, run.stop, run.length)
-    blocks = [steps[first : first + run.length] for first in firsts]
-    made = [[s.name for s in block if isinstance(s, Statement)] for block in blocks]
+    """Make the loop of repeated blocks; its names are those of the last block.
+
+    Args:
+        steps: the schedule.
+        repeated: repeated blocks in it.
+        iterations: how many of the last blocks the loop is for.
+        signs: of all names.
+        last_use: the last step that uses a name.
+
+    Returns:
+        The loop.
+    """
+    firsts = range(repeated.stop - iterations * repeated.length, repeated.stop, repeated.length)
+    blocks = [steps[first : first + repeated.length] for first in firsts]
+    defined = [[s.name for s in block if isinstance(s, Statement)] for block in blocks]
     results = {
         names[-1]: names
-        for names in zip(*made, strict=True)
-        if any(last_use.get(n, -1) >= i + run.length for n, i in zip(names, firsts, strict=True))
+        for names in zip(*defined, strict=True)
+        if any(
+            last_use.get(n, -1) >= i + repeated.length for n, i in zip(names, firsts, strict=True)
+        )
     }
-    # Names that every block reads mean themselves in the body, as do those that it makes.
+    # Names that every block reads mean themselves in the body, as do those that it defines.
     read = [{n for step in block for n in names_in(step.value)} for block in blocks]
     shared = set.intersection(*read)
     operands: dict[str, tuple[str, ...]] = {}
     body: list[Step] = []
     for p, step in enumerate(blocks[-1]):
         terms = []
-        for rows in zip(*(block[p] for block in run.blocks[-size:]), strict=True):
-            sign = rows[-1][0]
+        for rows in zip(*(block[p] for block in repeated.blocks[-iterations:]), strict=True):
             columns = list(zip(*(factors for _, factors in rows), strict=True))
-            for column in columns:
-                if len(set(column)) > 1:
-                    sign *= signs.get(column[-1], 1)
-            nodes = tuple(_node(column, made[-1], shared, operands) for column in columns)
+            turned = (signs.get(c[-1], 1) for c in columns if len(set(c)) > 1)
+            sign = prod(turned, start=rows[-1][0])
+            nodes = tuple(_node(column, defined[-1], shared, operands) for column in columns)
             terms.append((sign, Product(nodes) if len(nodes) > 1 else nodes[0]))
         if isinstance(step, Statement):
             turn = signs[step.name]
@@ -139,31 +178,38 @@ def _loop(
         else:
             body.append(replace(step, value=_sum(terms)))
     places = [[s.place for s in block if isinstance(s, Store)] for block in blocks[:2]]
-    straight = tuple(step for block in blocks for step in block)
-    return Loop(size, tuple(body), operands, results, tuple(places[0]), _gaps(*places), straight)
+    strides = tuple(b - a for a, b in zip(*places, strict=True))
+    unrolled = tuple(step for block in blocks for step in block)
+    return Loop(iterations, tuple(body), operands, results, tuple(places[0]), strides, unrolled)
 
 
 def _node(
     column: Sequence[str | float],
-    made: Sequence[str],
+    defined: Sequence[str],
     shared: set[str],
     operands: dict[str, tuple[str, ...]],
 ) -> Node:
-    """A factor of the body, given those of all blocks; adds to `operands` if it is a row."""
+    """A factor of the body.
+
+    Args:
+        column: that factor in each block.
+        defined: names that the last block defines.
+        shared: names that all blocks read.
+        operands: takes the row of names, if they differ from block to block.
+
+    Returns:
+        A number, or a name of the body.
+    """
     names = tuple(factor for factor in column if isinstance(factor, str))
     if not names:
         return Number(float(column[-1]))
-    if names[-1] in made or len(set(names)) == 1:
+    if names[-1] in defined or len(set(names)) == 1:
         return Name(names[-1])
     # A row goes by a name of its own: another may end in the same name.
     free = chain(reversed(names), (f"{names[-1]}_{i}" for i in count()))
     name = next(n for n in free if n not in shared and operands.get(n, names) == names)
     operands[name] = names
     return Name(name)
-
-
-def _gaps(first: Sequence[int], second: Sequence[int]) -> tuple[int, ...]:
-    return tuple(b - a for a, b in zip(first, second, strict=True))
 
 
 def _sum(terms: list[tuple[int, Node]]) -> Node:

@@ -1,18 +1,23 @@
-"""From the tape to the program: slices of the tape, one per function, in plain nodes.
+"""Lowering: from the tape to the program, one slice of the tape per function, in plain nodes.
 
-A function takes from the tape the statements that its outputs need, in the tape's order. Those of
-the parameter stage go to `prepare`, shared by all functions. What is used once is written where it
-is used, as long as the line stays short.
+    h1 = 2*p              (stage of the parameters)
+    h2 = sin(x)           (stage of the configuration)
+    h3 = y/p              (stage of the configuration, and no output needs it)
+    out = [h1*h2*h2]
+
+becomes `k1 = 2*p` in `prepare`, which all functions share and which runs once per set of
+parameters, and `t1 = sin(x)`, `out = [k1*t1*t1]` in the function. A function takes from the tape
+the statements that its outputs need, in the tape's order.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import sympy as sp
 
+from gibbs_codegen.program.inlining import inline_single_uses, substituted
 from gibbs_codegen.program.nodes import (
     Call,
     Function,
@@ -25,13 +30,9 @@ from gibbs_codegen.program.nodes import (
     Reciprocal,
     Statement,
     Sum,
-    count_operations,
-    names_in,
 )
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.symbolic.tape import Stage, Tape, signed
-
-# Names and literals in one line, at most: keeps statements short enough to be read.
-_LEAVES = 7
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,14 @@ def lower(
 ) -> Program:
     """Lower every slice of the tape into one program.
 
-    Of `parameters` the program has those that a function depends on, in the same order.
+    Args:
+        tape: the tape.
+        inputs: names of the scalars in each argument.
+        parameters: names of all parameters, in order.
+        slices: the functions.
+
+    Returns:
+        The program. Of `parameters` it has those that a function depends on.
     """
     lowering = _Lowering(tape)
     drafts = [lowering.draft(piece) for piece in slices]
@@ -68,7 +76,7 @@ def lower(
         prepare=tuple(
             Statement(
                 names[s.name],
-                _replaced(lowering.node(tape.statements[s]), constants),
+                substituted(lowering.node(tape.statements[s]), constants),
                 tape.groups[s],
             )
             for s in prepare
@@ -86,7 +94,15 @@ def lower(
 
 
 def operations(tape: Tape, entries: Sequence[sp.Expr]) -> int:
-    """Operations that a function with these entries takes, sine–cosine pairs apart."""
+    """Operations that a function with certain entries takes.
+
+    Args:
+        tape: the tape.
+        entries: what the function returns.
+
+    Returns:
+        All operations but the sine–cosine pairs.
+    """
     draft = _Lowering(tape).draft(Slice("", (), (((len(entries),), tuple(entries)),)))
     nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
     return count_operations(nodes).total
@@ -128,7 +144,7 @@ class _Lowering:
             Output(shape, tuple(self.node(entry) for entry in output))
             for shape, output in piece.outputs
         ]
-        return _Draft(piece, constants, _folded(statements, outputs), outputs)
+        return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
     def reachable(self, roots: set[sp.Symbol], earliest: Stage) -> list[sp.Symbol]:
         """Statements that `roots` need, back to stage `earliest`, in the tape's order."""
@@ -202,94 +218,6 @@ def _numeric(factors: sp.Expr) -> sp.Expr:
     return sp.Mul(*(factor for factor in sp.Mul.make_args(factors) if factor.is_number))
 
 
-def _folded(statements: list[Statement], outputs: list[Output]) -> list[Statement]:
-    """Write what is used once where it is used, as long as the line stays short."""
-    uses: Counter[str] = Counter()
-    for statement in statements:
-        uses.update(names_in(statement.value))
-    for output in outputs:
-        for entry in output.entries:
-            # An output entry keeps its name: what is returned twice must not be computed twice.
-            uses.update(dict.fromkeys(names_in(entry), 2))
-    pending: dict[str, Node] = {}
-    kept = []
-    for statement in statements:
-        value = _substituted(statement.value, pending)
-        if uses[statement.name] == 1 and not isinstance(value, Call | Reciprocal):
-            pending[statement.name] = value
-            continue
-        kept.append(replace(statement, value=value))
-    return _spilled(kept, pending, statements)
-
-
-def _substituted(node: Node, pending: Mapping[str, Node]) -> Node:
-    """`node` with pending definitions written in, the shortest first, while the line is short."""
-    names = [name for name in dict.fromkeys(names_in(node)) if name in pending]
-    room = _LEAVES - _leaves(node)
-    chosen: dict[str, Node] = {}
-    for name in sorted(names, key=lambda name: _leaves(pending[name])):
-        cost = _leaves(pending[name]) - 1
-        if cost <= room:
-            chosen[name] = pending[name]
-            room -= cost
-    return _replaced(node, chosen) if chosen else node
-
-
-def _spilled(
-    kept: list[Statement], pending: Mapping[str, Node], statements: list[Statement]
-) -> list[Statement]:
-    """Restore, in place, the definitions of pending names that found no room."""
-    used = {name for statement in kept for name in names_in(statement.value)}
-    missing = [name for name in used if name in pending]
-    needed = set()
-    while missing:
-        name = missing.pop()
-        if name not in needed:
-            needed.add(name)
-            missing.extend(n for n in names_in(pending[name]) if n in pending)
-    values = {statement.name: statement.value for statement in kept}
-    values.update({name: pending[name] for name in needed})
-    return [replace(s, value=values[s.name]) for s in statements if s.name in values]
-
-
-def _replaced(node: Node, values: Mapping[str, Node]) -> Node:
-    match node:
-        case Name(name):
-            return values.get(name, node)
-        case Number():
-            return node
-        case Sum(terms):
-            return Sum(tuple(_merged_terms(terms, values)))
-        case Product(factors):
-            return _merged_product([_replaced(factor, values) for factor in factors])
-        case Reciprocal(argument):
-            return Reciprocal(_replaced(argument, values))
-        case Call(function, argument):
-            return Call(function, _replaced(argument, values))
-
-
-def _merged_product(factors: Sequence[Node]) -> Product:
-    """Factors with products among them opened up, numbers first."""
-    merged: list[Node] = []
-    for factor in factors:
-        merged.extend(factor.factors if isinstance(factor, Product) else (factor,))
-    return Product(tuple(sorted(merged, key=lambda factor: not isinstance(factor, Number))))
-
-
-def _merged_terms(
-    terms: tuple[tuple[int, Node], ...], values: Mapping[str, Node]
-) -> list[tuple[int, Node]]:
-    """Terms with sums among them opened up: a + (b − c) is a + b − c, and no more work."""
-    merged: list[tuple[int, Node]] = []
-    for sign, term in terms:
-        value = _replaced(term, values)
-        if isinstance(value, Sum):
-            merged.extend((sign * inner, node) for inner, node in value.terms)
-        else:
-            merged.append((sign, value))
-    return sorted(merged, key=lambda term: -term[0])
-
-
 def _renamed(
     draft: _Draft, constants: Mapping[str, Node]
 ) -> tuple[tuple[Statement, ...], tuple[Output, ...]]:
@@ -297,23 +225,11 @@ def _renamed(
     names = dict(constants)
     names.update({s.name: Name(f"t{i}") for i, s in enumerate(draft.statements, start=1)})
     statements = tuple(
-        Statement(f"t{i}", _replaced(statement.value, names), statement.group)
+        Statement(f"t{i}", substituted(statement.value, names), statement.group)
         for i, statement in enumerate(draft.statements, start=1)
     )
     outputs = tuple(
-        Output(output.shape, tuple(_replaced(entry, names) for entry in output.entries))
+        Output(output.shape, tuple(substituted(entry, names) for entry in output.entries))
         for output in draft.outputs
     )
     return statements, outputs
-
-
-def _leaves(node: Node) -> int:
-    match node:
-        case Sum(terms):
-            return sum(_leaves(term) for _, term in terms)
-        case Product(factors):
-            return sum(map(_leaves, factors))
-        case Reciprocal(argument) | Call(_, argument):
-            return _leaves(argument)
-        case Name() | Number():
-            return 1

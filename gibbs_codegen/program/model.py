@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gibbs_codegen.program.nodes import Program
+from gibbs_codegen.program.nodes import Program, names_in
 from gibbs_codegen.robot.model import Robot
 
 Progress = Callable[[str], None]
@@ -25,3 +25,11 @@ class Model:
     units: dict[str, str]
     folded: tuple[str, ...]
     keeps_zeros: bool
+
+    @property
+    def parameters_read(self) -> list[str]:
+        """Parameters that the constants depend on, in the order of the program's."""
+        program = self.program
+        read = {name for statement in program.prepare for name in names_in(statement.value)}
+        read.update(program.constants)
+        return [name for name in program.parameters if name in read]

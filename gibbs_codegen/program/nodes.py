@@ -1,16 +1,19 @@
 """The program: what is to be emitted, as statements by stage, knowing neither SymPy's tree nor a
 target.
 
-A `Program` holds `prepare`, which turns parameters into constants, and the functions. Statements
-are built from six kinds of node; a target's printer must know each of them and nothing else: names,
-numbers, sums of signed terms, products, reciprocals, and calls of sine or cosine. There are no
-powers, no conditions and no loops.
+    t1 = x - 2*y
+
+is `Statement("t1", Sum(((1, Name("x")), (-1, Product((Number(2.0), Name("y")))))))`. Right-hand
+sides are built from six kinds of node; a target's printer must know each of them and nothing else:
+names, numbers, sums of signed terms, products, reciprocals, and calls of sine or cosine. There are
+no powers, no conditions and no loops. A `Program` holds `prepare`, which turns parameters into
+constants, and the functions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -114,11 +117,25 @@ class Program:
     functions: tuple[Function, ...]
 
     def function(self, name: str) -> Function:
-        """The function called `name`."""
+        """The function of a name.
+
+        Args:
+            name: one of the program's functions.
+
+        Returns:
+            The function.
+        """
         return next(function for function in self.functions if function.name == name)
 
     def prepared(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Parameters and all that `prepare` computes from them, by interpreting its statements."""
+        """Interpret `prepare`.
+
+        Args:
+            parameters: a value for each parameter of the program.
+
+        Returns:
+            Values by name: the parameters, and all that `prepare` computes from them.
+        """
         values = dict(parameters)
         for statement in self.prepare:
             values[statement.name] = node_value(statement.value, values)
@@ -130,7 +147,16 @@ class Program:
         parameters: Mapping[str, float],
         arguments: Mapping[str, Sequence[float]],
     ) -> list[list[float]]:
-        """Entries of each output of a function, by interpreting its statements."""
+        """Interpret a function.
+
+        Args:
+            name: one of the program's functions.
+            parameters: a value for each parameter of the program.
+            arguments: the entries of each argument of the function.
+
+        Returns:
+            The entries of each output, in C order.
+        """
         values = self.prepared(parameters)
         function = self.function(name)
         for argument in function.arguments:
@@ -143,65 +169,27 @@ class Program:
 
 
 def total_mass(program: Program) -> Node:
-    """Mass of the whole machine: the last entry of the mass matrix, whatever the attitude."""
+    """Mass of the whole robot.
+
+    Args:
+        program: a program with the function `mass_matrix`.
+
+    Returns:
+        The last entry of the mass matrix, which is the mass whatever the attitude.
+    """
     return program.function("mass_matrix").outputs[0].entries[-1]
 
 
-@dataclass(frozen=True)
-class Operations:
-    """Exact operation counts; sign changes count as subtractions, sine–cosine pairs apart.
-
-    No function needs a square root so far; the count is there for those that will.
-    """
-
-    additions: int = 0
-    subtractions: int = 0
-    multiplications: int = 0
-    divisions: int = 0
-    square_roots: int = 0
-    sine_cosine_pairs: int = 0
-
-    @property
-    def total(self) -> int:
-        """All but the sine–cosine pairs."""
-        return (
-            self.additions
-            + self.subtractions
-            + self.multiplications
-            + self.divisions
-            + self.square_roots
-        )
-
-
-def count_operations(nodes: Iterable[Node]) -> Operations:
-    """Operations that computing each of `nodes` once takes."""
-    additions = subtractions = multiplications = divisions = 0
-    angles: set[Node] = set()
-    stack = list(nodes)
-    while stack:
-        match stack.pop():
-            case Sum(terms):
-                negative = sum(sign < 0 for sign, _ in terms)
-                subtractions += negative
-                additions += max(len(terms) - negative - 1, 0)
-                stack.extend(term for _, term in terms)
-            case Product(factors):
-                multiplications += len(factors) - 1
-                stack.extend(factors)
-            case Reciprocal(argument):
-                divisions += 1
-                stack.append(argument)
-            case Call(_, argument):
-                if argument not in angles:
-                    angles.add(argument)
-                    stack.append(argument)
-            case Name() | Number():
-                pass
-    return Operations(additions, subtractions, multiplications, divisions, 0, len(angles))
-
-
 def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
-    """`node` with every node that `values` maps replaced, outermost first."""
+    """Replace nodes within a node, outermost first.
+
+    Args:
+        node: the node.
+        values: what to put in place of a node.
+
+    Returns:
+        The node with every node that `values` maps replaced.
+    """
     if node in values:
         return values[node]
     match node:
@@ -218,7 +206,14 @@ def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
 
 
 def calls_in(node: Node) -> list[Call]:
-    """Calls in a node, from left to right, as often as they stand there."""
+    """Calls in a node.
+
+    Args:
+        node: the node.
+
+    Returns:
+        Calls from left to right, as often as they stand there, outermost only.
+    """
     match node:
         case Call():
             return [node]
@@ -233,7 +228,14 @@ def calls_in(node: Node) -> list[Call]:
 
 
 def names_in(node: Node) -> list[str]:
-    """Names in a node, from left to right, as often as they stand there."""
+    """Names in a node.
+
+    Args:
+        node: the node.
+
+    Returns:
+        Names from left to right, as often as they stand there.
+    """
     match node:
         case Name(name):
             return [name]
@@ -248,7 +250,15 @@ def names_in(node: Node) -> list[str]:
 
 
 def node_value(node: Node, values: Mapping[str, float]) -> float:
-    """Value of a node, given those of the names in it."""
+    """Evaluate a node.
+
+    Args:
+        node: the node.
+        values: values of the names in it.
+
+    Returns:
+        Its value.
+    """
     match node:
         case Name(name):
             return values[name]

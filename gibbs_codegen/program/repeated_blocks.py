@@ -1,7 +1,16 @@
-"""Runs in a row of steps: blocks one after the other that do the same with other names.
+"""Repeated blocks in a schedule: blocks one after the other that do the same with other names.
 
-Blocks are alike if they differ in names, in the order of terms and factors, and in signs. In each
-step a name is either made earlier in its block, or the same in all blocks, or another in each.
+    u0 = c*x0 - s*y0
+    w0 = s*x0 + c*y0
+    u1 = c*x1 - s*y1
+    w1 = c*y1 + s*x1
+    …
+    u19 = c*x19 - s*y19
+    w19 = s*x19 + c*y19
+
+are twenty isomorphic blocks of two steps. Blocks may differ in names, in the order of terms and
+factors, and in signs. In each step a name is either defined earlier in its block (as nothing here
+is), or the same in all blocks (`c`, `s`), or another in each (`x0`, `x1` …).
 """
 
 from __future__ import annotations
@@ -14,7 +23,7 @@ from itertools import groupby
 from gibbs_codegen.program.nodes import Name, Node, Number, Product, Statement, Sum, names_in
 from gibbs_codegen.program.steps import Step, Store
 
-# A run of fewer blocks, or of fewer steps in all, is not worth a loop.
+# Fewer blocks, or fewer steps in all, are not worth a loop.
 _FEWEST_BLOCKS = 4
 _FEWEST_STEPS = 40
 _LONGEST_BLOCK = 48
@@ -25,7 +34,7 @@ Terms = tuple[Term, ...]
 
 
 @dataclass(frozen=True)
-class Run:
+class RepeatedBlocks:
     """Blocks of `length` steps from `start`, with the terms of each step in matching order."""
 
     start: int
@@ -34,41 +43,65 @@ class Run:
 
     @property
     def stop(self) -> int:
-        """Where the steps after the run begin."""
+        """Where the steps after the blocks begin."""
         return self.start + self.length * len(self.blocks)
 
 
-def pays(count: int, length: int) -> bool:
-    """Whether `count` blocks of `length` steps are worth a loop."""
+def is_profitable(count: int, length: int) -> bool:
+    """Whether blocks are worth a loop.
+
+    Args:
+        count: number of blocks.
+        length: steps in a block.
+
+    Returns:
+        True if there are enough blocks, and enough steps in all.
+    """
     return count >= _FEWEST_BLOCKS and count * length >= _FEWEST_STEPS
 
 
-def find_runs(steps: Sequence[Step]) -> list[Run]:
-    """Runs that do not overlap, in order; those that cover most are taken first."""
-    finder = _Finder(steps)
-    queue = list(finder.repeats())
+def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
+    """Find repeated blocks that do not overlap; candidates that cover most are tried first.
+
+    Args:
+        steps: a schedule without loops.
+
+    Returns:
+        The repeated blocks that are worth a loop, in order.
+    """
+    matcher = _Matcher(steps)
+    queue = list(matcher.candidates())
     heapq.heapify(queue)
     taken = [False] * len(steps)
-    runs = []
+    found = []
     while queue:
         covered, length, start = heapq.heappop(queue)
         count = -covered // length
         free = [not any(taken[start + r * length : start + (r + 1) * length]) for r in range(count)]
         rest = [(start, count - 1)]
         if not all(free):
-            rest = _stretches(free, start, length)
-        elif run := finder.matched(start, length, count):
-            runs.append(run)
-            taken[run.start : run.stop] = [True] * (run.stop - run.start)
-            rest = [(start, count - len(run.blocks))]
+            rest = _free_stretches(free, start, length)
+        elif match := matcher.match(start, length, count):
+            found.append(match)
+            taken[match.start : match.stop] = [True] * (match.stop - match.start)
+            rest = [(start, count - len(match.blocks))]
         for new_start, new_count in rest:
-            if pays(new_count, length):
+            if is_profitable(new_count, length):
                 heapq.heappush(queue, (-new_count * length, length, new_start))
-    return sorted(runs, key=lambda run: run.start)
+    return sorted(found, key=lambda match: match.start)
 
 
-def _stretches(free: Sequence[bool], start: int, length: int) -> list[tuple[int, int]]:
-    """Starts and counts of the stretches of free blocks."""
+def _free_stretches(free: Sequence[bool], start: int, length: int) -> list[tuple[int, int]]:
+    """Stretches of free blocks.
+
+    Args:
+        free: of each block, whether none of its steps is taken.
+        start: first step of the first block.
+        length: steps in a block.
+
+    Returns:
+        Of each stretch, its first step and its number of blocks.
+    """
     found = []
     for is_free, group in groupby(free):
         count = len(list(group))
@@ -78,21 +111,21 @@ def _stretches(free: Sequence[bool], start: int, length: int) -> list[tuple[int,
     return found
 
 
-class _Finder:
+class _Matcher:
     """Steps and what matching needs of them."""
 
     def __init__(self, steps: Sequence[Step]) -> None:
         self._steps = steps
         self._terms = [_terms(step.value) for step in steps]
-        self._made = {s.name: i for i, s in enumerate(steps) if isinstance(s, Statement)}
+        self._defined = {s.name: i for i, s in enumerate(steps) if isinstance(s, Statement)}
         self._names = [frozenset(names_in(step.value)) for step in steps]
-        self._sources = [sorted(self._made.get(n, -1) for n in names) for names in self._names]
+        self._sources = [sorted(self._defined.get(n, -1) for n in names) for names in self._names]
 
-    def repeats(self) -> Iterator[tuple[int, int, int]]:
-        """Stretches where shapes repeat: minus the steps covered, the block's length, the start."""
+    def candidates(self) -> Iterator[tuple[int, int, int]]:
+        """Stretches in which signatures repeat: minus the steps covered, block length, start."""
         numbers: dict[object, int] = {}
-        shapes = map(_shape, self._steps, self._terms)
-        ids = [numbers.setdefault(shape, len(numbers)) for shape in shapes]
+        signatures = map(_signature, self._steps, self._terms)
+        ids = [numbers.setdefault(signature, len(numbers)) for signature in signatures]
         for length in range(1, _LONGEST_BLOCK + 1):
             start = 0
             for same, group in groupby(map(int.__eq__, ids, ids[length:])):
@@ -100,12 +133,23 @@ class _Finder:
                 if same:
                     for first in range(start, start + min(length, size)):
                         count = (start + size - first) // length + 1
-                        if pays(count, length):
+                        if is_profitable(count, length):
                             yield -count * length, length, first
                 start += size
 
-    def _reads_alike(self, first: int, last: int, shared: Sequence[frozenset[str]]) -> bool:
-        """Whether two blocks read alike what they make and what is shared: soon told, mostly no."""
+    def _same_sources(self, first: int, last: int, shared: Sequence[frozenset[str]]) -> bool:
+        """Whether two blocks agree in what they read of shared names and of their own.
+
+        This is quickly told, and mostly false.
+
+        Args:
+            first: first step of one block.
+            last: first step of the last block.
+            shared: of each step of a block, the names that all blocks read.
+
+        Returns:
+            False if the blocks cannot match.
+        """
         return all(
             names <= self._names[first + i]
             and [s - first for s in self._sources[first + i] if s >= first]
@@ -113,17 +157,26 @@ class _Finder:
             for i, names in enumerate(shared)
         )
 
-    def matched(self, start: int, length: int, count: int) -> Run | None:
-        """The longest run at the end of `count` blocks of one shape, if it pays."""
+    def match(self, start: int, length: int, count: int) -> RepeatedBlocks | None:
+        """Match the last blocks of a candidate, as many as do the same independently.
+
+        Args:
+            start: first step of the candidate.
+            length: steps in a block.
+            count: number of blocks, all of one signature.
+
+        Returns:
+            The blocks that match, or None if they are not worth a loop.
+        """
         last = start + (count - 1) * length
         shared = [self._names[i] & self._names[i - length] for i in range(last, last + length)]
         for first in range(last - length, last - _FEWEST_BLOCKS * length, -length):
-            if not self._reads_alike(first, last, shared):
+            if not self._same_sources(first, last, shared):
                 return None
         pattern: list[object] = []
         blocks: list[tuple[Terms, ...]] = []
         places: list[list[int]] = []
-        read: set[str] = set()
+        used_later: set[str] = set()
         for first in range(last, start - 1, -length):
             block = self._steps[first : first + length]
             forms, terms = [], []
@@ -131,20 +184,20 @@ class _Finder:
                 parts = self._terms[i]
                 if parts is None:
                     return None
-                form, ordered = _ordered(parts, self._made, first, names)
+                form, ordered = _canonical(parts, self._defined, first, names)
                 forms.append(form)
                 terms.append(ordered)
             pattern = pattern or [*forms]
             places.append([step.place for step in block if isinstance(step, Store)])
-            made = {step.name for step in block if isinstance(step, Statement)}
-            if forms != pattern or made & read or not _even(places[-3:]):
+            defined = {step.name for step in block if isinstance(step, Statement)}
+            if forms != pattern or defined & used_later or not _is_affine(places[-3:]):
                 break
-            read.update(*self._names[first : first + length])
-            read -= made
+            used_later.update(*self._names[first : first + length])
+            used_later -= defined
             blocks.append(tuple(terms))
-        if not pays(len(blocks), length):
+        if not is_profitable(len(blocks), length):
             return None
-        return Run(last - (len(blocks) - 1) * length, length, tuple(reversed(blocks)))
+        return RepeatedBlocks(last - (len(blocks) - 1) * length, length, tuple(reversed(blocks)))
 
 
 def _terms(value: Node) -> Terms | None:
@@ -160,7 +213,7 @@ def _terms(value: Node) -> Terms | None:
     return tuple(terms)
 
 
-def _shape(step: Step, terms: Terms | None) -> object:
+def _signature(step: Step, terms: Terms | None) -> object:
     """What steps have in common that may do the same in two blocks."""
     if terms is None:
         return step
@@ -171,18 +224,27 @@ def _shape(step: Step, terms: Terms | None) -> object:
     )
 
 
-def _ordered(
-    parts: Terms, made: Mapping[str, int], first: int, shared: frozenset[str]
+def _canonical(
+    parts: Terms, defined: Mapping[str, int], first: int, shared: frozenset[str]
 ) -> tuple[object, Terms]:
-    """Terms in an order that is the same in like blocks, and what has to be equal there.
+    """Put terms in an order that is the same in isomorphic blocks.
 
     Names that are others in each block go by age, which is a guess, and any order is right.
+
+    Args:
+        parts: terms of a step.
+        defined: the step that defines a name.
+        first: first step of the block.
+        shared: names that all blocks read in this step.
+
+    Returns:
+        What has to be equal in all blocks, and the terms in order.
     """
 
     def key(factor: Factor) -> tuple[int, float, str]:
         if isinstance(factor, float):
             return (0, factor, "")
-        age = made.get(factor, -1)
+        age = defined.get(factor, -1)
         if age >= first:
             return (1, age - first, "")
         return (2, 0, factor) if factor in shared else (3, age, "")
@@ -193,6 +255,6 @@ def _ordered(
     return form, tuple((sign, factors) for factors, sign in terms)
 
 
-def _even(places: Sequence[Sequence[int]]) -> bool:
-    """Whether the places of each store are as far apart from block to block as before."""
+def _is_affine(places: Sequence[Sequence[int]]) -> bool:
+    """Whether the places of each store have one stride over three blocks."""
     return len(places) < 3 or all(2 * b == a + c for a, b, c in zip(*places, strict=True))

@@ -1,8 +1,20 @@
-"""A straight-line function as a row of steps, cut into pieces that a vectorising compiler takes.
+"""The schedule of a function: statements and stores in order, split into sections.
 
-A step computes a name or stores an entry; each entry is stored as soon as its value is known, so
-that few values are alive at once. Compilers give up on loops with too many memory references, so a
-long row is cut. Among the steps may be loops, each a piece by itself.
+    t1 = x + y
+    t2 = t1*z
+    out = [t2, t1]
+
+becomes four steps, since each entry is stored as soon as its value is known: few values are then
+live at once.
+
+    t1 = x + y
+    out[1] = t1
+    t2 = t1*z
+    out[0] = t2
+
+Compilers do not vectorise loops with too many memory references, so a long schedule is split. With
+at most four references a section, the second begins at `t2`: the first reads `x` and `y`, stores an
+entry, and hands on `t1`. Among the steps may be loops, each a section of its own.
 """
 
 from __future__ import annotations
@@ -29,12 +41,12 @@ AnyStep = TypeVar("AnyStep", bound=Step)
 
 @dataclass(frozen=True)
 class Loop:
-    """`body` done `count` times, which is the same as `straight`.
+    """A loop of `count` iterations of `body` that does the same as the steps `unrolled`.
 
-    Its names are those of one of the blocks of steps: `operands` and `results` have, for each that
-    is not the same in every block, the row of its names, one a block; results are only those that
-    are read elsewhere. The stores of the first block go to `places`, which move on by `pitches`
-    from block to block.
+    The names in the body are those of one of the unrolled blocks. Of those that differ from block
+    to block, `operands` maps each that is read, and `results` each that is read after the loop, to
+    its row: the names it stands for, one an iteration. Iteration i of the n-th store in the body
+    stores entry `places[n]` + i·`strides[n]`.
     """
 
     count: int
@@ -42,18 +54,18 @@ class Loop:
     operands: Mapping[str, tuple[str, ...]]
     results: Mapping[str, tuple[str, ...]]
     places: tuple[int, ...]
-    pitches: tuple[int, ...]
-    straight: tuple[Step, ...]
+    strides: tuple[int, ...]
+    unrolled: tuple[Step, ...]
 
     @property
     def group(self) -> str:
         """Words of the group that all its statements are of, or "" where they are of several."""
-        groups = {step.group for step in self.straight if isinstance(step, Statement)}
+        groups = {step.group for step in self.unrolled if isinstance(step, Statement)}
         return groups.pop() if len(groups) == 1 else ""
 
     @property
-    def shared(self) -> list[str]:
-        """Names that every block reads."""
+    def invariants(self) -> list[str]:
+        """Names that every iteration reads."""
         own = {*self.operands, *(s.name for s in self.body if isinstance(s, Statement))}
         read = [name for step in self.body for name in names_in(step.value)]
         return [name for name in dict.fromkeys(read) if name not in own]
@@ -62,26 +74,46 @@ class Loop:
 Item = Step | Loop
 
 
-def names_read(item: Item) -> list[str]:
-    """Names that a step or a loop reads and, if it is a loop, does not make."""
+def used_names(item: Item) -> list[str]:
+    """Names that a step or a loop uses.
+
+    Args:
+        item: the step, or the loop, which does not count what it defines itself.
+
+    Returns:
+        The names, as often as they are read.
+    """
     if not isinstance(item, Loop):
         return names_in(item.value)
-    return [*item.shared, *(name for row in item.operands.values() for name in row)]
+    return [*item.invariants, *(name for row in item.operands.values() for name in row)]
 
 
-def names_made(item: Item) -> list[str]:
-    """Names that a step or a loop makes for others."""
+def defined_names(item: Item) -> list[str]:
+    """Names that a step or a loop defines for others.
+
+    Args:
+        item: a step or a loop.
+
+    Returns:
+        The names; none for a store.
+    """
     if isinstance(item, Loop):
         return [name for row in item.results.values() for name in row]
     return [item.name] if isinstance(item, Statement) else []
 
 
-def interleaved(
+def schedule_stores(
     statements: Sequence[Statement], outputs: Sequence[Output], zeros_stored: Sequence[bool]
 ) -> list[Step]:
-    """Statements in order, each followed by the stores of the entries that it completes.
+    """Store each entry right after the statement that completes it.
 
-    Zero entries of an output are left out unless `zeros_stored` says so for it.
+    Args:
+        statements: the statements of a function, in order.
+        outputs: its outputs.
+        zeros_stored: for each output, whether its zero entries are stored too.
+
+    Returns:
+        The statements in the same order, with the stores among them.
     """
     places = {statement.name: i for i, statement in enumerate(statements)}
     ready: dict[int, list[Store]] = {}
@@ -98,9 +130,13 @@ def interleaved(
 
 
 def headed(steps: Iterable[AnyStep]) -> Iterator[tuple[str, AnyStep]]:
-    """Steps in order, each with the words of its group where a group begins, and "" elsewhere.
+    """Put the words of each group at the step with which the group begins.
 
-    A store belongs to the statement before it.
+    Args:
+        steps: steps in order; a store belongs to the group of the statement before it.
+
+    Yields:
+        The words, or "" within a group, and the step.
     """
     last = ""
     for step in steps:
@@ -109,33 +145,39 @@ def headed(steps: Iterable[AnyStep]) -> Iterator[tuple[str, AnyStep]]:
         last = group
 
 
-def cut(items: Sequence[Item], limit: int) -> list[tuple[Item, ...]]:
-    """Cut steps into pieces in a row that refer to memory at most `limit` times each.
+def split_into_sections(items: Sequence[Item], limit: int) -> list[tuple[Item, ...]]:
+    """Split a schedule into sections, each as long as the limit permits.
 
-    Each goes on until the next step would be too much; a step that is too much by itself is a piece
-    by itself, and so is a loop. Whatever a piece reads that no step defines counts as a reference,
-    whether it is an input or a constant.
+    Args:
+        items: steps and loops in order.
+        limit: memory references in a section, at most: names read that no step in it defines,
+            inputs and constants too; names that a later section reads; entries stored. A step that
+            exceeds it is a section of its own.
+
+    Returns:
+        The sections, in order; a single empty one if there are no items. A loop is always a
+        section of its own.
     """
-    defined = {name: i for i, item in enumerate(items) for name in names_made(item)}
+    defined = {name: i for i, item in enumerate(items) for name in defined_names(item)}
     last_use: dict[str, int] = {}
     for i, item in enumerate(items):
-        last_use.update(dict.fromkeys(names_read(item), i))
+        last_use.update(dict.fromkeys(used_names(item), i))
     starts = [0]
     read: set[str] = set()
-    alive = stores = 0
+    live = stores = 0
     for i, item in enumerate(items):
-        names = set(names_read(item))
+        names = set(used_names(item))
         outside = {name for name in names if defined.get(name, -1) < starts[-1]}
         ended = sum(last_use[name] == i for name in names - outside)
-        begun = sum(last_use.get(name, -1) > i for name in names_made(item))
+        begun = sum(last_use.get(name, -1) > i for name in defined_names(item))
         stored = int(isinstance(item, Store))
-        full = len(read | outside) + alive - ended + begun + stores + stored > limit
+        full = len(read | outside) + live - ended + begun + stores + stored > limit
         if i > starts[-1] and (full or isinstance(item, Loop) or isinstance(items[i - 1], Loop)):
             starts.append(i)
-            read, alive, stores = names, begun, stored
+            read, live, stores = names, begun, stored
         else:
             read |= outside
-            alive += begun - ended
+            live += begun - ended
             stores += stored
     ends = [*starts[1:], len(items)]
     return [tuple(items[start:end]) for start, end in zip(starts, ends, strict=True)]

@@ -1,7 +1,12 @@
 """A function's sines and cosines, gathered: all angles first, then all pairs, then the rest.
 
-Sine and cosine of many angles in one go are several times cheaper than one by one, if the target
-has a way to do them so.
+    t1 = x + y
+    t2 = p*cos(t1)
+    out = [t2, sin(x)]
+
+becomes the angles `[t1, x]` with the statement `t1 = x + y`, then the sine and cosine of each (`s1`
+and `c1`, `s2` and `c2`), then `t2 = p*c1` and `out = [t2, s2]`. Sine and cosine of many angles at
+once are several times cheaper than one by one, if the target has a way to do them so.
 """
 
 from __future__ import annotations
@@ -35,17 +40,38 @@ class GatheredFunction:
 
 
 def sine_name(i: int) -> str:
-    """Name of the sine of the i-th angle, counted from 0."""
+    """Name of the sine of an angle.
+
+    Args:
+        i: number of the angle, counted from 0.
+
+    Returns:
+        The name.
+    """
     return f"s{i + 1}"
 
 
 def cosine_name(i: int) -> str:
-    """Name of the cosine of the i-th angle, counted from 0."""
+    """Name of the cosine of an angle.
+
+    Args:
+        i: number of the angle, counted from 0.
+
+    Returns:
+        The name.
+    """
     return f"c{i + 1}"
 
 
-def gathered(function: Function) -> GatheredFunction:
-    """Gather the sines and cosines of a function."""
+def gather_angles(function: Function) -> GatheredFunction:
+    """Gather the sines and cosines of a function.
+
+    Args:
+        function: the function.
+
+    Returns:
+        Its angles in the order of their first use, and the rest of it without calls.
+    """
     calls = [call for node in function.nodes() for call in calls_in(node)]
     angles = list(dict.fromkeys(call.argument for call in calls))
     names: dict[Node, Node] = {}

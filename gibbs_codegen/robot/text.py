@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from gibbs_codegen.files.templating import render
@@ -18,6 +18,36 @@ from gibbs_codegen.robot.model import (
 )
 
 
+@dataclass(frozen=True)
+class LinkText:
+    """What the template is given of a link; `rigid` are comments, `a` may be one."""
+
+    joint_number: int
+    alpha_deg: str
+    a: str
+    d: str
+    theta_deg: str
+    joint: str
+    body: list[str]
+    rigid: list[str]
+
+
+@dataclass(frozen=True)
+class RobotText:
+    """What the template is given; `rigid_arm` are comments."""
+
+    name: str
+    gravity: str
+    rotors: int
+    attitude: str
+    origin: str
+    thrust: str
+    drag: str
+    arm: str
+    rigid_arm: list[str]
+    links: list[LinkText]
+
+
 def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = False) -> str:
     """Commented TOML that `parse_robot` reads back as the same robot, under `name` if given.
 
@@ -25,41 +55,49 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
     """
     base = robot.base
     arms = [_inline_table(arm) for arm in base.arms]
-    context = {
-        "name": name or robot.name,
-        "gravity": repr(robot.gravity),
-        "rotors": base.rotors,
-        "attitude": base.attitude,
-        "origin": base.origin,
-        "thrust": _lines([_direction(direction) for direction in base.thrust]),
-        "drag": _lines([repr(float(value)) for value in base.drag]),
-        "arm": arms[0] if base.shares_one_arm else "[\n    " + ",\n    ".join(arms) + ",\n]",
-        "rigid_arm": _rigid_arm(base.arm(1)) if to_start_from else [],
-        "links": [
-            _link(robot, i) | {"rigid": _rigid_link(link.body) if to_start_from and last else []}
-            for i, link in enumerate(robot.links, start=1)
-            for last in [i == len(robot.links)]
-        ],
-    }
+    last = len(robot.links) if to_start_from else None
+    context = RobotText(
+        name=name or robot.name,
+        gravity=repr(robot.gravity),
+        rotors=base.rotors,
+        attitude=base.attitude,
+        origin=base.origin,
+        thrust=_lines([_direction(direction) for direction in base.thrust]),
+        drag=_lines([repr(float(value)) for value in base.drag]),
+        arm=arms[0] if base.shares_one_arm else "[\n    " + ",\n    ".join(arms) + ",\n]",
+        rigid_arm=_rigid_arm(base.arm(1)) if to_start_from else [],
+        links=[_link(robot, i, i == last) for i in range(1, len(robot.links) + 1)],
+    )
     return render("robot.toml.jinja", context)
 
 
-def _link(robot: Robot, i: int) -> dict[str, object]:
+def _link(robot: Robot, i: int, in_both_forms: bool) -> LinkText:
+    """The text of a link.
+
+    Args:
+        robot: whose link it is
+        i: number of the link, from 1
+        in_both_forms: whether comments give its body as a rigid one too
+
+    Returns:
+        What the template is given.
+    """
     link: Link = robot.links[i - 1]
     default = "# a: distance along x of the frame before; here"
     if link.a is not None:
         a = f"a         = {link.a!r}  # distance along x of the frame before"
     else:
         a = f"{default} {'0' if i == 1 else 'the length of the link before'}"
-    return {
-        "joint_number": robot.rotors + i,
-        "alpha_deg": _degrees(link.alpha_deg),
-        "a": a,
-        "d": repr(link.d),
-        "theta_deg": _degrees(link.theta_deg),
-        "joint": link.joint,
-        "body": _lines_of(link.body),
-    }
+    return LinkText(
+        joint_number=robot.rotors + i,
+        alpha_deg=_degrees(link.alpha_deg),
+        a=a,
+        d=repr(link.d),
+        theta_deg=_degrees(link.theta_deg),
+        joint=link.joint,
+        body=_lines_of(link.body),
+        rigid=_rigid_link(link.body) if in_both_forms else [],
+    )
 
 
 def _rigid_arm(body: Body) -> list[str]:

@@ -23,8 +23,15 @@ def compiled_library(
 ) -> Path:
     """The shared library of a generated module, from the cache or compiled now.
 
-    `extra` flags come after the compiler's. The library exports the module's C functions, those of
-    its CasADi adapter, and those of `rows.c`.
+    Args:
+        folder: where the module's C files are
+        name: of the robot
+        compiler: what compiles them
+        extra: flags that come after the compiler's
+
+    Returns:
+        Path of the library, which exports the module's C functions, those of its CasADi adapter,
+        and those of `rows.c`.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
     texts = {file: (folder / file).read_bytes() for file in c_files(name)}
@@ -74,5 +81,12 @@ def _make_of(text: bytes) -> list[bytes]:
 
 
 def c_files(name: str) -> list[str]:
-    """Names of the files that the C target of a module consists of."""
+    """The files that the C target of a module consists of.
+
+    Args:
+        name: of the robot
+
+    Returns:
+        Names of the files.
+    """
     return [f"{name}.h", f"{name}.c", f"{name}_casadi.c"]

@@ -24,9 +24,17 @@ class CacheError(Exception):
 
 
 def cached_library(key: str, make: Callable[[Path], None]) -> Path:
-    """Path of the library that belongs to `key`, which `make` writes where there is none.
+    """The library of a key, made where the cache has none.
 
-    Raises `CacheError` where the cache cannot be used, and whatever `make` raises.
+    Args:
+        key: text that differs where libraries do
+        make: writes the library to the path that it is given; what it raises is passed on
+
+    Returns:
+        Path of the library.
+
+    Raises:
+        CacheError: the cache cannot be used
     """
     try:
         root = _private_folder()

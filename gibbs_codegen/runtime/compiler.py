@@ -43,7 +43,16 @@ class Compiler:
         return "\n".join([*self.command, self.version, *_FLAGS, *_LINKER_FLAGS, *system])
 
     def library(self, sources: Sequence[Path], output: Path, extra: Sequence[str] = ()) -> None:
-        """Make a shared library. Raises `CompilerError` where the compiler fails or hangs."""
+        """Make a shared library.
+
+        Args:
+            sources: C files
+            output: path of the library
+            extra: flags that come after the compiler's
+
+        Raises:
+            CompilerError: the compiler fails or hangs
+        """
         # Without knowing the processor a library in the cache might meet another one.
         if _processor():
             with suppress(CompilerError):
@@ -52,6 +61,16 @@ class Compiler:
         self._make(sources, output, [*_FLAGS, *extra])
 
     def _make(self, sources: Sequence[Path], output: Path, flags: Sequence[str]) -> None:
+        """Make a shared library.
+
+        Args:
+            sources: C files
+            output: path of the library
+            flags: all but the user's own
+
+        Raises:
+            CompilerError: the compiler fails or hangs
+        """
         # Words before the first flag may be a launcher and its compiler, such as `ccache gcc`.
         programs = list(itertools.takewhile(lambda word: not word.startswith("-"), self.command))
         own = self.command[len(programs) :]
@@ -69,10 +88,17 @@ class Compiler:
 
 @functools.cache
 def find_compiler(chosen: str | None) -> Compiler:
-    """The compiler `chosen` (the value of CC), or else cc, gcc or clang of the search path.
+    """The compiler that the user has chosen, or else cc, gcc or clang of the search path.
 
-    CC may be a launcher and a compiler, and flags after it: `ccache gcc -O2`.
-    Raises `CompilerError` where there is none.
+    Args:
+        chosen: the value of CC, which may be a launcher and a compiler, and flags after it, as
+            `ccache gcc -O2`; None where it is not set
+
+    Returns:
+        The compiler.
+
+    Raises:
+        CompilerError: there is none
     """
     if os.name == "nt":
         raise CompilerError("compiling on Windows is not supported yet")
@@ -96,7 +122,19 @@ def _version(command: Sequence[str]) -> str:
 
 
 def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | None, str]:
-    """Exit code and output of a command; no code if it hangs, and then nothing of it goes on."""
+    """Run a command to its end, or end it.
+
+    Args:
+        command: program and arguments
+        seconds: how long it may take
+        folder: where it is run
+
+    Returns:
+        Exit code, None if the command hung and was ended, and what it printed.
+
+    Raises:
+        CompilerError: it cannot be started
+    """
     try:
         process = subprocess.Popen(  # noqa: S603 - a compiler that the user has chosen
             command,

@@ -27,15 +27,22 @@ _importing = threading.Lock()
 def load(
     name_or_path: str | os.PathLike[str], backend: str = "numpy", threads: int = 1
 ) -> ModuleType:
-    """Load a generated module: an object with its functions and constants.
+    """Load a generated module.
 
-    `name_or_path` is the folder of the module, or a name, which is looked for in `generated/` of
-    the working directory. `backend` "c" compiles the module's C source once, with CC or the
-    machine's compiler, and keeps it in a cache; `__file__` is then the shared library. Where it
-    cannot be compiled or kept, NumPy serves and the log of `gibbs_codegen` says so in a line.
-    `threads` is the number of threads that the C back end shares large batches among.
+    Args:
+        name_or_path: the module's folder, or a name, which is looked for in `generated/` of the
+            working directory
+        backend: "numpy", or "c", which compiles the module's C source once, with CC or the
+            machine's compiler, and keeps it in a cache
+        threads: how many threads of the C back end share large batches
 
-    Raises `UsageError` where there is no such module, C source or back end.
+    Returns:
+        An object with the module's functions and constants. With the C back end `__file__` is the
+        shared library; where that cannot be compiled or kept, NumPy serves, and the log
+        `gibbs_codegen` says so in a line.
+
+    Raises:
+        UsageError: there is no such module, C source or back end
     """
     if backend not in BACKENDS:
         raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
@@ -48,6 +55,19 @@ def load(
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
+    """A module with the C back end, or with NumPy where that cannot be had.
+
+    Args:
+        module: the NumPy module
+        folder: where its C files are
+        threads: how many threads share large batches
+
+    Returns:
+        The module with the back end.
+
+    Raises:
+        UsageError: a C file is missing, or is of another make
+    """
     from gibbs_codegen.runtime.c_backend import c_module
     from gibbs_codegen.runtime.c_library import c_files
     from gibbs_codegen.runtime.cache import CacheError
@@ -89,8 +109,6 @@ def _import(folder: Path) -> ModuleType:
         del sys.modules[module_name]
         raise
     missing = [name for name in FUNCTIONS if not hasattr(module, name)]
-    if not hasattr(getattr(module, "numpy_module", None), "report_not_finite"):
-        missing.append("report_not_finite")
     if missing:
         raise UsageError(
             f"{printable(folder)}: has no {', '.join(missing)}, "
@@ -103,7 +121,17 @@ def _import(folder: Path) -> ModuleType:
 
 
 def find_module(path: Path) -> Path:
-    """Folder of a generated module, by its path or its name. Raises `UsageError` for none."""
+    """Folder of a generated module.
+
+    Args:
+        path: of the folder, or the module's name
+
+    Returns:
+        The absolute path.
+
+    Raises:
+        UsageError: there is no generated module
+    """
     folders = (path, Path("generated") / path)
     try:
         for folder in folders:

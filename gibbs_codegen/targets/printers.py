@@ -14,15 +14,37 @@ class InfixPrinter:
     """
 
     def number(self, value: float) -> str:
-        """A literal that reads back as the same double."""
+        """A literal of the language.
+
+        Args:
+            value: its value
+
+        Returns:
+            Text that reads back as the same double.
+        """
         return repr(value)
 
     def call(self, function: str, argument: str) -> str:
-        """Sine or cosine of an argument."""
+        """A call of sine or cosine.
+
+        Args:
+            function: "sin" or "cos"
+            argument: the angle in rad, as text
+
+        Returns:
+            The call as text.
+        """
         return f"{function}({argument})"
 
     def expression(self, node: Node) -> str:
-        """The node as text, without outer parentheses."""
+        """A node as an expression.
+
+        Args:
+            node: what is computed
+
+        Returns:
+            Text without outer parentheses.
+        """
         match node:
             case Name(name):
                 return name
@@ -65,11 +87,25 @@ class CPrinter(InfixPrinter):
     """Prints nodes as C, with every literal of the type that the module is compiled for."""
 
     def number(self, value: float) -> str:
-        """A literal of 17 digits within the macro that gives it its type."""
+        """A literal within the macro that gives it its type.
+
+        Args:
+            value: its value
+
+        Returns:
+            Text of 17 digits at most.
+        """
         return f"-R({c_literal(-value)})" if value < 0 else f"R({c_literal(value)})"
 
 
 def c_literal(value: float) -> str:
-    """A floating literal of 17 digits that reads back as the same double."""
+    """A floating literal of C.
+
+    Args:
+        value: its value
+
+    Returns:
+        Text of 17 digits at most, which reads back as the same double.
+    """
     text = format(value, ".17g")
     return text if "." in text or "e" in text else f"{text}.0"

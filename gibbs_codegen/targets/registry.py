@@ -9,35 +9,38 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.targets import numpy as numpy_target
 from gibbs_codegen.targets.c import target as c_target
+from gibbs_codegen.targets.numpy import target as numpy_target
 from gibbs_codegen.targets.printers import CPrinter, InfixPrinter
 from gibbs_codegen.version import HEADER_START, __version__
 
 
 @dataclass(frozen=True)
 class Target:
-    """A language to emit: its printer, its templates' context, and a file name per template."""
+    """A language to emit: its printer, its templates' context, and a file name per template.
+
+    `context` takes the model, the printer, and the lines that open every file; what it returns is a
+    value whose attributes the templates read.
+    """
 
     printer: InfixPrinter
-    context: Callable[[Model, InfixPrinter], dict[str, Any]]
+    context: Callable[[Model, InfixPrinter, list[str]], object]
     files: Mapping[str, str]
 
 
 TARGETS: dict[str, Target] = {
     "numpy": Target(
         InfixPrinter(),
-        numpy_target.context,
+        numpy_target.module_text,
         {"numpy_module.py.jinja": "numpy_module.py", "package_init.py.jinja": "__init__.py"},
     ),
     "c": Target(
         CPrinter(),
-        c_target.context,
+        c_target.module_text,
         {
             "c_header.h.jinja": "{name}.h",
             "c_source.c.jinja": "{name}.c",
@@ -48,7 +51,17 @@ TARGETS: dict[str, Target] = {
 
 
 def find_targets(names: Sequence[str]) -> dict[str, Target]:
-    """Targets of the given names. Raises `UsageError` for an unknown one."""
+    """Targets by their names.
+
+    Args:
+        names: of targets
+
+    Returns:
+        Rows of `TARGETS`, in the order of the names.
+
+    Raises:
+        UsageError: a name is unknown
+    """
     for name in names:
         if name not in TARGETS:
             raise UsageError(
@@ -58,18 +71,36 @@ def find_targets(names: Sequence[str]) -> dict[str, Target]:
 
 
 def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) -> dict[str, str]:
-    """Text of every file of a generated module, by file name; the robot file is one of them."""
+    """Text of every file of a generated module; the robot file is one of them.
+
+    Args:
+        model: the derived robot
+        robot_text: its robot file
+        targets: what is emitted
+
+    Returns:
+        Texts by file name.
+    """
     files = {"robot.toml": robot_text}
+    opening = header(model, robot_text, targets)
     for target in targets.values():
-        context = target.context(model, target.printer)
-        context["header"] = header(model, robot_text, targets)
+        context = target.context(model, target.printer, opening)
         for template, file_name in target.files.items():
             files[file_name.format(name=model.robot.name)] = render(template, context)
     return files
 
 
 def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list[str]:
-    """Lines that open every emitted file: what it is, what it was made from, whose it is."""
+    """Lines that open every emitted file: what it is, what it was made from, whose it is.
+
+    Args:
+        model: the derived robot
+        robot_text: its robot file
+        targets: what is emitted
+
+    Returns:
+        Lines without the signs of a comment.
+    """
     command = "gibbs-codegen generate THIS_FOLDER/robot.toml --out ."
     if model.keeps_zeros:
         command += " --all-parameters"

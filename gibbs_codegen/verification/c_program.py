@@ -7,17 +7,17 @@ is put to work here: last blocks that are not full, `pack` and `unpack`, and sin
 from __future__ import annotations
 
 import ctypes
-import functools
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.interface import DATA, LANES, Signature, module_signatures
+from gibbs_codegen.interface import LANES
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, compared, explained, worst
+from gibbs_codegen.verification.comparison import Comparison, compared, failed, merged
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -37,114 +37,161 @@ _DETERMINED = 1e-6
 _GUARD = -1.2345e30
 
 
-class CProgram:
-    """The functions of a library in one precision, by the conventions of the module's header."""
+class CProgram(Evaluation):
+    """The functions of a library in one precision, called as the module's header says."""
 
-    def __init__(self, path: str, module: ModuleType, single: bool = False) -> None:
-        """`module` is the C back end, for the names and numbers of things."""
+    def __init__(
+        self, path: str, module: ModuleType, batches: Sequence[int], single: bool = False
+    ) -> None:
+        """Load a library.
+
+        Args:
+            path: the library.
+            module: the C back end, for the names and numbers of things.
+            batches: numbers of states in which batches are computed, one after the other.
+            single: whether the library was compiled for single precision.
+
+        """
+        super().__init__(module)
         self._library = ctypes.CDLL(path)
-        self._module = module
+        self._batches = batches
         self._real: type[np.floating[Any]] = np.float32 if single else np.float64
         self._mark = "_float" if single else ""
-        self._count = len(module.prepare({})) // ctypes.sizeof(ctypes.c_double)
+        count = len(module.prepare({})) // ctypes.sizeof(ctypes.c_double)
         number = ctypes.c_float if single else ctypes.c_double
         symbol = f"{module.NAME}_default_constants{self._mark}"
-        self.default = np.array((number * self._count).in_dll(self._library, symbol))
+        self._constants = np.array((number * count).in_dll(self._library, symbol))
 
-    def constants(self, parameters: Sequence[float]) -> Array:
-        """What init_constants makes of all parameters. Raises `ValueError` where it refuses."""
-        made = np.full(self._count, np.nan, self._real)
+    def use(self, parameters: Sequence[float]) -> None:
+        """Compute with other parameters from now on.
+
+        Args:
+            parameters: all parameters, in the order of PARAMETERS.
+
+        Raises:
+            ValueError: If `init_constants` rejects them.
+
+        """
+        made = np.full(len(self._constants), np.nan, self._real)
         name = f"init_constants{self._mark}"
         if self._call(name, np.array(parameters, self._real), made):
-            raise ValueError(f"{name} refuses these parameters")
-        return made
-
-    def singly(self, constants: Array) -> Any:
-        """The functions for one state, as those of a module."""
-        return self._functions(functools.partial(self._one, constants))
-
-    def in_batches(self, constants: Array, batches: Sequence[int]) -> Any:
-        """The functions for states in batches of those sizes, as those of a module."""
-        return self._functions(functools.partial(self._batches, constants, batches))
+            raise ValueError(f"{name} rejects these parameters")
+        self._constants = made
 
     def pack(self, rows: Array) -> Array:
-        """What `pack` makes of states (s, width): (blocks, width, LANES)."""
+        """What `pack` makes of states.
+
+        Args:
+            rows: (s, width).
+
+        Returns:
+            (blocks, width, LANES).
+
+        """
         count, width = rows.shape
-        return self._guarded(
-            lambda blocks: self._call("pack", count, width, rows.astype(self._real), blocks),
-            (-(-count // LANES), width, LANES),
-        )
+        shape = (-(-count // LANES), width, LANES)
+        return self._filled("pack", [count, width, rows.astype(self._real)], [shape])[0]
 
     def unpack(self, blocks: Array, count: int) -> Array:
-        """What `unpack` makes of `count` states in blocks."""
-        width = blocks.shape[1]
-        return self._guarded(
-            lambda rows: self._call("unpack", count, width, blocks.astype(self._real), rows),
-            (count, width),
-        )
+        """What `unpack` makes of states in blocks.
 
-    def _functions(self, call: Callable[..., Any]) -> Any:
-        data = {name: getattr(self._module, name) for name in DATA}
-        functions = {
-            signature.name: functools.partial(call, signature)
-            for signature in module_signatures(self._module)
-        }
-        return SimpleNamespace(**data, **functions)
+        Args:
+            blocks: (blocks, width, LANES).
+            count: number of states.
 
-    def _one(self, constants: Array, signature: Signature, *state: Array) -> Any:
-        inputs = [np.array(x, self._real) for x in state]
-        outputs = [np.full(shape, np.nan, self._real) for shape in signature.shapes]
-        self._call(signature.name, constants, *inputs, *outputs)
-        return outputs[0] if len(outputs) == 1 else tuple(outputs)
+        Returns:
+            (count, width).
 
-    def _batches(
-        self, constants: Array, batches: Sequence[int], signature: Signature, *rows: Array
-    ) -> Any:
-        parts = []
-        first = 0
-        for count in batches:
-            some = [x[first : first + count] for x in rows]
-            parts.append(self._batch(constants, signature, count, some))
+        """
+        shape = (count, blocks.shape[1])
+        return self._filled("unpack", [*shape, blocks.astype(self._real)], [shape])[0]
+
+    def _computed(self, name: str, arguments: Sequence[Array]) -> list[Array]:
+        shapes = self.signatures[name].shapes
+        if arguments[0].ndim == 1:
+            inputs = [np.array(x, self._real) for x in arguments]
+            return self._filled(name, [self._constants, *inputs], shapes)
+        parts, first = [], 0
+        for count in self._batches:
+            some = [x[first : first + count] for x in arguments]
+            parts.append(self._batch(name, count, some))
             first += count
-        outputs = [np.concatenate(part) for part in zip(*parts, strict=True)]
-        return outputs[0] if len(outputs) == 1 else tuple(outputs)
+        return [np.concatenate(part) for part in zip(*parts, strict=True)]
 
-    def _batch(
-        self, constants: Array, signature: Signature, count: int, rows: Sequence[Array]
-    ) -> list[Array]:
+    def _batch(self, name: str, count: int, rows: Sequence[Array]) -> list[Array]:
+        """One function for one batch.
+
+        Args:
+            name: the function.
+            count: number of states.
+            rows: its arguments, each (count, width).
+
+        Returns:
+            Its results, each (count, …).
+
+        """
         # Unused lanes hold what would be seen if it were read.
         inputs = [in_blocks(x, np.full(x.shape[1], np.nan)).astype(self._real) for x in rows]
-        before = [x.tobytes() for x in inputs]
-        sizes = [int(np.prod(shape, dtype=int)) for shape in signature.shapes]
-        blocks = -(-count // LANES)
-        guard = self._real(_GUARD)
-        outputs = [np.full((blocks + 1, size, LANES), guard) for size in sizes]
-        self._call(f"{signature.name}_batch", constants, count, *inputs, *outputs)
-        if any((x[-1] != guard).any() for x in outputs) or before != [x.tobytes() for x in inputs]:
-            raise ValueError("writes where it should not")
+        shapes = self.signatures[name].shapes
+        blocks = [(len(inputs[0]), math.prod(shape), LANES) for shape in shapes]
+        outputs = self._filled(f"{name}_batch", [self._constants, count, *inputs], blocks)
         return [
             from_blocks(x, count).reshape(count, *shape)
-            for x, shape in zip(outputs, signature.shapes, strict=True)
+            for x, shape in zip(outputs, shapes, strict=True)
         ]
 
-    def _guarded(self, call: Callable[[Array], object], shape: tuple[int, ...]) -> Array:
-        """What a call writes to an array of a shape; NaN everywhere where it writes beyond."""
+    def _filled(
+        self, name: str, given: Sequence[Array | int], shapes: Sequence[tuple[int, ...]]
+    ) -> list[Array]:
+        """What a function of the library writes.
+
+        Args:
+            name: the function, without the robot's name.
+            given: its arguments before the outputs.
+            shapes: the shapes of its outputs.
+
+        Returns:
+            The outputs.
+
+        Raises:
+            ValueError: If it writes beyond the outputs or to its inputs.
+
+        """
+        before = [np.array(x) for x in given]
         guard = self._real(_GUARD)
-        room = np.full((shape[0] + LANES, *shape[1:]), guard)
-        call(room)
-        beyond = (room[shape[0] :] != guard).any()
-        return np.full(shape, np.nan) if beyond else room[: shape[0]]
+        sizes = [math.prod(shape) for shape in shapes]
+        # Beyond an output there is room for another block.
+        rooms = [
+            np.full(size + LANES * max(shape, default=1), guard)
+            for size, shape in zip(sizes, shapes, strict=True)
+        ]
+        self._call(name, *given, *rooms)
+        altered = any(
+            x.tobytes() != np.array(y).tobytes() for x, y in zip(before, given, strict=True)
+        )
+        if altered or any((x[n:] != guard).any() for x, n in zip(rooms, sizes, strict=True)):
+            raise ValueError("writes where it should not")
+        return [x[:n].reshape(shape) for x, n, shape in zip(rooms, sizes, shapes, strict=True)]
 
     def _call(self, name: str, *arguments: Array | int) -> int:
-        given = [
+        pointers = [
             ctypes.c_size_t(x) if isinstance(x, int) else ctypes.c_void_p(x.ctypes.data)
             for x in arguments
         ]
-        return int(self._library[f"{self._module.NAME}_{name}"](*given))
+        return int(self._library[f"{self.module.NAME}_{name}"](*pointers))
 
 
 def in_blocks(rows: Array, unused: Array) -> Array:
-    """States (s, width) as blocks (blocks, width, LANES), with `unused` (width,) in other lanes."""
+    """States as blocks.
+
+    Args:
+        rows: (s, width).
+        unused: (width,), for the lanes of the last block that are left.
+
+    Returns:
+        (blocks, width, LANES).
+
+    """
     count, width = rows.shape
     whole = -(-count // LANES)
     padded = np.broadcast_to(unused, (whole * LANES, width)).copy()
@@ -154,22 +201,38 @@ def in_blocks(rows: Array, unused: Array) -> Array:
 
 
 def from_blocks(blocks: Array, count: int) -> Array:
-    """The first states of blocks, one after the other."""
+    """The first states of blocks, one after the other.
+
+    Args:
+        blocks: (blocks, width, LANES).
+        count: number of states.
+
+    Returns:
+        (count, width).
+
+    """
     rows: Array = blocks.swapaxes(1, 2).reshape(-1, blocks.shape[1])[:count]
     return rows
 
 
 def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) -> list[Comparison]:
-    """Batches whose last block is not full, and `pack` and `unpack`."""
-    program = CProgram(path, module)
+    """Compare batches whose last block is not full, and `pack` and `unpack`.
+
+    Args:
+        path: the library.
+        module: the C back end.
+        robot: its robot.
+        seed: of the states.
+
+    Returns:
+        The comparisons.
+
+    """
     tree = Tree(robot)
-    batches = _batches_within(tree)
-    states = States.extreme(tree, sum(batches), (seed, 3))
-    formulation = NewtonEuler(tree)
-    expected = Expected(formulation, states, Sizes(formulation, states))
-    evaluation = Evaluation(program.in_batches(program.default, batches))
-    rows = explained(expected.compare(evaluation.all(states), PARTIAL), evaluation.faults)
-    return [*rows, *_packing(program, states.q)]
+    program = CProgram(path, module, _batches_within(tree))
+    states = States.extreme(tree, sum(_batches_within(tree)), (seed, 3))
+    rows = Expected(NewtonEuler(tree), states).compare_functions(program, states, PARTIAL)
+    return merged([*rows, *_packing(program, states.q)])
 
 
 def _batches_within(tree: Tree) -> list[int]:
@@ -181,50 +244,54 @@ def _batches_within(tree: Tree) -> list[int]:
 
 def _packing(program: CProgram, states: Array) -> Iterator[Comparison]:
     """States into blocks and back, bit for bit."""
-    parts = []
-    for count in range(1, min(len(states), 2 * LANES) + 1):
-        rows = states[:count]
-        blocks = in_blocks(rows, rows[-1])
-        packed = compared("pack", _HEADER, program.pack(rows), blocks, 1.0, 0.0)
-        back = compared("unpack", _HEADER, program.unpack(blocks, count), rows, 1.0, 0.0)
-        parts.append([replace(packed, states=count), back])
-    yield from worst(parts)
+    try:
+        for count in range(1, min(len(states), 2 * LANES) + 1):
+            rows = states[:count]
+            blocks = in_blocks(rows, rows[-1])
+            packed = compared("pack", _HEADER, program.pack(rows), blocks, 1.0, 0.0)
+            yield replace(packed, states=count)
+            yield compared("unpack", _HEADER, program.unpack(blocks, count), rows, 1.0, 0.0)
+    except ValueError as error:
+        yield failed("pack", _HEADER, error)
 
 
 def compare_single_precision(
     path: str, module: ModuleType, robot: Robot, seed: int
 ) -> list[Comparison] | str:
-    """All functions in single precision; or why the machine cannot be computed in it.
+    """Compare all functions in single precision.
 
     In batches, with default constants; and state by state, with those of other parameters.
+
+    Args:
+        path: the library, compiled for single precision.
+        module: the C back end.
+        robot: its robot.
+        seed: of states and parameters.
+
+    Returns:
+        The comparisons, or why the robot cannot be computed in single precision.
+
     """
     tree = Tree(robot)
-    if not _in_range(Sizes(NewtonEuler(tree), States.random(tree, 1, seed))):
-        return "products of the machine's numbers leave the range of single precision"
+    if not _in_range(Sizes(tree, States.random(tree, 1, seed))):
+        return "products of the robot's numbers leave the range of single precision"
     if not determined(robot, _DETERMINED):
-        return "rounding to single precision hides what resists an acceleration of the machine"
-    program = CProgram(path, module, single=True)
-    parts = []
-    other = variation(robot, module.PARAMETERS, seed, 0)
-    numbers = parameter_values(other)
-    try:
-        constants = program.constants([numbers[name] for name in module.PARAMETERS])
-    except ValueError as error:
-        return [Comparison("init_constants", SINGLE_PRECISION, 0, np.inf, 0.0, str(error))]
+        return "rounding to single precision hides what resists an acceleration of the robot"
     batches = _batches_within(tree)
-    for machine, functions, singly in (
-        (robot, program.in_batches(program.default, batches), False),
-        (other, program.singly(constants), True),
-    ):
-        tree = Tree(machine)
-        formulation = NewtonEuler(tree)
+    program = CProgram(path, module, batches, single=True)
+    other = variation(robot, module.PARAMETERS, seed, 0)
+    comparisons: list[Comparison] = []
+    for varied, singly in ((robot, False), (other, True)):
+        tree, numbers = Tree(varied), parameter_values(varied)
+        try:
+            if singly:
+                program.use([numbers[name] for name in module.PARAMETERS])
+        except ValueError as error:
+            return [failed("init_constants", SINGLE_PRECISION, error)]
         states = States.extreme(tree, sum(batches), (seed, 4), FAR_SINGLE).rounded()
-        sizes = Sizes(formulation, states)
-        evaluation = Evaluation(functions)
-        expected = Expected(formulation, states, sizes)
-        rows = expected.compare(evaluation.all(states, singly), SINGLE_PRECISION, single=True)
-        parts.append(explained(rows, evaluation.faults))
-    return worst(parts)
+        expected = Expected(NewtonEuler(tree), states, single=True)
+        comparisons += expected.compare_functions(program, states, SINGLE_PRECISION, singly)
+    return merged(comparisons)
 
 
 def _in_range(sizes: Sizes) -> bool:

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gibbs_codegen.errors import printable
 from gibbs_codegen.verification.tree import Array
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was compared with what: the largest error over `states` states, relative, and its limit.
+    """What was compared with what, and the largest error.
 
-    `fault` says in words what is wrong where there is more to it than a number.
+    Attributes:
+        what: what was compared, such as a function.
+        against: what it was compared with.
+        states: over how many states.
+        error: the largest error, relative to the natural size.
+        limit: the largest error that passes.
+        fault: what is wrong, in words, where there is more to it than a number.
+
     """
 
     what: str
@@ -30,12 +38,38 @@ class Comparison:
         return self.error <= self.limit and not self.fault
 
 
+def failed(what: str, against: str, fault: str | BaseException) -> Comparison:
+    """A comparison that could not be made, or of something that is not a number.
+
+    Args:
+        what: what was to be compared.
+        against: what it was to be compared with.
+        fault: what is wrong, in words or as an error.
+
+    Returns:
+        A comparison that fails.
+
+    """
+    text = str(fault) or type(fault).__name__
+    return Comparison(what, against, 0, np.inf, 0.0, printable(text, 400))
+
+
 def compared(
     what: str, against: str, ours: Array, theirs: Array, size: Array | float, limit: float
 ) -> Comparison:
-    """Compare arrays of one state each along their first axis, relative to `size`.
+    """Compare arrays, each with one entry for each state along its first axis.
 
-    `size` broadcasts against them. What is not a number, or of another shape, is infinitely far.
+    Args:
+        what: what is compared.
+        against: what it is compared with.
+        ours: the array to check.
+        theirs: the array that it should be.
+        size: the natural sizes of the entries, which broadcast against the arrays.
+        limit: the largest error that passes.
+
+    Returns:
+        The comparison; what is not a number, or of another shape, is infinitely far off.
+
     """
     ours, theirs = np.asarray(ours), np.asarray(theirs)
     if ours.shape != theirs.shape:
@@ -48,17 +82,38 @@ def compared(
     return Comparison(what, against, len(theirs), error, limit)
 
 
-def worst(parts: Sequence[Sequence[Comparison]]) -> list[Comparison]:
-    """Comparisons that were made in parts, of the same things in the same order, as one each."""
-    merged = []
-    for same in zip(*parts, strict=True):
-        first = max(same, key=lambda c: (not c.passed, c.error))
-        merged.append(replace(first, states=sum(c.states for c in same)))
-    return merged
+def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:
+    """Comparisons of the same things, at several states and parameters, as one each.
+
+    Args:
+        comparisons: comparisons in any order.
+
+    Returns:
+        For each thing compared with each other the worst comparison, over the states of all.
+
+    """
+    groups: dict[tuple[str, str], list[Comparison]] = {}
+    for comparison in comparisons:
+        groups.setdefault((comparison.what, comparison.against), []).append(comparison)
+    return [
+        replace(
+            max(same, key=lambda c: (not c.passed, c.error)), states=sum(c.states for c in same)
+        )
+        for same in groups.values()
+    ]
 
 
-def explained(comparisons: list[Comparison], faults: dict[str, str]) -> list[Comparison]:
-    """Comparisons with the reason why a function gave nothing."""
+def explained(comparisons: Iterable[Comparison], faults: Mapping[str, str]) -> list[Comparison]:
+    """Comparisons with the reason why a function returned nothing that could be compared.
+
+    Args:
+        comparisons: comparisons of functions.
+        faults: the reasons, by function.
+
+    Returns:
+        The comparisons in the same order.
+
+    """
     return [
         comparison
         if comparison.passed
@@ -68,7 +123,15 @@ def explained(comparisons: list[Comparison], faults: dict[str, str]) -> list[Com
 
 
 def failure_text(comparison: Comparison) -> str:
-    """One failure in words."""
+    """One failure in words.
+
+    Args:
+        comparison: a comparison that failed.
+
+    Returns:
+        What failed against what, and why.
+
+    """
     against = f" against {comparison.against}" if comparison.against else ""
     text = f"{comparison.what}{against}: "
     if comparison.fault:

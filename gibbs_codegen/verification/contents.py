@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import zip_longest
 from types import ModuleType
@@ -15,7 +15,7 @@ import numpy as np
 from gibbs_codegen.errors import printable
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
 from gibbs_codegen.robot.model import Robot, Rod
-from gibbs_codegen.verification.comparison import Comparison, compared
+from gibbs_codegen.verification.comparison import Comparison, compared, failed
 from gibbs_codegen.verification.parameters import parameter_values
 
 _FILE = "the robot file"
@@ -23,7 +23,16 @@ _CONSTANTS_LIMIT = 1e-9
 
 
 def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
-    """Names and parameters of a module against the robot that it was made from."""
+    """Compare names and parameters of a module with the robot that it was made from.
+
+    Args:
+        module: the module.
+        robot: the robot.
+
+    Returns:
+        A comparison of each constant.
+
+    """
     expected: dict[str, Any] = {
         "NAME": robot.name,
         "ATTITUDE": robot.base.attitude,
@@ -33,22 +42,36 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
         "POINTS": points(robot),
     }
     rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
-    needed = parameter_values(robot).keys() - set(_without_effect(robot))
-    rows.append(_parameters(getattr(module, "PARAMETERS", None), parameter_values(robot), needed))
-    return rows
+    faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)
+    return [*rows, _verdict("PARAMETERS", _FILE, "; ".join(faults))]
 
 
 def compare_robot_file(text: bytes, source: str) -> Comparison:
-    """The robot file beside a module against the digest in the header of its Python `source`."""
+    """Compare the robot file beside a module with the digest in the module's header.
+
+    Args:
+        text: the robot file.
+        source: the NumPy source of the module.
+
+    Returns:
+        The comparison.
+
+    """
     digest = hashlib.sha256(text).hexdigest()
     fault = "" if digest in source[:1000] else "is not the one that the module was made from"
     return _verdict("robot.toml", "the module's header", fault)
 
 
 def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
-    """What a C program has for the default parameters, against the robot file.
+    """Compare what a C program has for the default parameters with the robot file.
 
-    `module` is the C back end: its `__file__` is the library, whose constants are bytes here.
+    Args:
+        module: the C back end; its `__file__` is the library, and its constants are bytes.
+        robot: its robot.
+
+    Returns:
+        A comparison of the parameters, and of the constants computed from them.
+
     """
     library = ctypes.CDLL(str(module.__file__))
     values = parameter_values(robot)
@@ -68,6 +91,17 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
 
 
 def _alike(name: str, found: object, expected: object) -> Comparison:
+    """Compare a constant of a module.
+
+    Args:
+        name: its name.
+        found: what the module has.
+        expected: what it should have.
+
+    Returns:
+        The comparison.
+
+    """
     fault = "" if repr(found) == repr(expected) else f"is {_shown(found)}, not {_shown(expected)}"
     return _verdict(name, _FILE, fault)
 
@@ -90,25 +124,32 @@ def _without_effect(robot: Robot) -> Iterator[str]:
             yield from (f"{prefix}_com_{axis}" for axis in "xyz")
 
 
-def _parameters(found: object, expected: Mapping[str, float], needed: Set[str]) -> Comparison:
-    faults = ["no dict"]
-    if isinstance(found, dict):
-        faults = list(_parameter_faults(found, expected, needed))
-    return _verdict("PARAMETERS", _FILE, printable("; ".join(faults), 400))
-
-
-def _parameter_faults(
-    found: Mapping[object, object], expected: Mapping[str, float], needed: Set[str]
-) -> Iterator[str]:
+def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
+    if not isinstance(found, dict):
+        yield "no dict"
+        return
+    expected = parameter_values(robot)
     for name, value in found.items():
         if name not in expected:
             yield f"{_shown(name)} is no parameter of this robot"
-        elif repr(value) != repr(expected[str(name)]):
-            yield f"{name} is {_shown(value)}, not {expected[str(name)]!r}"
+        elif repr(value) != repr(expected[name]):
+            yield f"{name} is {_shown(value)}, not {expected[name]!r}"
+    optional = {*found, *_without_effect(robot)}
     for name, value in expected.items():
-        if name in needed and name not in found and value != 0.0:
+        if name not in optional and value != 0.0:
             yield f"{name} is missing, and not zero"
 
 
 def _verdict(what: str, against: str, fault: str) -> Comparison:
-    return Comparison(what, against, 0, np.inf if fault else 0.0, 0.0, fault)
+    """A comparison that passes unless there is a fault in words.
+
+    Args:
+        what: what was compared.
+        against: what it was compared with.
+        fault: what is wrong, or nothing.
+
+    Returns:
+        The comparison.
+
+    """
+    return failed(what, against, fault) if fault else Comparison(what, against, 0, 0.0, 0.0)

@@ -12,7 +12,16 @@ WEIGHTS = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
 
 
 def derivative(function: Callable[[Array], Array], steps: Array) -> Array:
-    """Derivative at 0 of a function of times (s, 1), one for each state, by `steps` (s,)."""
+    """Derivative of a function of time, at time 0.
+
+    Args:
+        function: takes times (s, 1), one for each state, and returns (s, …).
+        steps: the step of time for each state, (s,).
+
+    Returns:
+        The derivative, (s, …).
+
+    """
     values = [weight * function(number * steps[:, None]) for number, weight in WEIGHTS]
     total = sum(values[1:], values[0])
     rate: Array = total / steps.reshape(-1, *[1] * (total.ndim - 1))

@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from gibbs_codegen.verification.comparison import Comparison, compared
-from gibbs_codegen.verification.formulation import Formulation
+from gibbs_codegen.verification.comparison import Comparison, compared, explained
+from gibbs_codegen.verification.evaluation import Evaluation
+from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.states import Sizes, States
-from gibbs_codegen.verification.tree import Array, times
+from gibbs_codegen.verification.tree import Array, Tree, times
 
 # A few units in the last place.
 _ROUNDING = 1e-15
@@ -18,103 +19,168 @@ _ROUNDINGS = 4
 
 Values = Mapping[str, Array]
 
-
 Row = tuple[str, Array, Array]
 
 
 class Expected:
-    """What a formulation gives for all functions at some states, and the sizes of errors there."""
+    """What a formulation gives for all functions at some states, and the sizes of errors there.
 
-    def __init__(self, formulation: Formulation, states: States, sizes: Sizes) -> None:
+    `sizes` are the natural sizes of things at those states.
+    """
+
+    def __init__(self, formulation: Formulation, states: States, single: bool = False) -> None:
+        """Compute what is expected.
+
+        Args:
+            formulation: the formulation.
+            states: the states to compute at.
+            single: whether the module computes in single precision.
+
+        """
+        tree, found = formulation.tree, formulation.at(states)
+        self.sizes = Sizes(tree, states)
         self._name = formulation.name
-        self._limit = max(formulation.limit, _ROUNDING * sizes.disparity**formulation.growth)
-        self._sizes = sizes
-        self._places = formulation.tree.size
-        free = formulation.tree.free
-        every = formulation.mass_matrix(states.q)
-        inputs = formulation.input_matrix(states.q)
-        self._matrix = every[:, free][:, :, free]
-        self._driven = times(inputs, states.u)[:, free]
+        self._limit = max(formulation.limit, _ROUNDING * self.sizes.disparity**formulation.growth)
+        self._rounding = float(np.finfo(np.float32 if single else np.float64).eps)
+        if single:
+            self._limit = _ROUNDINGS * self._rounding * tree.size
+        inputs = input_matrix(tree, found)
+        self._matrix = found.mass_matrix[:, tree.free][:, :, tree.free]
+        self._driven = times(inputs, states.u)[:, tree.free]
         rows = [
-            *_system(formulation, states, sizes, every, inputs),
-            *_geometry(formulation, states, sizes),
-            *_energies(formulation, states, sizes),
+            *_system(tree, found, inputs, states, self.sizes),
+            *_hybrid(tree, found, inputs, self.sizes),
+            *_geometry(tree, found, self.sizes),
         ]
         self._rows = {what: (theirs, size) for what, theirs, size in rows}
 
-    def compare(self, values: Values, against: str = "", single: bool = False) -> list[Comparison]:
-        """Compare the `values` of a module's functions, by name, with what is expected.
+    def compare_functions(
+        self, evaluation: Evaluation, states: States, against: str, singly: bool = False
+    ) -> list[Comparison]:
+        """Compare all functions of a module with what is expected.
 
-        `values` has each function's results for all states, or for the first of them, under the
-        names of `Evaluation.results`. Errors are relative to the natural sizes. `against` takes the
-        place of the formulation's name; `single` says that the module computes in single precision.
+        Args:
+            evaluation: the module.
+            states: the same states, or the first of them.
+            against: what to name instead of the formulation.
+            singly: whether to compute state by state rather than in a batch.
+
+        Returns:
+            A comparison of each array, with the reason where a function returned none.
+
         """
-        count = len(values["mass_matrix"])
-        rounding = float(np.finfo(np.float32 if single else np.float64).eps)
-        limit = _ROUNDINGS * rounding * self._places if single else self._limit
+        rows = self.compare(evaluation.all(states, singly), against)
+        return explained(rows, evaluation.faults)
+
+    def compare(self, values: Values, against: str = "") -> list[Comparison]:
+        """Compare results of a module's functions with what is expected.
+
+        Args:
+            values: results for the same states, or with fewer or more at the end, under the names
+                of `Evaluation.results`.
+            against: what to name instead of the formulation.
+
+        Returns:
+            A comparison of each array; errors are relative to the natural sizes.
+
+        """
+        count = min(len(values["mass_matrix"]), len(self._matrix))
         # Where angles are large, rounding their sums is what limits the rest.
-        angles = np.maximum(1.0, rounding * self._sizes.angles[:count] / limit)
+        angles = np.maximum(1.0, self._rounding * self.sizes.angles[:count] / self._limit)
         comparisons = []
-        for what, (theirs, size) in self._rows.items():
-            ours = values[what]
+        for what in filter(self._rows.__contains__, values):
+            ours, (theirs, size) = values[what][:count], self._rows[what]
             if what == "forward_dynamics":  # Unlike the accelerations, M a is well-conditioned.
-                size = self._sizes.balance(ours, self._driven[:count])
+                size = self.sizes.balance(ours, self._driven[:count])
                 ours = times(self._matrix[:count], ours)
             size = size[:count] * angles.reshape(-1, *[1] * (size.ndim - 1))
             comparisons.append(
-                compared(what, against or self._name, ours, theirs[:count], size, limit)
+                compared(what, against or self._name, ours, theirs[:count], size, self._limit)
             )
         return comparisons
 
 
+def input_matrix(tree: Tree, found: Quantities) -> Array:
+    """Generalised forces of unit inputs: thrusts, then the arm's own efforts.
+
+    Args:
+        tree: the tree of a formulation.
+        found: what the formulation gives.
+
+    Returns:
+        Input matrix of all joints, (s, size, nu).
+
+    """
+    rotations = found.poses[:, :-1, :3, :3]
+    thrusts = times(rotations, np.array([motor.direction for motor in tree.motors]))
+    drags = np.array([motor.drag for motor in tree.motors])[:, None] * thrusts
+    wrenches = np.concatenate([thrusts, drags], axis=-1)
+    driven = np.einsum("skij,ski->sjk", found.jacobians[:, :-1], wrenches)
+    arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], (len(driven), tree.size, len(tree.arm)))
+    return np.concatenate([driven, arm], axis=-1)
+
+
 def _system(
-    formulation: Formulation, states: States, sizes: Sizes, every: Array, inputs: Array
+    tree: Tree, found: Quantities, inputs: Array, states: States, sizes: Sizes
 ) -> Iterator[Row]:
-    tree = formulation.tree
+    """The equations of motion M a = R + B u, the torques of the constraints, and the energies.
+
+    Args:
+        tree: the tree of the formulation.
+        found: what the formulation gives at the states.
+        inputs: input matrix of all joints, (s, size, nu).
+        states: the states.
+        sizes: the natural sizes there.
+
+    Yields:
+        For each array that a function returns its name, its value, and the sizes of its entries.
+
+    """
     free, held = tree.free, tree.held
-    q, v, a, u = states.q, states.v, states.a, states.u
-    matrix = every[:, free][:, :, free]
-    residual = -formulation.inverse_dynamics(q, v, np.zeros_like(a))
-    inverse = formulation.inverse_dynamics(q, v, a)
-    driven = times(inputs, u)
+    matrix = found.mass_matrix[:, free][:, :, free]
+    residual = found.residual[:, free]
+    inverse = found.inverse_dynamics
+    driven = times(inputs, states.u)
     yield "mass_matrix", matrix, sizes.free_matrix
     yield "mass_matrix_and_residual.mass_matrix", matrix, sizes.free_matrix
-    yield "residual", residual[:, free], sizes.free_effort
-    yield "mass_matrix_and_residual.residual", residual[:, free], sizes.free_effort
+    yield "residual", residual, sizes.free_effort
+    yield "mass_matrix_and_residual.residual", residual, sizes.free_effort
     yield "input_matrix", inputs[:, free], _levers(inputs, sizes)[:, free]
     yield "inverse_dynamics", inverse[:, free], sizes.free_inertial_effort
-    yield "forward_dynamics", (residual + driven)[:, free], sizes.free_effort
-    yield from _hybrid(every, residual, inputs, held, sizes)
+    yield "forward_dynamics", residual + driven[:, free], sizes.free_effort
     effort = sizes.inertial_effort + sizes.spread(driven, sizes.units)
     yield "constraint_torques", (inverse - driven)[:, held], effort[:, held]
-    by_parts = np.sum(a * (0.5 * times(matrix, a) - residual[:, free]), axis=-1)
+    by_parts = np.sum(states.a * (0.5 * times(matrix, states.a) - residual), axis=-1)
     yield "gibbs", by_parts, sizes.gibbs
+    yield "kinetic_energy", found.kinetic_energy, sizes.kinetic
+    yield "potential_energy", found.potential_energy, sizes.potential
 
 
-def _hybrid(
-    every: Array, residual: Array, inputs: Array, held: list[int], sizes: Sizes
-) -> Iterator[Row]:
-    """The hybrid system: all joints, the torques that hold some, and θ̈ = 0 for those."""
-    states, size = residual.shape
-    torques = size + np.arange(len(held))
-    whole = size + len(held)
-    matrix = np.zeros((states, whole, whole))
-    matrix[:, :size, :size] = every
-    matrix[:, held, torques] = -1.0
-    matrix[:, torques, held] = 1.0
-    natural = np.ones_like(matrix)
-    natural[:, :size, :size] = sizes.matrix
-    yield "hybrid_mass_matrix", matrix, natural
-    padded = np.zeros((states, whole))
-    padded[:, :size] = residual
-    natural = np.ones_like(padded)
-    natural[:, :size] = sizes.effort
-    yield "hybrid_residual", padded, natural
-    columns = np.zeros((states, whole, inputs.shape[-1]))
-    columns[:, :size] = inputs
-    natural = np.ones_like(columns)
-    natural[:, :size] = _levers(inputs, sizes)
-    yield "hybrid_input_matrix", columns, natural
+def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Iterator[Row]:
+    """The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those.
+
+    Args:
+        tree: the tree of the formulation.
+        found: what the formulation gives at the states.
+        inputs: input matrix of all joints, (s, size, nu).
+        sizes: the natural sizes at the states.
+
+    Yields:
+        For each array that a function returns its name, its value, and the sizes of its entries.
+
+    """
+    more = (0, len(tree.held))
+    row, square = ((0, 0), more), ((0, 0), more, more)
+    torques = tree.size + np.arange(len(tree.held))
+    matrix = np.pad(found.mass_matrix, square)
+    matrix[:, tree.held, torques] = -1.0
+    matrix[:, torques, tree.held] = 1.0
+    yield "hybrid_mass_matrix", matrix, np.pad(sizes.matrix, square, constant_values=1.0)
+    size = np.pad(sizes.effort, row, constant_values=1.0)
+    yield "hybrid_residual", np.pad(found.residual, row), size
+    columns = ((0, 0), more, (0, 0))
+    size = np.pad(_levers(inputs, sizes), columns, constant_values=1.0)
+    yield "hybrid_input_matrix", np.pad(inputs, columns), size
 
 
 def _levers(inputs: Array, sizes: Sizes) -> Array:
@@ -124,28 +190,29 @@ def _levers(inputs: Array, sizes: Sizes) -> Array:
     return size
 
 
-def _geometry(formulation: Formulation, states: States, sizes: Sizes) -> Iterator[Row]:
+def _geometry(tree: Tree, found: Quantities, sizes: Sizes) -> Iterator[Row]:
+    """Points, and the motion of the tip.
+
+    Args:
+        tree: the tree of the formulation.
+        found: what the formulation gives at the states.
+        sizes: the natural sizes there.
+
+    Yields:
+        For each array that a function returns its name, its value, and the sizes of its entries.
+
+    """
+    pose, jacobian = found.poses[:, -1], found.jacobians[:, -1][..., tree.free]
     reach = sizes.reach[:, None, None]
-    gives, free = formulation.gives, formulation.tree.free
-    if "positions" in gives:
-        positions = formulation.positions(states.q)
-        yield "positions", positions, reach
-    if "tip_pose" in gives:
-        size = np.ones((len(states), 4, 4))
-        size[:, :3, 3:] = reach
-        yield "tip_pose", formulation.tip_pose(states.q), size
-    if "tip_jacobian" in gives:
-        size = np.ones((len(states), 6, len(free)))
-        size[:, :3] = sizes.length / sizes.scales
-        yield "tip_jacobian", formulation.tip_jacobian(states.q)[:, :, free], size
-    if "tip_bias_acceleration" in gives:
-        size = np.ones((len(states), 6)) * sizes.rate[:, None] ** 2
+    if found.positions is not None:
+        yield "positions", found.positions, reach
+    size = np.ones_like(pose)
+    size[:, :3, 3:] = reach
+    yield "tip_pose", pose, size
+    size = np.ones_like(jacobian)
+    size[:, :3] = sizes.length / sizes.scales
+    yield "tip_jacobian", jacobian, size
+    if found.tip_bias_acceleration is not None:
+        size = np.ones((len(pose), 6)) * sizes.rate[:, None] ** 2
         size[:, :3] *= sizes.length
-        bias = formulation.tip_bias_acceleration(states.q, states.v)
-        yield "tip_bias_acceleration", bias, size
-
-
-def _energies(formulation: Formulation, states: States, sizes: Sizes) -> Iterator[Row]:
-    kinetic = formulation.kinetic_energy(states.q, states.v)
-    yield "kinetic_energy", kinetic, sizes.kinetic
-    yield "potential_energy", formulation.potential_energy(states.q), sizes.potential
+        yield "tip_bias_acceleration", found.tip_bias_acceleration, size

@@ -2,76 +2,100 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
+import numpy as np
+
+from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Array, Tree
-
-EVERYTHING = frozenset(
-    (
-        "mass_matrix",
-        "inverse_dynamics",
-        "input_matrix",
-        "positions",
-        "tip_pose",
-        "tip_jacobian",
-        "tip_bias_acceleration",
-        "kinetic_energy",
-        "potential_energy",
-    )
-)
 
 
 class NotApplicableError(Exception):
-    """A formulation that cannot be made for a machine; the message says why."""
+    """A formulation that cannot represent a robot; the message says why."""
+
+
+class Quantities(NamedTuple):
+    """Everything that a formulation computes at `s` states.
+
+    Generalised forces and columns of Jacobians are those of all joints, free and constrained, in
+    the order of the hybrid system: `size` of them. Axes are the world's.
+
+    Attributes:
+        mass_matrix: (s, size, size).
+        residual: R of M a = R + B u, (s, size).
+        inverse_dynamics: M a − R, (s, size).
+        poses: homogeneous transforms of the tree's seats (motors, then the tip), with the axes of
+            their joints, in m, (s, seats, 4, 4).
+        jacobians: of the seats, linear rows first, (s, seats, 6, size).
+        kinetic_energy: in J, (s,).
+        potential_energy: in J, zero at world Z = 0, (s,).
+        positions: of the tree's points in m, (s, points, 3), or None if not computed.
+        tip_bias_acceleration: of the tip where a is zero, linear entries first, (s, 6), or None
+            if not computed.
+
+    """
+
+    mass_matrix: Array
+    residual: Array
+    inverse_dynamics: Array
+    poses: Array
+    jacobians: Array
+    kinetic_energy: Array
+    potential_energy: Array
+    positions: Array | None = None
+    tip_bias_acceleration: Array | None = None
 
 
 class Formulation(Protocol):
-    """Equations of motion of a tree, for `s` states at a time.
+    """Equations of motion of a tree.
 
-    Arguments are in the reduced coordinates, (s, nq). Results are in those of all joints, free and
-    held, in the order of the hybrid system: `size` of them. `gives` names the methods below that it
-    has, `limit` is the largest error that its own arithmetic explains, which grows with the
-    power `growth` of how unequal lengths are.
+    `limit` is the largest error that the formulation's own arithmetic explains; it grows with the
+    power `growth` of the ratio of the robot's largest length to its smallest.
     """
 
     name: str
-    gives: frozenset[str]
     limit: float
     growth: int
     tree: Tree
 
-    def mass_matrix(self, q: Array) -> Array:
-        """Mass matrix, (s, size, size)."""
+    def at(self, states: States) -> Quantities:
+        """Everything that the formulation computes.
+
+        Args:
+            states: the states to compute at.
+
+        Returns:
+            The quantities at those states.
+
+        """
         ...
 
-    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        """M a − R, (s, size)."""
-        ...
 
-    def input_matrix(self, q: Array) -> Array:
-        """Generalised forces of unit inputs, (s, size, nu)."""
-        ...
+def state_by_state(
+    at: Callable[[Array, Array, Array], Quantities], tree: Tree, states: States, places: Array
+) -> Quantities:
+    """What a library gives that computes one state at a time, with joints in an order of its own.
 
-    def positions(self, q: Array) -> Array:
-        """World positions of the named points in m, (s, k, 3)."""
-        ...
+    Args:
+        at: what the library gives for coordinates, rates and accelerations of all joints, each
+            (size,), in its order.
+        tree: the tree that the library was given.
+        states: the states to compute at.
+        places: for each joint of the library, its place among the tree's coordinates.
 
-    def tip_pose(self, q: Array) -> Array:
-        """Homogeneous transform of the tip, (s, 4, 4)."""
-        ...
+    Returns:
+        The quantities at all states, in the tree's order.
 
-    def tip_jacobian(self, q: Array) -> Array:
-        """World-axes Jacobian of the tip, linear rows first, (s, 6, size)."""
-        ...
-
-    def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
-        """World-axes acceleration of the tip at zero accelerations, (s, 6)."""
-        ...
-
-    def kinetic_energy(self, q: Array, v: Array) -> Array:
-        """Kinetic energy in J, (s,)."""
-        ...
-
-    def potential_energy(self, q: Array) -> Array:
-        """Potential energy in J, zero at world Z = 0, (s,)."""
-        ...
+    """
+    motions = (tree.spread(x)[:, places] for x in (states.q, states.v, states.a))
+    each = [at(*motion) for motion in zip(*motions, strict=True)]
+    arrays = (None if x[0] is None else np.array(x) for x in zip(*each, strict=True))
+    found = Quantities._make(arrays)
+    order = np.argsort(places)
+    return found._replace(
+        mass_matrix=found.mass_matrix[:, order][:, :, order],
+        residual=found.residual[:, order],
+        inverse_dynamics=found.inverse_dynamics[:, order],
+        jacobians=found.jacobians[..., order],
+    )

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import ctypes
 import importlib.abc
-import importlib.util
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
-
-import numpy as np
 
 from gibbs_codegen.errors import UsageError, WrongModuleError, printable
 from gibbs_codegen.robot.file import read_robot
@@ -25,7 +22,7 @@ from gibbs_codegen.verification.c_program import (
     compare_c_program,
     compare_single_precision,
 )
-from gibbs_codegen.verification.comparison import Comparison, failure_text
+from gibbs_codegen.verification.comparison import Comparison, failed, failure_text
 from gibbs_codegen.verification.contents import (
     compare_c_defaults,
     compare_contents,
@@ -47,6 +44,10 @@ MOST_STATES = 10_000
 _FEW_STATES = 3
 
 
+class _UnavailableError(Exception):
+    """A back end that cannot be had here, through no fault of the module; the message says why."""
+
+
 def verify(
     name_or_path: str | os.PathLike[str],
     states: int = 20,
@@ -54,11 +55,67 @@ def verify(
     backends: Sequence[str] = BACKENDS,
     progress: Progress = lambda _: None,
 ) -> Verification:
-    """Check a generated module against formulations that share no code with its derivation.
+    """Compare a generated module with formulations that share no code with its derivation.
 
-    `name_or_path` is that of `load`. Every function is compared at `states` random states of a
-    `seed`, for each of the `backends`. Raises `UsageError` where there is no such module, no robot
-    file with it, or wrong use; what is wrong with the module itself is in what is returned.
+    Args:
+        name_or_path: folder of the module, or its name in `generated/`, as for `load`.
+        states: number of random states, 1 to 10 000.
+        seed: of the states and of other parameters.
+        backends: "numpy", "c" or both.
+        progress: called with the name of each step.
+
+    Returns:
+        All comparisons, with what is wrong with the module.
+
+    Raises:
+        UsageError: If there is no such module, no robot file with it, or an argument is wrong.
+
+    """
+    _check_arguments(states, seed, backends)
+    folder = find_module(Path(name_or_path))
+    robot_file = folder / "robot.toml"
+    if not robot_file.is_file():
+        raise UsageError(f"{printable(folder)}: has no robot.toml, the file that it was made from")
+    robot, _ = read_robot(str(robot_file))
+    found, not_done = formulations(robot)
+    verification = Verification(robot.name, seed, not_done=not_done)
+    same_file = compare_robot_file(robot_file.read_bytes(), _source(folder))
+    for backend in backends:
+
+        def step(what: str, backend: str = backend) -> None:
+            progress(f"{backend}: {what}")
+
+        step("loading")
+        comparisons = [same_file]
+        try:
+            module = _loaded(folder, robot, backend)
+        except _UnavailableError as error:
+            verification.not_done[f"back end {backend}"] = str(error)
+            continue
+        except (UsageError, CompilerError, SystemExit) as error:
+            comparisons.append(failed("the module", "", error))
+        else:
+            numpy = load(folder) if backend != "numpy" else None
+            comparisons += compare_module(module, robot, found, states, seed, step, numpy=numpy)
+            if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
+                step("as a C program calls it")
+                comparisons += _compare_c(module, folder, robot, verification)
+        verification.comparisons[backend] = comparisons
+        verification.not_done |= compared_with_themselves(comparisons)
+    return verification
+
+
+def _check_arguments(states: int, seed: int, backends: Sequence[str]) -> None:
+    """Refuse arguments of `verify` that it cannot use.
+
+    Args:
+        states: number of states.
+        seed: of the states.
+        backends: names of back ends.
+
+    Raises:
+        UsageError: If one of them is wrong.
+
     """
     if not isinstance(states, int) or not 1 <= states <= MOST_STATES:
         raise UsageError(f"states: from 1 to {MOST_STATES}, not {states!r}")
@@ -67,66 +124,48 @@ def verify(
     for backend in backends:
         if backend not in BACKENDS:
             raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
-    folder = find_module(Path(name_or_path))
-    robot_file = folder / "robot.toml"
-    if not robot_file.is_file():
-        raise UsageError(f"{printable(folder)}: has no robot.toml, the file that it was made from")
-    robot, _ = read_robot(str(robot_file))
-    found, not_done = formulations(robot)
-    verification = Verification(robot.name, seed, not_done=not_done)
-    source = (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")
-    same_file = compare_robot_file(robot_file.read_bytes(), source)
-
-    def step(backend: str) -> Progress:
-        return lambda what: progress(f"{backend}: {what}")
-
-    for backend in backends:
-        step(backend)("loading")
-        module = _loaded(folder, robot, backend)
-        if isinstance(module, str):
-            verification.not_done[f"back end {backend}"] = module
-            continue
-        comparisons = [same_file]
-        if isinstance(module, Comparison):
-            comparisons.append(module)
-        else:
-            numpy = load(folder) if backend != "numpy" else None
-            comparisons += compare_module(
-                module, robot, found, states, seed, step(backend), numpy=numpy
-            )
-            if backend == "c" and all(c.passed for c in compare_contents(module, robot)):
-                step(backend)("as a C program calls it")
-                comparisons += _compare_c(module, folder, robot, verification)
-        verification.comparisons[backend] = comparisons
-        verification.not_done |= compared_with_themselves(comparisons)
-    return verification
 
 
-def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType | Comparison | str:
-    """A back end; or a comparison that failed, if it is broken; or why it cannot be had here."""
-    try:
-        module = load(folder)
-    except (UsageError, SystemExit) as error:
-        return _broken(error)
+def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
+    """A back end of a module.
+
+    Args:
+        folder: the module.
+        robot: its robot.
+        backend: "numpy" or "c".
+
+    Returns:
+        The back end.
+
+    Raises:
+        _UnavailableError: If it cannot be had here.
+        UsageError: If the module is broken, as `SystemExit` and `CompilerError` tell as well.
+
+    """
+    module = load(folder)
     if backend == "numpy":
         return module
     missing = [name for name in c_files(robot.name) if not (folder / name).is_file()]
     if missing and not _has_c_target(folder):
-        return "the module was generated without the C target"
+        raise _UnavailableError("the module was generated without the C target")
     if missing:
-        return _broken(UsageError(f"{', '.join(missing)}: missing"))
-    try:
-        compiler = find_compiler(os.environ.get("CC") or None)
-    except CompilerError as error:
-        return str(error)
+        raise UsageError(f"{', '.join(missing)}: missing")
+    compiler = _compiler()
     try:
         return c_module(module, folder, compiler, 1)
     except CacheError as error:
-        return str(error)
+        raise _UnavailableError(str(error)) from None
     except CompilerError as error:
-        return _broken(error) if _works(compiler) else str(error)
-    except UsageError as error:
-        return _broken(error)
+        if _works(compiler):
+            raise
+        raise _UnavailableError(str(error)) from None
+
+
+def _compiler() -> Compiler:
+    try:
+        return find_compiler(os.environ.get("CC") or None)
+    except CompilerError as error:
+        raise _UnavailableError(str(error)) from None
 
 
 def _works(compiler: Compiler) -> bool:
@@ -141,48 +180,63 @@ def _works(compiler: Compiler) -> bool:
 
     try:
         library = ctypes.CDLL(str(cached_library(f"{compiler.identity}\nworks", make)))
+        return hasattr(library, "gibbs_codegen_works")
     except (CompilerError, CacheError, OSError):
         return False
-    return hasattr(library, "gibbs_codegen_works")
 
 
 def _compare_c(
     module: ModuleType, folder: Path, robot: Robot, verification: Verification
 ) -> list[Comparison]:
-    """What only a C program uses of the C source."""
+    """Compare what only a C program uses of the C source.
+
+    Args:
+        module: the C back end.
+        folder: the module.
+        robot: its robot.
+        verification: gets the reason where single precision cannot be compared.
+
+    Returns:
+        The comparisons.
+
+    """
     seed = verification.seed
     comparisons = compare_c_defaults(module, robot)
     comparisons += compare_c_program(str(module.__file__), module, robot, seed)
     # What the source says does not depend on how well it is optimised.
     flags = (f"-D{robot.name.upper()}_FLOAT", "-O0")
     try:
-        compiler = find_compiler(os.environ.get("CC") or None)
-        path = compiled_library(folder, robot.name, compiler, flags)
+        path = compiled_library(folder, robot.name, _compiler(), flags)
         single = compare_single_precision(str(path), module, robot, seed)
     except (CompilerError, CacheError) as error:
-        fault = printable(str(error), 400)
-        return [*comparisons, Comparison(SINGLE_PRECISION, "", 0, np.inf, 0.0, fault)]
+        return [*comparisons, failed(SINGLE_PRECISION, "", error)]
     if isinstance(single, str):
         verification.not_done[SINGLE_PRECISION] = single
         return comparisons
     return comparisons + single
 
 
+def _source(folder: Path) -> str:
+    return (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")
+
+
 def _has_c_target(folder: Path) -> bool:
     """Whether the module's header says that it was made with C sources."""
-    head = (folder / "numpy_module.py").read_text(encoding="utf-8", errors="replace")[:1000]
+    head = _source(folder)[:1000]
     return "--target c" in head or "--target" not in head
-
-
-def _broken(error: BaseException) -> Comparison:
-    fault = str(error) or type(error).__name__
-    return Comparison("the module", "", 0, np.inf, 0.0, printable(fault, 400))
 
 
 def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _: None) -> None:
     """Verify emitted NumPy functions quickly, before they are written.
 
-    Raises `WrongModuleError` where a comparison fails.
+    Args:
+        robot: the robot.
+        numpy_source: the text of its NumPy module.
+        progress: called with the name of the step.
+
+    Raises:
+        WrongModuleError: If a comparison fails.
+
     """
     progress("verifying")
     try:
@@ -191,7 +245,7 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
             module, robot, [NewtonEuler(Tree(robot))], _FEW_STATES, 0, extent=QUICK
         )
     except (Exception, SystemExit) as error:  # Whatever was emitted.
-        comparisons = [_broken(error)]
+        comparisons = [failed("the module", "", error)]
     failures = [failure_text(c) for c in comparisons if not c.passed]
     if failures:
         raise WrongModuleError(robot.name, failures, len(comparisons))
@@ -209,9 +263,6 @@ class _Text(importlib.abc.InspectLoader):
 
 
 def _from_text(source: str) -> ModuleType:
-    loader = _Text(source)
-    spec = importlib.util.spec_from_loader("emitted", loader)
-    assert spec is not None  # noqa: S101
-    module = importlib.util.module_from_spec(spec)
-    loader.exec_module(module)
+    module = ModuleType("emitted")
+    _Text(source).exec_module(module)
     return module

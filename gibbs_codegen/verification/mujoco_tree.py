@@ -7,153 +7,108 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from gibbs_codegen.verification.formulation import NotApplicableError
+from gibbs_codegen.verification.formulation import (
+    NotApplicableError,
+    Quantities,
+    state_by_state,
+)
+from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import WORLD, Array, Point, Tree
 
 
 class MuJoCo:
     """A formulation (see `formulation`) by the library of that name.
 
-    MuJoCo has no joint frames apart from bodies, nor accelerations without gravity. Raises
-    `NotApplicableError` for a machine that it refuses, such as one with a point mass at its end.
+    It computes neither `positions`, since MuJoCo has no joint frames apart from bodies, nor
+    `tip_bias_acceleration`, since its accelerations include gravity.
+    Creating it raises `NotApplicableError` for a robot that MuJoCo rejects, such as one with a
+    point mass at its end.
     """
 
     name = "MuJoCo"
     limit = 1e-10
-    # It refers all inertias to the centre of mass of the whole machine.
+    # It refers all inertias to the centre of mass of the whole robot.
     growth = 2
-    gives = frozenset(
-        (
-            "mass_matrix",
-            "inverse_dynamics",
-            "input_matrix",
-            "tip_pose",
-            "tip_jacobian",
-            "kinetic_energy",
-            "potential_energy",
-        )
-    )
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
         try:
             self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
         except ValueError as error:
-            raise NotApplicableError(f"MuJoCo refuses it: {' '.join(str(error).split())}") from None
+            raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
         self._data = mujoco.MjData(self._model)
         names = [self._model.joint(number).name for number in range(self._model.njnt)]
         numbers = [int(name.removeprefix("joint_")) for name in names]
         self._places = np.array([tree.joints[number].place for number in numbers])
-        self._order = np.argsort(self._places)
 
-    def mass_matrix(self, q: Array) -> Array:
-        """By MuJoCo's composite rigid body algorithm."""
-        size = self.tree.size
-        matrices = []
-        for x in self._spread(q):
-            self._put(x)
-            columns = []
-            # Column by column, since the storage of the matrix differs between versions.
-            for unit in np.eye(size):
-                column = np.empty(size)
-                mujoco.mj_mulM(self._model, self._data, column, unit)
-                columns.append(column)
-            matrices.append(np.transpose(columns))
-        return np.array(matrices)[:, self._order][:, :, self._order]
+    def at(self, states: States) -> Quantities:
+        """Everything that the formulation computes.
 
-    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        """By MuJoCo's function of that name, nothing touching anything."""
-        efforts = []
-        for state in zip(*map(self._spread, (q, v, a)), strict=True):
-            self._put(*state)
-            mujoco.mj_inverse(self._model, self._data)
-            efforts.append(self._data.qfrc_inverse.copy())
-        return np.array(efforts)[:, self._order]
+        Args:
+            states: the states to compute at.
 
-    def input_matrix(self, q: Array) -> Array:
-        """By the motors' Jacobians."""
-        matrices = []
-        for x in self._spread(q):
-            self._put(x)
-            columns = []
-            for motor in self.tree.motors:
-                thrust = self._rotation(motor.seat) @ motor.direction
-                wrench = np.concatenate([thrust, motor.drag * thrust])
-                columns.append(self._jacobian(motor.seat).T @ wrench)
-            columns += [np.eye(self.tree.size)[place] for place in self.tree.arm]
-            matrices.append(np.transpose(columns))
-        return np.array(matrices)
+        Returns:
+            The quantities at those states.
 
-    def tip_pose(self, q: Array) -> Array:
-        """Where the tip's body is."""
-        poses = np.zeros((len(q), 4, 4))
-        for pose, x in zip(poses, self._spread(q), strict=True):
-            self._put(x)
-            pose[:3, :3] = self._rotation(self.tree.tip)
-            pose[:3, 3] = self._position(self.tree.tip)
-            pose[3, 3] = 1.0
-        return poses
+        """
+        return state_by_state(self._at, self.tree, states, self._places)
 
-    def tip_jacobian(self, q: Array) -> Array:
-        """By MuJoCo's function for a point of a body."""
-        jacobians = []
-        for x in self._spread(q):
-            self._put(x)
-            jacobians.append(self._jacobian(self.tree.tip))
-        return np.array(jacobians)
+    def _at(self, q: Array, v: Array, a: Array) -> Quantities:
+        """By MuJoCo's functions for one state, nothing touching anything.
 
-    def kinetic_energy(self, q: Array, v: Array) -> Array:
-        """MuJoCo's second energy."""
-        energies = []
-        for state in zip(self._spread(q), self._spread(v), strict=True):
-            self._put(*state)
-            mujoco.mj_energyVel(self._model, self._data)
-            energies.append(self._data.energy[1])
-        return np.array(energies)
+        Args:
+            q: coordinates in MuJoCo's order, (size,).
+            v: their rates, (size,).
+            a: their accelerations, (size,).
 
-    def potential_energy(self, q: Array) -> Array:
-        """MuJoCo's first energy."""
-        energies = []
-        for x in self._spread(q):
-            self._put(x)
-            mujoco.mj_energyPos(self._model, self._data)
-            energies.append(self._data.energy[0])
-        return np.array(energies)
+        Returns:
+            The quantities at that state, in MuJoCo's order.
 
-    def _spread(self, values: Array) -> Array:
-        every: Array = self.tree.spread(values)[:, self._places]
-        return every
-
-    def _put(self, q: Array, v: Array | float = 0.0, a: Array | float = 0.0) -> None:
-        self._data.qpos[:], self._data.qvel[:], self._data.qacc[:] = q, v, a
-        mujoco.mj_fwdPosition(self._model, self._data)
-        mujoco.mj_fwdVelocity(self._model, self._data)
+        """
+        model, data, tree = self._model, self._data, self.tree
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_inverse(model, data)
+        mujoco.mj_energyPos(model, data)
+        mujoco.mj_energyVel(model, data)
+        # Row by row, since the storage of the matrix differs between versions.
+        matrix = np.empty((tree.size, tree.size))
+        for row, unit in zip(matrix, np.eye(tree.size), strict=True):
+            mujoco.mj_mulM(model, data, row, unit)
+        return Quantities(
+            mass_matrix=matrix,
+            residual=-data.qfrc_bias,
+            inverse_dynamics=data.qfrc_inverse.copy(),
+            poses=np.array([self._pose(seat) for seat in tree.seats]),
+            jacobians=np.array([self._jacobian(seat) for seat in tree.seats]),
+            kinetic_energy=data.energy[1],
+            potential_energy=data.energy[0],
+        )
 
     def _body(self, joint: int) -> int:
         return int(self._data.body(f"body_{joint}").id)
 
-    def _rotation(self, point: Point) -> Array:
-        rotation: Array = self._data.xmat[self._body(point.joint)].reshape(3, 3)
-        return rotation
-
-    def _position(self, point: Point) -> Array:
+    def _pose(self, point: Point) -> Array:
         body = self._body(point.joint)
-        position: Array = self._data.xpos[body] + self._rotation(point) @ point.local
-        return position
+        pose = np.eye(4)
+        pose[:3, :3] = self._data.xmat[body].reshape(3, 3)
+        pose[:3, 3] = self._data.xpos[body] + pose[:3, :3] @ point.local
+        return pose
 
     def _jacobian(self, point: Point) -> Array:
-        linear, angular = np.empty((2, 3, self.tree.size))
-        mujoco.mj_jac(
-            self._model, self._data, linear, angular, self._position(point), self._body(point.joint)
-        )
-        return np.concatenate([linear, angular])[:, self._order]
+        jacobian = np.empty((6, self.tree.size))
+        place = self._pose(point)[:3, 3]
+        linear, angular = jacobian[:3], jacobian[3:]
+        mujoco.mj_jac(self._model, self._data, linear, angular, place, self._body(point.joint))
+        return jacobian
 
 
 def _model_text(tree: Tree) -> str:
     """The tree in MJCF.
 
     A joint whose body has no mass is given to the bodies that hang on it, since MuJoCo moves no
-    body without mass; where several hang on it, it stays and MuJoCo says what it thinks of that.
+    body without mass; where several hang on it, it stays and MuJoCo rejects it.
     """
     children: dict[int, list[int]] = {number: [] for number in (WORLD, *range(len(tree.joints)))}
     for number, joint in enumerate(tree.joints):
@@ -168,6 +123,17 @@ def _model_text(tree: Tree) -> str:
 
 
 def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
+    """A body and all that hangs on it, in MJCF.
+
+    Args:
+        tree: the tree.
+        children: for each joint, the joints that hang on it.
+        number: the joint that the body hangs on.
+
+    Returns:
+        The text of the element.
+
+    """
     turn, step = np.eye(3), np.zeros(3)
     group = []
     while True:

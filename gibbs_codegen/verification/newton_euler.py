@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.formulation import EVERYTHING
+from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import WORLD, Array, Frames, Point, Tree, cross, times
 
 
@@ -23,7 +24,7 @@ class _Motion:
     angular_acceleration: Array
 
     def at(self, lever: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration of a point fixed in the frame, `lever` away from its origin."""
+        """Velocity and acceleration of a point that is fixed in the frame."""
         turning = cross(self.angular_velocity, lever)
         return (
             self.velocity + turning,
@@ -37,111 +38,94 @@ class NewtonEuler:
     """A formulation (see `formulation`): balance of forces and moments, body by body."""
 
     name = "Newton–Euler"
-    gives = EVERYTHING
     limit = 1e-10
     growth = 0
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
 
-    def mass_matrix(self, q: Array) -> Array:
-        """Efforts of unit accelerations, one by one, at rest and weightless."""
-        tree = self.tree
-        every = tree.spread(q)[:, None]
-        columns = self._efforts(every, np.zeros_like(every), np.eye(tree.size)[None], 0.0)
-        return np.swapaxes(columns, -1, -2)
+    def at(self, states: States) -> Quantities:
+        """Everything that the formulation computes.
 
-    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        """Efforts of a motion against inertia and gravity."""
-        tree = self.tree
-        return self._efforts(tree.spread(q), tree.spread(v), tree.spread(a), tree.gravity)
+        Args:
+            states: the states to compute at.
 
-    def input_matrix(self, q: Array) -> Array:
-        """Thrusts and drag torques by the Jacobians of the motors, and the arm's own efforts."""
-        tree = self.tree
-        frames = tree.frames(tree.spread(q))
-        rotations = frames.rotations
-        columns = []
-        for motor in tree.motors:
-            jacobian = self._jacobian(frames, motor.seat)
-            thrust = rotations[motor.seat.joint] @ motor.direction
-            wrench = np.concatenate([thrust, motor.drag * thrust], axis=-1)
-            columns.append(np.einsum("sij,si->sj", jacobian, wrench))
-        for place in tree.arm:
-            columns.append(np.broadcast_to(np.eye(tree.size)[place], (len(q), tree.size)))
-        return np.stack(columns, axis=-1)
+        Returns:
+            The quantities at those states.
 
-    def positions(self, q: Array) -> Array:
-        """World positions of the named points."""
-        rotations, positions, _ = self.tree.frames(self.tree.spread(q))
-        return np.stack(
-            [
-                positions[point.joint] + rotations[point.joint] @ point.local
-                for point in self.tree.points
-            ],
-            axis=-2,
+        """
+        tree = self.tree
+        q, v, a = map(tree.spread, (states.q, states.v, states.a))
+        frames = tree.frames(q)
+        steady = self._motions(v, np.zeros_like(a), frames)
+        tip = steady[tree.tip.joint]
+        _, bias = tip.at(frames.rotations[tree.tip.joint] @ tree.tip.local)
+        return Quantities(
+            mass_matrix=self.mass_matrix(states.q),
+            residual=-self._efforts(steady, frames, tree.gravity),
+            inverse_dynamics=self._efforts(self._motions(v, a, frames), frames, tree.gravity),
+            poses=tree.poses(frames),
+            jacobians=np.stack([self._jacobian(frames, seat) for seat in tree.seats], axis=1),
+            kinetic_energy=self._kinetic_energy(steady, frames),
+            potential_energy=self._potential_energy(frames),
+            positions=tree.positions(frames, tree.points),
+            tip_bias_acceleration=np.concatenate([bias, tip.angular_acceleration], axis=-1),
         )
 
-    def tip_pose(self, q: Array) -> Array:
-        """Homogeneous transform of the tip."""
-        rotations, positions, _ = self.tree.frames(self.tree.spread(q))
-        joint, local = self.tree.tip.joint, self.tree.tip.local
-        pose = np.zeros((len(q), 4, 4))
-        pose[:, :3, :3] = rotations[joint]
-        pose[:, :3, 3] = positions[joint] + rotations[joint] @ local
-        pose[:, 3, 3] = 1.0
-        return pose
+    def mass_matrix(self, q: Array) -> Array:
+        """Efforts of unit accelerations, one by one, at rest and without gravity.
 
-    def tip_jacobian(self, q: Array) -> Array:
-        """Axes and levers of the joints inboard of the tip."""
-        return self._jacobian(self.tree.frames(self.tree.spread(q)), self.tree.tip)
+        Args:
+            q: reduced coordinates, (s, nq).
 
-    def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
-        """How the tip accelerates where all joints keep their rates."""
+        Returns:
+            Mass matrix of all joints, (s, size, size).
+
+        """
         tree = self.tree
-        every = tree.spread(q)
-        frames = tree.frames(every)
-        rotations = frames.rotations
-        motions = self._motions(tree.spread(v), np.zeros_like(every), frames)
-        moving = motions[tree.tip.joint]
-        _, acceleration = moving.at(rotations[tree.tip.joint] @ tree.tip.local)
-        return np.concatenate([acceleration, moving.angular_acceleration], axis=-1)
+        frames = tree.frames(tree.spread(q)[:, None])
+        units = np.eye(tree.size)[None]
+        efforts = self._efforts(self._motions(np.zeros_like(units), units, frames), frames, 0.0)
+        return np.swapaxes(efforts, -1, -2)
 
-    def kinetic_energy(self, q: Array, v: Array) -> Array:
+    def _kinetic_energy(self, motions: list[_Motion], frames: Frames) -> Array:
         """König's theorem, summed over the bodies."""
-        tree = self.tree
-        every = tree.spread(q)
-        frames = tree.frames(every)
-        rotations = frames.rotations
-        motions = self._motions(tree.spread(v), np.zeros_like(every), frames)
-        energy = np.zeros(len(q))
-        for joint, motion, rotation in zip(tree.joints, motions, rotations, strict=True):
+        energy: Array = np.zeros(())
+        for joint, motion, rotation in zip(
+            self.tree.joints, motions, frames.rotations, strict=True
+        ):
             velocity, _ = motion.at(rotation @ joint.com)
             own = np.einsum("sji,sj->si", rotation, motion.angular_velocity)
-            energy += 0.5 * joint.mass * np.sum(velocity**2, axis=-1)
-            energy += 0.5 * np.einsum("si,ij,sj->s", own, joint.inertia, own)
+            energy = energy + 0.5 * joint.mass * np.sum(velocity**2, axis=-1)
+            energy = energy + 0.5 * np.einsum("si,ij,sj->s", own, joint.inertia, own)
         return energy
 
-    def potential_energy(self, q: Array) -> Array:
+    def _potential_energy(self, frames: Frames) -> Array:
         """Weight times height, summed over the bodies."""
-        tree = self.tree
-        rotations, positions, _ = tree.frames(tree.spread(q))
-        energy = np.zeros(len(q))
-        for joint, rotation, position in zip(tree.joints, rotations, positions, strict=True):
-            energy += joint.mass * tree.gravity * (position + rotation @ joint.com)[:, 2]
+        rotations, positions, _ = frames
+        energy: Array = np.zeros(())
+        for joint, rotation, position in zip(self.tree.joints, rotations, positions, strict=True):
+            height = (position + rotation @ joint.com)[:, 2]
+            energy = energy + joint.mass * self.tree.gravity * height
         return energy
 
-    def _efforts(self, q: Array, v: Array, a: Array, gravity: float) -> Array:
-        """Effort of every joint (…, size); the arguments broadcast."""
-        tree = self.tree
-        q, v, a = np.broadcast_arrays(q, v, a)
-        frames = tree.frames(q)
-        rotations = frames.rotations
-        motions = self._motions(v, a, frames)
+    def _efforts(self, motions: list[_Motion], frames: Frames, gravity: float) -> Array:
+        """Efforts of the joints against inertia and gravity.
+
+        Args:
+            motions: the motion of each joint's frame.
+            frames: the joints' frames.
+            gravity: acceleration of free fall in m/s².
+
+        Returns:
+            Torques in N m and forces in N, (…, size).
+
+        """
+        joints, rotations = self.tree.joints, frames.rotations
         upwards = np.array([0.0, 0.0, gravity])
         forces = []
         moments = []
-        for joint, motion, rotation in zip(tree.joints, motions, rotations, strict=True):
+        for joint, motion, rotation in zip(joints, motions, rotations, strict=True):
             lever = rotation @ joint.com
             _, acceleration = motion.at(lever)
             force = joint.mass * (acceleration + upwards)
@@ -151,21 +135,30 @@ class NewtonEuler:
             moment = moment + cross(spin, times(inertia, spin))
             forces.append(force)
             moments.append(moment + cross(lever, force))
-        efforts = np.zeros(q.shape)
-        for number in range(len(tree.joints) - 1, -1, -1):
-            joint = tree.joints[number]
-            axis = rotations[number][..., joint.axis]
+        efforts = np.empty((*forces[-1].shape[:-1], len(joints)))
+        for number in range(len(joints) - 1, -1, -1):
+            joint = joints[number]
             transmitted = moments[number] if joint.revolute else forces[number]
+            axis = rotations[number][..., joint.axis]
             efforts[..., joint.place] = np.sum(axis * transmitted, axis=-1)
             if joint.parent != WORLD:
-                lever = frames.steps[number]
+                lever = cross(frames.steps[number], forces[number])
                 forces[joint.parent] = forces[joint.parent] + forces[number]
-                moments[joint.parent] = (
-                    moments[joint.parent] + moments[number] + cross(lever, forces[number])
-                )
+                moments[joint.parent] = moments[joint.parent] + moments[number] + lever
         return efforts
 
     def _motions(self, v: Array, a: Array, frames: Frames) -> list[_Motion]:
+        """Motions of the joints' frames, from the world outwards.
+
+        Args:
+            v: rates of all joints in rad/s and m/s, (…, size).
+            a: their accelerations, (…, size).
+            frames: the joints' frames; their leading axes broadcast against those of the rates.
+
+        Returns:
+            The motion of each frame, in the joints' order.
+
+        """
         still = _Motion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
         motions: list[_Motion] = []
         for number, joint in enumerate(self.tree.joints):

@@ -1,9 +1,9 @@
-"""A formulation that computes in the machine's own units.
+"""A formulation that computes in units of the robot's own size.
 
 Libraries have numbers of their own that are no part of mechanics: Pinocchio adds 2e-16 kg to the
-mass it divides by, MuJoCo takes a body below 1e-15 kg or kg m² for one without. So they are given
-the machine with lengths and times of the order of 1 and no mass below that, and their results are
-turned back. The units are powers of two, which takes no digit from any number.
+mass it divides by, and MuJoCo takes a body below 1e-15 kg or kg m² for massless. So they are given
+the robot with lengths and times of the order of 1 and no mass below that, and their results are
+converted back. The units are powers of two, so that no number loses a digit.
 """
 
 from __future__ import annotations
@@ -12,80 +12,53 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gibbs_codegen.verification.formulation import Formulation
-from gibbs_codegen.verification.tree import Array, Tree
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.verification.formulation import Formulation, Quantities
+from gibbs_codegen.verification.parameters import in_units
+from gibbs_codegen.verification.states import States
+from gibbs_codegen.verification.tree import Tree
 
 
 class InOwnUnits:
-    """A formulation (see `formulation`) of a kind, of the tree in its own units."""
+    """A formulation (see `formulation`) of the robot in its own units."""
 
-    def __init__(self, kind: Callable[[Tree], Formulation], tree: Tree) -> None:
-        self.tree = tree
-        self._length = _power_of_two(tree.reach)
-        self._mass = _power_of_two(_lightest(tree))
-        self._time = _power_of_two(1.0 / tree.tempo)
-        self._inner = kind(tree.in_units(self._length, self._mass, self._time))
-        self.name, self.gives = self._inner.name, self._inner.gives
-        self.limit, self.growth = self._inner.limit, self._inner.growth
-        self._units = np.where(tree.turns, 1.0, self._length)
-        self._energy = self._mass * (self._length / self._time) ** 2
-        self._efforts = self._energy / self._units
+    def __init__(self, kind: Callable[[Tree], Formulation], robot: Robot) -> None:
+        self.tree = Tree(robot)
+        self._length = _power_of_two(self.tree.reach)
+        self._mass = _power_of_two(_lightest(self.tree))
+        self._time = _power_of_two(1.0 / self.tree.tempo)
+        inner = kind(Tree(in_units(robot, self._length, self._mass, self._time)))
+        self.name, self.limit, self.growth = inner.name, inner.limit, inner.growth
+        self._inner = inner
 
-    def mass_matrix(self, q: Array) -> Array:
-        """Mass matrix, (s, size, size)."""
-        inertias = self._mass * self._length**2 / np.outer(self._units, self._units)
-        matrix: Array = self._inner.mass_matrix(self._in_own(q)) * inertias
-        return matrix
+    def at(self, states: States) -> Quantities:
+        """Everything that the formulation computes, in SI units.
 
-    def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
-        """M a − R, (s, size)."""
-        motion = self._in_own(q), self._in_own(v, 1), self._in_own(a, 2)
-        return self._inner.inverse_dynamics(*motion) * self._efforts
+        Args:
+            states: the states to compute at, in SI units.
 
-    def input_matrix(self, q: Array) -> Array:
-        """Generalised forces of unit inputs, (s, size, nu)."""
-        thrust = self._energy / self._length
-        inputs = [thrust] * len(self.tree.motors) + [self._efforts[i] for i in self.tree.arm]
-        factors = self._efforts[:, None] / np.array(inputs)
-        matrix: Array = self._inner.input_matrix(self._in_own(q)) * factors
-        return matrix
+        Returns:
+            The quantities at those states.
 
-    def positions(self, q: Array) -> Array:
-        """World positions of the named points in m, (s, k, 3)."""
-        return self._inner.positions(self._in_own(q)) * self._length
-
-    def tip_pose(self, q: Array) -> Array:
-        """Homogeneous transform of the tip, (s, 4, 4)."""
-        pose = self._inner.tip_pose(self._in_own(q))
-        pose[:, :3, 3] *= self._length
-        return pose
-
-    def tip_jacobian(self, q: Array) -> Array:
-        """World-axes Jacobian of the tip, (s, 6, size)."""
-        return self._inner.tip_jacobian(self._in_own(q)) * self._motion[:, None] / self._units
-
-    def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
-        """World-axes acceleration of the tip at zero accelerations, (s, 6)."""
-        bias = self._inner.tip_bias_acceleration(self._in_own(q), self._in_own(v, 1))
-        return bias * self._motion / self._time**2
-
-    def kinetic_energy(self, q: Array, v: Array) -> Array:
-        """Kinetic energy in J, (s,)."""
-        return self._inner.kinetic_energy(self._in_own(q), self._in_own(v, 1)) * self._energy
-
-    def potential_energy(self, q: Array) -> Array:
-        """Potential energy in J, (s,)."""
-        return self._inner.potential_energy(self._in_own(q)) * self._energy
-
-    @property
-    def _motion(self) -> Array:
-        """Units of linear and angular motion of the tip."""
-        return np.repeat([self._length, 1.0], 3)
-
-    def _in_own(self, values: Array, rate: int = 0) -> Array:
-        """Coordinates, their rates or accelerations in the machine's units."""
-        own: Array = values / self._units[self.tree.free] * self._time**rate
-        return own
+        """
+        units = np.where(self.tree.turns, 1.0, self._length)
+        free, time = units[self.tree.free], self._time
+        q, v, a, u = states.q / free, states.v / free * time, states.a / free * time**2, states.u
+        found = self._inner.at(States(q, v, a, u))
+        energy = self._mass * (self._length / time) ** 2
+        twist = np.repeat([self._length, 1.0], 3)
+        found.poses[..., :3, 3] *= self._length
+        positions, bias = found.positions, found.tip_bias_acceleration
+        return found._replace(
+            mass_matrix=found.mass_matrix * energy * time**2 / np.outer(units, units),
+            residual=found.residual * energy / units,
+            inverse_dynamics=found.inverse_dynamics * energy / units,
+            jacobians=found.jacobians * twist[:, None] / units,
+            kinetic_energy=found.kinetic_energy * energy,
+            potential_energy=found.potential_energy * energy,
+            positions=None if positions is None else positions * self._length,
+            tip_bias_acceleration=None if bias is None else bias * twist / time**2,
+        )
 
 
 def _lightest(tree: Tree) -> float:

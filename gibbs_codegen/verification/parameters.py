@@ -11,7 +11,15 @@ from gibbs_codegen.robot.model import Body, Link, RigidBody, Robot, Rod
 
 
 def parameter_values(robot: Robot) -> dict[str, float]:
-    """Every number of the robot that can be a parameter, zeros included."""
+    """Every number of the robot that can be a parameter, zeros included.
+
+    Args:
+        robot: the robot.
+
+    Returns:
+        The numbers under the names of parameters, in SI units.
+
+    """
     base = robot.base
     values = {"gravity": robot.gravity}
     values |= {f"base_drag_{k}": drag for k, drag in enumerate(base.drag, start=1)}
@@ -25,13 +33,31 @@ def parameter_values(robot: Robot) -> dict[str, float]:
 
 
 def prepared(module: ModuleType, robot: Robot) -> Any:
-    """Constants of a module for the numbers of a robot."""
+    """Constants of a module for the numbers of a robot.
+
+    Args:
+        module: the module.
+        robot: the robot that has these numbers.
+
+    Returns:
+        What the module's `prepare` returns.
+
+    """
     numbers = parameter_values(robot)
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
 
 def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
-    """Numbers of a body under their names: length, mass, and the others in order."""
+    """Numbers of a body.
+
+    Args:
+        prefix: what the names of its parameters begin with.
+        body: the body.
+
+    Yields:
+        Names and numbers: length, mass, and the others in order.
+
+    """
     yield f"{prefix}_length", body.length
     if isinstance(body, Rod):
         yield f"{prefix}_mass_per_length", body.mass_per_length
@@ -47,7 +73,16 @@ def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
 
 
 def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """The robot with other numbers under some of those names."""
+    """The robot with other numbers.
+
+    Args:
+        robot: the robot.
+        values: the other numbers, under names of `parameter_values`.
+
+    Returns:
+        The robot with these numbers, and its own for what has none there.
+
+    """
 
     def of_body(prefix: str, body: Body) -> Body:
         own = body_values(prefix, body)
@@ -74,8 +109,42 @@ def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     return replace(robot, base=other, links=links, gravity=values.get("gravity", robot.gravity))
 
 
+def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
+    """The same robot, its numbers in other units.
+
+    Args:
+        robot: the robot, in SI units.
+        length: unit of length, in m.
+        mass: unit of mass, in kg.
+        time: unit of time, in s.
+
+    Returns:
+        The robot whose numbers are multiples of those units.
+
+    """
+
+    def unit(name: str) -> float:
+        if name == "gravity":
+            return length / time**2
+        if "inertia" in name:
+            return mass * length**2
+        if name.endswith("_mass_per_length"):
+            return mass / length
+        return mass if name.endswith("_mass") else length
+
+    return with_values(robot, {n: x / unit(n) for n, x in parameter_values(robot).items()})
+
+
 def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
-    """Every body of its own, with what the names of its parameters begin with."""
+    """Every body that has parameters of its own.
+
+    Args:
+        robot: the robot.
+
+    Yields:
+        What the names of its parameters begin with, and the body.
+
+    """
     yield from _arms(robot)
     yield from ((f"link{i}", link.body) for i, link in enumerate(robot.links, start=1))
 

@@ -26,13 +26,30 @@ _LIMIT = 1e-10
 
 
 def without_formulation(comparisons: Sequence[Comparison], formulation: str) -> list[str]:
-    """Functions of the table that were not compared with the formulation of that name."""
+    """Functions of the table that no formulation gives.
+
+    Args:
+        comparisons: the comparisons that were made.
+        formulation: name of the formulation that all functions are compared with if they can be.
+
+    Returns:
+        Names of the functions that were not compared with it.
+
+    """
     known = {c.what.split(".")[0] for c in comparisons if c.against == formulation}
     return [name for name in FUNCTIONS if name not in known]
 
 
 def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str]:
-    """What no formulation was asked about, and why: functions that were compared as below."""
+    """What was compared with itself only, and why.
+
+    Args:
+        comparisons: the comparisons that were made.
+
+    Returns:
+        The reason, for each function that was compared as in this module.
+
+    """
     functions = {c.what.split(".")[0] for c in comparisons if c.against == ONE_BY_ONE}
     return {f"{name} with a formulation": _NO_FORMULATION for name in sorted(functions)}
 
@@ -70,6 +87,17 @@ def compare_with_itself(
 def _alike(
     ours: Mapping[str, Array], theirs: Mapping[str, Array], against: str
 ) -> Iterator[Comparison]:
+    """Compare the arrays that a function returns.
+
+    Args:
+        ours: the arrays to check.
+        theirs: the same arrays, computed in another way.
+        against: what to call that way.
+
+    Yields:
+        A comparison of each array.
+
+    """
     for what, array in theirs.items():
         size = np.abs(array).max(initial=0.0)
         yield compared(what, against, ours[what], array, size, _LIMIT)

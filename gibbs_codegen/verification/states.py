@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.formulation import Formulation
-from gibbs_codegen.verification.tree import WORLD, Array, Tree
+from gibbs_codegen.verification.tree import WORLD, Array, Frames, Tree
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
@@ -20,10 +19,18 @@ FAR, FAR_SINGLE = 2.0**17, 2.0**9
 
 @dataclass(frozen=True)
 class States:
-    """Coordinates, rates, accelerations (s, nq) and inputs (s, nu), which need not fit each other.
+    """States, accelerations and inputs, which need not fit each other.
 
     Angles are all around, but for the middle one of the attitude; lengths are of the order of the
-    machine's reach, rates of its `tempo`, inputs of its weight: nothing hides beside another.
+    robot's reach, rates of its `tempo`, inputs of its weight, so that no error hides beside another
+    number.
+
+    Attributes:
+        q: reduced coordinates, (s, nq).
+        v: their rates, (s, nq).
+        a: their accelerations, (s, nq).
+        u: inputs, (s, nu).
+
     """
 
     q: Array
@@ -33,7 +40,17 @@ class States:
 
     @classmethod
     def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
-        """The `count` states of a seed."""
+        """Random states.
+
+        Args:
+            tree: the tree of the robot.
+            count: number of states.
+            seed: what the states are drawn from.
+
+        Returns:
+            The states, the same for the same seed.
+
+        """
         rng = np.random.default_rng(seed)
         scales = tree.scales[tree.free]
         spread = np.where(tree.turns[tree.free], np.pi, 1.0)
@@ -48,9 +65,17 @@ class States:
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
-        """States with attitudes next to the singular one, angles of many turns, and `far` angles.
+        """States next to the singular attitude, with angles of many turns, and with far angles.
 
-        One of each kind by turns; the far ones are up to `far`, and nearly as large.
+        Args:
+            tree: the tree of the robot.
+            count: number of states, of the three kinds by turns.
+            seed: what the states are drawn from.
+            far: the largest of the far angles in rad; the others are nearly as large.
+
+        Returns:
+            The states, the same for the same seed.
+
         """
         usual = cls.random(tree, count, seed)
         rng = np.random.default_rng(seed)
@@ -71,34 +96,37 @@ class States:
 
     def rounded(self) -> States:
         """The states in numbers that single precision has."""
-        letters = (self.q, self.v, self.a, self.u)
-        return States(*(x.astype(np.float32).astype(np.float64) for x in letters))
+        return States(*(x.astype(np.float32).astype(np.float64) for x in vars(self).values()))
 
     def first(self, count: int) -> States:
-        """The first `count` of them."""
-        return States(self.q[:count], self.v[:count], self.a[:count], self.u[:count])
+        """The first of the states.
+
+        Args:
+            count: how many.
+
+        Returns:
+            As many states, or all if there are fewer.
+
+        """
+        return States(*(x[:count] for x in vars(self).values()))
 
     def __len__(self) -> int:
         return len(self.q)
 
-    def arguments(self, letters: str) -> list[Array]:
-        """Arguments of a function by their letters, such as "qv"."""
-        return [getattr(self, letter) for letter in letters]
-
 
 class Sizes:
-    """How large the terms are by nature that entries are summed from: an error is a share of that.
+    """How large the terms are that entries are summed from: an error is a share of that.
 
     The unit of a coordinate is the root of its largest inertia: that of all it moves, if it turned
     about the least favourable axis. No entry of the mass matrix exceeds 1 then, whatever the units
     and however light a link is; forces have units of the same kind.
     """
 
-    def __init__(self, formulation: Formulation, states: States) -> None:
-        tree = formulation.tree
-        inertias, masses = _moved(tree, states.q)
+    def __init__(self, tree: Tree, states: States) -> None:
+        frames = tree.frames(tree.spread(states.q))
+        inertias, masses = _moved(tree, frames)
         units = np.sqrt(inertias)
-        # How much larger the machine is than the smallest of what a joint turns.
+        # How much larger the robot is than the smallest of what a joint turns.
         turned = (units > 0.0) & (masses > 0.0) & tree.turns
         radii = units[turned] / np.sqrt(masses[turned])
         self.disparity = tree.reach / min(radii.min(initial=np.inf), tree.reach)
@@ -107,14 +135,14 @@ class Sizes:
         self.free_units = self.units[:, tree.free]
         self.matrix = self.units[:, :, None] * self.units[:, None, :]
         self.free_matrix = self.free_units[:, :, None] * self.free_units[:, None, :]
-        # No frame turns, or moves by the machine's size, faster than all rates together.
+        # No frame turns, or moves by the robot's size, faster than all rates together.
         self.scales = tree.scales[tree.free]
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
         self.effort = self.units * (momentum * rates + weight)
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
-        positions = formulation.positions(states.q)
+        positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
         self.reach = span + np.abs(positions).max(axis=(1, 2))
         self.rate = rates[:, 0]
@@ -131,7 +159,16 @@ class Sizes:
         self.gibbs = falling + np.sum(power, axis=-1)
 
     def balance(self, accelerations: Array, driven: Array) -> Array:
-        """Size of M a = R + B u: of its largest terms, (s, nq), at the first states or all."""
+        """Size of M a = R + B u, which is that of its largest terms.
+
+        Args:
+            accelerations: a, (s, nq), at the first states or all.
+            driven: B u, (s, nq), at the same states.
+
+        Returns:
+            Generalised forces, (s, nq).
+
+        """
         count = len(accelerations)
         units = self.free_units[:count]
         inertial = units * self.largest(accelerations)
@@ -140,21 +177,38 @@ class Sizes:
 
     @staticmethod
     def spread(efforts: Array, units: Array) -> Array:
-        """The largest of some efforts in their units, as an effort on each of them."""
+        """The largest of some efforts in their units, as an effort on each coordinate.
+
+        Args:
+            efforts: (s, nq) or (s, size).
+            units: units of the same coordinates.
+
+        Returns:
+            Efforts of the same shape.
+
+        """
         size: Array = units * (np.abs(efforts) / units).max(axis=-1, keepdims=True)
         return size
 
     def largest(self, accelerations: Array) -> Array:
-        """Largest of some accelerations in the coordinates' units, (s, 1)."""
+        """The largest of some accelerations in the coordinates' units.
+
+        Args:
+            accelerations: (s, nq), at the first states or all.
+
+        Returns:
+            (s, 1).
+
+        """
         units = self.free_units[: len(accelerations)]
         largest: Array = (units * np.abs(accelerations)).max(axis=-1, keepdims=True)
         return largest
 
 
-def _moved(tree: Tree, q: Array) -> tuple[Array, Array]:
+def _moved(tree: Tree, frames: Frames) -> tuple[Array, Array]:
     """What each coordinate moves, (s, size): its largest inertia (mass if along), and its mass."""
-    rotations, _, steps = tree.frames(tree.spread(q))
-    inertias, masses = np.zeros((2, len(q), tree.size))
+    rotations, positions, steps = frames
+    inertias, masses = np.zeros((2, len(positions[0]), tree.size))
     for number, body in enumerate(tree.joints):
         lever = rotations[number] @ body.com
         # No principal moment exceeds half the trace.

@@ -7,8 +7,8 @@ hybrid system: θ₋₁, θ₀, θ₁, θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x,
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.robot.coordinates import points
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Body, Robot, Rod
+from gibbs_codegen.robot.model import Base, Body, Robot, Rod
 
 # Real or complex: the Lagrangian formulation differentiates by complex steps.
 Array = NDArray[Any]
@@ -28,37 +28,40 @@ WORLD = -1
 class Joint:
     """A joint with the body that it carries.
 
-    `parent` is the number of the joint that it hangs on, `place` that of its coordinate. At
-    coordinate zero its frame is turned by `rotation` (3, 3) and moved by `offset` (3,) against the
-    parent's; `axis` is the number of the axis of its own frame about or along which it moves.
-    `mass` in kg, `com` (3,) in m and `inertia` (3, 3) about the centre of mass in kg m² are the
-    body's, in the joint's frame.
+    Attributes:
+        parent: number of the joint that it hangs on, or `WORLD`.
+        place: place of its coordinate.
+        axis: number of the axis of its own frame about or along which it moves.
+        revolute: whether it turns; else it slides.
+        rotation: (3, 3) from its frame to its parent's, at coordinate zero.
+        offset: (3,) from the parent's origin to its own, at coordinate zero, in m.
+        mass: of the body, in kg.
+        com: (3,) centre of mass of the body in the joint's frame, in m.
+        inertia: (3, 3) of the body about its centre of mass, in the joint's axes, in kg m².
+
     """
 
     parent: int
     place: int
-    revolute: bool
     axis: int
-    rotation: Array
-    offset: Array
-    mass: float
-    com: Array
-    inertia: Array
+    revolute: bool = True
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
 
-@dataclass(frozen=True)
-class Point:
+class Point(NamedTuple):
     """A point fixed in the frame of a joint: `local` (3,) in m."""
 
     joint: int
     local: Array
 
 
-@dataclass(frozen=True)
-class Motor:
-    """Where a motor sits, the direction of its thrust in that joint's frame, and its drag in m."""
+class Motor(NamedTuple):
+    """The direction of a motor's thrust in the frame of the joint it sits on, and its drag in m."""
 
-    seat: Point
     direction: Array
     drag: float
 
@@ -76,13 +79,19 @@ class Frames(NamedTuple):
 
 
 class Tree:
-    """Joints from the world outwards, named points, motors, the tip, and which joints are held.
+    """Joints from the world outwards, named points, motors, and which joints are constrained.
 
-    `layout` is that of the reduced coordinates; `free` and `held` are their places and those of the
-    constrained joints among all; `arm` the places of the arm's joints; `turns` tells which are
-    angles. `reach` in m is a length of the machine's own size, and `scales` has it for each
-    coordinate that is a length, 1 for each that is an angle; `tempo` in 1/s is what rates are of
-    the order of.
+    Attributes:
+        layout: layout of the reduced coordinates.
+        free, held: places of the reduced coordinates, and of the constrained joints, among all.
+        arm: places of the arm's joints.
+        turns: for each coordinate, whether it is an angle.
+        reach: a length of the robot's own size, in m.
+        scales: for each coordinate the reach if it is a length, and 1 if it is an angle.
+        tempo: what rates are of the order of, in 1/s.
+        points: the named points, in the order of a module's POINTS.
+        seats: where the motors sit, and then the tip.
+
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -94,41 +103,47 @@ class Tree:
         self.size = len(self.free) + robot.rotors - 1
         self.held = [*range(self.size)[self.layout.constrained]]
         self.arm = self.free[self.layout.joints]
-        named = self._base(robot)
-        self.tip = self._arm(robot, named)
+        named = self._base(robot.base)
+        self.tip = named["tip"] = self._arm(robot, named)
         self.turns = np.zeros(self.size, bool)
         self.turns[[joint.place for joint in self.joints if joint.revolute]] = True
-        self._measure()
+        offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
+        bodies = [np.linalg.norm(joint.com) for joint in self.joints]
+        # How far from the base anything of the robot may be, or 1 if it is a point.
+        self.reach = float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
+        # At the rate at which a pendulum of that length swings, weight and inertia are alike.
+        self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
+        self.scales = np.where(self.turns, 1.0, self.reach)
         self.points = [named[name] for name in points(robot)]
-        self.motors = [
-            Motor(named[f"motor{k}"], np.array(direction), drag)
-            for k, (direction, drag) in enumerate(
-                zip(robot.base.thrust, robot.base.drag, strict=True), start=1
-            )
-        ]
-
-    def _base(self, robot: Robot) -> dict[str, Point]:
         base = robot.base
+        self.motors = [
+            Motor(np.array(direction), drag)
+            for direction, drag in zip(base.thrust, base.drag, strict=True)
+        ]
+        self.seats = [*(named[f"motor{k}"] for k in range(1, robot.rotors + 1)), self.tip]
+
+    def _base(self, base: Base) -> dict[str, Point]:
+        """Add the joints of the base and its arms; return their named points."""
         joint = WORLD
         for place, letter in zip(self.free[self.layout.position], "xyz", strict=True):
-            joint = self._add(joint, place, letter, revolute=False)
+            joint = self._add(Joint(joint, place, "xyz".index(letter), revolute=False))
         for place, letter in zip(self.free[self.layout.attitude], base.attitude, strict=True):
-            joint = self._add(joint, place, letter)
+            joint = self._add(Joint(joint, place, "xyz".index(letter)))
         length = base.arm(1).length
         start = np.array([0.0 if base.origin == "motor1" else -length, 0.0, 0.0])
         centre = start + np.array([length, 0.0, 0.0])
-        self._load(joint, base.arm(1), start)
-        self.base = joint
+        self.joints[joint] = replace(self.joints[joint], **_carried(base.arm(1), start))
         named = {"O1": Point(joint, start), "O2": Point(joint, centre)}
         named["motor1"] = named["O1"]
         for k, place in enumerate(self.held, start=2):
             turned = _turn("z", -180.0 + 360.0 * (k - 1) / base.rotors)
-            arm = self._add(self.base, place, "z", rotation=turned, offset=centre)
-            self._load(arm, base.arm(k), np.zeros(3))
+            body = _carried(base.arm(k))
+            arm = self._add(Joint(joint, place, 2, rotation=turned, offset=centre, **body))
             named[f"motor{k}"] = Point(arm, np.array([base.arm(k).length, 0.0, 0.0]))
         return named
 
     def _arm(self, robot: Robot, named: dict[str, Point]) -> Point:
+        """Add the joints of the arm and their named points; return the tip."""
         end = named["O2"]
         before = 0.0
         for i, link in enumerate(robot.links, start=1):
@@ -137,99 +152,49 @@ class Tree:
             # The tip of a link is where the next frame would be by default; a replaces that.
             start = end.local if i == 1 else np.zeros(3)
             joint = self._add(
-                end.joint,
-                self.arm[i - 1],
-                "z",
-                revolute=link.joint == "revolute",
-                rotation=twist @ _turn("z", float(link.theta_deg)),
-                offset=start + np.array([a, 0.0, 0.0]) + twist @ np.array([0.0, 0.0, link.d]),
+                Joint(
+                    end.joint,
+                    self.arm[i - 1],
+                    2,
+                    revolute=link.joint == "revolute",
+                    rotation=twist @ _turn("z", float(link.theta_deg)),
+                    offset=start + np.array([a, 0.0, 0.0]) + twist @ np.array([0.0, 0.0, link.d]),
+                    **_carried(link.body),
+                )
             )
-            self._load(joint, link.body, np.zeros(3))
             named[f"joint{robot.rotors + i}"] = Point(joint, np.zeros(3))
             before = link.body.length
             end = Point(joint, np.array([before, 0.0, 0.0]))
-        named["tip"] = end
         return end
 
-    def _add(
-        self,
-        parent: int,
-        place: int,
-        axis: str,
-        revolute: bool = True,
-        rotation: Array | None = None,
-        offset: Array | None = None,
-    ) -> int:
-        turned = np.eye(3) if rotation is None else rotation
-        moved = np.zeros(3) if offset is None else offset
-        nothing = (0.0, np.zeros(3), np.zeros((3, 3)))
-        self.joints.append(
-            Joint(parent, place, revolute, "xyz".index(axis), turned, moved, *nothing)
-        )
+    def _add(self, joint: Joint) -> int:
+        self.joints.append(joint)
         return len(self.joints) - 1
 
-    def _load(self, joint: int, body: Body, start: Array) -> None:
-        """Give a joint its body, whose own frame begins at `start` of the joint's."""
-        mass, com, inertia = _mass_properties(body)
-        bare = self.joints[joint]
-        self.joints[joint] = Joint(
-            bare.parent,
-            bare.place,
-            bare.revolute,
-            bare.axis,
-            bare.rotation,
-            bare.offset,
-            mass,
-            start + com,
-            inertia,
-        )
-
-    def _measure(self) -> None:
-        """Set the machine's own length and time."""
-        offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
-        bodies = [np.linalg.norm(joint.com) for joint in self.joints]
-        # How far from the base anything of the machine may be, or 1 if it is a point.
-        self.reach = float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
-        # At the rate at which a pendulum of that length swings, weight and inertia are alike.
-        self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
-        self.scales = np.where(self.turns, 1.0, self.reach)
-
-    def in_units(self, length: float, mass: float, time: float) -> Tree:
-        """The same machine, its numbers in units of so many m, kg and s."""
-
-        def moved(point: Point) -> Point:
-            return replace(point, local=point.local / length)
-
-        other = copy.copy(self)
-        other.gravity = self.gravity * time**2 / length
-        other.mass = self.mass / mass
-        other.joints = [
-            replace(
-                joint,
-                offset=joint.offset / length,
-                mass=joint.mass / mass,
-                com=joint.com / length,
-                inertia=joint.inertia / mass / length**2,
-            )
-            for joint in self.joints
-        ]
-        other.tip = moved(self.tip)
-        other.points = [moved(point) for point in self.points]
-        other.motors = [
-            replace(motor, seat=moved(motor.seat), drag=motor.drag / length)
-            for motor in self.motors
-        ]
-        other._measure()
-        return other
-
     def spread(self, values: Array) -> Array:
-        """Reduced values (…, nq) as those of all joints (…, size), zero at the held ones."""
+        """Reduced values as those of all joints.
+
+        Args:
+            values: (…, nq), one for each reduced coordinate.
+
+        Returns:
+            (…, size), zero at the constrained joints.
+
+        """
         every = np.zeros((*values.shape[:-1], self.size), values.dtype)
         every[..., self.free] = values
         return every
 
     def frames(self, q: Array) -> Frames:
-        """Frames of all joints at coordinates (…, size), which may be complex."""
+        """Frames of all joints.
+
+        Args:
+            q: coordinates of all joints in rad and m, (…, size), which may be complex.
+
+        Returns:
+            The frames, in the joints' order.
+
+        """
         rotations: list[Array] = []
         positions: list[Array] = []
         steps: list[Array] = []
@@ -249,17 +214,53 @@ class Tree:
             positions.append(begin + steps[-1])
         return Frames(rotations, positions, steps)
 
+    @staticmethod
+    def positions(frames: Frames, points: Sequence[Point]) -> Array:
+        """World positions of points.
 
-def _mass_properties(body: Body) -> tuple[float, Array, Array]:
-    """Mass, centre of mass and inertia about it, in the body's own frame."""
+        Args:
+            frames: the joints' frames.
+            points: the points.
+
+        Returns:
+            Positions in m, (…, points, 3).
+
+        """
+        rotations, positions, _ = frames
+        return np.stack(
+            [positions[p.joint] + rotations[p.joint] @ p.local for p in points], axis=-2
+        )
+
+    def poses(self, frames: Frames) -> Array:
+        """Homogeneous transforms of the seats, with the axes of their joints.
+
+        Args:
+            frames: the joints' frames.
+
+        Returns:
+            Transforms to the world, (…, seats, 4, 4).
+
+        """
+        positions = self.positions(frames, self.seats)
+        poses = np.zeros((*positions.shape[:-1], 4, 4))
+        poses[..., :3, :3] = np.stack([frames.rotations[p.joint] for p in self.seats], axis=-3)
+        poses[..., :3, 3] = positions
+        poses[..., 3, 3] = 1.0
+        return poses
+
+
+def _carried(body: Body, start: Array | float = 0.0) -> dict[str, Any]:
+    """Mass, centre of mass and inertia of a body whose frame begins at `start` of its joint's."""
     if isinstance(body, Rod):
         mass, length = body.mass_per_length * body.length, body.length
         thin = mass * length**2 / 12
         x, y, z = body.section_inertia
-        inertia = np.diag([x, y + thin, z + thin])
-        return mass, np.array([length / 2, 0.0, 0.0]), inertia
-    xx, yy, zz, xy, xz, yz = body.inertia
-    return body.mass, np.array(body.com), np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        com, inertia = (length / 2, 0.0, 0.0), np.diag([x, y + thin, z + thin])
+    else:
+        xx, yy, zz, xy, xz, yz = body.inertia
+        mass, com = body.mass, body.com
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return {"mass": mass, "com": start + np.array(com), "inertia": inertia}
 
 
 def _turn(axis: str, degrees: float) -> Array:
@@ -279,12 +280,31 @@ def _about(axis: int, angle: Array) -> Array:
 
 
 def times(matrices: Array, vectors: Array) -> Array:
-    """Products of matrices (…, i, j) and vectors (…, j)."""
+    """Products of matrices and vectors.
+
+    Args:
+        matrices: (…, i, j).
+        vectors: (…, j).
+
+    Returns:
+        (…, i).
+
+    """
     product: Array = (matrices @ vectors[..., None])[..., 0]
     return product
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products of vectors (…, 3): np.cross takes four times as long for so few of them."""
+    """Cross products of vectors.
+
+    Args:
+        a: (…, 3).
+        b: (…, 3).
+
+    Returns:
+        (…, 3).
+
+    """
+    # np.cross takes four times as long for so few of them.
     product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
     return product

@@ -24,13 +24,23 @@ _DETERMINED = 1e-10
 
 
 def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> Robot:
-    """The robot with other numbers for all parameters of `names`, in the way of a `number`.
+    """The robot with other numbers for some parameters.
 
     Each is larger or smaller by 2 to 8 times, by turns from one number to the next, and negative
-    for two numbers of four; what is zero gets a size that is natural to the machine. Bodies stay
-    such as there can be: masses and moments of inertia are positive, a rod of negative length has
-    a negative mass per length, since it lies the other way, and products of inertia change their
-    signs as where axes of the body do.
+    for two numbers of four; what is zero gets a size that is natural to the robot. Bodies stay
+    possible: masses and moments of inertia are positive, a rod of negative length has a negative
+    mass per length, since it lies the other way, and products of inertia change their signs as if
+    axes of the body did.
+
+    Args:
+        robot: the robot.
+        names: the parameters to change.
+        seed: what the numbers are drawn from.
+        number: number of the variation; it decides what is larger and what is negative.
+
+    Returns:
+        The varied robot.
+
     """
     draw = _Draw(seed, number)
     reach = Tree(robot).reach
@@ -43,10 +53,19 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
 def variations(
     robot: Robot, names: Collection[str], seed: int, count: int, zeros: bool
 ) -> Iterator[Robot]:
-    """The first `count` variations; with `zeros` as many again and more, some parameters zero.
+    """Several variations, with parameters that are zero if asked for.
 
-    Each is zero in one of those. What would leave an acceleration undetermined at zero, alone or
-    with others, keeps its value there.
+    Args:
+        robot: the robot.
+        names: the parameters to change.
+        seed: what the numbers are drawn from.
+        count: how many variations without zeros.
+        zeros: whether to add as many again and more, in which each parameter is zero once. What
+            would leave an acceleration undetermined at zero, alone or with others, keeps its value.
+
+    Yields:
+        The varied robots.
+
     """
     yield from (variation(robot, names, seed, number) for number in range(count))
     groups = _groups(names, count) if zeros else []
@@ -90,14 +109,20 @@ def _with_zeros(robot: Robot, names: Sequence[str]) -> Robot:
 def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     """Whether something resists every acceleration by more than rounding would.
 
-    `least` bounds the eigenvalues of the mass matrix once its diagonal is 1.
+    Args:
+        robot: the robot.
+        least: smallest eigenvalue that its mass matrix may have once its diagonal is 1.
+
+    Returns:
+        Whether all accelerations are determined.
+
     """
     tree = Tree(robot)
-    formulation, states = NewtonEuler(tree), States.random(tree, 2, 0)
-    matrix = formulation.mass_matrix(states.q)[:, tree.free][:, :, tree.free]
+    states = States.random(tree, 2, 0)
+    matrix = NewtonEuler(tree).mass_matrix(states.q)[:, tree.free][:, :, tree.free]
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     # Next to what the coordinate could move, what is left by rounding is nothing.
-    if not (diagonal > _DETERMINED * Sizes(formulation, states).free_units ** 2).all():
+    if not (diagonal > _DETERMINED * Sizes(tree, states).free_units ** 2).all():
         return False
     roots = np.sqrt(diagonal)
     scaled = matrix / roots[:, :, None] / roots[:, None, :]
@@ -134,6 +159,18 @@ class _Draw:
 
 
 def _varied_body(body: Body, draw: _Draw, reach: float, mass: float) -> Body:
+    """A body with other numbers.
+
+    Args:
+        body: the body.
+        draw: where the factors come from.
+        reach: a natural length of the robot, in m.
+        mass: a natural mass, in kg.
+
+    Returns:
+        A body of the same kind.
+
+    """
     factor = draw.factor()
     if isinstance(body, Rod):
         sign = draw.sign()

@@ -14,12 +14,12 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.verification.comparison import Comparison, explained, worst
+from gibbs_codegen.verification.comparison import Comparison, explained, failed, merged
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
@@ -30,7 +30,7 @@ from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.own_units import InOwnUnits
 from gibbs_codegen.verification.parameters import prepared
 from gibbs_codegen.verification.self_consistency import compare_with_itself, without_formulation
-from gibbs_codegen.verification.states import Sizes, States
+from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.variation import variations
 
@@ -99,7 +99,15 @@ class Verification:
 
 
 def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
-    """Every formulation that can be had for a robot; for the others, why not."""
+    """Every formulation that can be had for a robot.
+
+    Args:
+        robot: the robot.
+
+    Returns:
+        The formulations, Newton and Euler's first; and for each of the others why it cannot be had.
+
+    """
     tree = Tree(robot)
     found: list[Formulation] = [NewtonEuler(tree), Lagrange(tree)]
     not_done = {}
@@ -109,7 +117,7 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
             continue
         try:
             there = importlib.import_module(f"gibbs_codegen.verification.{module}")
-            found.append(InOwnUnits(getattr(there, name), tree))
+            found.append(InOwnUnits(getattr(there, name), robot))
         except (ImportError, NotApplicableError) as error:
             not_done[name] = str(error)
     return found, not_done
@@ -125,10 +133,22 @@ def compare_module(
     extent: Extent = THOROUGH,
     numpy: ModuleType | None = None,
 ) -> list[Comparison]:
-    """Everything about one back end, at the `count` random states of a seed.
+    """Compare everything about one back end.
 
-    `against` are formulations of the robot, of which the first gives the natural sizes of things.
-    What none of them gives is compared with the NumPy back end `numpy`, where there is another.
+    Args:
+        module: the back end.
+        robot: the robot that it is to be a module of.
+        against: formulations of the robot, of which the first is Newton and Euler's.
+        count: number of random states.
+        seed: of the random states and parameters.
+        progress: called with the name of each step.
+        extent: how far to go beyond the random states.
+        numpy: the NumPy back end, if `module` is another: what no formulation gives is compared
+            with it.
+
+    Returns:
+        All comparisons; those of the contents alone where these are wrong.
+
     """
     contents = compare_contents(module, robot)
     if not all(comparison.passed for comparison in contents):
@@ -139,12 +159,10 @@ def compare_module(
         ]
     tree = against[0].tree
     most = most_states(tree)
-    parts = []
+    comparisons = contents
     for number, first in enumerate(range(0, count, most)):
-        some = min(most, count - first)
-        seeds = (seed, number)
-        parts.append(_compare_functions(module, against, some, seeds, extent.singly, progress))
-    comparisons = contents + worst(parts)
+        some, singly = min(most, count - first), extent.singly
+        comparisons += _compare_functions(module, against, some, (seed, number), singly, progress)
     others = min(most, extent.others)
     unknown = without_formulation(comparisons, against[0].name)
     states = States.random(tree, others, (seed, 5))
@@ -155,11 +173,20 @@ def compare_module(
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
         comparisons += _compare_again(Evaluation(module), tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
-    return comparisons + _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
+    comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
+    return merged(comparisons)
 
 
 def most_states(tree: Tree) -> int:
-    """How many states at once keep the memory that they take within bounds."""
+    """How many states at once keep the memory that they take within bounds.
+
+    Args:
+        tree: the tree of the robot.
+
+    Returns:
+        At least 1.
+
+    """
     return max(1, _MOST_ENTRIES // tree.size**2)
 
 
@@ -171,37 +198,59 @@ def _compare_functions(
     singly: int,
     progress: Progress,
 ) -> list[Comparison]:
+    """Compare all functions with every formulation and with each other.
+
+    Args:
+        module: the back end.
+        against: the formulations, Newton and Euler's first.
+        count: number of random states.
+        seed: of the states.
+        singly: how many of them to compute one by one as well.
+        progress: called with the name of each step.
+
+    Returns:
+        The comparisons, in an order that does not depend on count and seed.
+
+    """
     tree = against[0].tree
     states = States.random(tree, count, seed)
     evaluation = Evaluation(module)
     values = evaluation.all(states)
-    sizes = Sizes(against[0], states)
-    comparisons = []
-    for place, formulation in enumerate(against):
+    progress(against[0].name)
+    first = Expected(against[0], states)
+    comparisons = first.compare(values)
+    alone = evaluation.all(states.first(singly), singly=True)
+    one_state = first.compare(alone, ONE_STATE)
+    for formulation in against[1:]:
         progress(formulation.name)
         few = count
         if isinstance(formulation, Lagrange):
             few = max(1, min(count, _MOST_NUMBERS // (formulation.points * tree.size)))
-        some = sizes if few == count else Sizes(against[0], states.first(few))
-        expected = Expected(formulation, states.first(few), some)
-        comparisons += expected.compare({name: value[:few] for name, value in values.items()})
-        if place == 0:
-            alone = evaluation.all(states.first(singly), singly=True)
-            one_state = expected.compare(alone, ONE_STATE)
+        comparisons += Expected(formulation, states.first(few)).compare(values)
     progress("invariants")
-    comparisons += compare_invariants(evaluation, values, states, sizes, tree)
+    comparisons += compare_invariants(evaluation, values, states, first.sizes, tree)
     return explained(comparisons + one_state, evaluation.faults)
 
 
 def _compare_again(
     evaluation: Evaluation, tree: Tree, states: States, few: int, against: str
 ) -> list[Comparison]:
-    """The equations in other circumstances: all states together, and the first few one by one."""
-    formulation = NewtonEuler(tree)
-    expected = Expected(formulation, states, Sizes(formulation, states))
-    together = expected.compare(evaluation.all(states), against)
-    alone = expected.compare(evaluation.all(states.first(few), singly=True), against)
-    return explained(worst([together, alone]), evaluation.faults)
+    """Compare all functions with Newton and Euler's equations in other circumstances.
+
+    Args:
+        evaluation: the back end, with the constants of the tree's parameters.
+        tree: the tree to compare with.
+        states: the states, which are computed all together.
+        few: how many of them to compute one by one as well.
+        against: what to call the circumstances.
+
+    Returns:
+        The comparisons of both.
+
+    """
+    expected = Expected(NewtonEuler(tree), states)
+    together = expected.compare_functions(evaluation, states, against)
+    return together + expected.compare_functions(evaluation, states.first(few), against, True)
 
 
 def _with_other_parameters(
@@ -212,24 +261,32 @@ def _with_other_parameters(
     count: int,
     seed: int,
     extent: Extent,
-) -> list[Comparison]:
-    """The equations once more, with every parameter changed at run time, and zero by turns.
+) -> Iterator[Comparison]:
+    """Compare once more, with every parameter changed at run time, and zero by turns.
 
-    Functions that are `unknown` to every formulation are compared with themselves.
+    Args:
+        module: the back end.
+        numpy: the NumPy back end, if `module` is another.
+        robot: the robot.
+        unknown: functions that no formulation gives, which are compared with themselves.
+        count: number of states for each set of parameters.
+        seed: of states and parameters.
+        extent: how many sets of parameters, and how many states one by one.
+
+    Yields:
+        The comparisons for one set of parameters after the other.
+
     """
-    parts = []
     others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
     for number, other in enumerate(others):
         try:
             evaluation = Evaluation(module, prepared(module, other))
             there = Evaluation(numpy, prepared(numpy, other)) if numpy else None
         except (Exception, SystemExit) as error:  # Whatever was done to the module.
-            fault = f"{type(error).__name__}: {error}"
-            return [Comparison("prepare", OTHER_PARAMETERS, 0, float("inf"), 0.0, fault)]
+            yield failed("prepare", OTHER_PARAMETERS, f"{type(error).__name__}: {error}")
+            return
         tree = Tree(other)
         states = States.extreme(tree, count, (seed, 1, number))
-        rows = _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
+        yield from _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
         usual = States.random(tree, count, (seed, 1, number))
-        circumstance = f", {OTHER_PARAMETERS}"
-        parts.append(rows + compare_with_itself(evaluation, there, unknown, usual, circumstance))
-    return worst(parts)
+        yield from compare_with_itself(evaluation, there, unknown, usual, f", {OTHER_PARAMETERS}")

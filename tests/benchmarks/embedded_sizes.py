@@ -19,7 +19,7 @@ from rich.table import Table
 
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import count_operations
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 
 FUNCTIONS = ("mass_matrix_and_residual", "forward_dynamics")

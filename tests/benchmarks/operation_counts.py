@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.program.nodes import Operations, count_operations
+from gibbs_codegen.program.operations import Operations, count_operations
 from gibbs_codegen.robot.model import Robot
 
 FUNCTIONS = ("mass_matrix_and_residual", "mass_matrix", "residual", "forward_dynamics")

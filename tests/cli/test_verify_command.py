@@ -32,7 +32,7 @@ def test_verify_prints_tables_and_a_verdict(capsys: pytest.CaptureFixture[str]) 
     for words in ("forward_dynamics", "Newton–Euler", "Lagrange", "Pinocchio", "power balance"):
         assert words in out
     assert re.search(r": all \d+ comparisons within their limits\n", out)
-    assert max(map(len, out.splitlines())) <= 160
+    assert max(map(len, out.splitlines())) <= 80
 
 
 def test_tables_break_no_name_at_80_columns() -> None:
@@ -88,7 +88,7 @@ def test_a_robot_file_is_verified_without_leaving_anything(
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mine.toml"]) == 0
     assert main(["verify", "mine.toml", "--states", "2", "--backend", "numpy"]) == 0
-    assert "mine, made for this and not kept: all " in capsys.readouterr().out
+    assert "mine, generated for this and not kept: all " in capsys.readouterr().out
     assert os.listdir(tmp_path) == ["mine.toml"]
 
 

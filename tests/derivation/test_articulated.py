@@ -21,7 +21,8 @@ from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.program.lower import Slice, lower
-from gibbs_codegen.program.nodes import Program, count_operations
+from gibbs_codegen.program.nodes import Program
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import (
     ATTITUDES,

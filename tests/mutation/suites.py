@@ -14,7 +14,8 @@ def _in(folder: str, modules: str) -> tuple[str, ...]:
 
 
 DERIVATION = (
-    *_in("derivation", "functions gibbs motion serial_chain inertia machine chain_dynamics"),
+    *_in("derivation", "functions gibbs motion inertia machine segment_tree tree_builder"),
+    *_in("derivation", "inertia_forces composite_inertia regrouping tree_dynamics"),
     *_in(
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
@@ -25,12 +26,18 @@ DERIVATION = (
 )
 COMBINE = ("derivation.hybrid",)
 EMISSION = (
-    *_in("program", "nodes lower trigonometry steps loops repeated_blocks scratch"),
-    *_in("targets", "printers numpy documentation registry"),
-    *_in("targets.c", "target function statements"),
+    *_in("program", "nodes operations lower inlining trigonometry steps repeated_blocks loops"),
+    *_in("program", "live_ranges rows scratch"),
+    *_in("targets", "printers documentation registry verbatim"),
+    *_in("targets.c", "target function sections statements arrays"),
+    *_in("targets.numpy", "target statements"),
+    "emitted.evaluation",
 )
-# The other templates are declarations and text.
-TEMPLATES = ("c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja")
+# The other templates are declarations and text, and so are the other files of `emitted`.
+TEMPLATES = (
+    *("c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja"),
+    *("blocks.c", "column_major.c", "platform.c", "sine_cosine.c", "sine_cosine_kernel.c"),
+)
 GROUPS = {
     "derivation": DERIVATION,
     "combine": COMBINE,
@@ -68,6 +75,7 @@ _QUICK_EMISSION = (
     "tests/program/test_nodes.py",
     "tests/program/test_trigonometry.py",
     "tests/program/test_steps.py",
+    "tests/program/test_worked_examples.py",
     "tests/targets/test_numpy.py",
     "tests/properties/test_pinocchio.py::test_shipped_robots[quadrotor_2link]",
     "tests/targets/test_c_source.py::test_functions_equal_numpy[quadrotor_2link-gcc--O3-march=native]",
@@ -82,7 +90,12 @@ _QUICK_ARTICULATED = (
     "tests/derivation/test_articulated.py::test_both_ways_give_what_pinocchio_gives[0]",
     *_QUICK_DERIVATION,
 )
-_QUICK_LOOPS = ("tests/program/test_steps.py", "tests/program/test_loops.py")
+_QUICK_LOOPS = (
+    "tests/program/test_steps.py",
+    "tests/program/test_loops.py",
+    "tests/program/test_worked_examples.py",
+)
+_QUICK_CASADI = ("tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",)
 _QUICK = {
     "derivation.articulated": _QUICK_ARTICULATED,
     "derivation.articulated_inertia": _QUICK_ARTICULATED,
@@ -91,10 +104,14 @@ _QUICK = {
     "robot.layout": ("tests/robot/test_layout.py",),
     "robot.thrusters": ("tests/robot/test_thrusters.py",),
     "program.steps": _QUICK_LOOPS,
+    "program.live_ranges": _QUICK_LOOPS,
+    "program.rows": _QUICK_LOOPS,
     "program.loops": _QUICK_LOOPS,
     "program.repeated_blocks": _QUICK_LOOPS,
     "program.scratch": _QUICK_LOOPS,
-    "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",),
+    "c_casadi.c.jinja": _QUICK_CASADI,
+    "column_major.c": _QUICK_CASADI,
+    "emitted.evaluation": ("tests/emitted/test_evaluation.py", *_QUICK_EMISSION),
 }
 _SHIPPED = "tests/properties/test_pinocchio.py::test_shipped_robots"
 _EMITTED = "tests/targets/test_registry.py"
@@ -105,25 +122,40 @@ _IN_C = (
     "tests/runtime/test_c_backend.py",
     "tests/targets/test_embedded.py",
 )
+_IN_NUMPY = (_EMITTED, _SHIPPED, "tests/runtime/test_c_backend.py")
 _REST = {
     "symbolic.tape": ("tests/program/test_nodes.py", *_REST_OF_DERIVATION),
     "robot.thrusters": ("tests/cli/test_app.py",),
     "program.nodes": (*_COUNTS, _SHIPPED),
+    "program.operations": _COUNTS,
     "program.lower": (*_COUNTS, _SHIPPED, _EMITTED),
+    "program.inlining": (*_COUNTS, _SHIPPED, _EMITTED),
     "program.trigonometry": ("tests/targets/test_c_source.py",),
     "program.steps": _LOOPS,
+    "program.live_ranges": _LOOPS,
+    "program.rows": _LOOPS,
     "program.loops": _LOOPS,
     "program.repeated_blocks": _LOOPS,
     "program.scratch": _LOOPS,
     "targets.printers": (_EMITTED, _SHIPPED, *_IN_C),
-    "targets.numpy": (_EMITTED, _SHIPPED, "tests/runtime/test_c_backend.py"),
+    "targets.verbatim": (_EMITTED, "tests/targets/test_c_source.py"),
+    "targets.numpy.target": _IN_NUMPY,
+    "targets.numpy.statements": _IN_NUMPY,
+    "emitted.evaluation": (*_IN_NUMPY, "tests/runtime"),
     "targets.c.target": (_EMITTED, *_IN_C),
     "targets.c.function": (_EMITTED, *_IN_C),
+    "targets.c.sections": (_EMITTED, *_IN_C),
     "targets.c.statements": (_EMITTED, *_IN_C),
+    "targets.c.arrays": (_EMITTED, *_IN_C),
     "targets.documentation": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.registry": (_EMITTED, "tests/cli/test_app.py", "tests/targets/test_c_source.py"),
     "c_casadi.c.jinja": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
-    "c_source.c.jinja": (*_IN_C, "tests/targets/test_sine_cosine.py"),
+    "column_major.c": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
+    "c_source.c.jinja": _IN_C,
+    "blocks.c": _IN_C,
+    "platform.c": _IN_C,
+    "sine_cosine.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),
+    "sine_cosine_kernel.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),
     "numpy_module.py.jinja": (_EMITTED, "tests/runtime/test_c_backend.py"),
 }
 

@@ -145,16 +145,19 @@ def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
 
 
 def source_path(module: str) -> Path:
-    """File of a module or of a template."""
+    """File of a module, of a template, or of C that is emitted whole."""
     if module.endswith(".jinja"):
         return ROOT / "templates" / module
+    if module.endswith(".c"):
+        return ROOT / "gibbs_codegen" / "emitted" / module
     return ROOT / "gibbs_codegen" / f"{module.replace('.', '/')}.py"
 
 
 def mutants(module: str) -> list[Callable[[], Mutant]]:
-    """All mutants of a module or a template."""
+    """All mutants of a module, a template, or C that is emitted whole."""
     source = source_path(module).read_text(encoding="utf-8")
-    return template_mutants(source) if module.endswith(".jinja") else python_mutants(source)
+    is_template = module.endswith((".jinja", ".c"))
+    return template_mutants(source) if is_template else python_mutants(source)
 
 
 def excerpts(before: str, after: str, context: int = 40) -> tuple[str, str]:

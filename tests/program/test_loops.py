@@ -1,4 +1,4 @@
-"""Loops for runs of like blocks: what is found, and that the loops do the same as the steps."""
+"""Loops for repeated blocks: what is found, and that the loops do the same as the steps."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 from benchmarks.family import benchmark_robot
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.program.loops import rolled
+from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.nodes import Name, Node, Product, Statement, Sum, names_in, node_value
-from gibbs_codegen.program.scratch import Layout, laid_out
-from gibbs_codegen.program.steps import Item, Loop, Step, Store, interleaved
-from gibbs_codegen.program.trigonometry import gathered
+from gibbs_codegen.program.scratch import Allocation, allocate_scratch
+from gibbs_codegen.program.steps import Item, Loop, Step, Store, schedule_stores
+from gibbs_codegen.program.trigonometry import gather_angles
 
 Values = dict[str, float]
 Stored = dict[tuple[int, int], float]
@@ -41,48 +41,50 @@ def run_straight(steps: Sequence[Step], inputs: Values) -> Stored:
     return stored
 
 
-def run_layout(layout: Layout, inputs: Values) -> Stored:
-    """What pieces store that know of each other only what is held."""
-    held = [float("nan")] * layout.slots
+def run_allocation(allocation: Allocation, inputs: Values) -> Stored:
+    """What sections store that know of each other only what is held."""
+    held = [float("nan")] * allocation.slots
     stored: Stored = {}
 
     def sign(name: str) -> int:
-        return -1 if name in layout.negated else 1
+        return -1 if name in allocation.negated else 1
 
-    for piece in layout.pieces:
-        if isinstance(piece.part, Loop):
-            for i in range(piece.part.count):
+    for section in allocation.sections:
+        if isinstance(section.code, Loop):
+            for i in range(section.code.count):
                 values = dict(inputs)
-                for name, slot in piece.taken.items():
+                for name, slot in section.reloads.items():
                     here = (
-                        held[slot + i] if name in piece.part.operands else sign(name) * held[slot]
+                        held[slot + i] if name in section.code.operands else sign(name) * held[slot]
                     )
                     values[name] = here
-                places = iter(zip(piece.part.places, piece.part.pitches, strict=True))
-                for step in piece.part.body:
+                places = iter(zip(section.code.places, section.code.strides, strict=True))
+                for step in section.code.body:
                     if isinstance(step, Store):
                         place, pitch = next(places)
                         step = Store(step.output, place + i * pitch, step.value)
                     run_steps([step], values, stored)
-                for name, slot in piece.held.items():
+                for name, slot in section.spills.items():
                     held[slot + i] = values[name]
             continue
-        values = inputs | {name: sign(name) * held[slot] for name, slot in piece.taken.items()}
-        run_steps(piece.part, values, stored)
-        for name, slot in piece.held.items():
+        values = inputs | {name: sign(name) * held[slot] for name, slot in section.reloads.items()}
+        run_steps(section.code, values, stored)
+        for name, slot in section.spills.items():
             held[slot] = sign(name) * values[name]
     return stored
 
 
 def check(steps: Sequence[Step], limit: int = 30) -> list[Loop]:
-    """Check that pieces with loops store what the steps store; return the loops that are left."""
+    """Check that sections with loops store what the steps store; return the loops that are left."""
     made = {step.name for step in steps if isinstance(step, Statement)}
     read = dict.fromkeys(name for step in steps for name in names_in(step.value))
     numbers = np.random.default_rng(3).uniform(-2, 2, len(read)).tolist()
     inputs = {n: x for n, x in zip(read, numbers, strict=True) if n not in made}
-    layout = laid_out(*rolled(steps), limit)
-    assert run_layout(layout, inputs) == pytest.approx(run_straight(steps, inputs), rel=1e-12)
-    return [piece.part for piece in layout.pieces if isinstance(piece.part, Loop)]
+    allocation = allocate_scratch(*reroll(steps), limit)
+    assert run_allocation(allocation, inputs) == pytest.approx(
+        run_straight(steps, inputs), rel=1e-12
+    )
+    return [section.code for section in allocation.sections if isinstance(section.code, Loop)]
 
 
 def started(columns: int) -> list[Step]:
@@ -111,7 +113,7 @@ def carried(joint: int, columns: Sequence[int], x: str = "x", y: str = "y") -> l
 
 def test_a_run_is_found() -> None:
     loops = check([*started(12), *carried(1, range(12))])
-    assert [(loop.count, len(loop.body), loop.pitches) for loop in loops] == [(12, 4, (1, 2))]
+    assert [(loop.count, len(loop.body), loop.strides) for loop in loops] == [(12, 4, (1, 2))]
     assert loops[0].results == {}
 
 
@@ -124,7 +126,7 @@ def test_loops_hand_on_rows() -> None:
 
 def test_new_rows_lie_where_the_old_ones_lay() -> None:
     steps = [*started(12), *carried(1, range(12)), *carried(2, range(12), "u1_", "w1_")]
-    assert laid_out(*rolled(steps), 1000).slots == 24
+    assert allocate_scratch(*reroll(steps), 1000).slots == 24
 
 
 def test_a_row_is_not_made_where_one_lies_that_later_blocks_read() -> None:
@@ -274,8 +276,8 @@ def test_random_steps(seed: int) -> None:
 
 
 def steps_of(links: int, function: str) -> list[Step]:
-    parts = gathered(derive(benchmark_robot(links)).program.function(function))
-    return interleaved(parts.statements, parts.outputs, [True] * len(parts.outputs))
+    parts = gather_angles(derive(benchmark_robot(links)).program.function(function))
+    return schedule_stores(parts.statements, parts.outputs, [True] * len(parts.outputs))
 
 
 @pytest.mark.parametrize("links", [4, 16])
@@ -289,6 +291,6 @@ def test_most_of_a_long_arm_is_rolled() -> None:
     """Work grows with the square of the links, the text of it in proportion to them."""
     sizes = []
     for links in (12, 24):
-        items: Sequence[Item] = rolled(steps_of(links, "mass_matrix"))[0]
+        items: Sequence[Item] = reroll(steps_of(links, "mass_matrix"))[0]
         sizes.append(sum(len(i.body) if isinstance(i, Loop) else 1 for i in items))
     assert sizes[1] < 2.3 * sizes[0]

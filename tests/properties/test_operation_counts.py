@@ -7,7 +7,7 @@ from benchmarks.family import benchmark_robot
 from support.random_robots import random_robot
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.program.nodes import count_operations
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.robot.model import Origin, Robot
 
 REDUCED = (

@@ -21,7 +21,7 @@ def gradient(function, x: np.ndarray) -> np.ndarray:
     return np.array([(function(x + h) - function(x - h)) / (2 * STEP) for h in steps])
 
 
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(robot=robots(most_rotors=5, most_links=4))
 def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
     """∂S/∂a = M a − R, ∂T/∂v = M v; J v is the tip's velocity, J̇ v its acceleration at a = 0."""

@@ -17,35 +17,8 @@ from support.tools import tool
 from gibbs_codegen import load
 from gibbs_codegen.interface import signatures
 from gibbs_codegen.runtime import c_backend
-from gibbs_codegen.runtime.arguments import common_batch, state_array
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
-
-
-def test_numbers_become_an_array() -> None:
-    q = np.array([1.0, 2.0])
-    assert state_array("q", q, 2) is q
-    assert state_array("q", [True, 2], 2).tolist() == [1.0, 2.0]
-    assert common_batch([np.zeros((3, 1, 2)), np.zeros((4, 5))]) == (3, 4)
-
-
-@pytest.mark.parametrize(
-    ("values", "error", "message"),
-    [
-        ([1j, 2.0], TypeError, "q must be real numbers: not complex128"),
-        (["1", "2"], TypeError, "q must be real numbers: not <U1"),
-        ([1.0, 10**400], ValueError, "q must be real numbers: int too large"),
-        (np.ma.array([1.0, 2.0], mask=[0, 1]), ValueError, "q must be real numbers: not masked"),
-        ([1.0], ValueError, "q must have 2 entries along its last axis, not shape (1,)"),
-        (np.zeros((1,) * 31 + (2,)), ValueError, "q must have at most 31 axes, not 32"),
-    ],
-)
-def test_what_is_no_state_is_refused_by_name(
-    values: object, error: type[Exception], message: str
-) -> None:
-    with pytest.raises(error) as raised:
-        state_array("q", values, 2)
-    assert str(raised.value).startswith(message)
 
 
 def fuzz(examples: int) -> None:
@@ -79,7 +52,7 @@ def ways() -> list[ModuleType]:
     tool("cc")
     with pytest.MonkeyPatch.context() as patch:
         made = [load(ROBOT), load(ROBOT, backend="c")]
-        patch.setattr(c_backend, "_caller_type", lambda _: None)
+        patch.setattr(c_backend, "caller_type", lambda _: None)
         return [*made, load(ROBOT, backend="c")]
 
 

@@ -30,7 +30,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import Signature, signatures
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.runtime import c_backend
+from gibbs_codegen.runtime import c_backend, caller, compiled_function
 from gibbs_codegen.runtime.compiler import find_compiler
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
@@ -278,7 +278,7 @@ def test_weak_references_end_with_what_they_refer_to() -> None:
 def test_threads_share_a_batch(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(c_backend, "_MIN_ROWS", 256)
+    monkeypatch.setattr(compiled_function, "_MIN_ROWS", 256)
     alone, shared = load(ROBOT, backend="c"), load(ROBOT, backend="c", threads=3)
     for rows in (1, 255, 769, 5003):
         q, v = states["q"][:rows], states["v"][:rows]
@@ -331,7 +331,7 @@ def test_memory_does_not_grow(backends) -> None:
 def test_a_forked_process_has_threads_of_its_own(
     states: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(c_backend, "_MIN_ROWS", 256)
+    monkeypatch.setattr(compiled_function, "_MIN_ROWS", 256)
     compiled = load(ROBOT, backend="c", threads=2)
     q = states["q"][:2000]
     expected = compiled.mass_matrix(q)
@@ -359,11 +359,11 @@ def test_many_threads_load_at_once() -> None:
 def test_without_python_headers(
     monkeypatch: pytest.MonkeyPatch, backends, states: dict[str, np.ndarray]
 ) -> None:
-    c_backend._caller_type.cache_clear()
+    caller.caller_type.cache_clear()
     with monkeypatch.context() as without:
-        without.setattr(c_backend.sysconfig, "get_path", lambda _: "/nowhere")
+        without.setattr(caller.sysconfig, "get_path", lambda _: "/nowhere")
         plain = load(ROBOT, backend="c")
-    c_backend._caller_type.cache_clear()
+    caller.caller_type.cache_clear()
     assert type(plain.mass_matrix) is not type(backends[1].mass_matrix)
     np.testing.assert_array_equal(
         plain.mass_matrix(states["q"][0]), backends[1].mass_matrix(states["q"][0])
@@ -374,7 +374,7 @@ def test_functions_are_not_pickled_but_copied(
     monkeypatch: pytest.MonkeyPatch, backends: tuple[ModuleType, ModuleType]
 ) -> None:
     """Pickled by its name, a function would become NumPy's in the other process."""
-    monkeypatch.setattr(c_backend, "_caller_type", lambda _: None)
+    monkeypatch.setattr(c_backend, "caller_type", lambda _: None)
     for compiled in (backends[1], load(ROBOT, backend="c")):
         for protocol in range(pickle.HIGHEST_PROTOCOL + 1):
             with pytest.raises(TypeError, match=r"^residual\(\) is compiled code, which cannot be"):

@@ -36,9 +36,10 @@ from support.random_robots import random_robot
 from support.tools import run, tool
 
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.program.nodes import Function, count_operations
+from gibbs_codegen.program.nodes import Function
+from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.trigonometry import gathered
+from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
@@ -268,10 +269,10 @@ def test_single_precision_is_near_double(
 
 
 def test_loops_are_among_what_is_compiled(emitted: Callable[[str], Emitted]) -> None:
-    """Over rows that are held, and written to outputs at a pitch."""
+    """Over rows that are in scratch, and written to outputs at a pitch."""
     text = emitted(ROLLED).text(".c")
-    assert re.search(r" = held\[\(\d+ \+ i\) \* stride\];", text)
-    assert re.search(r"\n +held\[\(\d+ \+ i\) \* stride\] = ", text)
+    assert re.search(r" = scratch\[\(\d+ \+ i\) \* stride\];", text)
+    assert re.search(r"\n +scratch\[\(\d+ \+ i\) \* stride\] = ", text)
     assert re.search(r"mass_matrix\[\(\d+ \+ -?\d+ \* i\) \* stride\] = ", text)
 
 
@@ -444,7 +445,7 @@ def test_every_group_of_a_function_has_a_comment(emitted: Callable[[str], Emitte
         for function in robot.model.program.functions:
             section = text.partition(f"/* ---- {function.name} ---- */")[2].partition("/* ---- ")[0]
             said = set(re.findall(r"^ +/\* (.*) \*/$", section, re.MULTILINE))
-            parts = gathered(function)
+            parts = gather_angles(function)
             words = {s.group for s in (*parts.angle_statements, *parts.statements)}
             assert said == words, (label, function.name)
 
@@ -632,7 +633,7 @@ def test_stack_is_what_the_header_promises(
     rows = [line.split("\t") for line in (tmp_path / f"{SMALL}.su").read_text().splitlines()]
     used = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
     promised = {
-        f"{SMALL}_{function.name}": stack_bytes(gathered(function))
+        f"{SMALL}_{function.name}": stack_bytes(gather_angles(function))
         for function in robot.model.program.functions
     }
     over = {n: (used[n], most) for n, most in promised.items() if used[n] > most}
@@ -726,5 +727,5 @@ def _cost(function: Function) -> str:
     counts = count_operations(function.nodes())
     return (
         f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
-        f"about {stack_bytes(gathered(function))} bytes of stack"
+        f"about {stack_bytes(gather_angles(function))} bytes of stack"
     )

@@ -5,11 +5,21 @@ from __future__ import annotations
 import pytest
 
 from gibbs_codegen.program.nodes import Name, Number, Product, Statement, Sum
+from gibbs_codegen.targets.c.arrays import (
+    array_size,
+    from_block,
+    from_entry,
+    load,
+    place_in_loop,
+    read_arrays,
+    spill,
+    written_arrays,
+)
 from gibbs_codegen.targets.c.statements import (
     StatementPrinter,
     call,
-    hold,
-    load,
+    call_helper,
+    helper,
     loop,
     unused,
     vector_loop,
@@ -24,10 +34,36 @@ def test_statements_are_c() -> None:
     assert PRINTER.declare("t1", TWICE) == ["const real t1 = R(2.0) * x;"]
     assert PRINTER.store("residual", 3, Name("t1")) == ["residual[3 * stride] = t1;"]
     assert load("x", "q", 4) == "const real x = q[4 * stride];"
-    assert load("t1", "held", 2, "-") == "const real t1 = -held[2 * stride];"
-    assert hold("held", "(2 + i)", "t1", "-") == "held[(2 + i) * stride] = -t1;"
+    assert load("t1", "scratch", 2, "-") == "const real t1 = -scratch[2 * stride];"
+    assert spill("scratch", place_in_loop(2), "t1", "-") == "scratch[(2 + i) * stride] = -t1;"
+    assert place_in_loop(2, 1) == "(2 + 1 * i)"
     assert unused("v") == "(void)v;"
     assert call("f", ["a", "b + 1"]) == ["f(a, b + 1);"]
+
+
+def test_functions_are_called_for_one_state_or_for_every_lane() -> None:
+    assert call_helper("f", ["q", "x"], lanes=False) == ["f(constants, q, x, 1);"]
+    lines = ["f(constants, q + lane, x + lane, LANES);"]
+    assert call_helper("f", ["q", "x"], lanes=True) == vector_loop("lane", "LANES", lines)
+    assert [array_size(3, lanes) for lanes in (False, True)] == ["3", "3 * LANES"]
+    assert from_entry("angle", 4) == "angle + 4"
+    assert from_block("q", 9, "whole") == "q + whole * (9 * LANES)"
+
+
+def test_a_helper_has_constants_arrays_and_stride() -> None:
+    assert helper("f", [*read_arrays(["q"]), *written_arrays(["x"])], ["a;", "", "b;"]) == [
+        "static INLINE void f(",
+        "    const Constants *RESTRICT constants,",
+        "    const real *RESTRICT q,",
+        "    real *RESTRICT x,",
+        "    const int stride)",
+        "{",
+        "    a;",
+        "",
+        "    b;",
+        "}",
+    ]
+    assert read_arrays(["q"], "toy_real", "") == ["const toy_real *q"]
 
 
 def test_loops_hold_their_body() -> None:

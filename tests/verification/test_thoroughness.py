@@ -124,7 +124,7 @@ def test_angles_of_any_size(wrong_where: str, form: str, copied: Path) -> None:
 
 
 def test_one_state_with_constants_of_its_own(copied: Path) -> None:
-    plant(copied / "numpy_module.py", "kernel(k, math.sin", "kernel(_DEFAULT_CONSTANTS, math.sin")
+    plant(copied / "numpy_module.py", "kernel(k, math.sin", "kernel(self._default, math.sin")
     assert failing(copied) == {"other parameters"}
 
 

@@ -1,36 +1,27 @@
-"""One function in C: its helpers, one state, a block of states, any number, and its comment."""
+"""One function in C: for one state, for a block of states, and its documentation."""
 
 from __future__ import annotations
 
-import textwrap
-from typing import Any
+from dataclasses import dataclass
 
-from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS
-from gibbs_codegen.program.loops import rolled
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import (
-    Function,
-    Number,
-    Output,
-    count_operations,
-    names_in,
-)
-from gibbs_codegen.program.scratch import Layout, Piece, laid_out
-from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.steps import Loop, Step, Store, headed, interleaved
-from gibbs_codegen.program.trigonometry import GatheredFunction, cosine_name, gathered, sine_name
-from gibbs_codegen.targets.c.statements import (
-    WIDTH,
-    StatementPrinter,
-    call,
-    heading,
-    hold,
-    load,
+from gibbs_codegen.program.nodes import Function, Number, Output
+from gibbs_codegen.program.scratch import Allocation, allocate_scratch
+from gibbs_codegen.program.steps import Loop, schedule_stores
+from gibbs_codegen.program.trigonometry import gather_angles
+from gibbs_codegen.targets.c.arrays import (
+    array_size,
+    from_block,
+    from_entry,
     local_arrays,
-    unused,
-    vector_loop,
+    read_arrays,
+    written_arrays,
 )
-from gibbs_codegen.targets.documentation import argument_text, output_text
+from gibbs_codegen.targets.c.sections import ANGLE, COSINE, SCRATCH, SINE, HelperPrinter
+from gibbs_codegen.targets.c.statements import StatementPrinter, call, call_helper
+from gibbs_codegen.targets.documentation import doxygen
 from gibbs_codegen.targets.printers import InfixPrinter
 
 # gcc vectorises no loop with more than 1000 memory references, and does smaller ones better.
@@ -41,259 +32,174 @@ _FEWEST_ROLLED = 200
 # Angles whose sines and cosines are computed at once in a call for one state.
 _AT_ONCE = 4
 
+Lines = list[str]
+
+
+@dataclass(frozen=True)
+class InputText:
+    """An argument of a function, and how many entries a state has in it."""
+
+    name: str
+    width: int
+
+
+@dataclass(frozen=True)
+class OutputText:
+    """An output as a matrix, and the entries of the outputs before it."""
+
+    name: str
+    rows: int
+    columns: int
+    start: int
+
+    @property
+    def width(self) -> int:
+        """Entries of one state."""
+        return self.rows * self.columns
+
+
+@dataclass(frozen=True)
+class FunctionText:
+    """What the C templates are given of a function.
+
+    `parameters` are those of the definition, `declared` those in the header. `one` and `block` are
+    the bodies of the functions for one state and for a block of states, `whole_block` and
+    `last_block` the arguments with which the second is called in a batch.
+    """
+
+    name: str
+    public_name: str
+    documentation: Lines
+    inputs: list[InputText]
+    outputs: list[OutputText]
+    entries: int
+    casadi_outputs: Lines
+    parameters: Lines
+    declared: Lines
+    helpers: list[Lines]
+    one: Lines
+    block: Lines
+    whole_block: Lines
+    last_block: Lines
+
+
+@dataclass(frozen=True, eq=False)
+class _Sections:
+    """A function split into sections, each a helper whose name begins with `prefix`."""
+
+    prefix: str
+    allocation: Allocation
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the helpers, in the order of the sections."""
+        count = len(self.allocation.sections)
+        return [self.prefix] if count == 1 else [f"{self.prefix}_{i + 1}" for i in range(count)]
+
+    @property
+    def steps_in_loops(self) -> int:
+        """How many steps the loops stand for."""
+        codes = [section.code for section in self.allocation.sections]
+        return sum(len(code.unrolled) for code in codes if isinstance(code, Loop))
+
 
 class CFunction:
-    """Lines of one function: its helpers, one state, a block of states, and any number of them."""
+    """Prints one function."""
 
     def __init__(self, model: Model, function: Function, printer: InfixPrinter) -> None:
         self._model = model
         self._function = function
         self._statements = StatementPrinter(printer)
-        self._parts: GatheredFunction = gathered(function)
-        self._row = FUNCTIONS[function.name]
-        self._outputs = [output.name for output in self._row.outputs]
-        self._sparse = [_is_sparse(output) for output in function.outputs]
-        steps = interleaved(
-            self._parts.statements, self._parts.outputs, [not sparse for sparse in self._sparse]
-        )
-        self._block = laid_out(steps, {}, _MAX_REFERENCES)
-        looped = laid_out(*rolled(steps), _MAX_REFERENCES)
-        self._one = looped if _goes_in_loops(looped) else self._block
+        self._gathered = gather_angles(function)
+        self._inputs = [InputText(a, len(model.program.inputs[a])) for a in function.arguments]
+        self._outputs = _output_texts(function)
+        self._cleared = [_is_sparse(output) for output in function.outputs]
+        gathered = self._gathered
+        stored = [not cleared for cleared in self._cleared]
+        steps = schedule_stores(gathered.statements, gathered.outputs, stored)
+        name = function.name
+        self._block = _Sections(f"{name}_lane", allocate_scratch(steps, {}, _MAX_REFERENCES))
+        looped = allocate_scratch(*reroll(steps), _MAX_REFERENCES)
+        self._one = _Sections(f"{name}_state", looped)
+        if self._one.steps_in_loops < _FEWEST_ROLLED:
+            self._one = self._block
 
-    def context(self) -> dict[str, Any]:
+    def text(self) -> FunctionText:
         """What the templates need of the function."""
         prefix = f"{self._model.robot.name}_"
-        return {
-            "name": self._function.name,
-            "public_name": prefix + self._function.name,
-            "doc_lines": self._doc_lines(),
-            "helpers": self._helpers(),
-            "inputs": [
-                {"name": name, "width": len(self._model.program.inputs[name])}
-                for name in self._function.arguments
-            ],
-            "parameters": ",\n    ".join(self._array_parameters("RESTRICT ", "real")),
-            "declared": ",\n    ".join(self._array_parameters("", f"{prefix}real")),
-            "one": self._call_lines("1", ""),
-            "block": self._call_lines("LANES", " + lane"),
-            "advanced": self._advanced("block"),
-            "last": self._advanced_last(),
-            **self._casadi(),
-        }
+        inputs = [array.name for array in self._inputs]
+        outputs = [array.name for array in self._outputs]
+        starts = [from_entry("w", array.start) for array in self._outputs]
+        advanced = [from_block(array.name, array.width, "whole") for array in self._outputs]
+        arrays: list[InputText | OutputText] = [*self._inputs, *self._outputs]
+        real = f"{prefix}real"
+        return FunctionText(
+            name=self._function.name,
+            public_name=prefix + self._function.name,
+            documentation=doxygen(self._model, self._function),
+            inputs=self._inputs,
+            outputs=self._outputs,
+            entries=sum(array.width for array in self._outputs),
+            casadi_outputs=starts,
+            parameters=read_arrays(inputs) + written_arrays(outputs),
+            declared=read_arrays(inputs, real, "") + written_arrays(outputs, real, ""),
+            helpers=self._helpers(),
+            one=self._body(self._one, lanes=False),
+            block=self._body(self._block, lanes=True),
+            whole_block=[from_block(array.name, array.width, "block") for array in arrays],
+            last_block=[*(f"last_{name}" for name in inputs), *advanced],
+        )
 
-    def _casadi(self) -> dict[str, Any]:
-        """What the CasADi adapter needs: outputs one after the other in its work array."""
-        outputs, start = [], 0
-        for name, output in zip(self._outputs, self._function.outputs, strict=True):
-            rows, columns = (*output.shape, 1, 1)[:2]
-            outputs.append({"name": name, "rows": rows, "columns": columns, "start": start})
-            start += rows * columns
-        return {
-            "casadi_outputs": ", ".join(f"w + {output['start']}" for output in outputs),
-            "outputs": outputs,
-            "work": start,
-        }
-
-    def _array_parameters(self, qualifier: str, real: str) -> list[str]:
-        arrays = [f"const {real} *{qualifier}{name}" for name in self._function.arguments]
-        return arrays + [f"{real} *{qualifier}{name}" for name in self._outputs]
-
-    def _width(self, name: str) -> int:
-        if name in self._function.arguments:
-            return len(self._model.program.inputs[name])
-        return len(self._function.outputs[self._outputs.index(name)].entries)
-
-    def _advanced(self, block: str) -> str:
-        """Arrays of a function at a block, as arguments of a call."""
-        names = [*self._function.arguments, *self._outputs]
-        return ",\n            ".join(f"{n} + {block} * ({self._width(n)} * LANES)" for n in names)
-
-    def _advanced_last(self) -> str:
-        """Arrays of a function at a last block that is not whole: inputs come from a copy."""
-        copies = [f"last_{name}" for name in self._function.arguments]
-        outputs = [f"{n} + whole * ({self._width(n)} * LANES)" for n in self._outputs]
-        return ",\n            ".join(copies + outputs)
-
-    def _helpers(self) -> list[dict[str, Any]]:
+    def _helpers(self) -> list[Lines]:
+        """Definitions of all helpers, in the order in which they are called."""
+        printer = HelperPrinter(self._model, self._function, self._gathered, self._statements)
         helpers = []
-        name = self._function.name
-        if self._parts.angles:
-            helpers.append(self._angle_helper(f"{name}_angles"))
-        for layout in dict.fromkeys([self._one, self._block]):
-            for piece, piece_name in zip(layout.pieces, self._piece_names(layout), strict=True):
-                helpers.append(self._piece_helper(piece_name, piece, layout))
+        if self._gathered.angles:
+            helpers.append(printer.angles(f"{self._function.name}_angles"))
+        for sections in dict.fromkeys([self._one, self._block]):
+            allocation = sections.allocation
+            for name, section in zip(sections.names, allocation.sections, strict=True):
+                helpers.append(printer.section(name, section, allocation))
         return helpers
 
-    def _piece_names(self, layout: Layout) -> list[str]:
-        name = self._function.name + ("_lane" if layout is self._block else "_state")
-        if len(layout.pieces) == 1:
-            return [name]
-        return [f"{name}_{number}" for number, _ in enumerate(layout.pieces, start=1)]
+    def _body(self, sections: _Sections, lanes: bool) -> Lines:
+        """Body of the function.
 
-    def _angle_helper(self, name: str) -> dict[str, Any]:
-        parts = self._parts
-        nodes = [*(s.value for s in parts.angle_statements), *parts.angles]
-        lines, idle = self._loads({n for node in nodes for n in names_in(node)})
-        lines += self._statements.declare_all(parts.angle_statements)
-        for i, angle in enumerate(parts.angles):
-            lines += self._statements.store("angle", i, angle)
-        inputs = [f"const real *RESTRICT {a}" for a in self._function.arguments]
-        return {
-            "name": name,
-            "parameters": ",\n    ".join([*inputs, "real *RESTRICT angle"]),
-            "lines": [*map(unused, idle), *lines],
-        }
+        Args:
+            sections: the helpers that it calls
+            lanes: whether it is for a block of states, one a lane, or for one state
 
-    def _piece_helper(self, name: str, piece: Piece, layout: Layout) -> dict[str, Any]:
-        if isinstance(piece.part, Loop):
-            steps, read = piece.part.body, set(piece.part.shared)
-        else:
-            steps = piece.part
-            read = {name for step in steps for name in names_in(step.value)}
-        lines, idle = self._loads(read)
-        if isinstance(piece.part, Loop):
-            lines += self._loop_lines(piece.part, piece, layout)
-        else:
-            lines += self._straight_lines(piece.part, piece, layout)
-        stored = {step.output for step in steps if isinstance(step, Store)}
-        idle += [output for i, output in enumerate(self._outputs) if i not in stored]
-        return {
-            "name": name,
-            "parameters": ",\n    ".join(
-                [*self._scratch_parameters(layout), *self._array_parameters("RESTRICT ", "real")]
-            ),
-            "lines": [*map(unused, self._idle_scratch(piece, read, layout) + idle), *lines],
-        }
-
-    def _straight_lines(self, steps: tuple[Step, ...], piece: Piece, layout: Layout) -> list[str]:
+        Returns:
+            Lines.
+        """
+        angles, slots = len(self._gathered.angles), sections.allocation.slots
+        inputs = [array.name for array in self._inputs]
+        arrays = [*inputs, *(array.name for array in self._outputs)]
         lines = []
-        for name, slot in piece.taken.items():
-            lines.append(load(name, "held", slot, layout.sign(name)))
-        for words, step in headed(steps):
-            lines += heading(words)
-            if isinstance(step, Store):
-                lines += self._statements.store(self._outputs[step.output], step.place, step.value)
-                continue
-            lines += self._statements.declare(step.name, step.value)
-            if step.name in piece.held:
-                slot = piece.held[step.name]
-                lines.append(hold("held", slot, step.name, layout.sign(step.name)))
+        if angles:
+            lines.append(local_arrays([ANGLE, SINE, COSINE], array_size(angles, lanes)))
+        if slots:
+            lines.append(local_arrays([SCRATCH], array_size(slots, lanes)))
+        for output, cleared in zip(self._outputs, self._cleared, strict=True):
+            if cleared:
+                lines += self._statements.clear(output.name, array_size(output.width, lanes))
+        if slots:
+            arrays = [SCRATCH, *arrays]
+        if angles:
+            arrays = [SINE, COSINE, *arrays]
+            lines += call_helper(f"{self._function.name}_angles", [*inputs, ANGLE], lanes)
+            lines += _sine_cosine(angles, lanes)
+        for name in sections.names:
+            lines += call_helper(name, arrays, lanes)
         return lines
 
-    def _loop_lines(self, loop: Loop, piece: Piece, layout: Layout) -> list[str]:
-        before, lines, inside = [], [], self._statements.inside
-        for name, slot in piece.taken.items():
-            if name in loop.operands:
-                lines.append(load(name, "held", f"({slot} + i)"))
-            else:
-                before.append(load(name, "held", slot, layout.sign(name)))
-        places = iter(zip(loop.places, loop.pitches, strict=True))
-        for step in loop.body:
-            if isinstance(step, Store):
-                first, pitch = next(places)
-                place = f"({first} + {pitch} * i)"
-                lines += inside.store(self._outputs[step.output], place, step.value)
-                continue
-            lines += inside.declare(step.name, step.value)
-            if step.name in piece.held:
-                lines.append(hold("held", f"({piece.held[step.name]} + i)", step.name))
-        return [*before, *heading(loop.group), *vector_loop("i", loop.count, lines)]
 
-    def _scratch_parameters(self, layout: Layout) -> list[str]:
-        scratch = []
-        if self._parts.angles:
-            scratch += ["const real *RESTRICT sine", "const real *RESTRICT cosine"]
-        if layout.slots:
-            scratch.append("real *RESTRICT held")
-        return scratch
-
-    def _idle_scratch(self, piece: Piece, read: set[str], layout: Layout) -> list[str]:
-        """Scratch arrays that a piece does not use."""
-        count = range(len(self._parts.angles))
-        idle = []
-        if count and not any(sine_name(i) in read for i in count):
-            idle.append("sine")
-        if count and not any(cosine_name(i) in read for i in count):
-            idle.append("cosine")
-        if layout.slots and not (piece.taken or piece.held):
-            idle.append("held")
-        return idle
-
-    def _loads(self, read: set[str]) -> tuple[list[str], list[str]]:
-        """Lines that load what is neither made nor held, and the arguments that are not used."""
-        constants = [name for name in self._function.constants if name in read]
-        lines = [f"const real {name} = constants->{name};" for name in constants]
-        idle = [] if constants else ["constants"]
-        for argument in self._function.arguments:
-            loads = [
-                load(name, argument, i)
-                for i, name in enumerate(self._model.program.inputs[argument])
-                if name in read
-            ]
-            lines += loads
-            idle += [] if loads else [argument]
-        for i in range(len(self._parts.angles)):
-            for array, entry in (("sine", sine_name(i)), ("cosine", cosine_name(i))):
-                if entry in read:
-                    lines.append(load(entry, array, i))
-        return lines, idle
-
-    def _call_lines(self, stride: str, offset: str) -> list[str]:
-        """Body of the function for one state, or for a block of states, one a lane."""
-        one = stride == "1"
-        layout = self._one if one else self._block
-        size = "" if one else " * LANES"
-        count, lines = len(self._parts.angles), []
-        if count:
-            lines.append(local_arrays(("angle", "sine", "cosine"), f"{count}{size}"))
-        if layout.slots:
-            lines.append(local_arrays(["held"], f"{layout.slots}{size}"))
-        for output, sparse in zip(self._outputs, self._sparse, strict=True):
-            if sparse:
-                lines += self._statements.clear(output, f"{self._width(output)}{size}")
-        name = self._function.name
-        arrays = [*self._function.arguments]
-        if count:
-            call = [*arrays, "angle"]
-            lines += _lane_call(f"{name}_angles", call, stride, offset)
-            lines += _sine_lines(count, one)
-        scratch = (["sine", "cosine"] if count else []) + (["held"] if layout.slots else [])
-        for piece_name in self._piece_names(layout):
-            call = [*scratch, *arrays, *self._outputs]
-            lines += _lane_call(piece_name, call, stride, offset)
-        return lines
-
-    def _doc_lines(self) -> list[str]:
-        robot, function = self._model.robot, self._function
-        counts = count_operations(function.nodes())
-        lines = [f"@brief {self._row.summary}", ""]
-        if self._row.details:
-            lines += [*textwrap.wrap(self._row.details, WIDTH - 3), ""]
-        items = [
-            f"@param[in] constants what {robot.name}_init_constants() made, or "
-            f"&{robot.name}_default_constants"
-        ]
-        for a in function.arguments:
-            width = len(self._model.program.inputs[a])
-            text = argument_text(robot, a)
-            items.append(f"@param[in] {a} {ARGUMENTS[a].meaning}, {width} entries: {text}")
-        for output, shaped in zip(self._row.outputs, function.outputs, strict=True):
-            shape = " x ".join(map(str, shaped.shape)) or "1"
-            items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
-        items += [
-            f"@note {counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs; "
-            f"about {stack_bytes(self._parts)} bytes of stack for one state of doubles, optimised.",
-            f"@par Source: {self._row.source}.",
-        ]
-        for item in items:
-            lines += textwrap.wrap(item, WIDTH - 3, subsequent_indent="    ")
-        return [f" {line}".rstrip() for line in lines]
-
-
-def _goes_in_loops(layout: Layout) -> bool:
-    """Whether the steps that loops stand for are enough to be worth it."""
-    loops = [piece.part for piece in layout.pieces if isinstance(piece.part, Loop)]
-    return sum(len(loop.straight) for loop in loops) >= _FEWEST_ROLLED
+def _output_texts(function: Function) -> list[OutputText]:
+    texts: list[OutputText] = []
+    for row, output in zip(FUNCTIONS[function.name].outputs, function.outputs, strict=True):
+        rows, columns = (*output.shape, 1, 1)[:2]
+        texts.append(OutputText(row.name, rows, columns, sum(text.width for text in texts)))
+    return texts
 
 
 def _is_sparse(output: Output) -> bool:
@@ -302,16 +208,12 @@ def _is_sparse(output: Output) -> bool:
     return zeros >= 32 and 3 * zeros >= len(output.entries)
 
 
-def _lane_call(name: str, arrays: list[str], stride: str, offset: str) -> list[str]:
-    lines = call(name, ["constants", *(f"{array}{offset}" for array in arrays), stride])
-    return vector_loop("lane", "LANES", lines) if offset else lines
-
-
-def _sine_lines(count: int, one: bool) -> list[str]:
-    if not one:
-        return call("sine_cosine_many", [f"{count} * LANES", "angle", "sine", "cosine"])
+def _sine_cosine(angles: int, lanes: bool) -> Lines:
+    """Calls that compute the sines and cosines of all angles."""
+    if lanes:
+        return call("sine_cosine_many", [array_size(angles, lanes), ANGLE, SINE, COSINE])
     lines = []
-    for i in range(0, count, _AT_ONCE):
-        arrays = [f"{array} + {i}" for array in ("angle", "sine", "cosine")]
-        lines += call("sine_cosine_few", [f"{min(_AT_ONCE, count - i)}", *arrays])
+    for i in range(0, angles, _AT_ONCE):
+        arrays = [from_entry(array, i) for array in (ANGLE, SINE, COSINE)]
+        lines += call("sine_cosine_few", [f"{min(_AT_ONCE, angles - i)}", *arrays])
     return lines

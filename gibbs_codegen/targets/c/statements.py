@@ -1,6 +1,6 @@
 """Statements in C as lines: how they are written and broken is decided here alone.
 
-What lies in an array is `stride` reals away from what lies beside it.
+What is written of arrays is in `arrays`; no other module writes C.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _INDENT = 4
 class StatementPrinter:
     """Prints statements that compute: right-hand sides are nodes, printed by `expressions`.
 
-    Constants of the function are of a `kind` of number.
+    Local constants are of a `kind` of number; `depth` counts the blocks that the lines stand in.
     """
 
     def __init__(self, expressions: InfixPrinter, depth: int = 1, kind: str = "real") -> None:
@@ -34,26 +34,67 @@ class StatementPrinter:
         return StatementPrinter(self._expressions, self._depth + 1, self._kind)
 
     def declare(self, name: str, value: Node) -> list[str]:
-        """A constant of the function."""
+        """A local constant.
+
+        Args:
+            name: of the constant
+            value: its value
+
+        Returns:
+            Lines without their indentation, as everywhere here.
+        """
         return self._assignment(f"const {self._kind} {name}", self._expressions.expression(value))
 
     def declare_all(self, statements: Iterable[Statement]) -> list[str]:
-        """Constants of the function, with a comment above each group."""
+        """Local constants, with a comment above each group.
+
+        Args:
+            statements: in order
+
+        Returns:
+            Lines.
+        """
         lines: list[str] = []
         for words, statement in headed(statements):
-            lines += heading(words)
+            lines += comment(words)
             lines += self.declare(statement.name, statement.value)
         return lines
 
     def store(self, array: str, place: int | str, value: Node) -> list[str]:
-        """An entry of an array."""
+        """An assignment to an entry of an array.
+
+        Args:
+            array: name of the array
+            place: number of the entry, or what `arrays.place_in_loop` returns
+            value: what is stored
+
+        Returns:
+            Lines.
+        """
         return self._assignment(f"{array}[{place} * stride]", self._expressions.expression(value))
 
     def clear(self, array: str, size: str) -> list[str]:
-        """All entries of an array of so many reals become zero."""
+        """A loop that makes all entries of an array zero.
+
+        Args:
+            array: name of the array
+            size: what `arrays.array_size` returns
+
+        Returns:
+            Lines.
+        """
         return loop("i", size, [f"{array}[i] = {self._expressions.number(0.0)};"])
 
     def _assignment(self, target: str, value: str) -> list[str]:
+        """An assignment, broken where it is too long for a line.
+
+        Args:
+            target: its left-hand side
+            value: its right-hand side
+
+        Returns:
+            Lines.
+        """
         width = WIDTH - self._depth * _INDENT
         text = f"{target} = {value};"
         if len(text) <= width:
@@ -67,43 +108,131 @@ class StatementPrinter:
         )
 
 
-def heading(words: str) -> list[str]:
-    """A comment above a group of statements, if one begins."""
+def comment(words: str) -> list[str]:
+    """A comment above a group of statements.
+
+    Args:
+        words: what the group computes; "" where no group begins
+
+    Returns:
+        Lines, of which the first is empty.
+    """
     return ["", f"/* {words} */"] if words else []
 
 
-def load(name: str, array: str, place: int | str, sign: str = "") -> str:
-    """A constant of the function that is an entry of an array, or minus it."""
-    return f"const real {name} = {sign}{array}[{place} * stride];"
+def load_constant(name: str) -> str:
+    """A local constant that is one of the struct that `constants` points to.
+
+    Args:
+        name: of both
+
+    Returns:
+        A line.
+    """
+    return f"const real {name} = constants->{name};"
 
 
-def hold(array: str, place: int | str, name: str, sign: str = "") -> str:
-    """An entry of an array that is a constant of the function, or minus it."""
-    return f"{array}[{place} * stride] = {sign}{name};"
+def load_parameter(name: str, place: int) -> str:
+    """A local constant that is one of the parameters.
+
+    Args:
+        name: of the constant
+        place: of the parameter
+
+    Returns:
+        A line.
+    """
+    return f"const real {name} = parameters[{place}];"
 
 
 def unused(name: str) -> str:
-    """What tells compilers that an argument is not used on purpose."""
+    """What tells compilers that a parameter is not used on purpose.
+
+    Args:
+        name: of the parameter
+
+    Returns:
+        A line.
+    """
     return f"(void){name};"
 
 
-def local_arrays(names: Sequence[str], size: str) -> str:
-    """Arrays of so many reals each."""
-    return f"real {', '.join(f'{name}[{size}]' for name in names)};"
-
-
 def call(name: str, arguments: Sequence[str]) -> list[str]:
-    """A call of a function that returns nothing; it may stand in a loop."""
+    """A call of a function that returns nothing; it may stand in a loop.
+
+    Args:
+        name: of the function
+        arguments: expressions
+
+    Returns:
+        Lines.
+    """
     text = f"{name}({', '.join(arguments)});"
     return textwrap.wrap(text, WIDTH - 4 * _INDENT, subsequent_indent=" " * _INDENT)
 
 
+def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
+    """A call of what `helper` defines.
+
+    Args:
+        name: of the helper
+        arrays: names of arrays
+        lanes: whether it is called for each lane of a block of states, or for one state
+
+    Returns:
+        Lines.
+    """
+    if not lanes:
+        return call(name, ["constants", *arrays, "1"])
+    beginning_at_lane = [f"{array} + lane" for array in arrays]
+    return vector_loop("lane", "LANES", call(name, ["constants", *beginning_at_lane, "LANES"]))
+
+
 def loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
-    """A loop over an index from 0."""
+    """A loop over an index from 0.
+
+    Args:
+        index: its name
+        count: how many rounds there are
+        body: lines of a round
+
+    Returns:
+        Lines.
+    """
     head = f"for (int {index} = 0; {index} < {count}; ++{index}) {{"
-    return [head, *(f"{' ' * _INDENT}{line}" for line in body), "}"]
+    return [head, *_indented(body), "}"]
 
 
 def vector_loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
-    """A loop whose rounds do not depend on each other, which compilers are told to vectorise."""
+    """A loop whose rounds do not depend on each other, which compilers are told to vectorise.
+
+    Args:
+        index: its name
+        count: how many rounds there are
+        body: lines of a round
+
+    Returns:
+        Lines.
+    """
     return ["VECTORISE", *loop(index, count, body)]
+
+
+def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[str]:
+    """Definition of a function that computes a part of another one, for one state of several.
+
+    Args:
+        name: of the helper
+        parameters: those between the constants and the stride
+        body: its lines
+
+    Returns:
+        Lines.
+    """
+    every = ["const Constants *RESTRICT constants", *parameters, "const int stride"]
+    head = [f"static INLINE void {name}(", *_indented([f"{p}," for p in every])]
+    head[-1] = f"{head[-1].removesuffix(',')})"
+    return [*head, "{", *_indented(body), "}"]
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"{' ' * _INDENT}{line}".rstrip() for line in lines]

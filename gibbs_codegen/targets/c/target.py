@@ -3,104 +3,154 @@
 from __future__ import annotations
 
 import textwrap
-from typing import Any
+from dataclasses import dataclass
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import (
-    names_in,
-    total_mass,
-)
+from gibbs_codegen.program.nodes import total_mass
 from gibbs_codegen.robot.coordinates import (
-    Coordinate,
     hybrid_coordinates,
     inputs,
     points,
     reduced_coordinates,
 )
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.targets.c.function import CFunction
-from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter
+from gibbs_codegen.targets.c.function import CFunction, FunctionText
+from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
 from gibbs_codegen.targets.documentation import attitude_text, coordinate_table
 from gibbs_codegen.targets.printers import InfixPrinter
+from gibbs_codegen.targets.verbatim import c_source
+
+Lines = list[str]
 
 
-def context(model: Model, printer: InfixPrinter) -> dict[str, Any]:
-    """Context of the C templates."""
+@dataclass(frozen=True)
+class ParameterText:
+    """A parameter: its enumerator, its name, its default as a literal, and its unit."""
+
+    macro: str
+    name: str
+    value: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class PlacesText:
+    """The enumerators of the places in an argument."""
+
+    of: str
+    macros: Lines
+
+
+@dataclass(frozen=True)
+class ModuleText:
+    """Everything in header, source and CasADi adapter that depends on the robot.
+
+    `support` and `column_major` are the source that does not; `widest` is the width of the widest
+    argument.
+    """
+
+    header: Lines
+    name: str
+    NAME: str
+    lanes: int
+    convention_lines: Lines
+    coordinate_lines: Lines
+    hybrid_coordinate_lines: Lines
+    input_lines: Lines
+    point_lines: Lines
+    sizes: list[tuple[str, int]]
+    folded_lines: Lines
+    parameters: list[ParameterText]
+    places: list[PlacesText]
+    constants: Lines
+    default_constants: Lines
+    parameter_loads: Lines
+    prepare: Lines
+    total_mass: str
+    support: str
+    column_major: str
+    widest: int
+    functions: list[FunctionText]
+
+
+def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
+    """Context of the C templates.
+
+    Args:
+        model: the derived robot
+        printer: of expressions
+        header: lines that open every file
+
+    Returns:
+        The context.
+    """
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
-    used = {name for s in program.prepare for name in names_in(s.value)} | set(program.constants)
-    functions = [CFunction(model, function, printer) for function in program.functions]
-    return {
-        "name": robot.name,
-        "NAME": robot.name.upper(),
-        "lanes": LANES,
-        "convention_lines": _convention_lines(robot),
-        "coordinate_lines": coordinate_table(reduced_coordinates(robot)),
-        "hybrid_coordinate_lines": coordinate_table(hybrid_coordinates(robot)),
-        "input_lines": coordinate_table(inputs(robot)),
-        "point_lines": textwrap.wrap(", ".join(points(robot)), WIDTH - 8),
-        "sizes": {
-            "COORDINATES": len(reduced_coordinates(robot)),
-            "HYBRID_COORDINATES": len(hybrid_coordinates(robot)),
-            "INPUTS": len(inputs(robot)),
-            "POINTS": len(points(robot)),
-            "PARAMETERS": len(model.defaults),
-        },
-        "folded_lines": _folded_lines(model),
-        "parameters": [
-            {
-                "macro": f"{robot.name}_{name}".upper(),
-                "name": name,
-                "unit": model.units[name],
-                "value": printer.number(value),
-            }
-            for name, value in model.defaults.items()
-        ],
-        "places": [
-            {"of": of, "macros": _place_macros(robot, letter, coordinates)}
-            for letter, of, coordinates in (
-                ("q", "q", reduced_coordinates(robot)),
-                ("v", "v, and in a", reduced_coordinates(robot)),
-                ("u", "u", inputs(robot)),
-            )
-        ],
-        "constants": list(program.constants),
-        "default_constants": [printer.number(values[name]) for name in program.constants],
-        "parameter_loads": [
-            f"const real {name} = parameters[{place}];"
-            for place, name in enumerate(program.parameters)
-            if name in used
-        ],
-        "prepare": StatementPrinter(printer, kind="STEPWISE real").declare_all(program.prepare),
-        "total_mass": printer.expression(total_mass(program)),
-        "sine_kinds": [
-            {
-                "name": "sine_cosine_one",
-                "real": "real",
-                "bits": "bits",
-                "before": "/* Sine and cosine of one angle. */",
-                "after": "",
-            },
-            {
-                "name": "sine_cosine_quad",
-                "real": "quad",
-                "bits": "quad_bits",
-                "before": "#ifdef QUAD",
-                "after": "#endif",
-            },
-        ],
-        "widest": max(map(len, program.inputs.values())),
-        "functions": [function.context() for function in functions],
-    }
+    loads = [(name, program.parameters.index(name)) for name in model.parameters_read]
+    return ModuleText(
+        header=header,
+        name=robot.name,
+        NAME=robot.name.upper(),
+        lanes=LANES,
+        convention_lines=_convention_lines(robot),
+        coordinate_lines=coordinate_table(reduced_coordinates(robot)),
+        hybrid_coordinate_lines=coordinate_table(hybrid_coordinates(robot)),
+        input_lines=coordinate_table(inputs(robot)),
+        point_lines=textwrap.wrap(", ".join(points(robot)), WIDTH - 8),
+        sizes=_sizes(model),
+        folded_lines=_folded_lines(model),
+        parameters=_parameters(model, printer),
+        places=_places(robot),
+        constants=list(program.constants),
+        default_constants=[printer.number(values[name]) for name in program.constants],
+        parameter_loads=[load_parameter(name, place) for name, place in loads],
+        prepare=StatementPrinter(printer, kind="STEPWISE real").declare_all(program.prepare),
+        total_mass=printer.expression(total_mass(program)),
+        support=c_source("support.c"),
+        column_major=c_source("column_major.c"),
+        widest=max(map(len, program.inputs.values())),
+        functions=[CFunction(model, function, printer).text() for function in program.functions],
+    )
 
 
-def _place_macros(robot: Robot, letter: str, coordinates: tuple[Coordinate, ...]) -> list[str]:
-    """Enumerators of the places in an argument; no parameter's begins with a single letter."""
-    return [f"{robot.name}_{letter}_{c.name}".upper() for c in coordinates]
+def _sizes(model: Model) -> list[tuple[str, int]]:
+    robot = model.robot
+    return [
+        ("COORDINATES", len(reduced_coordinates(robot))),
+        ("HYBRID_COORDINATES", len(hybrid_coordinates(robot))),
+        ("INPUTS", len(inputs(robot))),
+        ("POINTS", len(points(robot))),
+        ("PARAMETERS", len(model.defaults)),
+    ]
 
 
-def _convention_lines(robot: Robot) -> list[str]:
+def _parameters(model: Model, printer: InfixPrinter) -> list[ParameterText]:
+    return [
+        ParameterText(
+            macro=f"{model.robot.name}_{name}".upper(),
+            name=name,
+            value=printer.number(value),
+            unit=model.units[name],
+        )
+        for name, value in model.defaults.items()
+    ]
+
+
+def _places(robot: Robot) -> list[PlacesText]:
+    """Enumerators of the places in each argument; no parameter's begins with a single letter."""
+    coordinates, controls = reduced_coordinates(robot), inputs(robot)
+    return [
+        PlacesText(of, [f"{robot.name}_{letter}_{c.name}".upper() for c in listed])
+        for letter, of, listed in (
+            ("q", "q", coordinates),
+            ("v", "v, and in a", coordinates),
+            ("u", "u", controls),
+        )
+    ]
+
+
+def _convention_lines(robot: Robot) -> Lines:
     return textwrap.wrap(
         f"The attitude, from base arm 1's frame to the world, is {attitude_text(robot)}. Rates are "
         "plain time derivatives of the coordinates, not body rates. A thrust acts at its motor, "
@@ -109,6 +159,6 @@ def _convention_lines(robot: Robot) -> list[str]:
     )
 
 
-def _folded_lines(model: Model) -> list[str]:
+def _folded_lines(model: Model) -> Lines:
     text = ", ".join(model.folded) or "nothing"
     return textwrap.wrap(f"Zero in the robot file and therefore folded away: {text}.", WIDTH - 6)

@@ -19,10 +19,7 @@ import mpmath
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.compiled import compile_only, emit
-from support.tools import run, tool
-
-from gibbs_codegen.robot.family import paper_family
+from support.alone import alone
 
 Array = NDArray[np.floating]
 
@@ -43,30 +40,6 @@ WORST = {
 MANY = 40
 # Angles in a call of each form.
 GROUPS = {"few": 4, "many": MANY}
-
-# Angles group by group: as the one-state functions do, and as the blocks of states do.
-WRAPPER = """\
-#include "ROBOT.c"
-
-void few(size_t count, size_t group, const real *angle, real *sine, real *cosine);
-void many(size_t count, size_t group, const real *angle, real *sine, real *cosine);
-
-void few(size_t count, size_t group, const real *angle, real *sine, real *cosine)
-{
-    for (size_t i = 0; i < count; i += group) {
-        const size_t size = count - i < group ? count - i : group;
-        sine_cosine_few((int)size, angle + i, sine + i, cosine + i);
-    }
-}
-
-void many(size_t count, size_t group, const real *angle, real *sine, real *cosine)
-{
-    for (size_t i = 0; i < count; i += group) {
-        const size_t size = count - i < group ? count - i : group;
-        sine_cosine_many((int)size, angle + i, sine + i, cosine + i);
-    }
-}
-"""
 
 
 class SineCosine:
@@ -221,23 +194,12 @@ def up_to(limit: np.floating) -> Array:
 
 @pytest.fixture(scope="module")
 def build(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., SineCosine]:
-    """Compile the sine and cosine of a robot that has little else to compile."""
+    """Compile the sine and cosine."""
     folder = tmp_path_factory.mktemp("sine_cosine")
-    robot = emit(paper_family(2, 0), folder / "robot")
-    wrapper = folder / "wrapper.c"
-    wrapper.write_text(WRAPPER.replace("ROBOT", robot.name), encoding="utf-8")
     places = (folder / str(number) for number in itertools.count())
 
     def library(compiler: str, options: list[str], real: type[np.floating]) -> SineCosine:
-        place = next(places)
-        place.mkdir()
-        options = ["-fPIC", *options, f"-I{robot.folder}"]
-        options += [robot.single] if real is np.float32 else []
-        objects = compile_only(compiler, options, [str(wrapper)], place)
-        # Linked without the options: those of fast mathematics would have the library turn
-        # denormals off for this whole process.
-        run([tool(compiler), "-shared", *objects, "-o", place / "library.so", "-lm"])
-        return SineCosine(place / "library.so", real)
+        return SineCosine(alone(compiler, options, real, next(places)), real)
 
     return library
 
@@ -354,8 +316,8 @@ def test_beyond_the_limit_the_library_answers(form: str, sine_cosine: SineCosine
         assert ours.tobytes() == theirs.tobytes()
     near = np.array([0.5, 2.0, 1.0, 3.0], real)
     mixed = np.where(near == 1.0, -first, near).astype(real)
-    for alone, beside in zip(sine_cosine(form, near), sine_cosine(form, mixed), strict=True):
-        assert alone[near != 1.0].tobytes() == beside[near != 1.0].tobytes()
+    for ours, beside in zip(sine_cosine(form, near), sine_cosine(form, mixed), strict=True):
+        assert ours[near != 1.0].tobytes() == beside[near != 1.0].tobytes()
 
 
 @pytest.mark.parametrize("form", GROUPS)

@@ -1,0 +1,1 @@
+"""Source that stands in every generated module, whole and the same for every robot."""

@@ -1,0 +1,44 @@
+/* The lanes of a block that are filled, and the last of them again in those that are not. */
+static void fill_lanes(
+    const size_t width,
+    const size_t filled,
+    const real *RESTRICT block,
+    real *RESTRICT whole_block)
+{
+    for (size_t i = 0; i < width; ++i) {
+        for (size_t lane = 0; lane < LANES; ++lane) {
+            whole_block[i * LANES + lane] = block[i * LANES + (lane < filled ? lane : filled - 1)];
+        }
+    }
+}
+
+void MODULE(pack)(
+    const size_t count,
+    const size_t width,
+    const real *RESTRICT rows,
+    real *RESTRICT blocks)
+{
+    for (size_t first = 0; first < count; first += LANES) {
+        const size_t filled = count - first < LANES ? count - first : LANES;
+        for (size_t i = 0; i < width; ++i) {
+            for (size_t lane = 0; lane < LANES; ++lane) {
+                const size_t state = first + (lane < filled ? lane : filled - 1);
+                blocks[first * width + i * LANES + lane] = rows[state * width + i];
+            }
+        }
+    }
+}
+
+void MODULE(unpack)(
+    const size_t count,
+    const size_t width,
+    const real *RESTRICT blocks,
+    real *RESTRICT rows)
+{
+    for (size_t state = 0; state < count; ++state) {
+        const size_t lane = state % LANES;
+        for (size_t i = 0; i < width; ++i) {
+            rows[state * width + i] = blocks[(state - lane) * width + i * LANES + lane];
+        }
+    }
+}

@@ -1,0 +1,323 @@
+"""How a generated NumPy module takes parameters and states, and calls its kernels.
+
+The text of this file stands in every generated module, so it imports nothing but NumPy and the
+standard library. The C back end imports it, and so refuses and reports in the same words.
+"""
+
+from __future__ import annotations
+
+import difflib
+import inspect
+import math
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_FLOAT = np.dtype(np.float64)
+# NumPy had at most 32 before version 2, and results have one more than arguments.
+_MOST_AXES = 31
+
+
+def prepared(
+    compute: Callable[[dict[str, float]], tuple[float, ...]],
+    defaults: Mapping[str, float],
+    folded: Sequence[str],
+    parameters: Mapping[str, float],
+) -> tuple[float, ...]:
+    """Constants of a module for given parameters.
+
+    Args:
+        compute: constants of all parameters; ZeroDivisionError where there are none
+        defaults: all parameters with their defaults
+        folded: names that are no parameters, since they are zero in the robot file
+        parameters: values that differ from the defaults, by name
+
+    Returns:
+        The constants, all of them finite.
+
+    Raises:
+        TypeError: what is given is no number
+        ValueError: a name is unknown, a value is not finite, or the constants are not
+    """
+    given = {**defaults, **parameters}
+    unknown = [name for name in given if name not in defaults]
+    if unknown:
+        raise ValueError("; ".join(_unknown(name, defaults, folded) for name in unknown[:5]))
+    values = {}
+    for name, value in given.items():
+        number = real_numbers(name, value)
+        if number.ndim != 0:
+            raise ValueError(f"{name} must be one number, not an array of shape {number.shape}")
+        if not math.isfinite(number):
+            raise ValueError(f"{name} must be a finite number, not {number}")
+        values[name] = float(number)
+    try:
+        constants = compute(values)
+    except ZeroDivisionError:
+        raise ValueError("these parameters leave an acceleration undetermined") from None
+    if not all(map(math.isfinite, constants)):
+        raise ValueError("these parameters are too large or too small to compute with")
+    return constants
+
+
+def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) -> str:
+    """What an error says of a name that is no parameter.
+
+    Args:
+        name, defaults, folded: as of `prepared`
+
+    Returns:
+        A sentence.
+    """
+    if name in folded:
+        return (
+            f"{name} is no parameter: it is zero in the robot file, and therefore built in; "
+            "gibbs-codegen generate --all-parameters keeps it"
+        )
+    close = difflib.get_close_matches(str(name), defaults, cutoff=0.5)
+    hint = f"did you mean {' or '.join(close)}?" if close else "PARAMETERS has all names"
+    return f"unknown parameter {name!r:.80}: {hint}"
+
+
+def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Real numbers as an array of float64; what only looks like numbers is refused by name.
+
+    Args:
+        name: what an error calls the values
+        values: numbers, or nested sequences of them
+
+    Returns:
+        An array of the shape that NumPy gives the values; not a copy where none is needed.
+
+    Raises:
+        TypeError: an entry is not a real number
+        ValueError: an entry does not fit into a float or is masked, or rows differ in length
+    """
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "biufO":
+            raise TypeError(f"not {array.dtype}")
+        if array.dtype.kind == "O":
+            # None would become NaN, and text would be read.
+            for entry in array.flat:
+                if not hasattr(entry, "__float__"):
+                    raise TypeError(f"not {type(entry).__name__}")
+        if np.ma.is_masked(values):
+            raise ValueError("not masked")
+        return array.astype(np.float64, copy=False)
+    except TypeError as error:
+        raise TypeError(f"{name} must be real numbers: {error}") from None
+    except (ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be real numbers: {error}") from None
+
+
+def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
+    """An argument of a function as an array, once its axes have been checked.
+
+    Args:
+        name: what an error calls the argument
+        values: one state or a batch of states, as NumPy takes them
+        width: entries of one state
+
+    Returns:
+        Array (..., width).
+
+    Raises:
+        TypeError, ValueError: as of `real_numbers`
+        ValueError: the last axis has another length, or there are too many axes
+    """
+    if type(values) is np.ndarray and values.dtype is _FLOAT:
+        array = values
+    else:
+        array = real_numbers(name, values)
+    if array.ndim == 0 or array.shape[-1] != width:
+        raise ValueError(
+            f"{name} must have {width} entries along its last axis, not shape {array.shape}"
+        )
+    if array.ndim > _MOST_AXES:
+        raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
+    return array
+
+
+def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
+    """Shape of the batch that the leading axes of arguments broadcast to.
+
+    Args:
+        arrays: arguments (..., width), each with a width of its own
+
+    Returns:
+        The common shape without the last axis.
+
+    Raises:
+        ValueError: the leading axes do not broadcast
+    """
+    shapes = [array.shape[:-1] for array in arrays]
+    try:
+        return np.broadcast_shapes(*shapes)
+    except ValueError:
+        raise ValueError(f"leading axes {shapes} do not broadcast") from None
+
+
+class Evaluator:
+    """Calls the kernels of a module, for one state on floats and for a batch on whole arrays.
+
+    A kernel takes constants, sine, cosine and the entries of its arguments, and returns the entries
+    of its outputs, one after the other.
+    """
+
+    def __init__(
+        self,
+        module: str,
+        coordinates: Sequence[str],
+        inputs: Sequence[str],
+        default_constants: tuple[float, ...],
+    ) -> None:
+        """Take the names that reports use, and the constants of calls that give none."""
+        self._report = NotFiniteReport(module, coordinates, inputs)
+        self._default = default_constants
+
+    def __call__(
+        self,
+        kernel: Callable[..., Sequence[Any]],
+        constants: tuple[float, ...] | None,
+        *arguments: NDArray[np.float64],
+    ) -> tuple[Sequence[Any], tuple[int, ...]]:
+        """Evaluate a kernel, and warn where finite arguments give what is not finite.
+
+        Args:
+            kernel: what computes the entries
+            constants: what `prepare` returned, or None for the default
+            arguments: arrays (..., width) in the order of the kernel
+
+        Returns:
+            The entries of the outputs, numbers or arrays over the batch, and the batch's shape.
+
+        Raises:
+            TypeError: the constants are not this module's
+            ValueError: the leading axes do not broadcast
+        """
+        k = self._default if constants is None else constants
+        if k is not self._default:
+            alike = isinstance(k, tuple) and len(k) == len(self._default)
+            if not alike or not {*map(type, k)} <= {float}:
+                raise TypeError("constants must be what this module's prepare() returned")
+        for argument in arguments:
+            if argument.ndim > 1:
+                break
+        else:
+            try:
+                entries = kernel(k, math.sin, math.cos, *[a.tolist() for a in arguments])
+                if math.isfinite(sum(entries)):
+                    return entries, ()
+            except (ArithmeticError, ValueError):
+                # Floats raise where arrays give inf or nan; one state answers as a batch does.
+                pass
+            return self._evaluate_and_report(kernel, k, arguments, arguments, ()), ()
+        batch = batch_shape(arguments)
+        columns = [np.ascontiguousarray(np.moveaxis(argument, -1, 0)) for argument in arguments]
+        try:
+            with np.errstate(all="raise", under="ignore"):
+                return kernel(k, np.sin, np.cos, *columns), batch
+        except FloatingPointError:
+            return self._evaluate_and_report(kernel, k, columns, arguments, batch), batch
+
+    def _evaluate_and_report(
+        self,
+        kernel: Callable[..., Sequence[Any]],
+        k: tuple[float, ...],
+        columns: Sequence[NDArray[np.float64]],
+        arguments: Sequence[NDArray[np.float64]],
+        batch: tuple[int, ...],
+    ) -> Sequence[Any]:
+        """Entries of a kernel's output, whatever they are, once what is not finite is reported.
+
+        Args:
+            kernel, k: what computes the entries, and its constants
+            columns: arguments (width, ...), entry by entry
+            arguments: the same (..., width), as they were given
+            batch: the shape that leading axes broadcast to
+
+        Returns:
+            The entries.
+        """
+        with np.errstate(all="ignore"):
+            entries = kernel(k, np.sin, np.cos, *columns)
+        finite = [np.broadcast_to(np.isfinite(entry), batch) for entry in entries]
+        names = [*inspect.signature(kernel).parameters][3:]
+        named = dict(zip(names, arguments, strict=True))
+        self._report(kernel.__name__[1:], named, np.logical_and.reduce(finite), 5)
+        return entries
+
+
+class NotFiniteReport:
+    """Says where functions of a module gave what is not finite though their arguments are."""
+
+    def __init__(self, module: str, coordinates: Sequence[str], inputs: Sequence[str]) -> None:
+        """Take the module's name, those of the entries of q, v and a, and those of u."""
+        self._module = module
+        self._labels = {"q": coordinates, "v": coordinates, "a": coordinates, "u": inputs}
+
+    def __call__(
+        self,
+        function: str,
+        arguments: Mapping[str, NDArray[np.float64]],
+        finite: NDArray[np.bool_],
+        level: int,
+    ) -> None:
+        """Report, as np.errstate(invalid=...) has it, states that are lost.
+
+        Args:
+            function: name of the function
+            arguments: arrays (..., width) by the names q, v, a and u
+            finite: whether all results of a state are finite, of the shape of the batch
+            level: how far up the stack the caller is, for the warning's place
+
+        Raises:
+            FloatingPointError: a state is lost, and np.errstate says "raise"
+        """
+        lost = ~finite
+        for argument in arguments.values():
+            lost = lost & np.isfinite(argument).all(axis=-1)
+        mode = np.geterr()["invalid"]
+        if mode == "ignore" or not lost.any():
+            return
+        state = np.unravel_index(np.argmax(lost), lost.shape)
+        largest, place = 0.0, ""
+        for name, argument in arguments.items():
+            values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
+            i = int(np.argmax(np.abs(values)))
+            if abs(values[i]) >= abs(largest):
+                largest, place = values[i], f"{name} of {self._labels[name][i]}"
+        first = ", ".join(map(str, state))
+        where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
+        message = (
+            f"{self._module}.{function} is not finite{where} though its arguments are: numbers "
+            f"overflow, or nothing resists an acceleration (largest there: {place}, {largest:g})"
+        )
+        if mode == "raise":
+            raise FloatingPointError(message)
+        warnings.warn(message, RuntimeWarning, stacklevel=level)
+
+
+def shaped(
+    entries: Sequence[Any], shape: tuple[int, ...], batch: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """An output of a function, from its entries.
+
+    Args:
+        entries: numbers, or arrays of the shape of the batch; a number is the same for all states
+        shape: shape of the output for one state
+        batch: shape of the batch, () for one state
+
+    Returns:
+        Array (*batch, *shape).
+    """
+    if not batch:
+        return np.array(entries, dtype=np.float64).reshape(shape)
+    array = np.empty((*batch, len(entries)))
+    for i, entry in enumerate(entries):
+        array[..., i] = entry
+    return array.reshape(*batch, *shape)

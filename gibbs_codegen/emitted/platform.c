@@ -1,0 +1,88 @@
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#if defined(_MSC_VER) || (defined(__cplusplus) && defined(__GNUC__))
+#define RESTRICT __restrict
+#elif defined(__cplusplus)
+#define RESTRICT
+#else
+#define RESTRICT restrict
+#endif
+
+#ifdef __GNUC__
+#define INLINE inline __attribute__((always_inline))
+#define COLD __attribute__((noinline, cold))
+#else
+#define INLINE inline
+#define COLD
+#endif
+
+/* The lanes or columns of a loop are independent. */
+#if defined(__GNUC__) && !defined(__clang__)
+#define VECTORISE _Pragma("GCC ivdep")
+#else
+#define VECTORISE
+#endif
+
+/* Compilers keep to half of the widest registers unless told; a block of states fills them. */
+#if defined(__clang__) && defined(__AVX512F__)
+#define WIDE __attribute__((min_vector_width(512)))
+#elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
+#define WIDE __attribute__((target("prefer-vector-width=512")))
+#else
+#define WIDE
+#endif
+
+#ifdef _OPENMP
+#define PARALLEL _Pragma("omp parallel for")
+#else
+#define PARALLEL
+#endif
+
+/* Literals, and what their bits mean. */
+#ifdef SINGLE
+#define R(literal) literal##f
+typedef uint32_t bits;
+#define SIGN_SHIFT 30
+#define MAGNITUDE UINT32_C(0x7fffffff)
+#define NOT_FINITE UINT32_C(0x7f800000)
+#else
+#if DBL_MANT_DIG != 53
+#error "double has not 64 bits here: choose single precision, as the header says"
+#endif
+/* No array has a negative size: -fsingle-precision-constant would make floats of all constants. */
+typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
+#define R(literal) literal
+typedef uint64_t bits;
+#define SIGN_SHIFT 62
+#define MAGNITUDE UINT64_C(0x7fffffffffffffff)
+#define NOT_FINITE UINT64_C(0x7ff0000000000000)
+#endif
+
+/*
+ * Some sums keep what rounding takes, so their order matters. Where the compiler does not keep to
+ * the arithmetic as it is written, STEPWISE makes it store every number on the way.
+ */
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
+    FLT_EVAL_METHOD < 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 2
+#define REORDERED
+#define STEPWISE volatile
+#else
+#define STEPWISE
+#endif
+
+#ifdef __clang__
+#define AS_WRITTEN _Pragma("clang fp reassociate(off)")
+#else
+#define AS_WRITTEN
+#endif
+
+/* By its bits, since compilers that are told so take every number for finite. */
+static int is_finite(const real value)
+{
+    bits value_bits;
+    memcpy(&value_bits, &value, sizeof value_bits);
+    return (value_bits & MAGNITUDE) < NOT_FINITE;
+}

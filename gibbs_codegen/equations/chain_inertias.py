@@ -1,0 +1,91 @@
+"""Inertias of a chain's items in symbols: mass B₀, first moment b (of B₁), matrix B₂ + B₃."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.equations.definitions import Definition
+from gibbs_codegen.equations.notation import Kind, Name, name
+from gibbs_codegen.symbolic.tape import Scalars, Stage
+
+# Entries of a symmetric matrix, in order.
+AXIS_PAIRS = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+def second_moments(
+    xx: sp.Expr, yy: sp.Expr, zz: sp.Expr, xy: sp.Expr, xz: sp.Expr, yz: sp.Expr
+) -> tuple[sp.Expr, ...]:
+    """Second moments of mass, as the derivation has them, of an inertia matrix.
+
+    Args:
+        xx, yy, zz, xy, xz, yz: entries of the inertia matrix (kg m²).
+
+    Returns:
+        ∫x², ∫y², ∫z², ∫xy, ∫xz, ∫yz over the mass (kg m²).
+    """
+    return ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
+
+
+def defined_inertia(machine: Machine, arm: int) -> Inertia:
+    """Inertia of an arm about its joint.
+
+    Args:
+        machine: the robot in symbols.
+        arm: number of the arm: base arms from 1, then the links.
+
+    Returns:
+        The inertia, in the parameters.
+    """
+    rotors = machine.robot.rotors
+    if arm == 1:
+        return machine.arm_1_inertia()
+    if arm <= rotors:
+        return machine.parameters.arm_inertia(arm)
+    return machine.parameters.link(arm - rotors).body.inertia
+
+
+def named_inertia(
+    tape: Scalars, chain: int, item: int, inertia: Inertia, names: dict[sp.Symbol, Name]
+) -> tuple[Inertia, list[Definition]]:
+    """Name the entries of an inertia.
+
+    Args:
+        tape: the tape.
+        chain: number of the chain.
+        item: number of the item in it, counted from 1.
+        inertia: the item's inertia about its joint, in the parameters.
+        names: takes the names of the symbols.
+
+    Returns:
+        The inertia in symbols, those that are zero left out, and what the symbols stand for.
+    """
+    definitions: list[Definition] = []
+    known: dict[sp.Expr, sp.Symbol] = {}
+
+    def named(letter: str, axes: str, value: sp.Expr, meaning: str) -> sp.Expr:
+        value = sp.expand(value)
+        if value == 0:
+            return value
+        index = f"{chain},{item}" + (f",{axes}" if axes else "")
+        symbol = tape.symbol(f"{letter}_{item}{axes}", Stage.PARAMETER)
+        names[symbol] = name(letter, index, Kind.INERTIA, meaning.format(item))
+        same = known.setdefault(value, symbol) if letter == "J" else symbol
+        definitions.append((symbol, value if same is symbol else same))
+        return same
+
+    mass = named("B_0", "", inertia.mass, "mass of item {} (kg)")
+    b_x, b_y, b_z = (
+        named("b", axis, value, "first moment of mass of item {}, whose skew matrix is B_1 (kg m)")
+        for axis, value in zip("xyz", inertia.moment, strict=True)
+    )
+    e_xx, e_yy, e_zz, e_xy, e_xz, e_yz = inertia.second
+    entries = (e_yy + e_zz, e_xx + e_zz, e_xx + e_yy, -e_xy, -e_xz, -e_yz)
+    joint_inertia = (
+        named("J", axes, value, "inertia matrix B_2 + B_3 of item {} about its joint (kg m²)")
+        for axes, value in zip(AXIS_PAIRS, entries, strict=True)
+    )
+    s_xx, s_yy, s_zz, s_xy, s_xz, s_yz = map(tape.let, second_moments(*joint_inertia))
+    named_inertia = Inertia(mass, (b_x, b_y, b_z), (s_xx, s_yy, s_zz, s_xy, s_xz, s_yz))
+    return named_inertia, definitions

@@ -1,0 +1,159 @@
+"""Inlining of what is used once (forward substitution), as long as lines stay short enough to read.
+
+    t1 = a*b
+    t2 = c + t1
+    t3 = t2*t2
+
+becomes two statements: `t1` is used once and gives way, `t2` is used twice and stays.
+
+    t2 = c + a*b
+    t3 = t2*t2
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from gibbs_codegen.program.nodes import (
+    Call,
+    Name,
+    Node,
+    Number,
+    Output,
+    Product,
+    Reciprocal,
+    Statement,
+    Sum,
+    names_in,
+)
+
+# Names and literals in one line, at most: keeps statements short enough to be read.
+_LEAVES = 7
+
+
+def inline_single_uses(statements: list[Statement], outputs: list[Output]) -> list[Statement]:
+    """Write what is used once where it is used, as long as the line stays short.
+
+    Args:
+        statements: statements of a function, in order.
+        outputs: its outputs; their entries stay as they are.
+
+    Returns:
+        The statements that are left, in order.
+    """
+    uses: Counter[str] = Counter()
+    for statement in statements:
+        uses.update(names_in(statement.value))
+    for output in outputs:
+        for entry in output.entries:
+            # An output entry keeps its name: what is returned twice must not be computed twice.
+            uses.update(dict.fromkeys(names_in(entry), 2))
+    pending: dict[str, Node] = {}
+    kept = []
+    for statement in statements:
+        value = _inlined(statement.value, pending)
+        if uses[statement.name] == 1 and not isinstance(value, Call | Reciprocal):
+            pending[statement.name] = value
+            continue
+        kept.append(replace(statement, value=value))
+    return _restored(kept, pending, statements)
+
+
+def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
+    """`node` with pending definitions written in, the shortest first, while the line is short."""
+    names = [name for name in dict.fromkeys(names_in(node)) if name in pending]
+    room = _LEAVES - _leaves(node)
+    chosen: dict[str, Node] = {}
+    for name in sorted(names, key=lambda name: _leaves(pending[name])):
+        cost = _leaves(pending[name]) - 1
+        if cost <= room:
+            chosen[name] = pending[name]
+            room -= cost
+    return substituted(node, chosen) if chosen else node
+
+
+def _restored(
+    kept: list[Statement], pending: Mapping[str, Node], statements: list[Statement]
+) -> list[Statement]:
+    """Restore, in place, the definitions of pending names that found no room.
+
+    Args:
+        kept: the statements that are left.
+        pending: definitions of names that were to be inlined.
+        statements: all statements, in order.
+
+    Returns:
+        The statements that are left and those restored, in order.
+    """
+    used = {name for statement in kept for name in names_in(statement.value)}
+    missing = [name for name in used if name in pending]
+    needed = set()
+    while missing:
+        name = missing.pop()
+        if name not in needed:
+            needed.add(name)
+            missing.extend(n for n in names_in(pending[name]) if n in pending)
+    values = {statement.name: statement.value for statement in kept}
+    values.update({name: pending[name] for name in needed})
+    return [replace(s, value=values[s.name]) for s in statements if s.name in values]
+
+
+def substituted(node: Node, values: Mapping[str, Node]) -> Node:
+    """Substitute nodes for names, and open up sums in sums and products in products.
+
+    Args:
+        node: the node.
+        values: what to put in place of a name; other names stay.
+
+    Returns:
+        The node that takes the same operations as both together, or fewer.
+    """
+    match node:
+        case Name(name):
+            return values.get(name, node)
+        case Number():
+            return node
+        case Sum(terms):
+            return Sum(tuple(_merged_terms(terms, values)))
+        case Product(factors):
+            return _merged_product([substituted(factor, values) for factor in factors])
+        case Reciprocal(argument):
+            return Reciprocal(substituted(argument, values))
+        case Call(function, argument):
+            return Call(function, substituted(argument, values))
+
+
+def _merged_product(factors: Sequence[Node]) -> Product:
+    """Factors with products among them opened up, numbers first."""
+    merged: list[Node] = []
+    for factor in factors:
+        merged.extend(factor.factors if isinstance(factor, Product) else (factor,))
+    return Product(tuple(sorted(merged, key=lambda factor: not isinstance(factor, Number))))
+
+
+def _merged_terms(
+    terms: tuple[tuple[int, Node], ...], values: Mapping[str, Node]
+) -> list[tuple[int, Node]]:
+    """Terms with sums among them opened up: a + (b − c) is a + b − c, and no more work."""
+    merged: list[tuple[int, Node]] = []
+    for sign, term in terms:
+        value = substituted(term, values)
+        if isinstance(value, Sum):
+            merged.extend((sign * inner, node) for inner, node in value.terms)
+        else:
+            merged.append((sign, value))
+    return sorted(merged, key=lambda term: -term[0])
+
+
+def _leaves(node: Node) -> int:
+    match node:
+        case Sum(terms):
+            return sum(_leaves(term) for _, term in terms)
+        case Product(factors):
+            return sum(map(_leaves, factors))
+        case Reciprocal(argument) | Call(_, argument):
+            return _leaves(argument)
+        case Name() | Number():
+            return 1

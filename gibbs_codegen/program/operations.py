@@ -1,0 +1,74 @@
+"""Exact operation counts of nodes.
+
+    x - 2*y + 1/z
+
+is one addition, one subtraction, one multiplication and one division.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from gibbs_codegen.program.nodes import Call, Name, Node, Number, Product, Reciprocal, Sum
+
+
+@dataclass(frozen=True)
+class Operations:
+    """Exact operation counts; sign changes count as subtractions, sine–cosine pairs apart.
+
+    No function needs a square root so far; the count is there for those that will.
+    """
+
+    additions: int = 0
+    subtractions: int = 0
+    multiplications: int = 0
+    divisions: int = 0
+    square_roots: int = 0
+    sine_cosine_pairs: int = 0
+
+    @property
+    def total(self) -> int:
+        """All but the sine–cosine pairs."""
+        return (
+            self.additions
+            + self.subtractions
+            + self.multiplications
+            + self.divisions
+            + self.square_roots
+        )
+
+
+def count_operations(nodes: Iterable[Node]) -> Operations:
+    """Operations that it takes to compute each of some nodes once.
+
+    Args:
+        nodes: the nodes; what they have in common counts as often as it occurs, but for sine–cosine
+            pairs, which are counted once per angle.
+
+    Returns:
+        The counts.
+    """
+    additions = subtractions = multiplications = divisions = 0
+    angles: set[Node] = set()
+    stack = list(nodes)
+    while stack:
+        match stack.pop():
+            case Sum(terms):
+                negative = sum(sign < 0 for sign, _ in terms)
+                subtractions += negative
+                additions += max(len(terms) - negative - 1, 0)
+                stack.extend(term for _, term in terms)
+            case Product(factors):
+                multiplications += len(factors) - 1
+                stack.extend(factors)
+            case Reciprocal(argument):
+                divisions += 1
+                stack.append(argument)
+            case Call(_, argument):
+                if argument not in angles:
+                    angles.add(argument)
+                    stack.append(argument)
+            case Name() | Number():
+                pass
+    return Operations(additions, subtractions, multiplications, divisions, 0, len(angles))

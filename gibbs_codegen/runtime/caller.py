@@ -1,0 +1,79 @@
+"""The extension type that calls compiled functions for one state with little overhead.
+
+`native/caller.c` is compiled once and kept in the cache, as the libraries of modules are.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.machinery
+import importlib.util
+import logging
+import re
+import sys
+import sysconfig
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.runtime.c_library import NATIVE
+from gibbs_codegen.runtime.cache import CacheError, cached_library
+from gibbs_codegen.runtime.compiler import Compiler, CompilerError
+
+_log = logging.getLogger("gibbs_codegen")
+_NAME = "gibbs_codegen_caller"
+
+
+@functools.cache
+def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
+    """The extension type `Caller`.
+
+    Args:
+        compiler: what makes it where the cache has none
+
+    Returns:
+        Caller(address, widths, shapes, default constants, general function), or None where Python's
+        headers are not installed or it cannot be made, which the log says.
+    """
+    include = sysconfig.get_path("include")
+    if not (Path(include) / "Python.h").is_file() or sys.implementation.name != "cpython":
+        _log.info("calls for one state take the long way: Python's headers are not installed")
+        return None
+    try:
+        return _imported(_library(compiler, include))
+    except (CompilerError, CacheError, ImportError) as error:
+        _log.info("calls for one state take the long way: %s", error)
+        return None
+
+
+def _library(compiler: Compiler, include: str) -> Path:
+    source = NATIVE / "caller.c"
+
+    def make(output: Path) -> None:
+        extra = [f"-I{include}", f"-I{np.get_include()}"]
+        if sys.platform == "darwin":
+            extra += ["-undefined", "dynamic_lookup"]
+        compiler.library([source], output, extra)
+
+    numpy_abi = re.match(r"\d+\.\d+", np.__version__)
+    key = [
+        compiler.identity,
+        sys.version,
+        include,
+        numpy_abi[0] if numpy_abi else np.__version__,
+        source.read_text(encoding="utf-8"),
+    ]
+    return cached_library("\n".join(key), make)
+
+
+def _imported(path: Path) -> Callable[..., Any] | None:
+    loader = importlib.machinery.ExtensionFileLoader(_NAME, str(path))
+    spec = importlib.util.spec_from_file_location(_NAME, str(path), loader=loader)
+    if spec is None:
+        return None
+    made = importlib.util.module_from_spec(spec)
+    loader.exec_module(made)
+    caller: Callable[..., Any] = made.Caller
+    return caller

@@ -1,0 +1,1 @@
+"""NumPy: one module of straight-line functions, and the package around it."""

@@ -1,0 +1,57 @@
+/* The source that stands in every C module, compiled by itself, and what tests call of it. */
+
+#include <stddef.h>
+
+#ifdef SINGLE
+typedef float real;
+#else
+typedef double real;
+#endif
+#define LANES 8
+#define MODULE(name) alone_##name
+
+void alone_pack(size_t count, size_t width, const real *rows, real *blocks);
+void alone_unpack(size_t count, size_t width, const real *blocks, real *rows);
+
+#include "support.c"
+
+#include "column_major.c"
+
+void few(size_t count, size_t group, const real *angle, real *sine, real *cosine);
+void many(size_t count, size_t group, const real *angle, real *sine, real *cosine);
+void filled(size_t width, size_t lanes, const real *block, real *whole_block);
+void columns(int rows, int width, const real *from, real *to);
+int finite_number(const real *value);
+
+/* Angles group by group, as the functions for one state do. */
+void few(size_t count, size_t group, const real *angle, real *sine, real *cosine)
+{
+    for (size_t i = 0; i < count; i += group) {
+        const size_t size = count - i < group ? count - i : group;
+        sine_cosine_few((int)size, angle + i, sine + i, cosine + i);
+    }
+}
+
+/* Angles group by group, as blocks of states do. */
+void many(size_t count, size_t group, const real *angle, real *sine, real *cosine)
+{
+    for (size_t i = 0; i < count; i += group) {
+        const size_t size = count - i < group ? count - i : group;
+        sine_cosine_many((int)size, angle + i, sine + i, cosine + i);
+    }
+}
+
+void filled(size_t width, size_t lanes, const real *block, real *whole_block)
+{
+    fill_lanes(width, lanes, block, whole_block);
+}
+
+void columns(int rows, int width, const real *from, real *to)
+{
+    store(rows, width, from, to);
+}
+
+int finite_number(const real *value)
+{
+    return is_finite(*value);
+}

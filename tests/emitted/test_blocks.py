@@ -1,0 +1,85 @@
+"""Blocks of states, columns of matrices and tests of numbers, in C that is compiled by itself."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import math
+
+import numpy as np
+import pytest
+from support.alone import alone
+
+LANES, WIDTH, COUNT = 8, 3, 13
+
+
+@pytest.fixture(
+    scope="module",
+    params=itertools.product(
+        ("gcc", "clang"), ("-O0", "-O3", "-ffast-math"), (np.float64, np.float32)
+    ),
+    ids=lambda way: f"{way[0]}{way[1]}-{way[2].__name__}",
+)
+def library(request, tmp_path_factory) -> tuple[ctypes.CDLL, type[np.floating]]:
+    compiler, option, real = request.param
+    folder = tmp_path_factory.mktemp("blocks") / "alone"
+    return ctypes.CDLL(str(alone(compiler, [option], real, folder))), real
+
+
+def call(function, *arguments: np.ndarray | int) -> int:
+    return function(
+        *(
+            ctypes.c_size_t(a) if isinstance(a, int) else ctypes.c_void_p(a.ctypes.data)
+            for a in arguments
+        )
+    )
+
+
+def states(real: type[np.floating]) -> np.ndarray:
+    return np.arange(COUNT * WIDTH, dtype=real).reshape(COUNT, WIDTH)
+
+
+def blocks_of(rows: np.ndarray) -> np.ndarray:
+    """Block, entry, lane, the last state again in lanes that would be empty."""
+    whole = np.concatenate([rows, np.repeat(rows[-1:], -len(rows) % LANES, axis=0)])
+    return whole.reshape(-1, LANES, WIDTH).swapaxes(1, 2)
+
+
+def test_states_are_packed_into_blocks_and_back(library) -> None:
+    c, real = library
+    rows = states(real)
+    blocks, back = np.full((3, WIDTH, LANES), -1, real), np.full((COUNT + 1, WIDTH), -1, real)
+    call(c.alone_pack, COUNT, WIDTH, rows, blocks)
+    np.testing.assert_array_equal(blocks[:2], blocks_of(rows))
+    call(c.alone_unpack, COUNT, WIDTH, blocks, back)
+    np.testing.assert_array_equal(back[:-1], rows)
+    assert (blocks[2] == -1).all()
+    assert (back[-1] == -1).all()
+
+
+@pytest.mark.parametrize("lanes", [1, 5, 8])
+def test_lanes_that_are_not_filled_hold_the_last_state(lanes: int, library) -> None:
+    c, real = library
+    rows = states(real)[:lanes]
+    whole = np.full((WIDTH, LANES), -1, real)
+    block = np.full((WIDTH, LANES), np.nan, real)
+    block[:, :lanes] = rows.T
+    call(c.filled, WIDTH, lanes, block, whole)
+    np.testing.assert_array_equal(whole, blocks_of(rows)[0])
+
+
+def test_a_matrix_is_stored_column_by_column_where_it_is_wanted(library) -> None:
+    c, real = library
+    rows, columns = states(real), np.empty((WIDTH, COUNT), real)
+    call(c.columns, COUNT, WIDTH, rows, columns)
+    np.testing.assert_array_equal(columns, rows.T)
+    c.columns(COUNT, WIDTH, ctypes.c_void_p(rows.ctypes.data), None)
+
+
+def test_numbers_are_told_from_what_is_not_finite(library) -> None:
+    """Also where the compiler is told that every number is finite."""
+    c, real = library
+    for value in (0.0, -1.0, np.finfo(real).max, np.finfo(real).smallest_subnormal):
+        assert call(c.finite_number, np.array([value], real)) == 1
+    for value in (math.inf, -math.inf, math.nan, -math.nan):
+        assert call(c.finite_number, np.array([value], real)) == 0
