@@ -19,7 +19,8 @@ from gibbs_codegen.equations.normal_form import TooLongError, collected, count_t
 from gibbs_codegen.equations.readable_chain import readable_chain
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.symbolic.tape import InlineTape, Stage
+from gibbs_codegen.symbolic.inline_tape import InlineTape
+from gibbs_codegen.symbolic.tape import Stage
 
 
 @dataclass(frozen=True)
