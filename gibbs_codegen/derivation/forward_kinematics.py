@@ -11,7 +11,7 @@ from gibbs_codegen.derivation.forces import motor_position
 from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.root.protocol import Root
-from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -63,7 +63,7 @@ def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[Segment
         with tape.group(f"{segment.joint_name} and the axes of {segment.name}"):
             position = add(tape, parent.position, scale(tape, segment.a, parent.own[0]))
             starts = segment.starts_group
-            group = _twisted(tape, parent.own, segment) if starts else parent.group
+            group = _turned(tape, parent.own, segment.twist) if starts else parent.group
             position = add(tape, position, scale(tape, segment.d, group[2]))
             frames.append(SegmentFrame(position, group, _turned(tape, group, segment.rotation)))
     return frames
@@ -195,23 +195,12 @@ def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:
 
 
 def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:
-    """Axes of the frame that `rotation` (about z) turns out of `frame`."""
-    x, y, z = frame
-    return (
-        _mixed(tape, rotation.cos, x, rotation.sin, y),
-        _mixed(tape, -rotation.sin, x, rotation.cos, y),
-        z,
-    )
-
-
-def _twisted(tape: Scalars, frame: Frame, segment: Segment) -> Frame:
-    x, y, z = frame
-    twist = segment.twist
-    return (
-        x,
-        _mixed(tape, twist.cos, y, twist.sin, z),
-        _mixed(tape, -twist.sin, y, twist.cos, z),
-    )
+    """Axes of the frame that `rotation` turns out of `frame`."""
+    p, q = (rotation.axis + 1) % 3, (rotation.axis + 2) % 3
+    axes = list(frame)
+    axes[p] = _mixed(tape, rotation.cos, frame[p], rotation.sin, frame[q])
+    axes[q] = _mixed(tape, -rotation.sin, frame[p], rotation.cos, frame[q])
+    return (axes[0], axes[1], axes[2])
 
 
 def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vector:

@@ -19,7 +19,8 @@ from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import Places, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.exact_angles import gather
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
+from gibbs_codegen.symbolic.inline_tape import InlineTape
+from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import Rotation, Vector, axis_vector
 
 

@@ -13,7 +13,8 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.robot.model import Body, RigidBody, Robot, Rod
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
+from gibbs_codegen.symbolic.inline_tape import InlineTape
+from gibbs_codegen.symbolic.tape import Scalars, Stage
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from gibbs_codegen.derivation.tree_dynamics import (
 from gibbs_codegen.equations.normal_form import TooLongError, collected, count_terms
 from gibbs_codegen.equations.readable_chain import chain_state, check_chain, readable_chain
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.symbolic.tape import InlineTape
+from gibbs_codegen.symbolic.inline_tape import InlineTape
 
 
 @dataclass(frozen=True)

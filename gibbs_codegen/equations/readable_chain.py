@@ -25,7 +25,8 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.model import AXES, Robot
 from gibbs_codegen.symbolic.exact_angles import radians
-from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
+from gibbs_codegen.symbolic.inline_tape import InlineTape
+from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     Rotation,

@@ -11,13 +11,13 @@ stage are combined first, so that whatever depends on parameters alone is a stat
 The derivation says what it computes with `Tape.group`, and each name keeps the words under which it
 was first made: they become the comments of the emitted code.
 
-With `InlineTape`, whose `let` returns its argument, the same derivation yields closed forms.
+With `inline_tape`, whose `let` returns its argument, the same derivation yields closed forms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from enum import IntEnum
 from typing import Protocol
 
@@ -75,49 +75,6 @@ class Scalars(Protocol):
             The context of the block.
 
         """
-
-
-class InlineTape:
-    """A tape that names nothing: the derivation's results are closed-form expressions."""
-
-    def symbol(self, name: str, stage: Stage) -> sp.Symbol:
-        """Introduce an input.
-
-        Args:
-            name: Its name.
-            stage: Of no consequence here.
-
-        Returns:
-            Its symbol.
-
-        """
-        return sp.Symbol(name)
-
-    def let(self, expression: sp.Expr) -> sp.Expr:
-        """Leave a result as it is.
-
-        Args:
-            expression: The result.
-
-        Returns:
-            The expression itself.
-
-        """
-        return expression
-
-    def group(
-        self, words: str, earliest: Stage = Stage.CONFIGURATION
-    ) -> AbstractContextManager[None]:
-        """Nothing is named, so there is nothing to say of it.
-
-        Args:
-            words, earliest: Of no consequence here.
-
-        Returns:
-            A context that does nothing.
-
-        """
-        return nullcontext()
 
 
 class Tape:

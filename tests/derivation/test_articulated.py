@@ -34,13 +34,14 @@ from gibbs_codegen.robot.model import (
     Rod,
     alternating_thrust,
 )
+from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.ldlt import (
     ZeroPivotError,
     minimum_degree,
     operations_to_solve,
     solve_symmetric,
 )
-from gibbs_codegen.symbolic.tape import InlineTape, Stage, Tape
+from gibbs_codegen.symbolic.tape import Stage, Tape
 from gibbs_codegen.symbolic.vectors import Rotation
 
 TOLERANCE = 1e-10

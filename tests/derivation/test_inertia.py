@@ -16,7 +16,7 @@ from gibbs_codegen.derivation.gibbs import (
 )
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.regrouping import split_prismatic, split_revolute
-from gibbs_codegen.symbolic.tape import InlineTape
+from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.vectors import Rotation
 
 TAPE = InlineTape()

@@ -35,7 +35,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import ATTITUDES, ORIGINS, Base, Link, Origin, Robot, Rod
-from gibbs_codegen.symbolic.tape import InlineTape
+from gibbs_codegen.symbolic.inline_tape import InlineTape
 
 PAPER = read_robot("hexarotor_3link")[0]
 

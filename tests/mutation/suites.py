@@ -61,6 +61,7 @@ _QUICK_DERIVATION = (
 _REST_OF_DERIVATION = (
     "tests/properties/test_operation_counts.py",
     "tests/derivation/test_articulated.py",
+    "tests/derivation/test_tree.py",
     "tests/derivation/test_hybrid.py",
     "tests/equations/test_closed_form.py",
     "tests/targets/test_numpy.py",

@@ -1,0 +1,52 @@
+"""The tape of closed forms: it names nothing, so results are expressions in the inputs."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+
+import sympy as sp
+
+from gibbs_codegen.symbolic.tape import Stage
+
+
+class InlineTape:
+    """A tape that names nothing: the derivation's results are closed-form expressions."""
+
+    def symbol(self, name: str, stage: Stage) -> sp.Symbol:
+        """Introduce an input.
+
+        Args:
+            name: Its name.
+            stage: Of no consequence here.
+
+        Returns:
+            Its symbol.
+
+        """
+        return sp.Symbol(name)
+
+    def let(self, expression: sp.Expr) -> sp.Expr:
+        """Leave a result as it is.
+
+        Args:
+            expression: The result.
+
+        Returns:
+            The expression itself.
+
+        """
+        return expression
+
+    def group(
+        self, words: str, earliest: Stage = Stage.CONFIGURATION
+    ) -> AbstractContextManager[None]:
+        """Nothing is named, so there is nothing to say of it.
+
+        Args:
+            words, earliest: Of no consequence here.
+
+        Returns:
+            A context that does nothing.
+
+        """
+        return nullcontext()
