@@ -1,10 +1,10 @@
 """Forward dynamics by articulated bodies, in O(n), from the Gibbs function.
 
-∂S/∂θ̈ = τ (eqs. 4–6) is solved joint by joint from the tip inwards. A joint with all it carries has
-the Gibbs function ½aᵀÂa − aᵀp in its acceleration a = (r̈, ω̇), counted from the motion that the
-rates alone would make. The joint's own equation gives its own component of a by the others; with
-that put in, the rest is what its parent feels. The root's system is solved, and then outwards each
-joint's. It is the recursion of Featherstone, Rigid Body Dynamics Algorithms, ch. 7.
+∂S/∂θ̈ = τ (eqs. 4–6) is solved joint by joint from the leaves inwards. The subtree of a segment has
+the Gibbs function ½aᵀÂa − aᵀp in the segment's acceleration a = (r̈, ω̇), counted from the motion
+that the rates alone would make. The joint's own equation gives its own component of a by the
+others; with that put in, the rest is added to the parent. The root's system is solved, and then
+outwards each joint's. It is the recursion of Featherstone, Rigid Body Dynamics Algorithms, ch. 7.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.articulated_inertia import NO_ARTICULATED_INERTIA, ArticulatedInertia
-from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR
-from gibbs_codegen.derivation.motion import Motion
-from gibbs_codegen.derivation.serial_chain import Segment, SerialChain, link_wrench
+from gibbs_codegen.derivation.inertia_forces import link_wrench
+from gibbs_codegen.derivation.motion import Acceleration, Motion, Transform
+from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -28,50 +28,14 @@ from gibbs_codegen.symbolic.vectors import (
     Wrench,
     X,
     Z,
-    add,
     axis_vector,
-    cross,
     scale,
 )
 
 
 @dataclass(frozen=True)
-class Acceleration:
-    """r̈ and ω̇ of a frame."""
-
-    linear: Vector
-    angular: Vector
-
-    @classmethod
-    def of(cls, entries: Sequence[sp.Expr]) -> Acceleration:
-        """An acceleration by its six components."""
-        x, y, z, p, q, r = entries
-        return cls((x, y, z), (p, q, r))
-
-    @property
-    def entries(self) -> list[sp.Expr]:
-        """The six components."""
-        return [*self.linear, *self.angular]
-
-    def rotated(self, tape: Scalars, rotation: Rotation) -> Acceleration:
-        """The same acceleration in the frame turned from."""
-        return Acceleration(rotation.vector(tape, self.linear), rotation.vector(tape, self.angular))
-
-    def passed_out(self, tape: Scalars, way: Sequence[Rotation | Vector]) -> Acceleration:
-        """The acceleration at the beginning of a way of rotations and shifts, rigid all along."""
-        here = self
-        for step in reversed(way):
-            if isinstance(step, Rotation):
-                here = here.rotated(tape, step.inverse)
-            else:
-                gain = cross(tape, here.angular, step)
-                here = Acceleration(add(tape, here.linear, gain), here.angular)
-        return here
-
-
-@dataclass(frozen=True)
 class _Body:
-    """Â and p of ½aᵀÂa − aᵀp: a link, or a joint with all it carries."""
+    """Â and p of ½aᵀÂa − aᵀp: a link, or the subtree of a segment."""
 
     inertia: ArticulatedInertia
     load: Wrench
@@ -79,10 +43,10 @@ class _Body:
     def plus(self, tape: Scalars, other: _Body) -> _Body:
         return _Body(self.inertia.plus(tape, other.inertia), self.load.plus(tape, other.load))
 
-    def passed_in(self, tape: Scalars, way: Sequence[Rotation | Vector]) -> _Body:
-        """The body about the end of a way of rotations and shifts."""
+    def passed_in(self, tape: Scalars, transform: Transform) -> _Body:
+        """The body about another point and in another frame, where the transform ends."""
         inertia, load = self.inertia, self.load
-        for step in way:
+        for step in transform:
             if isinstance(step, Rotation):
                 inertia, load = inertia.rotated(tape, step), load.rotated(tape, step)
             else:
@@ -99,7 +63,15 @@ class _Joint:
     share: sp.Expr
 
     def accelerated(self, tape: Scalars, parent: Acceleration) -> tuple[sp.Expr, Acceleration]:
-        """θ̈, and the acceleration of what the joint moves, from that of what it hangs on."""
+        """The accelerations of the joint and of its segment, from that of the parent.
+
+        Args:
+            parent: The parent's acceleration, taken to the joint, in the segment's working frame.
+
+        Returns:
+            θ̈ (rad/s² or m/s²), and the segment's acceleration in the same frame.
+
+        """
         entries = parent.entries
         rest = [
             tape.let(ratio * entry)
@@ -114,66 +86,106 @@ class _Joint:
 
 def articulated_accelerations(
     tape: Scalars,
-    chain: SerialChain,
+    tree: SegmentTree,
     motions: Sequence[Motion],
     thrust: Wrench,
     efforts: Sequence[sp.Expr],
 ) -> tuple[list[sp.Expr], Acceleration]:
-    """θ̈ of the chain's joints, and the root's acceleration in its carrier.
+    """Accelerations of the joints and of the root.
 
-    `motions` are those that the rates alone make, `thrust` is a wrench about the root in its own
-    frame, `efforts` are the joints' torques or forces. Raises `ZeroPivotError` where one
-    acceleration has no inertia to it; unknowns are numbered joints first, then ω̇ and r̈ of the root.
+    Args:
+        tree, motions: The tree, and the motion that the rates alone make of each segment, in its
+            working frame.
+        thrust: About the root, in its own frame (N, N m).
+        efforts: The joints' torques or forces (N m or N).
+
+    Returns:
+        θ̈ of each joint after the root, and the root's acceleration in its group frame.
+
+    Raises:
+        ZeroPivotError: Where one acceleration has no inertia to it. Unknowns are numbered joints
+            first, then ω̇ and r̈ of the root.
+
     """
-    ways = [_way_in(tape, chain, k) for k in range(1, len(chain.segments))]
+    transforms = [_transform_in(tape, tree, k) for k in range(1, len(tree.segments))]
     joints: list[_Joint] = []
-    carried = _Body(NO_ARTICULATED_INERTIA, NO_WRENCH)
-    for k in range(len(chain.segments) - 1, 0, -1):
-        with tape.group(f"articulated inertia and load of {chain.carried_about(k)}"):
-            body = carried.plus(tape, _link(tape, chain, k, motions[k]))
-        with tape.group(f"equation of {chain.segments[k].joint_name}, its acceleration eliminated"):
-            joint, freed = _freed(tape, chain, k, body, efforts[k - 1])
+    received = [_Body(NO_ARTICULATED_INERTIA, NO_WRENCH) for _ in tree.segments]
+    for k in range(tree.joints, 0, -1):
+        segment = tree.segments[k]
+        with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(k)}"):
+            body = received[k].plus(tape, _link(tape, tree, k, motions[k]))
+        with tape.group(f"equation of {segment.joint_name}, its acceleration eliminated"):
+            joint, freed = _freed(tape, tree, k, body, efforts[k - 1])
         joints.append(joint)
-        with tape.group(f"articulated inertia and load of {chain.carried_about(k - 1)}"):
-            carried = freed.passed_in(tape, ways[k - 1])
-    root = _root_acceleration(tape, chain, motions[0], thrust, carried)
+        parent = segment.parent
+        with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(parent)}"):
+            freed = freed.passed_in(tape, transforms[k - 1])
+            received[parent] = received[parent].plus(tape, freed)
+    moving = [_root_acceleration(tape, tree, motions[0], thrust, received[0])]
     accelerations = []
-    moving = root
-    for segment, joint, way in zip(chain.segments[1:], reversed(joints), ways, strict=True):
+    steps = zip(tree.segments[1:], reversed(joints), transforms, strict=True)
+    for segment, joint, transform in steps:
         with tape.group(f"acceleration of {segment.joint_name}"):
-            relative, moving = joint.accelerated(tape, moving.passed_out(tape, way))
+            parent_moving = moving[segment.parent].passed_out(tape, transform)
+            relative, own = joint.accelerated(tape, parent_moving)
         accelerations.append(relative)
+        moving.append(own)
     with tape.group("acceleration of the base"):
-        root = root.rotated(tape, _root_turn(chain))
-        if chain.works_in_own_frame(0):
-            root = root.rotated(tape, chain.segments[0].rotation)
+        root = moving[0].rotated(tape, _root_turn(tree))
+        if tree.works_in_own_frame(0):
+            root = root.rotated(tape, tree.segments[0].rotation)
     return accelerations, root
 
 
 def _root_acceleration(
-    tape: Scalars, chain: SerialChain, motion: Motion, thrust: Wrench, carried: _Body
+    tape: Scalars, tree: SegmentTree, motion: Motion, thrust: Wrench, received: _Body
 ) -> Acceleration:
-    """The root's acceleration, where its system is solved, from what it carries and what drives it.
+    """The root's acceleration, from Âa = p.
 
-    `thrust` is a wrench about the root in its own frame. Raises `ZeroPivotError`.
+    Args:
+        tree, motion: The tree, and the root's motion in its working frame.
+        thrust: What drives it, about the root in its own frame.
+        received: What its children add, in the frame in which the system is solved.
+
+    Returns:
+        The acceleration in the frame in which the system is solved.
+
+    Raises:
+        ZeroPivotError: Where one component has no inertia to it.
+
     """
-    with tape.group(f"articulated inertia and load of {chain.carried(0)}"):
-        if not chain.works_in_own_frame(0):
-            thrust = thrust.rotated(tape, chain.segments[0].rotation)
-        base = _link(tape, chain, 0, motion, thrust)
-        base = base.passed_in(tape, [_root_turn(chain).inverse]).plus(tape, carried)
+    with tape.group(f"articulated inertia and load of {tree.subtree_words(0)}"):
+        if not tree.works_in_own_frame(0):
+            thrust = thrust.rotated(tape, tree.segments[0].rotation)
+        base = _link(tape, tree, 0, motion, thrust)
+        base = base.passed_in(tape, [_root_turn(tree).inverse]).plus(tape, received)
     with tape.group("acceleration of the base, by LDL^T"):
-        return _solved(tape, base, len(chain.segments) - 1)
+        rows, load = base.inertia.rows, [*base.load.force, *base.load.moment]
+        try:
+            return Acceleration.of(solve_symmetric(tape, rows, load, minimum_degree(rows)))
+        except ZeroPivotError as error:
+            raise ZeroPivotError(tree.joints + (error.unknown + 3) % 6) from None
 
 
 def _freed(
-    tape: Scalars, chain: SerialChain, k: int, body: _Body, effort: sp.Expr
+    tape: Scalars, tree: SegmentTree, k: int, body: _Body, effort: sp.Expr
 ) -> tuple[_Joint, _Body]:
-    """Solve joint k's equation, ∂S/∂θ̈ = τ, and put its acceleration in.
+    """Solve a joint's equation, ∂S/∂θ̈ = τ, and eliminate its acceleration.
 
-    Of its joint's direction the body then keeps nothing but the effort, which the parent bears.
+    Args:
+        tree, k: The segment of the joint, by its index.
+        body: Its subtree about the joint, in its working frame.
+        effort: Torque or force of the joint (N m or N).
+
+    Returns:
+        The solved equation, and what the parent feels of the body: in the joint's direction nothing
+        but the effort.
+
+    Raises:
+        ZeroPivotError: Where the acceleration has no inertia to it.
+
     """
-    direction = _direction(chain.segments[k])
+    direction = tree.segments[k].direction
     column = body.inertia.rows[direction]
     if column[direction] == 0:
         raise ZeroPivotError(k - 1)
@@ -189,57 +201,59 @@ def _freed(
     return _Joint(direction, ratios, share), _Body(inertia, Wrench((x, y, z), (p, q, r)))
 
 
-def _direction(segment: Segment) -> int:
-    """The component of (r̈, ω̇) that the joint's acceleration adds to."""
-    return ANGULAR + Z if segment.joint == "revolute" else LINEAR + Z
-
-
-def _solved(tape: Scalars, root: _Body, joints: int) -> Acceleration:
-    """The root's acceleration, nothing holding it: Âa = p."""
-    rows = root.inertia.rows
-    load = [*root.load.force, *root.load.moment]
-    try:
-        return Acceleration.of(solve_symmetric(tape, rows, load, minimum_degree(rows)))
-    except ZeroPivotError as error:
-        raise ZeroPivotError(joints + (error.unknown + 3) % 6) from None
-
-
 def _link(
-    tape: Scalars, chain: SerialChain, k: int, motion: Motion, applied: Wrench = NO_WRENCH
+    tape: Scalars, tree: SegmentTree, k: int, motion: Motion, applied: Wrench = NO_WRENCH
 ) -> _Body:
-    """Segment k by itself, in its working frame: what is applied to it less its 𝒮 and ℛ (eq. 6)."""
-    inertia = ArticulatedInertia.rigid(tape, chain.working_inertia(tape, k))
-    inertial = link_wrench(tape, chain, k, motion)
+    """A segment by itself: what is applied to it less its 𝒮 and ℛ (eq. 6).
+
+    Args:
+        tree, k: The segment, by its index.
+        motion: Its motion, in its working frame.
+        applied: Wrench on it about its joint, in its working frame.
+
+    Returns:
+        The body about the joint, in the working frame.
+
+    """
+    inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
+    inertial = link_wrench(tape, tree, k, motion)
     force, moment = (scale(tape, sp.S.NegativeOne, v) for v in (inertial.force, inertial.moment))
     return _Body(inertia, applied.plus(tape, Wrench(force, moment)))
 
 
-def _root_turn(chain: SerialChain) -> Rotation:
+def _root_turn(tree: SegmentTree) -> Rotation:
     """Rotation to the root's working frame from that in which the root's system is solved.
 
-    Where the first joint turns the arm about the base normal through the origin, it is cheaper to
-    turn the base against it than the arm's articulated inertia: a base of equal arms does not
-    notice, and an arm in a plane keeps its zeros.
+    Where the root has a single child, which turns the arm about the base normal through the origin,
+    it is cheaper to turn the base against it than the arm's articulated inertia: a base of equal
+    arms does not notice, and an arm in a plane keeps its zeros.
     """
-    if len(chain.segments) > 1 and chain.works_in_own_frame(1):
-        first = chain.segments[1]
-        if not first.leads and first.a == 0:
+    if len(tree.children[0]) == 1 and tree.works_in_own_frame(1):
+        first = tree.segments[1]
+        if not first.starts_group and first.a == 0:
             return first.rotation
     return NO_ROTATION
 
 
-def _way_in(tape: Scalars, chain: SerialChain, k: int) -> list[Rotation | Vector]:
-    """Rotations and shifts that take a body about joint k, in its working frame, to joint k − 1.
+def _transform_in(tape: Scalars, tree: SegmentTree, k: int) -> Transform:
+    """The transform of a segment's body to its parent.
 
-    It ends in the working frame of segment k − 1 or, at the root, where the system is solved.
+    Args:
+        tree, k: The segment, by its index from 1.
+
+    Returns:
+        Rotations and shifts from the joint, in the segment's working frame, to the parent's joint
+        in the parent's working frame or, at the root, in the frame in which the root's system is
+        solved.
+
     """
-    segment, parent = chain.segments[k], chain.segments[k - 1]
-    held = _root_turn(chain) if k == 1 else NO_ROTATION
-    way: list[Rotation | Vector] = []
-    if chain.works_in_own_frame(k) and held.is_identity:
-        way.append(segment.rotation)
-    way.append(axis_vector(Z, segment.d))
+    segment = tree.segments[k]
+    turned = segment.parent == 0 and not _root_turn(tree).is_identity
+    steps: list[Rotation | Vector] = []
+    if tree.works_in_own_frame(k) and not turned:
+        steps.append(segment.rotation)
+    steps.append(axis_vector(Z, segment.d))
     step = axis_vector(X, segment.a)
-    if segment.leads:
-        return [*way, segment.twist, step]
-    return [*way, parent.rotation.vector(tape, step)]
+    if segment.starts_group:
+        return [*steps, segment.twist, step]
+    return [*steps, tree.segments[segment.parent].rotation.vector(tape, step)]

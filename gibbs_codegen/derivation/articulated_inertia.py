@@ -1,4 +1,4 @@
-"""The articulated inertia: what a frame feels of all it carries while the joints there are free.
+"""The articulated inertia: what a segment feels of its subtree while the joints there are free.
 
 Like the ten numbers of a rigid body it is a Gibbs function, ½aᵀÂa in a = (r̈, ω̇), and moves by the
 same rules; but a free joint takes its direction out of it, so Â is any symmetric 6×6 matrix.
@@ -29,13 +29,29 @@ class ArticulatedInertia:
 
     @classmethod
     def rigid(cls, tape: Scalars, inertia: Inertia) -> ArticulatedInertia:
-        """A rigid body's: the Hessian of its Gibbs function (eq. 2)."""
+        """Â of a rigid body: the Hessian of its Gibbs function (eq. 2).
+
+        Args:
+            inertia: The body about a point.
+
+        Returns:
+            Â about the same point, in the same frame.
+
+        """
         hessian, values = link_mass_block(), inertia.values
         return cls.of_entries(lambda i, j: tape.let(hessian[i, j].xreplace(values)))
 
     @classmethod
     def of_entries(cls, entry: Callable[[int, int], sp.Expr]) -> ArticulatedInertia:
-        """Â by its entries on and above the diagonal."""
+        """Â by its entries.
+
+        Args:
+            entry: Gives the entry of row i and column j ≥ i, 0 … 5; r̈ comes before ω̇.
+
+        Returns:
+            The symmetric matrix.
+
+        """
         return cls(
             _symmetric(lambda i, j: entry(LINEAR + i, LINEAR + j)),
             _block(lambda i, j: entry(LINEAR + i, ANGULAR + j)),
@@ -50,16 +66,30 @@ class ArticulatedInertia:
         return upper + [[*c, *a] for c, a in zip(transposed, self.angular, strict=True)]
 
     def plus(self, tape: Scalars, other: ArticulatedInertia) -> ArticulatedInertia:
-        """Both together about their common point."""
+        """Both together about their common point.
+
+        Args:
+            other: About the same point, in the same frame.
+
+        Returns:
+            The sum.
+
+        """
         mine, theirs = self.rows, other.rows
         return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
 
     def without(
         self, tape: Scalars, direction: int, ratios: tuple[sp.Expr, ...]
     ) -> ArticulatedInertia:
-        """The Schur complement Â − U·Uᵀ/D, given the `ratios` U/D of column U to its pivot D.
+        """The Schur complement Â − U·Uᵀ/D, with one direction eliminated.
 
-        Row and column of the eliminated direction vanish exactly.
+        Args:
+            direction: Row and column to eliminate, 0 … 5.
+            ratios: U/D, column U of that direction over its pivot D.
+
+        Returns:
+            The complement; row and column of the direction vanish exactly.
+
         """
         rows = self.rows
         column = rows[direction]
@@ -72,7 +102,15 @@ class ArticulatedInertia:
         return self.of_entries(entry)
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedInertia:
-        """Â in the frame turned from: each block M is RMRᵀ there."""
+        """Â in another frame: each block M is RMRᵀ there.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+
+        Returns:
+            Â in the frame that `rotation` turns from.
+
+        """
         if rotation.is_identity:
             return self
         linear, coupling, angular = (
@@ -81,9 +119,14 @@ class ArticulatedInertia:
         return ArticulatedInertia(linear, coupling, angular)
 
     def shifted(self, tape: Scalars, arm: Vector) -> ArticulatedInertia:
-        """Â about a point from which its old point is at `arm`.
+        """Â about another point: with H the coupling, H' = H − Lr̃ and J' = J + r̃H' + (r̃H)ᵀ.
 
-        With H the coupling, H' = H − Lr̃ and J' = J + r̃H' + (r̃H)ᵀ.
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+
+        Returns:
+            Â about the new point.
+
         """
         if arm == ZERO:
             return self
@@ -142,5 +185,15 @@ def _rotated(tape: Scalars, rotation: Rotation, block: Block) -> Block:
 
 
 def _turned(tape: Scalars, rotation: Rotation, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+    """Two components in the plane of a rotation, turned.
+
+    Args:
+        rotation: The rotation.
+        p, q: Components along the two axes after the axis of rotation.
+
+    Returns:
+        The components in the frame that `rotation` turns from.
+
+    """
     c, s = rotation.cos, rotation.sin
     return tape.let(c * p - s * q), tape.let(s * p + c * q)

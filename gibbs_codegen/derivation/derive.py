@@ -25,13 +25,40 @@ from gibbs_codegen.symbolic.tape import Tape
 def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _: None) -> Model:
     """Derive everything that is emitted for a robot.
 
-    `progress` is told the name of each step as it begins. Raises `SingularRobotError` for a robot
-    with a massless degree of freedom, and `UsageError` for one whose numbers overflow.
+    Args:
+        robot: The robot.
+        keep_zeros: Keep parameters that are zero in the robot file.
+        progress: Told the name of each step as it begins.
+
+    Returns:
+        The robot with its program and its parameters.
+
+    Raises:
+        SingularRobotError: For a robot with a massless degree of freedom.
+        UsageError: For one whose numbers overflow.
+
     """
     tape = Tape()
     machine = Machine.of(robot, tape, keep_zeros)
-    parameters = machine.parameters
-    check_massless_motions(robot, parameters.defaults)
+    check_massless_motions(robot, machine.parameters.defaults)
+    return model_of(tape, machine, keep_zeros, progress)
+
+
+def model_of(
+    tape: Tape, machine: Machine, keep_zeros: bool = False, progress: Progress = lambda _: None
+) -> Model:
+    """Derive everything that is emitted for a robot whose symbols are on `tape`.
+
+    Args:
+        machine: The robot in symbols.
+        keep_zeros: Whether parameters that are zero were kept.
+        progress: Told the name of each step as it begins.
+
+    Returns:
+        The robot with its program and its parameters.
+
+    """
+    robot, parameters = machine.robot, machine.parameters
     slices = _slices(tape, machine, progress)
     progress("lowering the program")
     inputs = {
@@ -68,7 +95,19 @@ def _slices(tape: Tape, machine: Machine, progress: Progress) -> list[Slice]:
 
 
 def _slice(systems: Systems, signature: Signature) -> Slice:
-    """A function of the table. Raises `ValueError` where its derivation contradicts its shape."""
+    """A function of the table.
+
+    Args:
+        systems: What it is derived from.
+        signature: Its row in the table, with its shapes in numbers.
+
+    Returns:
+        Its entries on the tape, array by array.
+
+    Raises:
+        ValueError: Where its derivation contradicts its shape.
+
+    """
     arrays = []
     for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True):
         entries = _entries(DERIVATIONS[output.derivation](systems))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from gibbs_codegen.derivation.chain_dynamics import Matrix
 from gibbs_codegen.derivation.hybrid import chain_matrix, chain_system
 from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.tree_dynamics import Matrix
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
 from gibbs_codegen.robot.model import Robot
@@ -30,7 +30,15 @@ class FilledEntries:
 
 
 def filled_matrix(robot: Robot) -> Filling:
-    """For each entry of I_H, the chains whose own matrix (eq. 15) is other than zero there."""
+    """For each entry of I_H, the chains whose own matrix (eq. 15) is other than zero there.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Numbers of chains by rows and columns.
+
+    """
     machine, size = Machine.of(robot, Tape()), len(hybrid_coordinates(robot))
     matrix = _no_entries(size, size)
     for number, places in enumerate(coupling_map(robot), start=1):
@@ -39,7 +47,15 @@ def filled_matrix(robot: Robot) -> Filling:
 
 
 def filled_entries(robot: Robot) -> FilledEntries:
-    """Where each chain's own system (eq. 15) has entries other than zero, by the coupling map."""
+    """Where each chain's own system (eq. 15) has entries other than zero, by the coupling map.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Numbers of chains for each entry of the three arrays.
+
+    """
     machine = Machine.of(robot, Tape())
     size, width = len(hybrid_coordinates(robot)), len(inputs(robot))
     matrix, residual, thrust = (_no_entries(size, columns) for columns in (size, 1, width))
@@ -58,7 +74,15 @@ def _no_entries(rows: int, columns: int) -> _Open:
 def _note(
     filling: _Open, number: int, entries: Matrix, rows: Iterable[int], columns: Sequence[int]
 ) -> None:
-    """Note chain `number` where its entries are not zero; they stand in `rows` and `columns`."""
+    """Note a chain where its entries are not zero.
+
+    Args:
+        filling: Numbers of chains by rows and columns, which is added to.
+        number: Number of the chain.
+        entries: Its own matrix.
+        rows, columns: Where the rows and columns of `entries` stand in `filling`.
+
+    """
     for row, values in zip(rows, entries, strict=True):
         for column, entry in zip(columns, values, strict=True):
             if entry != 0:

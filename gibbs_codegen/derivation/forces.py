@@ -24,13 +24,29 @@ from gibbs_codegen.symbolic.vectors import (
 
 
 def thrust_direction(machine: Machine, k: int) -> Vector:
-    """Unit direction ε of motor k's thrust in the frame of its arm."""
+    """Unit direction ε of a motor's thrust.
+
+    Args:
+        machine, k: The motor, by its number 1 … N.
+
+    Returns:
+        Components in the frame of the motor's base arm.
+
+    """
     x, y, z = (structural_number(sp.Float(e)) for e in machine.robot.base.thrust[k - 1])
     return (x, y, z)
 
 
 def motor_position(machine: Machine, k: int) -> Vector:
-    """Seat of motor k from the origin of the coordinates, in arm 1's frame."""
+    """Seat of a motor.
+
+    Args:
+        machine, k: The motor, by its number 1 … N.
+
+    Returns:
+        Position from the origin of the coordinates, in arm 1's frame (m).
+
+    """
     tape, base = machine.tape, machine.robot.base
     centre = axis_vector(0, machine.centre_offset)
     if k == 1:
@@ -41,9 +57,14 @@ def motor_position(machine: Machine, k: int) -> Vector:
 
 
 def motor_wrench(machine: Machine, k: int) -> Wrench:
-    """Wrench of motor k per unit of thrust about the origin, in arm 1's frame.
+    """Wrench of a motor per unit of thrust; the drag torque acts about the thrust's own direction.
 
-    The drag torque acts about the thrust's own direction.
+    Args:
+        machine, k: The motor, by its number 1 … N.
+
+    Returns:
+        Wrench about the origin, in arm 1's frame (1 and m).
+
     """
     tape = machine.tape
     direction = thrust_direction(machine, k)
@@ -56,7 +77,15 @@ def motor_wrench(machine: Machine, k: int) -> Wrench:
 
 
 def motor_torque_about_arm_joint(machine: Machine, k: int) -> sp.Expr:
-    """Row of the constrained joint of arm k = 2 … N in Ψ of motor k: torque about z at O₂."""
+    """Row of the constrained joint of a base arm in Ψ of the arm's motor.
+
+    Args:
+        machine, k: The motor and the arm, by their number 2 … N.
+
+    Returns:
+        Torque about z at O₂ per unit of thrust (m).
+
+    """
     _, y, z = thrust_direction(machine, k)
     tape, parameters = machine.tape, machine.parameters
     with tape.group(f"torque of motor {k} about joint {k}"):
@@ -64,14 +93,30 @@ def motor_torque_about_arm_joint(machine: Machine, k: int) -> sp.Expr:
 
 
 def motor_column(machine: Machine, k: int) -> tuple[sp.Expr, ...]:
-    """Generalised forces of motor k on the base's coordinates per unit of thrust (eq. 13)."""
+    """Generalised forces of a motor per unit of thrust (eq. 13).
+
+    Args:
+        machine, k: The motor, by its number 1 … N.
+
+    Returns:
+        One for each coordinate of the base, those of the attitude first.
+
+    """
     tape, root = machine.tape, machine.root
     with tape.group(f"thrust direction and generalised forces of motor {k}"):
         return root.rows(tape, motor_wrench(machine, k).rotated(tape, root.segment_rotation))
 
 
 def total_thrust_wrench(machine: Machine) -> Wrench:
-    """Wrench of all motors about the origin for the inputs u, in arm 1's frame."""
+    """Wrench of all motors for the inputs u.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Wrench about the origin, in arm 1's frame (N, N m).
+
+    """
     tape, total = machine.tape, NO_WRENCH
     with tape.group("force and moment of all thrusts"):
         for k, thrust in enumerate(machine.u[: machine.robot.rotors], start=1):
@@ -82,7 +127,15 @@ def total_thrust_wrench(machine: Machine) -> Wrench:
 
 
 def input_matrix(machine: Machine) -> list[list[sp.Expr]]:
-    """B of M a = R + B u: rows in the order of q, columns in that of u."""
+    """B of M a = R + B u.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Rows in the order of q, columns in that of u.
+
+    """
     places, rotors = machine.places, machine.robot.rotors
     zero, one = sp.S.Zero, sp.S.One
     matrix = [[zero] * len(machine.u) for _ in machine.q]

@@ -2,26 +2,27 @@
 
 The recursion's operations grow with n, those of factors of M with n³. Either way the unknowns are
 the joint accelerations, the root's angular acceleration Ω (the sum of θ̈ times their axes) and the
-base centre's acceleration, in the root's carrier, where nothing has to be projected. About its
+base centre's acceleration, in the root's group frame, where nothing has to be projected. About its
 centre the base is balanced, whatever the origin of the coordinates. A flying machine falls freely,
 so gravity enters once, at the end: accelerations are relative to free fall.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
 import sympy as sp
 
-from gibbs_codegen.derivation.articulated import Acceleration, articulated_accelerations
-from gibbs_codegen.derivation.chain_dynamics import Matrix, free_motions, unprojected_mass_matrix
+from gibbs_codegen.derivation.articulated import articulated_accelerations
+from gibbs_codegen.derivation.composite_inertia import JointSpaceInertia, joint_space_inertia
 from gibbs_codegen.derivation.forces import total_thrust_wrench
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
+from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.motion import Motion
-from gibbs_codegen.derivation.serial_chain import inward
+from gibbs_codegen.derivation.motion import Acceleration, Motion
+from gibbs_codegen.derivation.tree_dynamics import Matrix, free_motions
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
@@ -30,15 +31,23 @@ from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot
 
 
 def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
-    """Accelerations a of M a = R + B u, in the order of q, by articulated bodies.
+    """Accelerations a of M a = R + B u, by articulated bodies.
 
-    Raises `SingularRobotError` where a joint moves nothing that has mass or inertia.
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        a, in the order of q.
+
+    Raises:
+        SingularRobotError: Where a joint moves nothing that has mass or inertia.
+
     """
     centred = _about_base_centre(machine)
     with _refused_as_singular(machine):
         joints, root = articulated_accelerations(
             machine.tape,
-            centred.reduced_chain,
+            centred.reduced_tree,
             _free_motions(centred),
             total_thrust_wrench(centred),
             _efforts(machine),
@@ -47,20 +56,30 @@ def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
 
 
 def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
-    """The same from M: translation eliminated first, since its block is m·1₃, then LDLᵀ.
+    """Accelerations a of M a = R + B u, by LDLᵀ of M.
 
-    Returns nothing where LDLᵀ alone takes `most` operations or more. Raises `SingularRobotError`
-    like the other way.
+    The translation is eliminated first, since its block of M is m·1₃.
+
+    Args:
+        machine: The robot in symbols.
+        most: The operations that the other way takes.
+
+    Returns:
+        a, in the order of q; None where LDLᵀ alone takes `most` operations or more.
+
+    Raises:
+        SingularRobotError: Where a joint moves nothing that has mass or inertia.
+
     """
     tape, n = machine.tape, machine.joints
     centred = _about_base_centre(machine)
-    chain = centred.reduced_chain
-    composite, wrenches, block = unprojected_mass_matrix(tape, chain)
+    inertia = joint_space_inertia(tape, centred.reduced_tree)
+    composite = inertia.composite
     with tape.group("mass matrix with the translation eliminated"):
         lightness = tape.let(1 / composite.mass)
         centre = scale(tape, lightness, composite.moment)
-        light = [scale(tape, lightness, wrench.force) for wrench in wrenches]
-        matrix = _without_translation(tape, composite, wrenches, block, centre, light)
+        light = [scale(tape, lightness, wrench.force) for wrench in inertia.wrenches]
+        matrix = _without_translation(tape, inertia, centre, light)
     # Tip first: the last joint couples to all others, the root is left for the end.
     order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
     if operations_to_solve(matrix, order) >= most:
@@ -82,28 +101,31 @@ def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
 
 
 def _without_translation(
-    tape: Scalars,
-    composite: Inertia,
-    wrenches: Sequence[Wrench],
-    block: Mapping[tuple[int, int], sp.Expr],
-    centre: Vector,
-    light: Sequence[Vector],
+    tape: Scalars, inertia: JointSpaceInertia, centre: Vector, light: Sequence[Vector]
 ) -> Matrix:
-    """Mass matrix of the joints and of the root's Ω about `centre`, the centre of mass.
+    """Mass matrix of the joints and of the root's Ω, with the translation eliminated.
 
-    `composite`, `wrenches` and `block` are the mass matrix before projection, `light` are the
-    wrenches' forces divided by the mass.
+    That couples joints of different branches too.
+
+    Args:
+        inertia: The mass matrix with the translation.
+        centre: Centre of mass from the root, in the root's group frame.
+        light: Forces of the joints' columns divided by the whole mass, in the same frame.
+
+    Returns:
+        Rows and columns of the joints, and of Ω about the centre of mass.
+
     """
-    n = len(wrenches)
+    n = len(light)
     matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
-    for (i, j), entry in block.items():
-        if i >= j:
-            coupled = _minus_dot(tape, entry, wrenches[i].force, light[j])
-            matrix[i][j] = matrix[j][i] = coupled
-    for i, wrench in enumerate(wrenches):
+    for i, wrench in enumerate(inertia.wrenches):
+        for j in range(i, -1, -1):
+            entry = inertia.entries.get((j, i), sp.S.Zero)
+            matrix[i][j] = matrix[j][i] = _minus_dot(tape, entry, wrench.force, light[j])
+    for i, wrench in enumerate(inertia.wrenches):
         for k, entry in enumerate(_about(tape, wrench, centre)):
             matrix[i][n + k] = matrix[n + k][i] = entry
-    about_centre = _about_centre_of_mass(tape, composite, centre)
+    about_centre = _about_centre_of_mass(tape, inertia.composite, centre)
     for k in range(3):
         for m, entry in enumerate(about_centre.response(tape, ANGULAR + k).moment):
             matrix[n + k][n + m] = entry
@@ -129,7 +151,17 @@ def _about_base_centre(machine: Machine) -> Machine:
 
 
 def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration) -> list[sp.Expr]:
-    """Accelerations in the order of q, from those of the joints and the base centre."""
+    """Accelerations of the coordinates.
+
+    Args:
+        machine: The robot in symbols.
+        joints: Accelerations of the joints.
+        root: That of the base centre relative to free fall, in the root's group frame.
+
+    Returns:
+        a, in the order of q.
+
+    """
     with machine.tape.group("acceleration of the origin, in world axes"):
         linear = _at_origin(machine, root)
     gravity = machine.parameters.gravity
@@ -141,7 +173,7 @@ def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
     """Acceleration of the origin of the coordinates, from that of the base centre."""
     tape, root = machine.tape, machine.root
     rates, _ = machine.places.split(machine.v)
-    still = root.carrier_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
+    still = root.frame_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
     still = still.spun(tape, root.segment_spin(rates), sp.S.Zero)
     omega_dot = add(tape, still.omega_dot, centre.angular)
     base = Motion.of(tape, still.omega, omega_dot, centre.linear)
@@ -150,7 +182,7 @@ def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
 
 def _free_motions(machine: Machine) -> list[Motion]:
     """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero."""
-    return free_motions(machine.tape, machine.root, machine.reduced_chain, machine.v)
+    return free_motions(machine.tape, machine.root, machine.reduced_tree, machine.v)
 
 
 def _efforts(machine: Machine) -> tuple[sp.Symbol, ...]:
@@ -161,7 +193,7 @@ def _efforts(machine: Machine) -> tuple[sp.Symbol, ...]:
 def _driving_forces(machine: Machine) -> tuple[Wrench, list[sp.Expr]]:
     """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
     tape = machine.tape
-    bias, joints = inward(tape, machine.reduced_chain, _free_motions(machine))
+    bias, joints = inward(tape, machine.reduced_tree, _free_motions(machine))
     thrust = total_thrust_wrench(machine)
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, machine.root.segment_rotation)
@@ -189,4 +221,14 @@ def _difference(tape: Scalars, a: Vector, b: Vector) -> Vector:
 
 
 def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:
+    """A number less a scalar product.
+
+    Args:
+        value: The number.
+        a, b: The vectors, in one frame.
+
+    Returns:
+        value − a·b.
+
+    """
     return tape.let(value - dot(tape, a, b))

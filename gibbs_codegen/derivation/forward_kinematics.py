@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from gibbs_codegen.derivation.articulated import Acceleration
-from gibbs_codegen.derivation.chain_dynamics import free_motions
 from gibbs_codegen.derivation.forces import motor_position
 from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.serial_chain import Segment
+from gibbs_codegen.derivation.motion import Acceleration
+from gibbs_codegen.derivation.root.protocol import Root
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -27,115 +29,161 @@ Frame = tuple[Vector, Vector, Vector]
 
 
 @dataclass(frozen=True)
-class Geometry:
-    """World axes of arm 1, and the arm's joints and tip from the origin of the coordinates.
+class SegmentFrame:
+    """Where a segment is: its joint from the origin of the coordinates, and axes, in world axes.
 
-    Positions are in world axes; `joint_axes` are the z axes of the joints, `tip_frame` the axes of
-    the last link (of arm 1 where there is no arm).
+    `group` are the axes of its group frame, the last of them that of its joint; `own` are the
+    link's.
     """
 
-    base_frame: Frame
-    joint_positions: tuple[Vector, ...]
-    joint_axes: tuple[Vector, ...]
-    tip_frame: Frame
-    tip: Vector
+    position: Vector
+    group: Frame
+    own: Frame
 
 
-def arm_geometry(machine: Machine) -> Geometry:
-    """Forward kinematics from the root to the tip."""
-    tape, root = machine.tape, machine.root
-    segments = machine.reduced_chain.segments
+def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[SegmentFrame]:
+    """Forward kinematics of all segments, from the root to the leaves.
+
+    Args:
+        root, tree: The tree and how its root moves.
+
+    Returns:
+        The frame of each segment, in world axes, from the origin of the coordinates.
+
+    """
     with tape.group("axes of the base"):
-        carrier: Frame = (
+        group: Frame = (
             root.world(tape, axis_vector(0)),
             root.world(tape, axis_vector(1)),
             root.world(tape, axis_vector(2)),
         )
-        own = base = _turned(tape, carrier, segments[0].rotation)
-    position = ZERO
-    positions, axes = [], []
-    for segment in segments[1:]:
+        frames = [SegmentFrame(ZERO, group, _turned(tape, group, tree.segments[0].rotation))]
+    for segment in tree.segments[1:]:
+        parent = frames[segment.parent]
         with tape.group(f"{segment.joint_name} and the axes of {segment.name}"):
-            position = add(tape, position, scale(tape, segment.a, own[0]))
-            carrier = _twisted(tape, own, segment) if segment.leads else carrier
-            position = add(tape, position, scale(tape, segment.d, carrier[2]))
-            own = _turned(tape, carrier, segment.rotation)
-        positions.append(position)
-        axes.append(carrier[2])
+            position = add(tape, parent.position, scale(tape, segment.a, parent.own[0]))
+            starts = segment.starts_group
+            group = _twisted(tape, parent.own, segment) if starts else parent.group
+            position = add(tape, position, scale(tape, segment.d, group[2]))
+            frames.append(SegmentFrame(position, group, _turned(tape, group, segment.rotation)))
+    return frames
+
+
+def _frames(machine: Machine) -> list[SegmentFrame]:
+    return segment_frames(machine.tape, machine.root, machine.reduced_tree)
+
+
+def _tip(machine: Machine, frames: Sequence[SegmentFrame]) -> Vector:
+    """The tip from the origin of the coordinates, in world axes."""
+    tape, last = machine.tape, frames[machine.tip_segment]
     with tape.group("tip"):
-        tip = add(tape, position, scale(tape, machine.reach, own[0]))
-    return Geometry(base, tuple(positions), tuple(axes), own, tip)
+        return add(tape, last.position, scale(tape, machine.reach, last.own[0]))
 
 
 def positions(machine: Machine) -> list[Vector]:
-    """World positions of the points, in their order: O1, O2, motors, joints, tip."""
-    tape, geometry = machine.tape, arm_geometry(machine)
+    """World positions of the points.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Positions (m) of O1, O2, the motors, the joints and the tip.
+
+    """
+    tape, frames = machine.tape, _frames(machine)
+    tip = _tip(machine, frames)
     with tape.group("base centre and motors"):
         base = [axis_vector(0, machine.centre_offset)]
         base += [motor_position(machine, k) for k in range(1, machine.robot.rotors + 1)]
-        on_base = [_combined(tape, geometry.base_frame, point) for point in base]
+        on_base = [_combined(tape, frames[0].own, point) for point in base]
     motor_1 = on_base[1]
     origin = machine.origin
-    relative = [motor_1, *on_base, *geometry.joint_positions, geometry.tip]
+    relative = [motor_1, *on_base, *(frame.position for frame in frames[1:]), tip]
     with tape.group("positions in the world"):
         return [add(tape, origin, point) for point in relative]
 
 
 def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
-    """Homogeneous transform of the tip: the last link's axes and the tip's position."""
-    geometry = arm_geometry(machine)
+    """Homogeneous transform of the tip: the axes of its segment and its position.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        4×4 matrix, by rows; the position is in m.
+
+    """
+    frames = _frames(machine)
+    tip = _tip(machine, frames)
     with machine.tape.group("position of the tip"):
-        position = add(machine.tape, machine.origin, geometry.tip)
-    rows = [[axis[i] for axis in geometry.tip_frame] + [position[i]] for i in range(3)]
+        position = add(machine.tape, machine.origin, tip)
+    axes = frames[machine.tip_segment].own
+    rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
     zero = sp.S.Zero
     return [*rows, [zero, zero, zero, sp.S.One]]
 
 
 def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
-    """Linear rows, then angular, in world axes; columns in the order of q."""
-    tape, geometry = machine.tape, arm_geometry(machine)
+    """Jacobian of the tip, in world axes.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        6 rows, linear and then angular; columns in the order of q. A joint that does not support
+        the tip has a column of zeros.
+
+    """
+    tape, tree, frames = machine.tape, machine.reduced_tree, _frames(machine)
+    tip = _tip(machine, frames)
     with tape.group("columns of the attitude angles"):
-        base = machine.root.velocities_at(tape, geometry.tip)
-    joints: list[tuple[Vector, Vector]] = []
-    for segment, axis, joint in zip(
-        machine.reduced_chain.segments[1:],
-        geometry.joint_axes,
-        geometry.joint_positions,
-        strict=True,
-    ):
+        base = machine.root.velocities_at(tape, tip)
+    joints = [(ZERO, ZERO)] * tree.joints
+    for k in reversed(tree.path(machine.tip_segment)[:-1]):
+        segment, frame = tree.segments[k], frames[k]
+        axis = frame.group[2]
         if segment.joint == "revolute":
             with tape.group(f"column of {segment.joint_name}"):
-                arm = add(tape, geometry.tip, (-joint[0], -joint[1], -joint[2]))
-                joints.append((cross(tape, axis, arm), axis))
+                x, y, z = frame.position
+                arm = add(tape, tip, (-x, -y, -z))
+                joints[k - 1] = (cross(tape, axis, arm), axis)
         else:
-            joints.append((axis, ZERO))
+            joints[k - 1] = (axis, ZERO)
     columns = machine.places.joined(base, joints)
     return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
 
 
 def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
-    """J̇ v of the tip Jacobian, in its rows' order: how the tip accelerates where θ̈ = 0.
+    """J̇ v of the tip Jacobian: how the tip accelerates where θ̈ = 0.
 
-    What each segment adds is summed from the tip inwards and turned towards the world on the way:
-    passed outwards, the sum would be turned twice.
+    What each segment on the path to the tip adds is summed from the tip inwards and turned towards
+    the world on the way: passed outwards, the sum would be turned twice.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Linear and then angular acceleration (m/s², rad/s²), in world axes.
+
     """
-    tape, root, chain = machine.tape, machine.root, machine.reduced_chain
-    motions = free_motions(tape, root, chain, machine.v)
+    tape, root, tree = machine.tape, machine.root, machine.reduced_tree
+    motions = free_motions(tape, root, tree, machine.v)
     _, rates = machine.places.split(machine.v)
-    reaches = [*(segment.a for segment in chain.segments[1:]), machine.reach]
-    tip = Acceleration(ZERO, motions[-1].omega_dot)
-    for k in range(len(motions) - 1, -1, -1):
-        segment = chain.segments[k]
-        own_to_working, working_to_carrier = segment.rotation, NO_ROTATION
-        if chain.works_in_own_frame(k):
-            own_to_working, working_to_carrier = working_to_carrier, own_to_working
+    reach = machine.reach
+    tip = Acceleration(ZERO, motions[machine.tip_segment].omega_dot)
+    for k in tree.path(machine.tip_segment):
+        segment = tree.segments[k]
+        own_to_working, working_to_group = segment.rotation, NO_ROTATION
+        if tree.works_in_own_frame(k):
+            own_to_working, working_to_group = working_to_group, own_to_working
         with tape.group(f"acceleration of the tip that {segment.name} adds"):
-            x, y, _ = own_to_working.vector(tape, axis_vector(0, reaches[k]))
+            x, y, _ = own_to_working.vector(tape, axis_vector(0, reach))
             motion = replace(motions[k], acceleration=tip.linear).displaced(tape, (x, y, segment.d))
             if segment.joint == "prismatic":
                 motion = motion.slid(tape, rates[k - 1], sp.S.Zero)
             tip = Acceleration(motion.acceleration, tip.angular)
-            tip = tip.rotated(tape, working_to_carrier).rotated(tape, segment.twist)
+            tip = tip.rotated(tape, working_to_group).rotated(tape, segment.twist)
+        reach = segment.a
     with tape.group("acceleration of the tip in world axes"):
         return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
 
@@ -167,5 +215,15 @@ def _twisted(tape: Scalars, frame: Frame, segment: Segment) -> Frame:
 
 
 def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vector:
+    """The linear combination pa + qb.
+
+    Args:
+        p, q: Factors, a cosine and a sine with signs.
+        a, b: Vectors in one frame.
+
+    Returns:
+        The vector in that frame.
+
+    """
     x, y, z = (tape.let(p * i + q * j) for i, j in zip(a, b, strict=True))
     return (x, y, z)

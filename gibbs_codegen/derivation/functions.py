@@ -8,11 +8,7 @@ from typing import TypeAlias
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import (
-    State,
-    generalised_inertia_forces,
-    gibbs_function,
-)
+from gibbs_codegen.derivation.composite_inertia import whole_inertia
 from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
 from gibbs_codegen.derivation.forward_kinematics import (
     positions,
@@ -22,7 +18,11 @@ from gibbs_codegen.derivation.forward_kinematics import (
 )
 from gibbs_codegen.derivation.hybrid import LinearSystem, constraint_torques
 from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.serial_chain import composites
+from gibbs_codegen.derivation.tree_dynamics import (
+    State,
+    generalised_inertia_forces,
+    gibbs_function,
+)
 from gibbs_codegen.program.lower import operations
 from gibbs_codegen.symbolic.tape import Tape
 
@@ -54,26 +54,26 @@ def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     """M a − R = ∂S/∂θ̈ at the given accelerations."""
     machine = systems.machine
     state = State(machine.v, machine.a, machine.parameters.gravity)
-    return generalised_inertia_forces(machine.tape, machine.root, machine.reduced_chain, state)
+    return generalised_inertia_forces(machine.tape, machine.root, machine.reduced_tree, state)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
     machine = systems.machine
     state = State(machine.v, machine.a, machine.parameters.gravity)
-    return gibbs_function(machine.tape, machine.root, machine.reduced_chain, state)
+    return gibbs_function(machine.tape, machine.root, machine.reduced_tree, state)
 
 
 def _kinetic_energy(systems: Systems) -> sp.Expr:
     """The Gibbs function of a machine at rest, weightless, whose accelerations are the rates."""
     machine, zero = systems.machine, sp.S.Zero
     state = State([zero] * len(machine.q), machine.v, zero)
-    return gibbs_function(machine.tape, machine.root, machine.reduced_chain, state)
+    return gibbs_function(machine.tape, machine.root, machine.reduced_tree, state)
 
 
 def _potential_energy(systems: Systems) -> sp.Expr:
     """Gravity times the first moment of mass above the world's Z = 0."""
     tape, machine = systems.tape, systems.machine
-    composite = composites(tape, machine.reduced_chain)[0]
+    composite = whole_inertia(tape, machine.reduced_tree)
     with tape.group("first moment of mass above Z = 0, and its weight"):
         height = machine.root.world(tape, composite.moment)[2]
         moment = tape.let(composite.mass * machine.origin[2] + height)

@@ -32,7 +32,15 @@ class Partials(NamedTuple):
 
 
 def skew(vector: tuple[sp.Expr, ...]) -> sp.Matrix:
-    """Skew matrix ã of a vector: ãb = a × b."""
+    """Skew matrix ã of a vector: ãb = a × b.
+
+    Args:
+        vector: Three components.
+
+    Returns:
+        3×3 matrix.
+
+    """
     x, y, z = vector
     return sp.Matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
 

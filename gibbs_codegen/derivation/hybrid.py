@@ -14,16 +14,18 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import (
+from gibbs_codegen.derivation.composite_inertia import joint_space_inertia
+from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_torque_about_arm_joint
+from gibbs_codegen.derivation.inertia_forces import link_wrench
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import (
     Matrix,
     State,
-    chain_motions,
     generalised_inertia_forces,
     mass_matrix,
+    tree_motions,
 )
-from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_torque_about_arm_joint
-from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.serial_chain import SerialChain, joint_columns, link_wrench
 from gibbs_codegen.robot.chains import Chain, coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.layout import layout_of
@@ -39,32 +41,67 @@ class LinearSystem:
 
 
 def unaccelerated_state(machine: Machine) -> State:
-    """The state with θ̈ = 0, whose generalised inertia forces are −R."""
+    """The state with θ̈ = 0, whose generalised inertia forces are −R.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Its rates and gravity, with accelerations of zero.
+
+    """
     zeros = [sp.S.Zero] * len(machine.q)
     return State(machine.v, zeros, machine.parameters.gravity)
 
 
 def reduced_system(machine: Machine) -> LinearSystem:
-    """M a = R + B u."""
-    tape, root, chain = machine.tape, machine.root, machine.reduced_chain
-    minus_r = generalised_inertia_forces(tape, root, chain, unaccelerated_state(machine))
+    """The reduced system M a = R + B u.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Rows and unknowns in the order of q.
+
+    """
+    tape, root, tree = machine.tape, machine.root, machine.reduced_tree
+    minus_r = generalised_inertia_forces(tape, root, tree, unaccelerated_state(machine))
     return LinearSystem(
-        mass_matrix(tape, root, chain), [-row for row in minus_r], input_matrix(machine)
+        mass_matrix(tape, root, tree), [-row for row in minus_r], input_matrix(machine)
     )
 
 
 def constrained_joint_column(
-    machine: Machine, serial: SerialChain
+    machine: Machine, serial: SegmentTree
 ) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
-    """Column of I_H for a constrained joint: its entries at the base's coordinates, and its own."""
+    """Column of I_H for a constrained joint.
+
+    Args:
+        machine: The robot in symbols.
+        serial: The constrained chain: the root and one base arm.
+
+    Returns:
+        Its entries at the base's coordinates, and its own.
+
+    """
     tape = machine.tape
-    _, wrenches, entries = joint_columns(tape, serial)
+    inertia = joint_space_inertia(tape, serial)
     with tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
-        return machine.root.rows(tape, wrenches[0]), entries[1, 1]
+        return machine.root.rows(tape, inertia.wrenches[0]), inertia.entries[0, 0]
 
 
-def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -> sp.Expr:
-    """∂S/∂θ̈ of a constrained joint at the given rates and accelerations of the free coordinates."""
+def constrained_joint_row(machine: Machine, serial: SegmentTree, state: State) -> sp.Expr:
+    """∂S/∂θ̈ of a constrained joint (N m).
+
+    Args:
+        machine: The robot in symbols.
+        serial: The constrained chain: the root and one base arm.
+        state: Rates and accelerations in the order of q; those of the constrained joint are zero.
+
+    Returns:
+        The row at the given rates and accelerations.
+
+    """
     places = machine.root.places(serial.joints)
 
     def held(values: Sequence[sp.Expr]) -> list[sp.Expr]:
@@ -72,8 +109,8 @@ def constrained_joint_row(machine: Machine, serial: SerialChain, state: State) -
         return places.joined(base, [sp.S.Zero] * serial.joints)
 
     own = State(held(state.rates), held(state.accelerations), state.gravity)
-    motions = chain_motions(machine.tape, machine.root, serial, own)
-    with machine.tape.group(f"inertia forces of {serial.carried_about(1)}"):
+    motions = tree_motions(machine.tape, machine.root, serial, own)
+    with machine.tape.group(f"inertia forces of {serial.subtree_about_joint(1)}"):
         return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
 
 
@@ -82,6 +119,14 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
 
     Where a chain's own joint, its constraint torque and its root coordinates stand among the hybrid
     unknowns is what the coupling map says.
+
+    Args:
+        machine: The robot in symbols.
+        reduced: Its reduced system.
+
+    Returns:
+        Rows and unknowns in the order of the hybrid coordinates.
+
     """
     free, size = layout_of(machine.robot).free, len(hybrid_coordinates(machine.robot))
     zero, one = sp.S.Zero, sp.S.One
@@ -112,7 +157,15 @@ def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
 
 
 def constraint_torques(machine: Machine) -> list[sp.Expr]:
-    """τ'_k for k = 2 … N, given the free coordinates' accelerations and the inputs (eq. 14)."""
+    """τ'_k for k = 2 … N, given the free coordinates' accelerations and the inputs (eq. 14).
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        One torque for each constrained joint (N m).
+
+    """
     state = State(machine.v, machine.a, machine.parameters.gravity)
     torques = []
     for chain, serial in machine.open_chains:
@@ -127,7 +180,15 @@ def constraint_torques(machine: Machine) -> list[sp.Expr]:
 
 
 def chain_matrix(machine: Machine, number: int) -> Matrix:
-    """Mass matrix I_j of chain 1 … N, bordered with ±ζ where the chain is constrained (eq. 15)."""
+    """Mass matrix I_j of a chain, bordered with ±ζ where the chain is constrained (eq. 15).
+
+    Args:
+        machine, number: The chain, by its number 1 … N.
+
+    Returns:
+        The matrix in the order of the chain's unknowns.
+
+    """
     chain, serial = machine.open_chains[number - 1]
     matrix = mass_matrix(machine.tape, machine.root, serial)
     if not chain.is_constrained:
@@ -139,9 +200,16 @@ def chain_matrix(machine: Machine, number: int) -> Matrix:
 
 
 def chain_system(machine: Machine, number: int) -> LinearSystem:
-    """Chain 1 … N in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
+    """A chain in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
 
     A constrained chain has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
+
+    Args:
+        machine, number: The chain, by its number 1 … N.
+
+    Returns:
+        Rows in the order of the chain's unknowns; all inputs u.
+
     """
     tape, root = machine.tape, machine.root
     chain, serial = machine.open_chains[number - 1]
@@ -157,7 +225,15 @@ def chain_system(machine: Machine, number: int) -> LinearSystem:
 
 
 def hybrid_from_chains(machine: Machine) -> LinearSystem:
-    """The hybrid system by adding up the chains' systems where the coupling map places them."""
+    """The hybrid system by adding up the chains' systems where the coupling map places them.
+
+    Args:
+        machine: The robot in symbols.
+
+    Returns:
+        Rows and unknowns in the order of the hybrid coordinates.
+
+    """
     size, width = len(hybrid_coordinates(machine.robot)), len(machine.u)
     zero = sp.S.Zero
     matrix: Matrix = [[zero] * size for _ in range(size)]
@@ -177,12 +253,32 @@ def hybrid_from_chains(machine: Machine) -> LinearSystem:
 
 
 def _chain_values(machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
-    """Rates or accelerations in the order of the chain's coordinates; a held joint has zero."""
+    """Rates or accelerations of a chain's coordinates.
+
+    Args:
+        machine: The robot in symbols.
+        chain: The chain.
+        values: Rates or accelerations in the order of q.
+
+    Returns:
+        Values in the order of the chain's coordinates; that of a constrained joint is zero.
+
+    """
     by_name = {symbol.name: value for symbol, value in zip(machine.q, values, strict=True)}
     return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
 
 
-def _chain_inputs(machine: Machine, chain: Chain, serial: SerialChain) -> Matrix:
+def _chain_inputs(machine: Machine, chain: Chain, serial: SegmentTree) -> Matrix:
+    """What the inputs do in a chain (eq. 13).
+
+    Args:
+        machine: The robot in symbols.
+        chain, serial: The chain, and its segments.
+
+    Returns:
+        Rows in the order of the chain's coordinates, columns in that of u.
+
+    """
     zero, one = sp.S.Zero, sp.S.One
     matrix: Matrix = [[zero] * len(machine.u) for _ in chain.coordinates]
     places = machine.root.places(serial.joints)

@@ -1,4 +1,4 @@
-"""Inertia of a link or of several as one: rotated, shifted, added, and split for regrouping.
+"""Inertia of a link or of several as one: rotated, shifted and added.
 
 Seen from its parent, a link is a Gibbs function in the parent's accelerations with other B's. That
 one rule serves the composites of the mass matrix, the merging of the rigid base arms, and
@@ -34,7 +34,15 @@ class Inertia:
     second: SecondMoments
 
     def entry(self, i: int, j: int) -> sp.Expr:
-        """E_ij."""
+        """One of the second moments.
+
+        Args:
+            i, j: Its row and column, 0 … 2.
+
+        Returns:
+            E_ij (kg m²).
+
+        """
         return self.second[_index(i, j)]
 
     @property
@@ -44,17 +52,41 @@ class Inertia:
         return dict(zip((MASS, *MOMENT, *SECOND), entries, strict=True))
 
     def mapped(self, function: Callable[[sp.Expr], sp.Expr]) -> Inertia:
-        """The inertia with `function` applied to each of its ten numbers."""
+        """The inertia with a function applied to its numbers.
+
+        Args:
+            function: Applied to each of the ten.
+
+        Returns:
+            The inertia of what it gives.
+
+        """
         x, y, z = map(function, self.moment)
         xx, yy, zz, xy, xz, yz = map(function, self.second)
         return Inertia(function(self.mass), (x, y, z), (xx, yy, zz, xy, xz, yz))
 
     def plus(self, tape: Scalars, other: Inertia) -> Inertia:
-        """Inertia of both bodies about their common point."""
+        """Inertia of both bodies about their common point.
+
+        Args:
+            other: About the same point, in the same frame.
+
+        Returns:
+            The sum.
+
+        """
         return total(tape, [self, other])
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Inertia:
-        """The inertia in the frame turned from: C' = RC, E' = RERᵀ."""
+        """The inertia in another frame: C' = RC, E' = RERᵀ.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+
+        Returns:
+            The inertia in the frame that `rotation` turns from.
+
+        """
         if rotation.is_identity:
             return self
         return Inertia(
@@ -85,9 +117,14 @@ class Inertia:
         return (xx, yy, zz, xy, xz, yz)
 
     def shifted(self, tape: Scalars, arm: Vector) -> Inertia:
-        """The inertia about a point from which its old point is at `arm`.
+        """The inertia about another point: C' = C + B₀r and E' = E + rCᵀ + Crᵀ + B₀rrᵀ.
 
-        C' = C + B₀r and E' = E + rCᵀ + Crᵀ + B₀rrᵀ.
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+
+        Returns:
+            The inertia about the new point.
+
         """
         if arm == ZERO:
             return self
@@ -105,9 +142,14 @@ class Inertia:
         return Inertia(self.mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
 
     def response(self, tape: Scalars, direction: int) -> Wrench:
-        """𝒮 and ℛ per unit of one acceleration: LINEAR or ANGULAR plus the axis.
+        """𝒮 and ℛ per unit of one acceleration: a column of the Hessian of the Gibbs function.
 
-        It is a column of the Hessian of the Gibbs function.
+        Args:
+            direction: LINEAR or ANGULAR plus the axis.
+
+        Returns:
+            The wrench about the same point, in the same frame.
+
         """
         fx, fy, fz, nx, ny, nz = (
             tape.let(entry.xreplace(self.values)) for entry in link_mass_block().col(direction)
@@ -118,31 +160,16 @@ class Inertia:
 NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
 
 
-def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a revolute joint about z moves, and what is given to its parent.
-
-    Mass on the joint's axis does not notice the joint: the mass itself, the first moment along z
-    and the second moment along z are the parent's.
-    """
-    (x, y, z), (xx, yy, zz, xy, xz, yz) = inertia.moment, inertia.second
-    zero = sp.S.Zero
-    own = Inertia(zero, (x, y, zero), (xx, yy, zero, xy, xz, yz))
-    given = Inertia(inertia.mass, (zero, zero, z), (zero, zero, zz, zero, zero, zero))
-    return own, given
-
-
-def split_prismatic(inertia: Inertia) -> tuple[Inertia, Inertia]:
-    """What a prismatic joint moves, and what is given to its parent.
-
-    The link turns with its parent, so its second moments about the joint are the parent's.
-    """
-    own = Inertia(inertia.mass, inertia.moment, (sp.S.Zero,) * 6)
-    given = Inertia(sp.S.Zero, ZERO, inertia.second)
-    return own, given
-
-
 def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:
-    """Inertia of several bodies about their common point."""
+    """Inertia of several bodies about their common point.
+
+    Args:
+        inertias: Of the bodies, about that point and in one frame.
+
+    Returns:
+        The sum.
+
+    """
     mass = tape.let(sp.Add(*(inertia.mass for inertia in inertias)))
     moments = zip(*(inertia.moment for inertia in inertias), strict=True)
     seconds = zip(*(inertia.second for inertia in inertias), strict=True)

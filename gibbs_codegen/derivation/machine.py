@@ -1,25 +1,26 @@
-"""The robot in symbols: its coordinates, its root, and its chains as rows of segments."""
+"""The robot in symbols: its coordinates, its root, and its chains as trees of segments."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
 from gibbs_codegen.derivation.parameters import Parameters
+from gibbs_codegen.derivation.regrouping import regrouped
 from gibbs_codegen.derivation.root.choice import root_of
 from gibbs_codegen.derivation.root.protocol import Root
-from gibbs_codegen.derivation.serial_chain import Segment, SerialChain, regrouped
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.tree_builder import JointedLink, tree_of_links
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import Places, layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.symbolic.exact_angles import gather, radians
+from gibbs_codegen.symbolic.exact_angles import gather
 from gibbs_codegen.symbolic.tape import InlineTape, Scalars, Stage
-from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, Vector, axis_vector
+from gibbs_codegen.symbolic.vectors import Rotation, Vector, axis_vector
 
 
 @dataclass(frozen=True)
@@ -27,13 +28,15 @@ class Machine:
     """Symbols and parts of one robot on one tape.
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, their rates, their accelerations
-    and the inputs, in the order of `coordinates`.
+    and the inputs, in the order of `coordinates`. `parents` holds, for each link of the arm, the
+    index of the segment that it is on: 0 for the base, i for link i.
     """
 
     robot: Robot
     tape: Scalars
     parameters: Parameters
     root: Root
+    parents: tuple[int, ...]
     q: tuple[sp.Symbol, ...]
     v: tuple[sp.Symbol, ...]
     a: tuple[sp.Symbol, ...]
@@ -41,7 +44,16 @@ class Machine:
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> Machine:
-        """Introduce the robot's symbols on `tape`; `keep_zeros` keeps parameters that are zero."""
+        """Introduce a robot's symbols on `tape`.
+
+        Args:
+            robot: The robot.
+            keep_zeros: Whether parameters that are zero keep their symbols.
+
+        Returns:
+            The robot in symbols.
+
+        """
         names = layout_of(robot).names
         q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names)
         v, a = (
@@ -51,7 +63,8 @@ class Machine:
         u = tuple(tape.symbol(entry.name, Stage.MOTION) for entry in inputs(robot))
         with tape.group("attitude"):
             root = root_of(robot, tape, q)
-        return cls(robot, tape, Parameters(robot, tape, keep_zeros), root, q, v, a, u)
+        parameters = Parameters(robot, tape, keep_zeros)
+        return cls(robot, tape, parameters, root, tuple(range(len(robot.links))), q, v, a, u)
 
     @property
     def joints(self) -> int:
@@ -77,8 +90,13 @@ class Machine:
         return self.parameters.arm_length(1)
 
     @property
+    def tip_segment(self) -> int:
+        """Index of the segment that ends in the tip: the last link."""
+        return self.joints
+
+    @property
     def reach(self) -> sp.Expr:
-        """Distance from the last segment's joint to the tip, along the segment's x axis.
+        """Distance from the tip segment's joint to the tip, along the segment's x axis.
 
         Without an arm the tip is the base centre.
         """
@@ -110,24 +128,22 @@ class Machine:
             return total(inline, [outer, self.arm_1_inertia()]).mapped(gather).mapped(self.tape.let)
 
     @cached_property
-    def reduced_chain(self) -> SerialChain:
+    def reduced_tree(self) -> SegmentTree:
         """The arm on the rigid base, regrouped: what the reduced system is derived from."""
-        chain = SerialChain((self._root_segment(self.base_inertia()), *self._arm_segments()))
-        offsets = [NO_ROTATION] + [Rotation.degrees(2, link.theta_deg) for link in self.robot.links]
-        return regrouped(self.tape, chain, offsets)
+        return regrouped(self.tape, self._arm_on(self._root_segment(self.base_inertia())))
 
     @cached_property
-    def open_chains(self) -> tuple[tuple[Chain, SerialChain], ...]:
+    def open_chains(self) -> tuple[tuple[Chain, SegmentTree], ...]:
         """The chains of the decomposition by themselves, each with the mass that it has there."""
-        return tuple((chain, self._serial_chain(chain)) for chain in decompose(self.robot))
+        return tuple((chain, self._chain_tree(chain)) for chain in decompose(self.robot))
 
-    def _serial_chain(self, chain: Chain) -> SerialChain:
+    def _chain_tree(self, chain: Chain) -> SegmentTree:
         with self.tape.group("inertia of base arm 1, about the origin", Stage.PARAMETER):
             inertia = self.arm_1_inertia() if 1 in chain.massive else NO_INERTIA
             root = self._root_segment(inertia.mapped(self.tape.let))
         if chain.is_constrained:
-            return SerialChain((root, self._base_arm_segment(chain.links[-1])))
-        return SerialChain((root, *self._arm_segments()))
+            return SegmentTree((root, self._base_arm_segment(chain.links[-1])))
+        return self._arm_on(root)
 
     def _root_segment(self, inertia: Inertia) -> Segment:
         return Segment(inertia, self.root.segment_rotation, name="the base")
@@ -139,47 +155,30 @@ class Machine:
         return Segment(
             inertia=inertia,
             rotation=Rotation.degrees(2, angle),
+            parent=0,
             a=self.centre_offset,
             name=name,
             joint_name=f"joint {k}",
         )
 
-    def _arm_segments(self) -> list[Segment]:
-        segments = []
-        # Sum of the joint angles since the carrier, θ₁ included where the base normal starts the
-        # first group, and of the angles that the file fixes.
-        angle, structural = self.root.segment_angle, Fraction(0)
-        _, joints = self.places.split(self.q)
-        for i, (link, joint) in enumerate(zip(self.robot.links, joints, strict=True), start=1):
-            leads = link.alpha_deg % 360 != 0
-            if leads:
-                angle, structural = sp.S.Zero, Fraction(0)
-            structural += link.theta_deg
+    def _arm_on(self, root: Segment) -> SegmentTree:
+        """The links of the arm on a root segment."""
+        _, coordinates = self.places.split(self.q)
+        links = []
+        for i, (link, parent) in enumerate(zip(self.robot.links, self.parents, strict=True), 1):
             symbols = self.parameters.link(i)
-            d = symbols.d
-            if link.joint == "revolute":
-                angle += joint
-            else:
-                d += joint
-            with self.tape.group("inertias of the links", Stage.PARAMETER):
-                inertia = symbols.body.inertia.mapped(self.tape.let)
-            with self.tape.group("angles and places of the joints", Stage.PARAMETER):
-                segments.append(
-                    Segment(
-                        inertia=inertia,
-                        rotation=self._carrier_rotation(angle, structural),
-                        joint=link.joint,
-                        a=self.tape.let(symbols.a + (self.centre_offset if i == 1 else 0)),
-                        d=self.tape.let(d),
-                        twist=Rotation.degrees(0, link.alpha_deg),
-                        leads=leads,
-                        name=f"link {i}",
-                        joint_name=f"joint {self.robot.rotors + i}",
-                    )
+            links.append(
+                JointedLink(
+                    parent=parent,
+                    inertia=symbols.body.inertia,
+                    joint=link.joint,
+                    coordinate=coordinates[i - 1],
+                    a=symbols.a + (self.centre_offset if parent == 0 else 0),
+                    d=symbols.d,
+                    alpha_deg=link.alpha_deg,
+                    theta_deg=link.theta_deg,
+                    name=f"link {i}",
+                    joint_name=f"joint {self.robot.rotors + i}",
                 )
-        return segments
-
-    def _carrier_rotation(self, angle: sp.Expr, structural: Fraction) -> Rotation:
-        if angle == 0:
-            return Rotation.degrees(2, structural)
-        return Rotation.angle(self.tape, 2, angle + radians(structural % 360))
+            )
+        return tree_of_links(self.tape, root, self.root.segment_angle, links)

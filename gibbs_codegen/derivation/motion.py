@@ -8,14 +8,17 @@ on parallel axes, whose motions are kept in one frame, share most of it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Rotation, Vector, add, scale
+from gibbs_codegen.symbolic.vectors import Rotation, Vector, add, cross, scale
 
 Gradient = tuple[Vector, Vector, Vector]
+# Rotations and shifts, one after the other, that take what is rigid from one frame to another.
+Transform = Sequence[Rotation | Vector]
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,16 @@ class Motion:
 
     @classmethod
     def of(cls, tape: Scalars, omega: Vector, omega_dot: Vector, acceleration: Vector) -> Motion:
-        """Motion with the gradient that belongs to ω and dω/dt."""
+        """Motion with the gradient that belongs to ω and dω/dt.
+
+        Args:
+            omega, omega_dot: Angular velocity and its derivative (rad/s, rad/s²).
+            acceleration: r̈ of the joint (m/s²), in the same frame.
+
+        Returns:
+            The motion in that frame.
+
+        """
         products = [[tape.let(p * q) for q in omega] for p in omega]
         columns = []
         for j in range(3):
@@ -45,7 +57,15 @@ class Motion:
         return cls(omega, omega_dot, acceleration, (columns[0], columns[1], columns[2]))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Motion:
-        """The same motion in the frame turned from."""
+        """The same motion in another frame.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+
+        Returns:
+            The motion in the frame that `rotation` turns from.
+
+        """
         if rotation.is_identity:
             return self
         return Motion.of(
@@ -56,7 +76,15 @@ class Motion:
         )
 
     def displaced(self, tape: Scalars, step: Vector) -> Motion:
-        """Motion of the point at `step` of the same link."""
+        """Motion of another point of the same link.
+
+        Args:
+            step: The point from this one (m), in the motion's frame.
+
+        Returns:
+            The motion with that point's r̈, in the same frame.
+
+        """
         columns = [
             tuple(step[j] * entry for entry in self.gradient[j]) for j in range(3) if step[j] != 0
         ]
@@ -67,14 +95,31 @@ class Motion:
         return Motion(self.omega, self.omega_dot, (x, y, z), self.gradient)
 
     def displaced_along(self, tape: Scalars, rotation: Rotation, length: sp.Expr) -> Motion:
-        """Motion of the point at `length` along the x axis of a frame that `rotation` gives."""
+        """Motion of another point, on the x axis of a frame that is turned about z.
+
+        Args:
+            rotation: Turns the x axis, about z of the motion's frame.
+            length: Distance to the point (m).
+
+        Returns:
+            The motion with that point's r̈, in the same frame.
+
+        """
         if length == 0:
             return self
         step = scale(tape, length, self.along_x(tape, rotation))
         return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient)
 
     def along_x(self, tape: Scalars, rotation: Rotation) -> Vector:
-        """A applied to the x axis of the frame that `rotation` (about z) gives."""
+        """What the acceleration gains per unit of length along a turned x axis.
+
+        Args:
+            rotation: Turns the x axis, about z of the motion's frame.
+
+        Returns:
+            A applied to that axis (1/s²), in the motion's frame.
+
+        """
         first, second, _ = self.gradient
         x, y, z = (
             tape.let(rotation.cos * p + rotation.sin * q)
@@ -83,7 +128,15 @@ class Motion:
         return (x, y, z)
 
     def spun(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:
-        """Motion of a link that turns about z on this one, in this one's frame."""
+        """Motion of a link that turns about z on this one.
+
+        Args:
+            rate, acceleration: Those of the angle (rad/s, rad/s²).
+
+        Returns:
+            The link's motion in this one's frame.
+
+        """
         if rate == 0 and acceleration == 0:
             return self
         let = tape.let
@@ -106,8 +159,74 @@ class Motion:
         return Motion((x, y, spin), omega_dot, self.acceleration, (first, second, (xz, yz, zz)))
 
     def slid(self, tape: Scalars, rate: sp.Expr, acceleration: sp.Expr) -> Motion:
-        """Motion of a link that moves along z on this one: r̈ gains 2ω×żz + z̈z."""
+        """Motion of a link that moves along z on this one: r̈ gains 2ω×żz + z̈z.
+
+        Args:
+            rate, acceleration: Those of the travel (m/s, m/s²).
+
+        Returns:
+            The link's motion in this one's frame.
+
+        """
         x, y, _ = self.omega
         twice = tape.let(2 * rate)
         gain = (tape.let(twice * y), -tape.let(twice * x), acceleration)
         return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, gain), self.gradient)
+
+
+@dataclass(frozen=True)
+class Acceleration:
+    """r̈ and ω̇ of a frame."""
+
+    linear: Vector
+    angular: Vector
+
+    @classmethod
+    def of(cls, entries: Sequence[sp.Expr]) -> Acceleration:
+        """An acceleration by its components.
+
+        Args:
+            entries: The six components, r̈ and then ω̇.
+
+        Returns:
+            The acceleration.
+
+        """
+        x, y, z, p, q, r = entries
+        return cls((x, y, z), (p, q, r))
+
+    @property
+    def entries(self) -> list[sp.Expr]:
+        """The six components."""
+        return [*self.linear, *self.angular]
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> Acceleration:
+        """The same acceleration in another frame.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+
+        Returns:
+            The acceleration in the frame that `rotation` turns from.
+
+        """
+        return Acceleration(rotation.vector(tape, self.linear), rotation.vector(tape, self.angular))
+
+    def passed_out(self, tape: Scalars, transform: Transform) -> Acceleration:
+        """The acceleration of a frame that is fixed to this one.
+
+        Args:
+            transform: Takes what is in that frame to this one.
+
+        Returns:
+            The acceleration where the transform begins.
+
+        """
+        here = self
+        for step in reversed(transform):
+            if isinstance(step, Rotation):
+                here = here.rotated(tape, step.inverse)
+            else:
+                gain = cross(tape, here.angular, step)
+                here = Acceleration(add(tape, here.linear, gain), here.angular)
+        return here

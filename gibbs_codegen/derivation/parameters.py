@@ -58,25 +58,67 @@ class Parameters:
         self._links = [self._link(i) for i in range(1, len(robot.links) + 1)]
 
     def arm_length(self, k: int) -> sp.Expr:
-        """Length of base arm k = 1 … N."""
+        """Length of a base arm.
+
+        Args:
+            k: Its number, 1 … N.
+
+        Returns:
+            Its length (m).
+
+        """
         return self._arms[self._arm_prefix(k)].length
 
     def arm_inertia(self, k: int) -> Inertia:
-        """Inertia of base arm k about its start, in its own frame."""
+        """Inertia of a base arm.
+
+        Args:
+            k: Its number, 1 … N.
+
+        Returns:
+            The inertia about its start, in its own frame.
+
+        """
         return self._arms[self._arm_prefix(k)].inertia
 
     def drag(self, k: int) -> sp.Expr:
-        """Reaction torque of motor k per unit of thrust."""
+        """Reaction torque of a motor per unit of thrust.
+
+        Args:
+            k: Its number, 1 … N.
+
+        Returns:
+            The ratio (m).
+
+        """
         return self._drags[k - 1]
 
     def link(self, i: int) -> LinkSymbols:
-        """Symbols of the arm's link i = 1 … n."""
+        """Symbols of a link of the arm.
+
+        Args:
+            i: Its number, 1 … n.
+
+        Returns:
+            Its lengths and its body.
+
+        """
         return self._links[i - 1]
 
     def _arm_prefix(self, k: int) -> str:
         return "base_arm" if self._robot.base.shares_one_arm else f"base_arm{k}"
 
     def _value(self, name: str, default: float, unit: str) -> sp.Expr:
+        """The symbol of a parameter, or zero where it is structural.
+
+        Args:
+            name, unit: As the generated module gives them.
+            default: Its value in the robot file.
+
+        Returns:
+            The symbol, whose default and unit are noted, or zero.
+
+        """
         if default == 0.0 and not self._keep_zeros:
             if name not in self.folded:
                 self.folded.append(name)
@@ -104,7 +146,16 @@ class Parameters:
             return BodySymbols(length, self._rigid_body(prefix, body))
 
     def _rod(self, prefix: str, rod: Rod, length: sp.Expr) -> Inertia:
-        """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃."""
+        """B₀ = μl, C = (μl²/2, 0, 0), B₂ = diag(0, μl³/3, μl³/3), and the section's B₃.
+
+        Args:
+            prefix: Of its parameters' names.
+            rod, length: The rod, and the symbol of its length.
+
+        Returns:
+            Inertia about its start, in its own frame.
+
+        """
         density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
         x, y, z = (
             self._value(f"{prefix}_section_inertia_{axis}", value, "kg m^2")
@@ -142,6 +193,13 @@ class Parameters:
         of inertia is larger than the sum of the other two. So where the rounding of first − whole
         is too large for that, `first` is less than half of `whole`, and the rounding can be
         computed exactly and added (Dekker's sum of two numbers).
+
+        Args:
+            first, second, whole: Moments of inertia about the three axes (kg m²).
+
+        Returns:
+            The second moment along the axis of `whole` (kg m²).
+
         """
         let = self._tape.let
         difference = let(first - whole)

@@ -43,8 +43,14 @@ _LINEAR, _ANGULAR, _JOINTS = slice(0, 3), slice(3, 6), 6
 def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
     """Refuse a robot with a massless degree of freedom, from its data alone.
 
-    Raises `SingularRobotError`, naming all such motions, or `UsageError` for a parameter of a size
-    that cannot be computed with.
+    Args:
+        robot: The robot.
+        defaults: Values of its parameters by name.
+
+    Raises:
+        SingularRobotError: If it has massless motions; it names all of them.
+        UsageError: For a parameter of a size that cannot be computed with.
+
     """
     for name, value in defaults.items():
         if fault := size_fault(value):
@@ -56,8 +62,15 @@ def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
 def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str, float]) -> None:
     """Refuse a robot whose mass matrix is singular to the accuracy of double precision.
 
-    `mass_matrix` is the program of that function. Raises `SingularRobotError`, naming the
-    coordinate that most of the motion of least inertia is made of.
+    Args:
+        robot: The robot.
+        mass_matrix: The program of the function of that name.
+        defaults: Values of its parameters by name.
+
+    Raises:
+        SingularRobotError: If it is singular; it names the coordinate that most of the motion of
+            least inertia is made of.
+
     """
     found = []
     size = len(mass_matrix.inputs["q"])
@@ -74,7 +87,13 @@ def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str
 def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -> None:
     """Refuse a robot whose emitted functions could not compute with their own parameters.
 
-    Raises `UsageError`, naming the parameters that are the furthest from 1.
+    Args:
+        robot, program: The robot and all of its functions.
+        defaults: Values of its parameters by name.
+
+    Raises:
+        UsageError: If numbers overflow; it names the parameters that are the furthest from 1.
+
     """
     still = [0.0] * len(program.inputs["q"])
     arguments = {
@@ -116,10 +135,15 @@ def _least_inertia(matrix: NDArray[np.float64]) -> tuple[float, int]:
 
 
 def massless_motions(robot: Robot) -> list[Motion]:
-    """Motions that move no mass, whatever the configuration; empty for a machine as it should be.
+    """Motions that move no mass, whatever the configuration; empty for a robot as it should be.
 
-    Each is given by the coordinates that must move together, outermost joint first. No coordinate
-    can be left out of a motion without its moving mass.
+    Args:
+        robot: The robot.
+
+    Returns:
+        Each motion by the coordinates that must move together, outermost joint first. No coordinate
+        can be left out of a motion without its moving mass.
+
     """
     found = [_null_motions(*_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
     fewest = min(found, key=len)
@@ -218,9 +242,15 @@ class _Swarm:
         self._way += self._turning * np.linalg.norm(step)
 
     def add(self, body: Body, attitude: Array, start: Array) -> None:
-        """Add linear and angular momentum of a body whose own frame begins at `start` from here.
+        """Add linear and angular momentum of a body.
 
         Masses are taken out, and of the moments of inertia the roots: what is left are lengths.
+
+        Args:
+            body: The body.
+            attitude: Its own axes in the base's, by columns.
+            start: Where its own frame begins, from the point reached (m).
+
         """
         mass, com, inertia = _central(body)
         arm = start + attitude @ com

@@ -7,13 +7,13 @@ from functools import lru_cache
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import (
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.tree_dynamics import (
     Matrix,
     generalised_inertia_forces,
     gibbs_function,
     mass_matrix,
 )
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.equations.normal_form import TooLongError, collected, count_terms
 from gibbs_codegen.equations.readable_chain import chain_state, check_chain, readable_chain
 from gibbs_codegen.robot.model import Robot

@@ -8,13 +8,13 @@ from typing import TypeVar
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import (
+from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT, link_gibbs_function
+from gibbs_codegen.derivation.tree_dynamics import (
     Matrix,
-    chain_motions,
     generalised_inertia_forces,
     mass_matrix,
+    tree_motions,
 )
-from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT, link_gibbs_function
 from gibbs_codegen.equations.definitions import Definition, Definitions
 from gibbs_codegen.equations.notation import Kind, name
 from gibbs_codegen.equations.readable_chain import own_frames, readable_chain
@@ -60,7 +60,7 @@ class ItemMotions:
             state, rates=longer(state.rates), accelerations=longer(state.accelerations)
         )
         self._named: list[tuple[sp.Symbol, sp.Symbol, int, sp.Expr]] = []
-        motions = chain_motions(self._tape, root, self._serial, self._state)[:-1]
+        motions = tree_motions(self._tape, root, self._serial, self._state)[:-1]
         for k, motion in enumerate(motions):
             vectors = (motion.omega, motion.omega_dot, motion.acceleration)
             for (generic, letter, mark, meaning), vector in zip(_VECTORS, vectors, strict=True):

@@ -13,10 +13,10 @@ from fractions import Fraction
 
 import sympy as sp
 
-from gibbs_codegen.derivation.chain_dynamics import State
 from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.machine import Machine
-from gibbs_codegen.derivation.serial_chain import Segment, SerialChain
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.equations.chain_inertias import defined_inertia, named_inertia
 from gibbs_codegen.equations.chain_names import FIXED, chain_names
 from gibbs_codegen.equations.definitions import Definition
@@ -50,7 +50,7 @@ class ReadableChain:
 
     machine: Machine
     chain: Chain
-    serial: SerialChain
+    serial: SegmentTree
     state: State
     inertias: tuple[Definition, ...]
     names: dict[sp.Symbol, Name]
@@ -97,30 +97,30 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     names = chain_names(machine, chain)
     # What the symbols of inertia stand for is written in the parameters themselves.
     plain = Machine.of(robot, InlineTape())
-    root, *carried = serial.segments
+    root, *links = serial.segments
     if chain.is_constrained:
         (joint,) = _chain_joints(machine, chain)
         angle = tape.symbol(joint, Stage.CONFIGURATION)
-        carried = [_readable_arm(machine, carried[0], angle)]
+        links = [_readable_arm(machine, links[0], angle)]
     else:
-        carried = _readable_links(machine, tuple(carried))
+        links = _readable_links(machine, tuple(links))
     segments, inertias = [], []
-    for k, (segment, arm) in enumerate(zip((root, *carried), chain.links[2:], strict=True)):
+    for k, (segment, arm) in enumerate(zip((root, *links), chain.links[2:], strict=True)):
         inertia = defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
         named, definitions = named_inertia(tape, chain.number, 3 + k, inertia, names)
         segments.append(replace(segment, inertia=named))
         inertias += definitions
     state = chain_state(machine, chain)
     return ReadableChain(
-        machine, chain, SerialChain(tuple(segments)), state, tuple(inertias), names
+        machine, chain, SegmentTree(tuple(segments)), state, tuple(inertias), names
     )
 
 
-def own_frames(readable: ReadableChain) -> SerialChain:
+def own_frames(readable: ReadableChain) -> SegmentTree:
     """The chain with each segment in its own frame, and one more, without inertia, at its end.
 
-    The derivation keeps segments on parallel axes in one frame, and a last segment in the frame of
-    what carries it, which saves operations and takes explaining.
+    The derivation keeps segments on parallel axes in one frame, and a last segment in that of its
+    parent, which saves operations and takes explaining.
 
     Args:
         readable: the chain.
@@ -133,7 +133,7 @@ def own_frames(readable: ReadableChain) -> SerialChain:
     if readable.chain.is_constrained:
         (joint,) = _chain_joints(machine, readable.chain)
         rotation = Rotation.angle(machine.tape, Z, sp.Symbol(joint))
-        segments.append(replace(serial.segments[1], rotation=rotation, leads=True))
+        segments.append(replace(serial.segments[1], rotation=rotation, starts_group=True))
     else:
         _, joints = machine.places.split(machine.q)
         for link, joint, segment in zip(
@@ -141,8 +141,9 @@ def own_frames(readable: ReadableChain) -> SerialChain:
         ):
             angle = joint if link.joint == "revolute" else sp.S.Zero
             rotation = _turned(machine.tape, angle, link.theta_deg)
-            segments.append(replace(segment, rotation=rotation, leads=True))
-    return SerialChain((*segments, Segment(NO_INERTIA, NO_ROTATION)))
+            segments.append(replace(segment, rotation=rotation, starts_group=True))
+    end = Segment(NO_INERTIA, NO_ROTATION, parent=len(segments) - 1)
+    return SegmentTree((*segments, end))
 
 
 def _chain_joints(machine: Machine, chain: Chain) -> list[str]:
@@ -173,7 +174,7 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
             wrench = wrench.rotated(tape, segments[1].rotation)
             joints = [segments[1].row(wrench)]
             wrench = readable.serial.passed_in(tape, 1, wrench)
-            wrench = readable.serial.to_carrier(tape, 0, wrench)
+            wrench = readable.serial.to_group_frame(tape, 0, wrench)
         rows = places.joined(root.rows(tape, wrench), joints)
         forces = [force + row * u[k - 1] for force, row in zip(forces, rows, strict=True)]
     if not chain.is_constrained:
@@ -222,7 +223,7 @@ def _readable_arm(machine: Machine, segment: Segment, angle: sp.Symbol) -> Segme
     """
     root = machine.root
     rotation = Rotation.angle(machine.tape, Z, root.segment_angle + angle)
-    return replace(segment, rotation=rotation, leads=not root.spins_about_normal)
+    return replace(segment, rotation=rotation, starts_group=not root.spins_about_normal)
 
 
 def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Segment]:
@@ -231,7 +232,7 @@ def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Seg
     readable = []
     _, joints = machine.places.split(machine.q)
     for link, joint, segment in zip(machine.robot.links, joints, segments, strict=True):
-        if segment.leads:
+        if segment.starts_group:
             angle, fixed = sp.S.Zero, Fraction(0)
         angle += joint if link.joint == "revolute" else 0
         fixed += link.theta_deg

@@ -19,7 +19,15 @@ _FRACTION = sp.Integer(24)
 
 @cache
 def cos_sin_deg(angle: Fraction) -> tuple[sp.Expr, sp.Expr]:
-    """Cosine and sine of `angle` in degrees."""
+    """Cosine and sine of a structural angle.
+
+    Args:
+        angle: The angle in degrees.
+
+    Returns:
+        Exact for multiples of 30° and 45°, else to forty digits.
+
+    """
     angle %= 360
     radians = sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
     if angle % 30 == 0 or angle % 45 == 0:
@@ -33,21 +41,43 @@ def structural_number(number: sp.Float) -> sp.Expr:
 
     SymPy drops a factor of one only where it is an integer; whether 1.0 equals 1 depends on its
     version.
+
+    Args:
+        number: The number.
+
+    Returns:
+        The same number as SymPy should see it.
+
     """
     whole = sp.Integer(int(number))
     return whole if (number - whole).is_zero else number
 
 
 def radians(angle: Fraction) -> sp.Expr:
-    """`angle` in degrees as an exact multiple of π."""
+    """An angle in radians, as an exact multiple of π.
+
+    Args:
+        angle: The angle in degrees.
+
+    Returns:
+        The angle in radians.
+
+    """
     return sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
 
 
 def gather(expression: sp.Expr) -> sp.Expr:
     """Expand, add the structural coefficients of like terms, and drop those that vanish.
 
-    The result does not depend on whether a coefficient such as Σ cos² θ_k was summed exactly or to
-    forty digits: what is within 1e-25 of a multiple of 1/24 is that multiple.
+    Whether a coefficient such as Σ cos² θ_k was summed exactly or to forty digits makes no
+    difference: what is within 1e-25 of a multiple of 1/24 is that multiple.
+
+    Args:
+        expression: A polynomial in symbols, with structural coefficients.
+
+    Returns:
+        The polynomial with each product of symbols once.
+
     """
     coefficients: dict[sp.Expr, sp.Expr] = {}
     for term in sp.Add.make_args(sp.expand(expression)):

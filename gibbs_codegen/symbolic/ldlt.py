@@ -22,10 +22,18 @@ class ZeroPivotError(Exception):
 def solve_symmetric(
     tape: Scalars, matrix: Rows, right: Sequence[sp.Expr], order: Sequence[int]
 ) -> list[sp.Expr]:
-    """Solve a symmetric system by LDLᵀ, eliminating the unknowns in `order`.
+    """Solve a symmetric system by LDLᵀ; zeros of the matrix cost nothing.
 
-    Zeros of the matrix cost nothing. Raises `ZeroPivotError` for a pivot that is zero whatever the
-    numbers.
+    Args:
+        matrix, right: The system: rows with both triangles, and the right-hand side.
+        order: The order in which the unknowns are eliminated.
+
+    Returns:
+        The unknowns in the order of the rows.
+
+    Raises:
+        ZeroPivotError: For a pivot that is zero whatever the numbers.
+
     """
     lower = [list(row) for row in matrix]
     rest = list(right)
@@ -54,7 +62,15 @@ def solve_symmetric(
 
 
 def minimum_degree(matrix: Rows) -> list[int]:
-    """Order of elimination that takes, each time, an unknown coupled to the fewest others."""
+    """Order of elimination that takes, each time, an unknown coupled to the fewest others.
+
+    Args:
+        matrix: Rows with both triangles.
+
+    Returns:
+        The unknowns by their row, in that order.
+
+    """
     graph = _graph(matrix)
     order: list[int] = []
     while graph:
@@ -64,7 +80,16 @@ def minimum_degree(matrix: Rows) -> list[int]:
 
 
 def operations_to_solve(matrix: Rows, order: Sequence[int]) -> int:
-    """Operations that `solve_symmetric` takes, signs apart, from where the zeros are alone."""
+    """Operations that `solve_symmetric` takes, signs apart, from where the zeros are alone.
+
+    Args:
+        matrix: Rows with both triangles.
+        order: The order in which the unknowns are eliminated.
+
+    Returns:
+        Their number.
+
+    """
     graph = _graph(matrix)
     operations = 0
     for unknown in order:

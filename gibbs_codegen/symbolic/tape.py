@@ -40,17 +40,40 @@ class Scalars(Protocol):
     """What a derivation needs of a tape."""
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
-        """Introduce an input of the program."""
+        """Introduce an input of the program.
+
+        Args:
+            name: Its name in the program.
+            stage: When its value is known.
+
+        Returns:
+            Its symbol.
+
+        """
 
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Name a result."""
+        """Name a result.
+
+        Args:
+            expression: A sum of products of what earlier calls returned.
+
+        Returns:
+            What stands for it from now on.
+
+        """
 
     def group(
         self, words: str, earliest: Stage = Stage.CONFIGURATION
     ) -> AbstractContextManager[None]:
         """Say what is computed in a `with` block; of nested blocks the innermost counts.
 
-        What is made there of an earlier stage than `earliest` belongs to the constants.
+        Args:
+            words: What is computed, as a comment of the emitted code says it.
+            earliest: What is made there of an earlier stage belongs to the constants.
+
+        Returns:
+            The context of the block.
+
         """
 
 
@@ -58,17 +81,42 @@ class InlineTape:
     """A tape that names nothing: the derivation's results are closed-form expressions."""
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
-        """Introduce an input; the stage is of no consequence here."""
+        """Introduce an input.
+
+        Args:
+            name: Its name.
+            stage: Of no consequence here.
+
+        Returns:
+            Its symbol.
+
+        """
         return sp.Symbol(name)
 
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Return the expression itself."""
+        """Leave a result as it is.
+
+        Args:
+            expression: The result.
+
+        Returns:
+            The expression itself.
+
+        """
         return expression
 
     def group(
         self, words: str, earliest: Stage = Stage.CONFIGURATION
     ) -> AbstractContextManager[None]:
-        """Nothing is named, so there is nothing to say of it."""
+        """Nothing is named, so there is nothing to say of it.
+
+        Args:
+            words, earliest: Of no consequence here.
+
+        Returns:
+            A context that does nothing.
+
+        """
         return nullcontext()
 
 
@@ -88,23 +136,57 @@ class Tape:
         self._known: dict[sp.Expr, sp.Expr] = {}
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
-        """Introduce an input of the program at its stage."""
+        """Introduce an input of the program.
+
+        Args:
+            name: Its name in the program.
+            stage: When its value is known.
+
+        Returns:
+            Its symbol.
+
+        """
         symbol = sp.Symbol(name)
         if symbol not in self._stages:
             self._register(symbol, stage)
         return symbol
 
     def stage(self, symbol: sp.Symbol) -> Stage:
-        """Stage of an input or temporary."""
+        """When the value of a symbol is known.
+
+        Args:
+            symbol: An input or a temporary.
+
+        Returns:
+            Its stage.
+
+        """
         return self._stages[symbol]
 
     def rank(self, symbol: sp.Symbol) -> int:
-        """Place of a symbol in the order of creation."""
+        """Place of a symbol in the order of creation.
+
+        Args:
+            symbol: An input or a temporary.
+
+        Returns:
+            Its place, from 0.
+
+        """
         return self._ranks[symbol]
 
     @contextmanager
     def group(self, words: str, earliest: Stage = Stage.CONFIGURATION) -> Iterator[None]:
-        """Put what is first named in a `with` block into the group `words`."""
+        """Put what is first named in a `with` block into a group.
+
+        Args:
+            words: What is computed, as a comment of the emitted code says it.
+            earliest: What is made there of an earlier stage belongs to the constants.
+
+        Yields:
+            Nothing; the outer group counts again after the block.
+
+        """
         outer, self._group = self._group, (words, earliest)
         try:
             yield
@@ -112,9 +194,14 @@ class Tape:
             self._group = outer
 
     def let(self, expression: sp.Expr) -> sp.Expr:
-        """Name `expression`, a sum of products of what earlier calls returned.
+        """Name a result, once for the same expression.
 
-        Returns a number, a symbol, or a symbol with a minus sign.
+        Args:
+            expression: A sum of products of what earlier calls returned.
+
+        Returns:
+            A number, a symbol, or a symbol with a minus sign.
+
         """
         if expression.is_Symbol or expression.is_Number:
             return expression
@@ -232,7 +319,15 @@ class Tape:
 
 
 def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
-    """Sign and magnitude of a symbol, a signed symbol or a number."""
+    """Sign and magnitude of what `let` returns.
+
+    Args:
+        atom: A symbol, a symbol with a minus sign, or a number.
+
+    Returns:
+        1 or −1, and the symbol or the number without its sign.
+
+    """
     if atom.is_Symbol:
         return 1, atom
     if _is_minus_symbol(atom):

@@ -17,25 +17,58 @@ X, Y, Z = 0, 1, 2
 
 
 def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
-    """`length` along a coordinate axis."""
+    """A vector along a coordinate axis.
+
+    Args:
+        axis: X, Y or Z.
+        length: Its component there.
+
+    Returns:
+        The vector.
+
+    """
     x, y, z = (length if i == axis else sp.S.Zero for i in range(3))
     return (x, y, z)
 
 
 def add(tape: Scalars, *vectors: Vector) -> Vector:
-    """Sum of vectors."""
+    """Sum of vectors.
+
+    Args:
+        vectors: In one frame.
+
+    Returns:
+        The sum in that frame.
+
+    """
     x, y, z = (tape.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True))
     return (x, y, z)
 
 
 def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
-    """Vector times scalar."""
+    """Vector times scalar.
+
+    Args:
+        factor, vector: The scalar and the vector.
+
+    Returns:
+        The product in the vector's frame.
+
+    """
     x, y, z = (tape.let(factor * entry) for entry in vector)
     return (x, y, z)
 
 
 def cross(tape: Scalars, a: Vector, b: Vector) -> Vector:
-    """Vector product a × b."""
+    """Vector product a × b.
+
+    Args:
+        a, b: In one frame.
+
+    Returns:
+        The product in that frame.
+
+    """
     x, y, z = (
         tape.let(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
         for i in range(3)
@@ -44,7 +77,15 @@ def cross(tape: Scalars, a: Vector, b: Vector) -> Vector:
 
 
 def dot(tape: Scalars, a: Vector, b: Vector) -> sp.Expr:
-    """Scalar product a·b."""
+    """Scalar product a·b.
+
+    Args:
+        a, b: In one frame.
+
+    Returns:
+        The product.
+
+    """
     return tape.let(sp.Add(*(p * q for p, q in zip(a, b, strict=True))))
 
 
@@ -61,12 +102,30 @@ class Rotation:
 
     @classmethod
     def degrees(cls, axis: int, angle: Fraction) -> Rotation:
-        """Rotation by a structural angle."""
+        """Rotation by a structural angle.
+
+        Args:
+            axis: X, Y or Z.
+            angle: The angle in degrees.
+
+        Returns:
+            The rotation, exact where the sine and cosine are.
+
+        """
         return cls(axis, *cos_sin_deg(angle))
 
     @classmethod
     def angle(cls, tape: Scalars, axis: int, angle: sp.Expr) -> Rotation:
-        """Rotation by an angle in radians."""
+        """Rotation by an angle that varies.
+
+        Args:
+            axis: X, Y or Z.
+            angle: The angle (rad).
+
+        Returns:
+            The rotation, with sine and cosine named on the tape.
+
+        """
         angle = tape.let(angle)
         return cls(axis, tape.let(sp.cos(angle)), tape.let(sp.sin(angle)))
 
@@ -81,7 +140,15 @@ class Rotation:
         return bool(self.cos == 1)
 
     def vector(self, tape: Scalars, v: Vector) -> Vector:
-        """Components of `v` in the frame turned from."""
+        """A vector in the frame turned from.
+
+        Args:
+            v: Its components in the turned frame.
+
+        Returns:
+            Its components in the frame that the rotation turns from.
+
+        """
         p, q = (self.axis + 1) % 3, (self.axis + 2) % 3
         turned = list(v)
         turned[p] = tape.let(self.cos * v[p] - self.sin * v[q])
@@ -100,11 +167,27 @@ class Wrench:
     moment: Vector
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Wrench:
-        """The same wrench in the frame turned from."""
+        """The same wrench in another frame.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+
+        Returns:
+            The wrench in the frame that `rotation` turns from.
+
+        """
         return Wrench(rotation.vector(tape, self.force), rotation.vector(tape, self.moment))
 
     def shifted(self, tape: Scalars, arm: Vector) -> Wrench:
-        """The same wrench about a point from which its old point is at `arm`."""
+        """The same wrench about another point.
+
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+
+        Returns:
+            The wrench about the new point.
+
+        """
         lever = tuple(
             arm[(i + 1) % 3] * self.force[(i + 2) % 3] - arm[(i + 2) % 3] * self.force[(i + 1) % 3]
             for i in range(3)
@@ -113,7 +196,15 @@ class Wrench:
         return Wrench(self.force, (x, y, z))
 
     def plus(self, tape: Scalars, other: Wrench) -> Wrench:
-        """Sum of two wrenches about one point."""
+        """Sum of two wrenches.
+
+        Args:
+            other: About the same point, in the same frame.
+
+        Returns:
+            The sum.
+
+        """
         return Wrench(add(tape, self.force, other.force), add(tape, self.moment, other.moment))
 
 

@@ -14,7 +14,8 @@ from gibbs_codegen.derivation.gibbs import (
     acceleration_gradient,
     link_gibbs_function,
 )
-from gibbs_codegen.derivation.inertia import Inertia, split_prismatic, split_revolute
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.regrouping import split_prismatic, split_revolute
 from gibbs_codegen.symbolic.tape import InlineTape
 from gibbs_codegen.symbolic.vectors import Rotation
 

@@ -14,7 +14,8 @@ def _in(folder: str, modules: str) -> tuple[str, ...]:
 
 
 DERIVATION = (
-    *_in("derivation", "functions gibbs motion serial_chain inertia machine chain_dynamics"),
+    *_in("derivation", "functions gibbs motion inertia machine segment_tree tree_builder"),
+    *_in("derivation", "inertia_forces composite_inertia regrouping tree_dynamics"),
     *_in(
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",

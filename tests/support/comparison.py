@@ -29,9 +29,12 @@ def states(robot: Robot, module: ModuleType, count: int, seed: int = 0) -> tuple
     return q, v, a, rng.normal(size=(count, len(module.INPUTS)))
 
 
-def compare(robot: Robot, module: ModuleType, count: int = 2) -> None:
-    """All functions of the module, evaluated as a batch, against the oracle state by state."""
-    oracle = Oracle(robot)
+def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | None = None) -> None:
+    """All functions of the module, evaluated as a batch, against the oracle state by state.
+
+    Another `oracle` than that of the robot file may be given.
+    """
+    oracle = oracle or Oracle(robot)
     q, v, a, u = states(robot, module, count)
     batch = {
         "M": module.mass_matrix(q),

@@ -8,6 +8,7 @@ from pathlib import Path
 from types import ModuleType
 
 from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import TARGETS, render_module
@@ -19,9 +20,13 @@ _number = itertools.count()
 
 def emitted_module(robot: Robot, keep_zeros: bool = False) -> ModuleType:
     """Derive, render for NumPy, write to a temporary folder, and import."""
-    model = derive(robot, keep_zeros)
+    return module_of(derive(robot, keep_zeros))
+
+
+def module_of(model: Model) -> ModuleType:
+    """Render a derived robot for NumPy, write it to a temporary folder, and import it."""
     with tempfile.TemporaryDirectory() as folder:
-        package = Path(folder) / f"{robot.name}_{next(_number)}"
+        package = Path(folder) / f"{model.robot.name}_{next(_number)}"
         package.mkdir()
         for name, text in render_module(model, "", NUMPY).items():
             (package / name).write_text(text, encoding="utf-8")

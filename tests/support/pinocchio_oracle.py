@@ -6,6 +6,7 @@ inverse dynamics with those joints held.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,15 +35,25 @@ def spatial_inertia(body: Body) -> pin.Inertia:
     return pin.Inertia(body.mass, np.array(body.com), about_com)
 
 
+def _depth_first(parents: Sequence[int], number: int = 0) -> Iterator[int]:
+    """Links in the order that Pinocchio wants: all of a subtree before the next one."""
+    for i, parent in enumerate(parents, start=1):
+        if parent == number:
+            yield i
+            yield from _depth_first(parents, i)
+
+
 @dataclass
 class Oracle:
     """A robot's tree; coordinates are those of the hybrid system without the constraint torques.
 
     With `rigid_base` the base arms are welded to arm 1 instead, and the coordinates are those of q.
+    `parents` tells, for each link, what it is on: 0 for the base, i for link i; a row if not given.
     """
 
     robot: Robot
     rigid_base: bool = False
+    parents: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         robot, base = self.robot, self.robot.base
@@ -84,24 +95,30 @@ class Oracle:
         self.free = [names.index(name) for name in reduced]
         self.held = [i for i, name in enumerate(names) if name not in reduced]
 
-    def _add_arm(self, parent: int, centre: Array) -> None:
+    def _add_arm(self, base: int, centre: Array) -> None:
         robot, model = self.robot, self.model
-        offset, tip = centre, centre
-        for i, link in enumerate(robot.links, start=1):
+        tip = (base, centre)
+        joints = {0: base}
+        parents = self.parents or tuple(range(len(robot.links)))
+        for i in _depth_first(parents):
+            link, number = robot.links[i - 1], parents[i - 1]
             default = robot.links[i - 2].body.length if i > 1 else 0.0
             twist = rotation("x", float(link.alpha_deg))
             a = default if link.a is None else link.a
-            step = offset + np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
-            placement = pin.SE3(twist @ rotation("z", float(link.theta_deg)), step)
+            step = np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
+            placement = pin.SE3(
+                twist @ rotation("z", float(link.theta_deg)), step if number else centre + step
+            )
             revolute = link.joint == "revolute"
             kind = pin.JointModelRZ() if revolute else pin.JointModelPZ()
             name = f"{'theta' if revolute else 'd'}_{robot.rotors + i}"
-            parent = model.addJoint(parent, kind, placement, name)
-            model.appendBodyToJoint(parent, spatial_inertia(link.body), pin.SE3.Identity())
-            self.points[f"joint{robot.rotors + i}"] = (parent, np.zeros(3))
-            offset, tip = np.zeros(3), np.array([link.body.length, 0, 0])
-        self.points["tip"] = (parent, tip)
-        self.tip = (parent, tip)
+            joints[i] = model.addJoint(joints[number], kind, placement, name)
+            model.appendBodyToJoint(joints[i], spatial_inertia(link.body), pin.SE3.Identity())
+        for i in range(1, len(robot.links) + 1):
+            self.points[f"joint{robot.rotors + i}"] = (joints[i], np.zeros(3))
+        if robot.links:
+            tip = (joints[len(robot.links)], np.array([robot.links[-1].body.length, 0, 0]))
+        self.points["tip"] = self.tip = tip
 
     def spread(self, values: Array) -> Array:
         """Reduced values as the tree's, zero at the held joints."""

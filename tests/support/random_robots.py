@@ -94,6 +94,12 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
     return Robot("random_robot", base, tuple(link(rng) for _ in range(links)), gravity)
 
 
+def random_parents(seed: int, links: int) -> tuple[int, ...]:
+    """For each link what it is on: 0 for the base, i for link i, so that links form a tree."""
+    rng = np.random.default_rng(seed)
+    return tuple(int(rng.integers(i + 1)) for i in range(links))
+
+
 def write_random_robots(folder: Path, count: int) -> list[Path]:
     """Write the files of `count` robots of 2 … 8 rotors and 0 … 5 links.
 

@@ -14,5 +14,14 @@ from gibbs_codegen.symbolic.tape import Scalars
 
 
 def root_of(robot: Robot, tape: Scalars, q: Sequence[sp.Expr]) -> Root:
-    """The root of a robot with coordinates q: Tait–Bryan angles in the robot's sequence."""
+    """The root of a robot: Tait–Bryan angles in the robot's sequence.
+
+    Args:
+        robot: The robot.
+        q: Its coordinates.
+
+    Returns:
+        The root.
+
+    """
     return TaitBryanRoot.make(tape, robot.base.attitude, q[layout_of(robot).attitude])

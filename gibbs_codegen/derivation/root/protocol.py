@@ -1,8 +1,8 @@
 """What the derivation asks of the base's coordinates, whatever they are.
 
-The root turns the coordinates of the base into the motion of a frame that the chains hang on, the
-*carrier*, and wrenches in that frame back into generalised forces. The root segment (arm 1) may
-turn against the carrier about z, the base normal.
+The root turns the coordinates of the base into the motion of the frame that the tree begins with,
+the *root's group frame*, and wrenches in that frame back into generalised forces. The root segment
+(arm 1) may turn against the group frame about z, the base normal.
 
 Values of the base are those of attitude and then of position, without the joints': what
 `Places.split` gives and `Places.joined` takes.
@@ -25,7 +25,7 @@ Values = Sequence[sp.Expr]
 
 
 class Root(Protocol):
-    """Coordinates of the base: how they move the carrier, and which forces act along them."""
+    """Coordinates of the base: how they move the group frame, and which forces act along them."""
 
     @property
     def spins_about_normal(self) -> bool:
@@ -34,39 +34,74 @@ class Root(Protocol):
 
     @property
     def segment_angle(self) -> sp.Expr:
-        """Angle of the root segment against the carrier."""
+        """Angle of the root segment against its group frame (rad)."""
         ...
 
     @property
     def segment_rotation(self) -> Rotation:
-        """Rotation of the root segment against the carrier."""
+        """Rotation of the root segment against its group frame."""
         ...
 
     def places(self, joints: int) -> Places:
-        """Places of the coordinates of this base with `joints` joints."""
+        """Places of the coordinates in q, v and a.
+
+        Args:
+            joints: Number of joints after the base.
+
+        Returns:
+            Places of the base and of the joints.
+
+        """
         ...
 
     def origin(self, coordinates: Values) -> Vector:
-        """World position of the origin, from the coordinates of the base."""
+        """World position of the origin.
+
+        Args:
+            coordinates: Those of the base.
+
+        Returns:
+            Position in world axes (m).
+
+        """
         ...
 
-    def carrier_motion(
+    def frame_motion(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
-        """Motion of the carrier, in its own axes, at rates and accelerations of the base.
+        """Motion of the root's group frame.
 
-        Gravity is included as an upward acceleration.
+        Args:
+            rates, accelerations: Those of the base's coordinates.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            The motion in the frame's own axes.
+
         """
         ...
 
     def segment_spin(self, values: Values) -> sp.Expr:
-        """The rate or acceleration of the root segment against the carrier."""
+        """The rate or acceleration of the root segment against its group frame.
+
+        Args:
+            values: Rates or accelerations of the base's coordinates.
+
+        Returns:
+            That about z (rad/s or rad/s²).
+
+        """
         ...
 
     def rows(self, tape: Scalars, wrench: Wrench) -> tuple[sp.Expr, ...]:
-        """Generalised forces along the base's coordinates of a wrench in the carrier.
+        """Generalised forces of a wrench along the base's coordinates.
 
-        The wrench is about the origin.
+        Args:
+            wrench: About the origin, in the root's group frame (N, N m).
+
+        Returns:
+            One force for each coordinate of the base.
+
         """
         ...
 
@@ -81,9 +116,8 @@ class Root(Protocol):
         """∂S/∂θ̈ of the base's coordinates.
 
         Args:
-            tape: Takes the operations.
-            wrench: 𝒮 and ℛ of all segments about the origin, in the carrier, without the root's
-                B₀r̈ (N, N m).
+            wrench: 𝒮 and ℛ of all segments about the origin, in the root's group frame, without the
+                root's B₀r̈ (N, N m).
             mass: The root's B₀ (kg).
             accelerations: Those of the base's coordinates.
             gravity: Gravity (m/s²), included as an upward acceleration.
@@ -97,31 +131,50 @@ class Root(Protocol):
     def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
         """The base's block of the mass matrix.
 
-        `composite` is the inertia of the whole machine about the origin, in the carrier.
+        Args:
+            composite: Inertia of the whole robot about the origin, in the root's group frame.
+
+        Returns:
+            Rows and columns of the base's coordinates.
+
         """
         ...
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
-        """World components of a vector given in the carrier."""
+        """World components of a vector.
+
+        Args:
+            vector: Its components in the root's group frame.
+
+        Returns:
+            Its components in world axes.
+
+        """
         ...
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
-        """Linear and angular velocity for a unit rate of each coordinate of the base.
+        """Velocities of a point for a unit rate of each coordinate of the base.
 
-        The linear one is that of a `point` of the machine, given from the origin; world axes.
+        Args:
+            point: A point of the robot from the origin, in world axes (m).
+
+        Returns:
+            Linear and angular velocity in world axes, for each coordinate.
+
         """
         ...
 
     def accelerations(
         self, tape: Scalars, linear: Vector, angular: Vector, gravity: sp.Expr
     ) -> list[sp.Expr]:
-        """Accelerations of the base's coordinates, recovered from a motion of the carrier.
+        """Accelerations of the base's coordinates, recovered from a motion of the root's group
+        frame.
 
         Args:
-            tape: Takes the operations.
-            linear: Acceleration of the origin relative to free fall, in the carrier (m/s²).
+            linear: Acceleration of the origin relative to free fall, in the root's group frame
+                (m/s²).
             angular: What the accelerations of the coordinates add to the angular acceleration, in
-                the carrier (rad/s²).
+                the root's group frame (rad/s²).
             gravity: Gravity (m/s²).
 
         Returns:

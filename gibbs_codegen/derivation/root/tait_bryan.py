@@ -1,9 +1,9 @@
 """The root with Tait–Bryan angles: how attitude and position move arm 1, and take forces back.
 
-The chains know only the root's carrier frame and what moves in it. This module knows the angles:
+The tree knows only the root's group frame and what moves in it. This module knows the angles:
 R₁ = R_a(θ₋₁)·R_b(θ₀)·R_c(θ₁), intrinsic. Where the last rotation is about z, the base normal, it is
-left to the root segment, because the arm's first joint may turn about the same axis: the carrier is
-then the frame before that rotation.
+left to the root segment, because the arm's first joint may turn about the same axis: the
+group frame is then the frame before that rotation.
 """
 
 from __future__ import annotations
@@ -43,7 +43,16 @@ class TaitBryanRoot:
 
     @classmethod
     def make(cls, tape: Scalars, sequence: str, angles: Sequence[sp.Expr]) -> TaitBryanRoot:
-        """Root of an attitude sequence such as "xyz", with its three angles."""
+        """The root of an attitude sequence.
+
+        Args:
+            sequence: Axes of the three rotations, such as "xyz".
+            angles: θ₋₁, θ₀ and θ₁ (rad).
+
+        Returns:
+            The root.
+
+        """
         a, b, c = ("xyz".index(letter) for letter in sequence)
         first, second, third = (
             Rotation.angle(tape, axis, angle) for axis, angle in zip((a, b, c), angles, strict=True)
@@ -57,32 +66,57 @@ class TaitBryanRoot:
 
     @property
     def segment_angle(self) -> sp.Expr:
-        """Angle of the root segment against its carrier."""
+        """Angle of the root segment against its group frame (rad)."""
         return self.angle if self.spins_about_normal else sp.S.Zero
 
     @property
     def segment_rotation(self) -> Rotation:
-        """Rotation of the root segment against its carrier."""
+        """Rotation of the root segment against its group frame."""
         return self.rotations[2] if self.spins_about_normal else NO_ROTATION
 
     def places(self, joints: int) -> Places:
-        """Attitude first, then `joints` joints, then the position."""
+        """Places of the coordinates in q, v and a.
+
+        Args:
+            joints: Number of joints after the base.
+
+        Returns:
+            The attitude first, then the joints, then the position.
+
+        """
         return Places.of_joints(joints)
 
     def origin(self, coordinates: Values) -> Vector:
-        """World position of the origin, from the coordinates of the base."""
+        """World position of the origin.
+
+        Args:
+            coordinates: θ₋₁, θ₀, θ₁, x, y, z.
+
+        Returns:
+            x, y, z.
+
+        """
         x, y, z = coordinates[3:]
         return (x, y, z)
 
     @property
     def _outer(self) -> int:
-        """Number of rotations between the world and the carrier."""
+        """Number of rotations between the world and the group frame."""
         return 2 if self.spins_about_normal else 3
 
-    def carrier_motion(
+    def frame_motion(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
-        """Motion of the carrier, with gravity as an upward acceleration."""
+        """Motion of the group frame.
+
+        Args:
+            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            The motion in the frame's own axes.
+
+        """
         x, y, z = self._origin_acceleration(accelerations, gravity)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
         for i in range(self._outer):
@@ -105,11 +139,27 @@ class TaitBryanRoot:
         return (x, y, z + gravity)
 
     def segment_spin(self, values: Values) -> sp.Expr:
-        """The rate or acceleration of θ₁ where the root segment has it to itself."""
+        """The rate or acceleration of θ₁ where the root segment has it to itself.
+
+        Args:
+            values: Those of θ₋₁, θ₀, θ₁, x, y, z.
+
+        Returns:
+            That of θ₁, or zero.
+
+        """
         return values[2] if self.spins_about_normal else sp.S.Zero
 
     def rows(self, tape: Scalars, wrench: Wrench) -> Rows:
-        """Generalised forces on θ₋₁, θ₀, θ₁, x, y, z of a wrench in the carrier at the origin."""
+        """Generalised forces of a wrench.
+
+        Args:
+            wrench: About the origin, in the group frame (N, N m).
+
+        Returns:
+            Those on θ₋₁, θ₀, θ₁, x, y, z.
+
+        """
         rows = [sp.S.Zero] * 3
         for i in (2, 1, 0):
             rows[i] = wrench.moment[self.axes[i]]
@@ -125,20 +175,48 @@ class TaitBryanRoot:
         accelerations: Values,
         gravity: sp.Expr,
     ) -> Rows:
-        """∂S/∂θ̈ for θ₋₁, θ₀, θ₁, x, y, z; the root's B₀r̈ is added in world axes."""
+        """∂S/∂θ̈ of the base's coordinates; the root's B₀r̈ is added in world axes.
+
+        Args:
+            wrench: 𝒮 and ℛ of all segments about the origin, in the group frame, without the root's
+                B₀r̈.
+            mass: The root's B₀ (kg).
+            accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            The rows of θ₋₁, θ₀, θ₁, x, y, z.
+
+        """
         rows = self.rows(tape, wrench)
         linear = self._origin_acceleration(accelerations, gravity)
         moved = (tape.let(row + mass * r) for row, r in zip(rows[3:], linear, strict=True))
         return (*rows[:3], *moved)
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
-        """World components of a vector given in the carrier."""
+        """World components of a vector.
+
+        Args:
+            vector: Its components in the group frame.
+
+        Returns:
+            Its components in world axes.
+
+        """
         for i in range(self._outer - 1, -1, -1):
             vector = self.rotations[i].vector(tape, vector)
         return vector
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
-        """Linear and angular velocity of a point for unit rates of θ₋₁, θ₀, θ₁, x, y, z."""
+        """Velocities of a point for unit rates.
+
+        Args:
+            point: The point from the origin, in world axes (m).
+
+        Returns:
+            Linear and angular velocity in world axes, for each of θ₋₁, θ₀, θ₁, x, y, z.
+
+        """
         turning = [(cross(tape, axis, point), axis) for axis in self._world_axes(tape)]
         return [*turning, *((axis_vector(k), ZERO) for k in range(3))]
 
@@ -153,9 +231,14 @@ class TaitBryanRoot:
         return axes
 
     def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
-        """The 6×6 block of the mass matrix for θ₋₁, θ₀, θ₁, x, y, z.
+        """The base's block of the mass matrix.
 
-        `composite` is the inertia of the whole machine about the origin, in the carrier.
+        Args:
+            composite: Inertia of the whole robot about the origin, in the group frame.
+
+        Returns:
+            6×6 entries for θ₋₁, θ₀, θ₁, x, y, z.
+
         """
         block: list[list[sp.Expr]] = [[sp.S.Zero] * 6 for _ in range(6)]
         for k in range(3):
@@ -179,9 +262,18 @@ class TaitBryanRoot:
     def accelerations(
         self, tape: Scalars, linear: Vector, angular: Vector, gravity: sp.Expr
     ) -> list[sp.Expr]:
-        """θ̈₋₁, θ̈₀, θ̈₁, whose axes add up to `angular`, and the origin's acceleration.
+        """Accelerations of the base's coordinates, from a motion of the group frame.
 
         Divides by cos θ₀, which is zero where the sequence is singular.
+
+        Args:
+            linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
+            angular: The sum of θ̈₋₁, θ̈₀, θ̈₁ times their axes, in the group frame (rad/s²).
+            gravity: Gravity (m/s²).
+
+        Returns:
+            Those of θ₋₁, θ₀, θ₁, x, y, z.
+
         """
         with tape.group("acceleration of the origin, in world axes"):
             x, y, z = self.world(tape, linear)

@@ -1,0 +1,105 @@
+"""Composite bodies: the inertia of every subtree, and the columns of the mass matrix from them.
+
+A unit acceleration of joint k moves the subtree of segment k as one rigid body. What that takes is
+a wrench at joint k; its components along joint k and along the joints from there to the root are
+the column of the mass matrix. All other joints have a zero there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import Wrench
+
+# Joints that a column of the mass matrix is passed in over before the next column is.
+_JOINTS_AT_ONCE = 8
+
+
+def whole_inertia(tape: Scalars, tree: SegmentTree) -> Inertia:
+    """Inertia of the whole tree as one rigid body.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        The inertia about the root, in the root's group frame.
+
+    """
+    *_, (_, whole) = _composites_inward(tape, tree)
+    return whole
+
+
+def _composites_inward(tape: Scalars, tree: SegmentTree) -> Iterator[tuple[int, Inertia]]:
+    """Each segment, the last first, with the inertia of its subtree.
+
+    Yields:
+        Index of the segment, and the composite inertia about its joint, in its group frame.
+
+    """
+    composites: dict[int, Inertia] = {}
+    for k in range(tree.joints, -1, -1):
+        with tape.group(f"composite inertia of {tree.subtree_about_joint(k)}"):
+            inertia = tree.working_inertia(tape, k)
+            for child in tree.children[k]:
+                received = tree.passed_in(tape, child, composites.pop(child))
+                inertia = inertia.plus(tape, received)
+            composites[k] = tree.to_group_frame(tape, k, inertia)
+        yield k, composites[k]
+
+
+@dataclass(frozen=True)
+class JointSpaceInertia:
+    """The mass matrix before the root's coordinates are put in.
+
+    `composite` is the inertia of the whole tree about the root and `wrenches` are the joints'
+    columns there, both in the root's group frame. `entries` maps joints (i, j), i ≤ j, to their
+    entry; a pair of joints of which neither supports the other is left out, its entry is zero.
+    """
+
+    composite: Inertia
+    wrenches: list[Wrench]
+    entries: dict[tuple[int, int], sp.Expr]
+
+
+def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
+    """Columns of the mass matrix for the joints after the root.
+
+    From the leaves inwards, a few joints at a time, every column is passed in over them before the
+    next few, so that the same statements follow one another once a column.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        The columns at the root and the joints' entries.
+
+    """
+    last = tree.joints
+    inertias: dict[int, Inertia] = {}
+    columns: dict[int, Wrench] = {}
+    entries: dict[tuple[int, int], sp.Expr] = {}
+    inward = _composites_inward(tape, tree)
+    for end in range(last, -1, -_JOINTS_AT_ONCE):
+        start = max(end - _JOINTS_AT_ONCE + 1, 0)
+        inertias.update(next(inward) for _ in range(start, end + 1))
+        for k in range(max(start, 1), last + 1):
+            path = tree.path(k)
+            way = [j for j in path if start <= j <= end]
+            nearest = tree.segments[min(filter(None, way), default=path[-2])].joint_name
+            with tape.group(f"mass matrix, columns of the joints carried in to {nearest}"):
+                for j in way:
+                    if j == k:
+                        columns[k] = inertias[k].response(tape, tree.segments[k].direction)
+                    else:
+                        child = path[path.index(j) - 1]
+                        column = tree.passed_in(tape, child, columns[k])
+                        columns[k] = tree.to_group_frame(tape, j, column)
+                    if j > 0:
+                        entries[j - 1, k - 1] = tree.segments[j].row(columns[k])
+    return JointSpaceInertia(inertias[0], [columns[k] for k in range(1, last + 1)], entries)

@@ -1,0 +1,167 @@
+"""Motions of a tree outwards and its inertia forces inwards: ∂S/∂θ̈ by recursion (eqs. 5 and 6)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from gibbs_codegen.derivation.gibbs import (
+    ACCELERATION,
+    GRADIENT,
+    MASS,
+    OMEGA,
+    OMEGA_DOT,
+    link_gibbs_function,
+    link_partials_by_gradient,
+)
+from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    NO_WRENCH,
+    Vector,
+    Wrench,
+    axis_vector,
+    scale,
+)
+
+
+def outward(
+    tape: Scalars,
+    tree: SegmentTree,
+    root_motion: Motion,
+    rates: Sequence[sp.Expr],
+    accelerations: Sequence[sp.Expr],
+) -> list[Motion]:
+    """Motion of every segment.
+
+    Args:
+        tree: The tree.
+        root_motion: Motion of the root's group frame, in its own axes.
+        rates: Rate of every segment's joint (rad/s or m/s); of the root, its turn about z.
+        accelerations: Acceleration of every segment's joint (rad/s² or m/s²), likewise.
+
+    Returns:
+        A motion for each segment, in its working frame.
+
+    """
+    motions: list[Motion] = []
+    for k, segment in enumerate(tree.segments):
+        with tape.group(f"motion of {segment.name}"):
+            motion = _passed_out(tape, tree, k, motions[segment.parent]) if k else root_motion
+            move = motion.spun if segment.joint == "revolute" else motion.slid
+            motion = move(tape, rates[k], accelerations[k])
+            if tree.works_in_own_frame(k):
+                motion = motion.rotated(tape, segment.rotation.inverse)
+        motions.append(motion)
+    return motions
+
+
+def _passed_out(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Motion:
+    """Motion of the group frame of segment k at its joint, from its parent's motion.
+
+    Args:
+        tree: The tree.
+        k: Index of the segment, 1 or more.
+        motion: That of the parent, in the parent's working frame.
+
+    Returns:
+        The motion before joint k moves, in the group frame of segment k.
+
+    """
+    segment = tree.segments[k]
+    if segment.starts_group:
+        motion = motion.displaced_along(tape, NO_ROTATION, segment.a)
+        motion = motion.rotated(tape, segment.twist.inverse)
+    else:
+        parent = tree.segments[segment.parent]
+        motion = motion.displaced_along(tape, parent.rotation, segment.a)
+    return motion.displaced(tape, axis_vector(2, segment.d))
+
+
+def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wrench:
+    """𝒮 and ℛ of segment k (eq. 6).
+
+    The root's B₀r̈ is left out: regrouping brings most of the mass there, and it is cheapest in
+    world axes.
+
+    Args:
+        tree: The tree.
+        k: Index of the segment.
+        motion: Its motion, in its working frame.
+
+    Returns:
+        Inertia force and moment about the joint, in the working frame (N, N m).
+
+    """
+    segment = tree.segments[k]
+    inertia = tree.working_inertia(tape, k)
+    values = inertia.values
+    if k == 0:
+        values[MASS] = sp.S.Zero
+    values.update(zip(ACCELERATION, motion.acceleration, strict=True))
+    for j, column in enumerate(motion.gradient):
+        values.update((GRADIENT[i][j], entry) for i, entry in enumerate(column))
+    partials = link_partials_by_gradient()
+    fx, fy, fz = (tape.let(partial.xreplace(values)) for partial in partials.force)
+    nx, ny, nz = (tape.let(partial.xreplace(values)) for partial in partials.moment)
+    force: Vector = (fx, fy, fz)
+    c_x, c_y, c_z = segment.inertia.moment
+    if c_y == c_z == 0 and values[MASS] == 0 and not tree.works_in_own_frame(k):
+        # A rod: its 𝒮 is parallel to the step to the next joint, which the kinematics has.
+        force = scale(tape, c_x, motion.along_x(tape, segment.rotation))
+    return Wrench(force, (nx, ny, nz))
+
+
+def inward(
+    tape: Scalars, tree: SegmentTree, motions: Sequence[Motion]
+) -> tuple[Wrench, list[sp.Expr]]:
+    """∂S/∂θ̈ of the tree (eq. 5): every segment adds its inertia forces to its parent's.
+
+    Args:
+        tree: The tree.
+        motions: That of each segment, in its working frame.
+
+    Returns:
+        The sum of 𝒮 and ℛ over the tree about the root, in the root's group frame, without the
+        root's B₀r̈, which the caller adds; and the row of each joint after the root.
+
+    """
+    rows: list[sp.Expr] = []
+    received = [NO_WRENCH for _ in tree.segments]
+    for k in range(tree.joints, -1, -1):
+        segment = tree.segments[k]
+        with tape.group(f"inertia forces of {tree.subtree_about_joint(k)}"):
+            wrench = link_wrench(tape, tree, k, motions[k]).plus(tape, received[k])
+            wrench = received[k] = tree.to_group_frame(tape, k, wrench)
+        if k > 0:
+            rows.append(segment.row(wrench))
+            with tape.group(f"inertia forces of {tree.subtree_about_joint(segment.parent)}"):
+                wrench = tree.passed_in(tape, k, wrench)
+                received[segment.parent] = received[segment.parent].plus(tape, wrench)
+    return received[0], rows[::-1]
+
+
+def tree_gibbs_function(tape: Scalars, tree: SegmentTree, motions: Sequence[Motion]) -> sp.Expr:
+    """Σ of eq. 2 over the links.
+
+    Args:
+        tree: The tree.
+        motions: That of each segment, in its working frame.
+
+    Returns:
+        S up to terms free of accelerations.
+
+    """
+    terms = []
+    for k, motion in enumerate(motions):
+        with tape.group(f"Gibbs function of {tree.segments[k].name}"):
+            values = tree.working_inertia(tape, k).values
+            values.update(zip(ACCELERATION, motion.acceleration, strict=True))
+            values.update(zip(OMEGA, motion.omega, strict=True))
+            values.update(zip(OMEGA_DOT, motion.omega_dot, strict=True))
+            terms.append(tape.let(link_gibbs_function().xreplace(values)))
+    with tape.group("sum over the links"):
+        return tape.let(sp.Add(*terms))

@@ -1,0 +1,250 @@
+"""A tree of links on joints, and the frames in which the recursions along it compute.
+
+Segment 0 is the root link (arm 1). Each further segment is a link with the joint that connects it
+to its parent, and every parent comes before its children. Segments whose joints have parallel axes
+form a *group* and share one *group frame*: the frame of the group before any of its joints turns
+it. A segment of the group is turned against that frame, about z, by the sum of the joint angles
+from the start of the group to the segment, so vectors along the group are never rotated from link
+to link, and one sine–cosine pair a joint is enough.
+
+What a segment computes, it computes in its *working frame*: the group frame, or its own frame if
+further groups start at it, since all that passes through has to be turned once anyway. Therefore
+either all children of a segment start groups of their own, or none does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import groupby
+from typing import TypeVar
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, Inertia
+from gibbs_codegen.robot.model import JointKind
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, Wrench, X, Z, axis_vector
+
+Moved = TypeVar("Moved", Wrench, Inertia)
+
+# The parent of the root segment.
+NO_PARENT = -1
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A link and its joint, as modified Denavit–Hartenberg places it.
+
+    From the parent's frame: `a` along x, `twist` about x, `d` along z (a prismatic joint's travel
+    included), then `rotation` about z, counted from the group frame; `offset` is the fixed part of
+    the segment's own angle. `parent` is the index of the parent segment. `starts_group` marks a
+    segment whose group frame is its own, before its joint turns it. `inertia` is about the joint,
+    in the link's own frame. Comments call the link `name` and its joint `joint_name`.
+    """
+
+    inertia: Inertia
+    rotation: Rotation
+    parent: int = NO_PARENT
+    joint: JointKind = "revolute"
+    a: sp.Expr = sp.S.Zero
+    d: sp.Expr = sp.S.Zero
+    twist: Rotation = NO_ROTATION
+    offset: Rotation = NO_ROTATION
+    starts_group: bool = True
+    name: str = ""
+    joint_name: str = ""
+
+    @property
+    def direction(self) -> int:
+        """Which component of (r̈, ω̇), or of a wrench, is along the joint: a row of 0 … 5."""
+        return ANGULAR + Z if self.joint == "revolute" else LINEAR + Z
+
+    def row(self, wrench: Wrench) -> sp.Expr:
+        """The component of a wrench along the joint.
+
+        Args:
+            wrench: About the joint, in the segment's group frame.
+
+        Returns:
+            The moment about z of a revolute joint, the force along z of a prismatic one.
+
+        """
+        return [*wrench.force, *wrench.moment][self.direction]
+
+
+@dataclass(frozen=True)
+class SegmentTree:
+    """Segments, every parent before its children, the root first.
+
+    Raises `ValueError` where that is not so, where a twisted segment does not start a group, or
+    where some children of a segment start groups and others do not.
+    """
+
+    segments: tuple[Segment, ...]
+
+    def __post_init__(self) -> None:
+        for k, segment in enumerate(self.segments):
+            if not (0 <= segment.parent < k or (k == 0 and segment.parent == NO_PARENT)):
+                raise ValueError(f"segment {k}: its parent {segment.parent} does not come before")
+            if not (segment.starts_group or segment.twist.is_identity):
+                raise ValueError(f"segment {k} is twisted against the group that it belongs to")
+        for k, children in enumerate(self.children):
+            if len({self.segments[child].starts_group for child in children}) > 1:
+                raise ValueError(
+                    f"segment {k}: of its children {children} some start groups of their own and "
+                    "others do not"
+                )
+
+    @property
+    def joints(self) -> int:
+        """Number of joints after the root."""
+        return len(self.segments) - 1
+
+    @cached_property
+    def children(self) -> tuple[tuple[int, ...], ...]:
+        """For each segment, the indices of its children, in ascending order."""
+        children: list[list[int]] = [[] for _ in self.segments]
+        for k, segment in enumerate(self.segments[1:], start=1):
+            children[segment.parent].append(k)
+        return tuple(map(tuple, children))
+
+    def path(self, k: int) -> list[int]:
+        """The path from a segment to the root.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Indices of the segments on it, both ends included.
+
+        """
+        path = [k]
+        while path[-1] > 0:
+            path.append(self.segments[path[-1]].parent)
+        return path
+
+    def subtree(self, k: int) -> list[int]:
+        """A segment and all that it supports.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Their indices, in ascending order.
+
+        """
+        subtree = [k]
+        for i in range(k + 1, len(self.segments)):
+            if self.segments[i].parent in subtree:
+                subtree.append(i)
+        return subtree
+
+    def subtree_words(self, k: int) -> str:
+        """A segment and all that it supports, in words.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Words such as "links 2, 4 and 5".
+
+        """
+        if k > 0:
+            return self._words(self.subtree(k))
+        root, *rest = self.subtree(k)
+        return " and ".join([self.segments[root].name] + ([self._words(rest)] if rest else []))
+
+    def subtree_about_joint(self, k: int) -> str:
+        """A segment and all that it supports, about its joint, in words.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            Words such as "links 2, 4 and 5, about joint 8".
+
+        """
+        joint = self.segments[k].joint_name
+        return f"{self.subtree_words(k)}, about {joint}" if joint else self.subtree_words(k)
+
+    def _words(self, links: Sequence[int]) -> str:
+        return f"links {_in_words(links)}" if len(links) > 1 else self.segments[links[0]].name
+
+    def works_in_own_frame(self, k: int) -> bool:
+        """Whether a segment works in its own frame: its children start groups.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            False where it works in its group frame.
+
+        """
+        return any(self.segments[child].starts_group for child in self.children[k])
+
+    def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
+        """Pass a wrench or an inertia of segment k on to its parent.
+
+        Within a group parent and child share the group frame, and the parent's x axis is turned in
+        it by the parent's rotation. Where a group starts, the parent works in its own frame.
+
+        Args:
+            k: Index of the segment, 1 or more.
+            item: About joint k, in the segment's group frame.
+
+        Returns:
+            The same about the parent's joint, in the parent's working frame.
+
+        """
+        segment = self.segments[k]
+        parent = self.segments[segment.parent]
+        item = item.shifted(tape, axis_vector(Z, segment.d))
+        step = axis_vector(X, segment.a)
+        if segment.starts_group:
+            return item.rotated(tape, segment.twist).shifted(tape, step)
+        with tape.group(f"step from {parent.name} to {segment.name}"):
+            arm = parent.rotation.vector(tape, step)
+        return item.shifted(tape, arm)
+
+    def to_group_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
+        """Take a wrench or an inertia of a segment from its working frame to its group frame.
+
+        Args:
+            k: Index of the segment.
+            item: About the segment's joint, in its working frame.
+
+        Returns:
+            The same in the group frame.
+
+        """
+        if self.works_in_own_frame(k):
+            return item.rotated(tape, self.segments[k].rotation)
+        return item
+
+    def working_inertia(self, tape: Scalars, k: int) -> Inertia:
+        """Inertia of a segment by itself.
+
+        Args:
+            k: Index of the segment.
+
+        Returns:
+            The inertia about its joint, in its working frame.
+
+        """
+        segment = self.segments[k]
+        if self.works_in_own_frame(k):
+            return segment.inertia
+        with tape.group(f"inertia of {segment.name}, turned by the joints"):
+            return segment.inertia.rotated(tape, segment.rotation)
+
+
+def _in_words(numbers: Sequence[int]) -> str:
+    """Ascending numbers in words, such as "2 and 3", "1 to 3" or "2, 4 and 5"."""
+    parts: list[str] = []
+    for _, pairs in groupby(enumerate(numbers), key=lambda pair: pair[1] - pair[0]):
+        run = [number for _, number in pairs]
+        parts += [f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run)
+    *before, last = parts
+    return f"{', '.join(before)} and {last}" if before else last

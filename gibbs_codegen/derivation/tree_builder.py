@@ -1,0 +1,105 @@
+"""From links to a tree of segments: which joints share a group frame, and how each is turned in it.
+
+A link whose joint axis is parallel to its parent's (no twist) belongs to its parent's group. But
+where a sibling is twisted, the parent works in its own frame, so there all siblings start groups.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.robot.model import JointKind
+from gibbs_codegen.symbolic.exact_angles import radians
+from gibbs_codegen.symbolic.tape import Scalars, Stage
+from gibbs_codegen.symbolic.vectors import Rotation
+
+
+@dataclass(frozen=True)
+class JointedLink:
+    """A link in symbols, as modified Denavit–Hartenberg places it on its parent.
+
+    `parent` is the index of the parent segment: 0 for the root, i for the i-th link. `inertia` is
+    about the joint, in the link's own frame. `coordinate` is the angle or the travel of the joint,
+    which adds to `theta_deg` or to `d`.
+    """
+
+    parent: int
+    inertia: Inertia
+    joint: JointKind
+    coordinate: sp.Symbol
+    a: sp.Expr
+    d: sp.Expr
+    alpha_deg: Fraction
+    theta_deg: Fraction
+    name: str
+    joint_name: str
+
+
+def tree_of_links(
+    tape: Scalars, root: Segment, root_angle: sp.Expr, links: Sequence[JointedLink]
+) -> SegmentTree:
+    """The tree of a root segment and of links, each after its parent.
+
+    Args:
+        root: Segment 0.
+        root_angle: Angle of the root segment against its group frame (rad).
+        links: What segments 1 … n are made of.
+
+    Returns:
+        The tree, every link with its own inertia.
+
+    """
+    segments = [root]
+    twisted = {link.parent for link in links if link.alpha_deg % 360 != 0}
+    # For each segment the sums, since its group frame, of joint angles and of fixed angles.
+    turns = [(root_angle, Fraction(0))]
+    for link in links:
+        starts_group = link.parent in twisted
+        angle, fixed = (sp.S.Zero, Fraction(0)) if starts_group else turns[link.parent]
+        fixed += link.theta_deg
+        d = link.d
+        if link.joint == "revolute":
+            angle += link.coordinate
+        else:
+            d += link.coordinate
+        turns.append((angle, fixed))
+        with tape.group("inertias of the links", Stage.PARAMETER):
+            inertia = link.inertia.mapped(tape.let)
+        with tape.group("angles and places of the joints", Stage.PARAMETER):
+            segment = Segment(
+                inertia=inertia,
+                rotation=_rotation(tape, angle, fixed),
+                parent=link.parent,
+                joint=link.joint,
+                a=tape.let(link.a),
+                d=tape.let(d),
+                twist=Rotation.degrees(0, link.alpha_deg),
+                offset=Rotation.degrees(2, link.theta_deg),
+                starts_group=starts_group,
+                name=link.name,
+                joint_name=link.joint_name,
+            )
+        segments.append(segment)
+    return SegmentTree(tuple(segments))
+
+
+def _rotation(tape: Scalars, angle: sp.Expr, fixed: Fraction) -> Rotation:
+    """Rotation about z by two angles.
+
+    Args:
+        angle: The one that varies (rad), or zero.
+        fixed: The one that the robot file fixes, in degrees.
+
+    Returns:
+        The rotation by their sum.
+
+    """
+    if angle == 0:
+        return Rotation.degrees(2, fixed)
+    return Rotation.angle(tape, 2, angle + radians(fixed % 360))

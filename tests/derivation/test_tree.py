@@ -1,0 +1,260 @@
+"""The recursions on branching trees, against Pinocchio's; zeros of M; words for subtrees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fractions import Fraction
+from itertools import product
+
+import numpy as np
+import pytest
+from support.comparison import assert_close, compare
+from support.emitted import module_of
+from support.pinocchio_oracle import Oracle
+from support.random_robots import random_parents, random_robot, rigid_body
+
+from gibbs_codegen.derivation.derive import model_of
+from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
+from gibbs_codegen.derivation.inertia import NO_INERTIA
+from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.tree_dynamics import State, generalised_inertia_forces, mass_matrix
+from gibbs_codegen.program.lower import Slice, lower
+from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.model import Link, Robot
+from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation
+
+Parents = tuple[int, ...]
+Branched = tuple[Robot, Parents]
+
+
+def branched(seed: int) -> Branched:
+    """Six links of any kind, on the base or on each other."""
+    return random_robot(seed, 2, 6), random_parents(seed, 6)
+
+
+def made(parents: Parents, twists: Sequence[int], prismatic: Sequence[int] = ()) -> Branched:
+    """Links with general inertias, twisted by so many degrees; `prismatic` numbers those joints."""
+    rng = np.random.default_rng(len(parents))
+    links = tuple(
+        Link(
+            rigid_body(rng),
+            Fraction(twist),
+            float(rng.choice([0.0, 0.3])),
+            float(rng.choice([0.0, 0.2])),
+            Fraction(int(rng.choice([0, 40]))),
+            "prismatic" if i in prismatic else "revolute",
+        )
+        for i, twist in enumerate(twists, start=1)
+    )
+    return replace(random_robot(3, 3, 0), name="branched", links=links), parents
+
+
+MADE = {
+    "two arms on the base normal": made((0, 1, 0, 3), (0, 90, 0, 90)),
+    "one arm on the base normal, one across it": made((0, 1, 0, 3), (0, 0, 90, 0)),
+    "a hand whose fingers are parallel": made((0, 1, 2, 2, 2), (90, 0, 0, 0, 0), (4,)),
+    "a hand with one finger twisted": made((0, 1, 2, 2, 2), (90, 0, 0, 90, 0), (1, 5)),
+    "one arm that turns about the base normal and branches": made((0, 1, 1, 2), (0, 90, 0, 0)),
+}
+RANDOM = [branched(seed) for seed in range(6)]
+TREES = [*MADE.values(), *RANDOM]
+EVERY_TREE = [
+    *(pytest.param(tree, id=name) for name, tree in MADE.items()),
+    *(
+        pytest.param(tree, id=f"random {number}", marks=[pytest.mark.slow] if number else [])
+        for number, tree in enumerate(RANDOM)
+    ),
+]
+
+
+def in_symbols(branched: Branched) -> tuple[Machine, Tape]:
+    robot, parents = branched
+    tape = Tape()
+    return replace(Machine.of(robot, tape), parents=parents), tape
+
+
+def supports(parents: Parents, i: int, j: int) -> bool:
+    """Whether link i is on the way from link j to the base."""
+    return j > 0 and (i == j or supports(parents, i, parents[j - 1]))
+
+
+def test_the_trees_have_every_structure() -> None:
+    """Branches at the base and further out, and joints of both kinds at them."""
+    found = set()
+    for robot, parents in TREES:
+        for i, j in product(range(len(parents)), repeat=2):
+            if i < j and parents[i] == parents[j]:
+                turned = frozenset(robot.links[k].alpha_deg % 360 != 0 for k in (i, j))
+                kinds = frozenset(robot.links[k].joint for k in (i, j))
+                found.add((parents[i] > 0, turned, kinds))
+    alike = [frozenset([True]), frozenset([False]), frozenset([True, False])]
+    for turned in alike:
+        assert {further for further, these, _ in found if these == turned} == {True, False}
+    assert {kinds for *_, kinds in found} >= {
+        frozenset(["revolute"]),
+        frozenset(["revolute", "prismatic"]),
+    }
+
+
+@pytest.mark.parametrize(
+    "name", ["one arm on the base normal, one across it", "a hand with one finger twisted"]
+)
+def test_every_function_gives_what_pinocchio_gives(name: str) -> None:
+    check_functions(MADE[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("branched", TREES, ids=[*MADE, *map(str, range(len(RANDOM)))])
+def test_every_function_of_every_tree(branched: Branched) -> None:
+    check_functions(branched)
+
+
+def check_functions(branched: Branched) -> None:
+    machine, tape = in_symbols(branched)
+    robot, parents = branched
+    compare(robot, module_of(model_of(tape, machine)), oracle=Oracle(robot, parents=parents))
+
+
+def evaluated(
+    machine: Machine, tape: Tape, arrays: dict[str, list], values: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Numbers of arrays on a tape, at given q, v, a and u."""
+    symbols = zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
+    inputs = {name: tuple(symbol.name for symbol in group) for name, group in symbols}
+    outputs = tuple(((len(entries),), tuple(entries)) for entries in arrays.values())
+    defaults = machine.parameters.defaults
+    program = lower(tape, inputs, tuple(defaults), [Slice("arrays", tuple("qvau"), outputs)])
+    arguments = {name: value.tolist() for name, value in values.items()}
+    found = program.evaluate("arrays", defaults, arguments)
+    return dict(zip(arrays, map(np.array, found), strict=True))
+
+
+@pytest.mark.parametrize("branched", EVERY_TREE)
+def test_both_forward_dynamics_and_trees_that_are_not_regrouped(branched: Branched) -> None:
+    machine, tape = in_symbols(branched)
+    robot, parents = branched
+    tree = machine.reduced_tree
+    given = SegmentTree(
+        (replace(tree.segments[0], inertia=machine.base_inertia()), *own_inertias(machine))
+    )
+    state = State(machine.v, machine.a, machine.parameters.gravity)
+    arrays = {
+        "articulated": articulated_dynamics(machine),
+        "factorised": factorised_dynamics(machine, most=10**9),
+    }
+    for name, each in (("given", given), ("regrouped", tree)):
+        matrix = mass_matrix(tape, machine.root, each)
+        arrays[f"M {name}"] = [entry for row in matrix for entry in row]
+        forces = generalised_inertia_forces(tape, machine.root, each, state)
+        arrays[f"inverse {name}"] = forces
+    rng = np.random.default_rng(1)
+    n = len(machine.q)
+    values = dict(
+        zip("qva", rng.normal(size=(3, n)), strict=True), u=rng.normal(size=len(machine.u))
+    )
+    found = evaluated(machine, tape, arrays, values)
+
+    oracle = Oracle(robot, rigid_base=True, parents=parents)
+    q, v, a, u = values.values()
+    exact = oracle.mass_matrix(q)
+    inputs = Oracle(robot, parents=parents).input_matrix(q)[Oracle(robot, parents=parents).free]
+    right = inputs @ u - oracle.inverse_dynamics(q, v, 0 * a)
+    for name in ("given", "regrouped"):
+        assert_close(f"M {name}", found[f"M {name}"].reshape(n, n), exact)
+        assert_close(name, found[f"inverse {name}"], oracle.inverse_dynamics(q, v, a))
+    for name in ("articulated", "factorised"):
+        assert_close(name, exact @ found[name], right)
+        assert_close(name, found[name], np.linalg.solve(exact, right))
+
+
+def own_inertias(machine: Machine) -> list[Segment]:
+    """The segments of the arm with every link's own inertia."""
+    links = range(1, machine.joints + 1)
+    return [
+        replace(segment, inertia=machine.parameters.link(i).body.inertia.mapped(machine.tape.let))
+        for i, segment in zip(links, machine.reduced_tree.segments[1:], strict=True)
+    ]
+
+
+@pytest.mark.parametrize("branched", EVERY_TREE)
+def test_joints_on_different_branches_do_not_couple(branched: Branched) -> None:
+    """Zeros of M are known while the code is written: all that there are among the joints."""
+    machine, tape = in_symbols(branched)
+    robot, parents = branched
+    matrix = mass_matrix(tape, machine.root, machine.reduced_tree)
+    q = np.random.default_rng(2).normal(size=len(machine.q))
+    exact = Oracle(robot, rigid_base=True, parents=parents).mass_matrix(q)
+    for i, j in product(range(1, len(parents) + 1), repeat=2):
+        k, m = 2 + i, 2 + j
+        assert (matrix[k][m] == 0) == (abs(exact[k, m]) < 1e-12), (i, j)
+        if not (supports(parents, i, j) or supports(parents, j, i)):
+            assert matrix[k][m] == 0, (i, j)
+
+
+def rod_tree(*parents: int) -> SegmentTree:
+    robot = paper_family(4, len(parents))
+    tree, _ = in_symbols((robot, parents))
+    return tree.reduced_tree
+
+
+@pytest.mark.parametrize(
+    ("parents", "k", "words"),
+    [
+        ((0, 1, 2), 0, "the base and links 1 to 3"),
+        ((0, 1, 2), 2, "links 2 and 3, about joint 6"),
+        ((0, 1, 2, 1), 2, "links 2 and 3, about joint 6"),
+        ((0, 1, 2, 1), 4, "link 4, about joint 8"),
+        ((0, 0, 1, 2, 2), 2, "links 2, 4 and 5, about joint 6"),
+        ((0, 0, 1, 1, 1, 2, 3), 1, "links 1, 3 to 5 and 7, about joint 5"),
+        ((0,), 0, "the base and link 1"),
+        ((), 0, "the base"),
+    ],
+)
+def test_words_for_a_subtree(parents: Parents, k: int, words: str) -> None:
+    assert rod_tree(*parents).subtree_about_joint(k) == words
+
+
+def test_a_tree_knows_its_paths_and_subtrees() -> None:
+    tree = rod_tree(0, 0, 1, 2, 4)
+    assert tree.children == ((1, 2), (3,), (4,), (), (5,), ())
+    assert tree.path(5) == [5, 4, 2, 0]
+    assert tree.subtree(2) == [2, 4, 5]
+    assert tree.joints == 5
+
+
+ROOT = Segment(NO_INERTIA, NO_ROTATION)
+TWIST = Rotation.degrees(0, Fraction(90))
+
+
+def on(parent: int, **changes: object) -> Segment:
+    return replace(ROOT, parent=parent, **changes)
+
+
+@pytest.mark.parametrize(
+    ("segments", "fault"),
+    [
+        ((ROOT, on(0), on(2)), "segment 2: its parent 2 does not come before"),
+        ((ROOT, ROOT), "segment 1: its parent -1"),
+        ((on(0), on(0)), "segment 0: its parent 0"),
+        ((ROOT, on(0), on(0, starts_group=False)), r"children \(1, 2\) some start groups"),
+        ((ROOT, on(0, starts_group=False, twist=TWIST)), "segment 1 is twisted"),
+    ],
+)
+def test_what_is_no_tree_is_refused(segments: tuple[Segment, ...], fault: str) -> None:
+    with pytest.raises(ValueError, match=fault):
+        SegmentTree(segments)
+
+
+def test_a_twisted_sibling_makes_all_siblings_start_groups() -> None:
+    """A child on a parallel axis is then turned by its own angle only, in its parent's frame."""
+    machine, _ = in_symbols(made((0, 1, 1), (90, 0, 90)))
+    tree = machine.reduced_tree
+    assert [segment.starts_group for segment in tree.segments[1:]] == [True, True, True]
+    assert tree.works_in_own_frame(1)
+    machine, _ = in_symbols(made((0, 1, 1), (90, 0, 0)))
+    tree = machine.reduced_tree
+    assert [segment.starts_group for segment in tree.segments[1:]] == [True, False, False]
+    assert not tree.works_in_own_frame(1)
