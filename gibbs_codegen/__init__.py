@@ -71,41 +71,18 @@ _LAZY = {
     "write_results": "figures.results",
 }
 
-
 __all__ = [
-    "ChainEquation",
-    "Flight",
     "GibbsCodegenError",
     "OutputError",
     "RefusedFileError",
     "RobotFileError",
-    "Scenario",
     "ScenarioFileError",
     "SingularRobotError",
     "UsageError",
-    "Verification",
     "WrongModuleError",
     "__version__",
-    "as_latex",
-    "as_markdown",
-    "as_text",
-    "chain_closed_form",
-    "chain_equation",
-    "chains_figure",
-    "coupling_figure",
-    "derive",
-    "generate",
-    "hybrid_pattern_figure",
     "load",
-    "machine_figure",
-    "paper_family",
-    "parse_robot",
-    "read_flight",
-    "read_robot",
-    "read_scenario",
-    "simulate",
-    "verify",
-    "write_results",
+    *_LAZY,
 ]
 
 

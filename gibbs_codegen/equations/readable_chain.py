@@ -120,8 +120,8 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
 def own_frames(readable: ReadableChain) -> SegmentTree:
     """The chain with each segment in its own frame, and one more, without inertia, at its end.
 
-    The derivation keeps segments on parallel axes in one frame, and a last segment in the frame of
-    its parent, which saves operations and takes explaining.
+    The derivation keeps segments on parallel axes in one frame, and a last segment in that of its
+    parent, which saves operations and takes explaining.
 
     Args:
         readable: the chain.

@@ -27,6 +27,8 @@ from gibbs_codegen.program.nodes import (
     Statement,
     Sum,
     names_in,
+    operands,
+    walk,
 )
 
 # Names and literals in one line, at most: keeps statements short enough to be read.
@@ -148,12 +150,5 @@ def _merged_terms(
 
 
 def _leaves(node: Node) -> int:
-    match node:
-        case Sum(terms):
-            return sum(_leaves(term) for _, term in terms)
-        case Product(factors):
-            return sum(map(_leaves, factors))
-        case Reciprocal(argument) | Call(_, argument):
-            return _leaves(argument)
-        case Name() | Number():
-            return 1
+    """Names and numbers in a node."""
+    return sum(not operands(part) for part in walk(node))

@@ -205,6 +205,40 @@ def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
             return node
 
 
+def operands(node: Node) -> tuple[Node, ...]:
+    """Nodes that a node is directly made of.
+
+    Args:
+        node: the node.
+
+    Returns:
+        Its terms, factors or argument, from left to right.
+    """
+    match node:
+        case Sum(terms):
+            return tuple(term for _, term in terms)
+        case Product(factors):
+            return factors
+        case Reciprocal(argument) | Call(_, argument):
+            return (argument,)
+        case Name() | Number():
+            return ()
+
+
+def walk(node: Node) -> Iterator[Node]:
+    """Go through a node.
+
+    Args:
+        node: the node.
+
+    Yields:
+        The node, and all that it is made of, from left to right.
+    """
+    yield node
+    for operand in operands(node):
+        yield from walk(operand)
+
+
 def calls_in(node: Node) -> list[Call]:
     """Calls in a node.
 
@@ -212,19 +246,9 @@ def calls_in(node: Node) -> list[Call]:
         node: the node.
 
     Returns:
-        Calls from left to right, as often as they stand there, outermost only.
+        Calls from left to right, as often as they stand there.
     """
-    match node:
-        case Call():
-            return [node]
-        case Sum(terms):
-            return [call for _, term in terms for call in calls_in(term)]
-        case Product(factors):
-            return [call for factor in factors for call in calls_in(factor)]
-        case Reciprocal(argument):
-            return calls_in(argument)
-        case Name() | Number():
-            return []
+    return [found for found in walk(node) if isinstance(found, Call)]
 
 
 def names_in(node: Node) -> list[str]:
@@ -236,17 +260,7 @@ def names_in(node: Node) -> list[str]:
     Returns:
         Names from left to right, as often as they stand there.
     """
-    match node:
-        case Name(name):
-            return [name]
-        case Number():
-            return []
-        case Sum(terms):
-            return [name for _, term in terms for name in names_in(term)]
-        case Product(factors):
-            return [name for factor in factors for name in names_in(factor)]
-        case Reciprocal(argument) | Call(_, argument):
-            return names_in(argument)
+    return [found.name for found in walk(node) if isinstance(found, Name)]
 
 
 def node_value(node: Node, values: Mapping[str, float]) -> float:

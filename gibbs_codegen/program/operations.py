@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gibbs_codegen.program.nodes import Call, Name, Node, Number, Product, Reciprocal, Sum
+from gibbs_codegen.program.nodes import Call, Node, Product, Reciprocal, Sum, operands
 
 
 @dataclass(frozen=True)
@@ -53,22 +53,19 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
     angles: set[Node] = set()
     stack = list(nodes)
     while stack:
-        match stack.pop():
+        node = stack.pop()
+        match node:
             case Sum(terms):
                 negative = sum(sign < 0 for sign, _ in terms)
                 subtractions += negative
                 additions += max(len(terms) - negative - 1, 0)
-                stack.extend(term for _, term in terms)
             case Product(factors):
                 multiplications += len(factors) - 1
-                stack.extend(factors)
-            case Reciprocal(argument):
+            case Reciprocal():
                 divisions += 1
-                stack.append(argument)
+            case Call(_, argument) if argument in angles:
+                continue
             case Call(_, argument):
-                if argument not in angles:
-                    angles.add(argument)
-                    stack.append(argument)
-            case Name() | Number():
-                pass
+                angles.add(argument)
+        stack.extend(operands(node))
     return Operations(additions, subtractions, multiplications, divisions, 0, len(angles))
