@@ -5,11 +5,11 @@
 /* SPDX-License-Identifier: MIT-0 (yours to use, change and pass on without conditions) */
 
 /*
- * Each function is a straight line, written once for one state of several: `stride` is the distance
- * from one entry of an array to the next. With stride 1 it serves the function for one state, with
- * stride LANES a loop over the states of a block, which compilers vectorise. What would be too long
- * a line for one state is written for it once more, with loops over the columns of a matrix. Sines
- * and cosines are computed before, all angles in one go.
+ * Each function is straight-line code for one state among several: `stride` is the distance from
+ * one entry of an array to the next. The function for one state calls it with stride 1, the
+ * function for batches with stride LANES, in a loop over the states of a block, which compilers
+ * vectorise. Where the code for one state would be very long, it is written a second time with
+ * loops over the columns of a matrix. Sines and cosines of all angles are computed first.
  */
 
 #include "hexarotor_3link.h"
@@ -55,7 +55,7 @@ typedef hexarotor_3link_constants Constants;
 #define VECTORISE
 #endif
 
-/* Compilers keep to half of the widest registers unless told; a block of states fills them. */
+/* Compilers use half of the widest registers unless told; a block of states fills the whole. */
 #if defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
 #elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
@@ -70,7 +70,7 @@ typedef hexarotor_3link_constants Constants;
 #define PARALLEL
 #endif
 
-/* Literals, and what their bits mean. */
+/* Literals, and the layout of their bits. */
 #ifdef SINGLE
 #define R(literal) literal##f
 typedef uint32_t bits;
@@ -81,7 +81,7 @@ typedef uint32_t bits;
 #if DBL_MANT_DIG != 53
 #error "double has not 64 bits here: choose single precision, as the header says"
 #endif
-/* No array has a negative size: -fsingle-precision-constant would make floats of all constants. */
+/* This does not compile with -fsingle-precision-constant, which makes floats of all constants. */
 typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
 typedef uint64_t bits;
@@ -108,7 +108,7 @@ typedef uint64_t bits;
 #define AS_WRITTEN
 #endif
 
-/* By its bits, since compilers that are told so take every number for finite. */
+/* It looks at the bits, since with -ffast-math compilers assume that every number is finite. */
 static int is_finite(const real value)
 {
     bits value_bits;
@@ -117,11 +117,11 @@ static int is_finite(const real value)
 }
 
 /*
- * Sine and cosine. The nearest multiple m of pi/2 is taken from the angle, in parts of which all
- * but the last multiply exactly; what rounding takes from the rest is kept. Polynomials give the
- * sine and cosine of the rest, and m swaps and signs them. There is one branch: angles beyond
- * ANGLE_LIMIT and infinities are left to the library, and so is every angle where the compiler does
- * not keep to the arithmetic as it is written.
+ * Sine and cosine. The nearest multiple m of pi/2 is subtracted from the angle, in parts of which
+ * all but the last multiply exactly; the rounding error of the remainder is kept. Polynomials give
+ * the sine and cosine of the remainder; m says which of them is which, and their signs. There is
+ * one branch: the library computes angles beyond ANGLE_LIMIT and infinities, and every angle where
+ * the compiler may reorder the arithmetic.
  */
 #ifdef SINGLE
 #define LIBRARY_SIN sinf
@@ -166,7 +166,7 @@ static int is_finite(const real value)
 #define KERNEL sine_cosine_one
 #define NUMBER real
 #define BITS bits
-/* `beyond` becomes 1 where the angle is not for this function. */
+/* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
 static INLINE void KERNEL(
     const NUMBER *angle,
     NUMBER *sine,
@@ -193,7 +193,7 @@ static INLINE void KERNEL(
     memcpy(&rest_bits, &r, sizeof x);
     memcpy(&sine_bits, &sine_of_rest, sizeof x);
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
-    /* The sine of a negative zero is one. */
+    /* The sine of a negative zero is a negative zero. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
     const BITS swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
@@ -213,7 +213,7 @@ typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
 #define KERNEL sine_cosine_quad
 #define NUMBER quad
 #define BITS quad_bits
-/* `beyond` becomes 1 where the angle is not for this function. */
+/* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
 static INLINE void KERNEL(
     const NUMBER *angle,
     NUMBER *sine,
@@ -240,7 +240,7 @@ static INLINE void KERNEL(
     memcpy(&rest_bits, &r, sizeof x);
     memcpy(&sine_bits, &sine_of_rest, sizeof x);
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
-    /* The sine of a negative zero is one. */
+    /* The sine of a negative zero is a negative zero. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
     const BITS swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
@@ -254,7 +254,7 @@ static INLINE void KERNEL(
 #undef BITS
 #endif
 
-/* Angles that are not for the functions above, so that no other's result depends on them. */
+/* Angles beyond ANGLE_LIMIT only, so that they do not change the results of the others. */
 static COLD void library_sine_cosine(const int count, const real *angle, real *sine, real *cosine)
 {
     for (int i = 0; i < count; ++i) {
@@ -322,7 +322,7 @@ static INLINE void sine_cosine_many(
     }
 }
 
-/* The lanes of a block that are filled, and the last of them again in those that are not. */
+/* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
 static void fill_lanes(
     const size_t width,
     const size_t filled,

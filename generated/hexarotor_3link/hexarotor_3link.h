@@ -15,9 +15,9 @@
  * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs or
  * each other. Numbers are rounded to nearest. Link with the mathematics library (-lm).
  *
- * No function looks at what it computes. Arguments that are not finite, numbers that overflow and,
- * in forward dynamics, an acceleration that nothing resists give infinities or NaN. Attitude angles
- * do not: no number is an odd multiple of 90 degrees, and next to those functions are accurate.
+ * No function checks its results. Arguments that are not finite, overflow and, in forward dynamics,
+ * a massless degree of freedom give infinities or NaN. Attitude angles do not: no floating-point
+ * number is an odd multiple of 90 degrees, and close to those the functions are accurate.
  *
  * For single precision throughout define, wherever this header is read and the source is compiled,
  *

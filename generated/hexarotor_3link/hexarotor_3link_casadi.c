@@ -169,7 +169,7 @@ int CASADI(tip_bias_acceleration_work)(casadi_int *, casadi_int *, casadi_int *,
 /* What stands for an input that is not given. */
 static const real zeros[9] = {0};
 
-/* A row-major matrix, column by column, where it is wanted. */
+/* Copies a row-major matrix to a column-major one, unless `to` is null. */
 static void store(const int rows, const int columns, const real *from, real *to)
 {
     if (to) {

@@ -11,7 +11,7 @@ arrays.
 
 Where finite arguments give what is not finite, a RuntimeWarning names function, state and largest
 argument; np.errstate(invalid="ignore") silences it, and with "raise" it is a FloatingPointError.
-Arguments that are not finite themselves are passed on in silence.
+NaN and infinite arguments propagate without a warning.
 
 Coordinates q, in order (v: their rates, a: their accelerations):
 
@@ -64,7 +64,7 @@ POINTS = (
     "O1", "O2", "motor1", "motor2", "motor3", "motor4", "joint5", "joint6", "tip",
 )
 
-# Zero in the robot file, and therefore built in and no parameters.
+# These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (
     "base_drag_1", "base_drag_2", "base_drag_3", "base_drag_4", "link1_d", "link1_length",
     "link1_mass_per_length", "link1_section_inertia_xx", "link1_section_inertia_yy",

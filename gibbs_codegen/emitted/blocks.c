@@ -1,4 +1,4 @@
-/* The lanes of a block that are filled, and the last of them again in those that are not. */
+/* Copies a block of which some lanes are filled; the last of them is repeated in the others. */
 static void fill_lanes(
     const size_t width,
     const size_t filled,

@@ -1,4 +1,4 @@
-/* A row-major matrix, column by column, where it is wanted. */
+/* Copies a row-major matrix to a column-major one, unless `to` is null. */
 static void store(const int rows, const int columns, const real *from, real *to)
 {
     if (to) {

@@ -26,7 +26,7 @@
 #define VECTORISE
 #endif
 
-/* Compilers keep to half of the widest registers unless told; a block of states fills them. */
+/* Compilers use half of the widest registers unless told; a block of states fills the whole. */
 #if defined(__clang__) && defined(__AVX512F__)
 #define WIDE __attribute__((min_vector_width(512)))
 #elif defined(__GNUC__) && __GNUC__ >= 8 && defined(__AVX512F__)
@@ -41,7 +41,7 @@
 #define PARALLEL
 #endif
 
-/* Literals, and what their bits mean. */
+/* Literals, and the layout of their bits. */
 #ifdef SINGLE
 #define R(literal) literal##f
 typedef uint32_t bits;
@@ -52,7 +52,7 @@ typedef uint32_t bits;
 #if DBL_MANT_DIG != 53
 #error "double has not 64 bits here: choose single precision, as the header says"
 #endif
-/* No array has a negative size: -fsingle-precision-constant would make floats of all constants. */
+/* This does not compile with -fsingle-precision-constant, which makes floats of all constants. */
 typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
 typedef uint64_t bits;
@@ -79,7 +79,7 @@ typedef uint64_t bits;
 #define AS_WRITTEN
 #endif
 
-/* By its bits, since compilers that are told so take every number for finite. */
+/* It looks at the bits, since with -ffast-math compilers assume that every number is finite. */
 static int is_finite(const real value)
 {
     bits value_bits;

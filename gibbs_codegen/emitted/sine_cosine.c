@@ -1,9 +1,9 @@
 /*
- * Sine and cosine. The nearest multiple m of pi/2 is taken from the angle, in parts of which all
- * but the last multiply exactly; what rounding takes from the rest is kept. Polynomials give the
- * sine and cosine of the rest, and m swaps and signs them. There is one branch: angles beyond
- * ANGLE_LIMIT and infinities are left to the library, and so is every angle where the compiler does
- * not keep to the arithmetic as it is written.
+ * Sine and cosine. The nearest multiple m of pi/2 is subtracted from the angle, in parts of which
+ * all but the last multiply exactly; the rounding error of the remainder is kept. Polynomials give
+ * the sine and cosine of the remainder; m says which of them is which, and their signs. There is
+ * one branch: the library computes angles beyond ANGLE_LIMIT and infinities, and every angle where
+ * the compiler may reorder the arithmetic.
  */
 #ifdef SINGLE
 #define LIBRARY_SIN sinf
@@ -66,7 +66,7 @@ typedef bits quad_bits __attribute__((vector_size(4 * sizeof(real))));
 #undef BITS
 #endif
 
-/* Angles that are not for the functions above, so that no other's result depends on them. */
+/* Angles beyond ANGLE_LIMIT only, so that they do not change the results of the others. */
 static COLD void library_sine_cosine(const int count, const real *angle, real *sine, real *cosine)
 {
     for (int i = 0; i < count; ++i) {

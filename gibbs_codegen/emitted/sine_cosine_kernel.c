@@ -1,4 +1,4 @@
-/* `beyond` becomes 1 where the angle is not for this function. */
+/* `beyond` becomes 1 where the angle is beyond ANGLE_LIMIT or not finite. */
 static INLINE void KERNEL(
     const NUMBER *angle,
     NUMBER *sine,
@@ -25,7 +25,7 @@ static INLINE void KERNEL(
     memcpy(&rest_bits, &r, sizeof x);
     memcpy(&sine_bits, &sine_of_rest, sizeof x);
     memcpy(&cosine_bits, &cosine_of_rest, sizeof x);
-    /* The sine of a negative zero is one. */
+    /* The sine of a negative zero is a negative zero. */
     sine_bits |= rest_bits & ~(bits)MAGNITUDE;
     const BITS swap = (sine_bits ^ cosine_bits) & ((bits)0 - (quadrant & one));
     sine_bits ^= swap ^ ((quadrant & (one + one)) << SIGN_SHIFT);
