@@ -30,12 +30,7 @@ class Lagrange:
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
-        self._points, self._masses = _point_masses(tree)
-
-    @property
-    def points(self) -> int:
-        """Number of point masses."""
-        return len(self._points)
+        self.points, self._masses = _point_masses(tree)
 
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes.
@@ -96,7 +91,7 @@ class Lagrange:
         return _along(self._mass_places, q[:, None], np.eye(self.tree.size))
 
     def _mass_places(self, q: Array) -> Array:
-        return self._places(q, self._points)
+        return self._places(q, self.points)
 
     def _places(self, q: Array, points: list[Point]) -> Array:
         return self.tree.positions(self.tree.frames(q), points)

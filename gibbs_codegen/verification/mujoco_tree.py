@@ -111,9 +111,10 @@ def _model_text(tree: Tree) -> str:
     A joint whose body has no mass is given to the bodies that hang on it, since MuJoCo moves no
     body without mass; where several hang on it, it stays and MuJoCo rejects it.
     """
-    children: dict[int, list[int]] = {number: [] for number in (WORLD, *range(len(tree.joints)))}
-    for number, joint in enumerate(tree.joints):
-        children[joint.parent].append(number)
+    children = {
+        number: [child for child, joint in enumerate(tree.joints) if joint.parent == number]
+        for number in range(WORLD, len(tree.joints))
+    }
     bodies = "".join(_body_text(tree, children, number) for number in children[WORLD])
     return (
         '<mujoco><compiler angle="radian"/>'

@@ -65,7 +65,7 @@ class Pinocchio:
             The quantities at that state, in Pinocchio's order.
 
         """
-        model, data, tip = self._model, self._data, self.tree.tip
+        model, data = self._model, self._data
         matrix = pin.crba(model, data, q).copy()
         inverse = pin.rnea(model, data, q, v, a).copy()
         residual = -pin.nonLinearEffects(model, data, q, v)
@@ -73,29 +73,20 @@ class Pinocchio:
         potential = pin.computePotentialEnergy(model, data, q)
         pin.computeJointJacobians(model, data, q)
         pin.forwardKinematics(model, data, q, v, np.zeros_like(a))
-        seats, points = self.tree.seats, self.tree.points
-        at_tip = pin.SE3(np.eye(3), tip.local)
-        bias = pin.getFrameClassicalAcceleration(
-            model, data, self._ids[tip.joint], at_tip, _WORLD_AXES
-        ).vector
+        frames = [(self._ids[p.joint], pin.SE3(np.eye(3), p.local)) for p in self.tree.seats]
+        jacobians = [pin.getFrameJacobian(model, data, *frame, _WORLD_AXES) for frame in frames]
+        bias = pin.getFrameClassicalAcceleration(model, data, *frames[-1], _WORLD_AXES).vector
         return Quantities(
             mass_matrix=matrix,
             residual=residual,
             inverse_dynamics=inverse,
-            poses=np.array([self._pose(seat).homogeneous for seat in seats]),
-            jacobians=np.array([self._jacobian(seat) for seat in seats]),
+            poses=np.array([self._pose(seat).homogeneous for seat in self.tree.seats]),
+            jacobians=np.array(jacobians),
             kinetic_energy=kinetic,
             potential_energy=potential,
-            positions=np.array([self._pose(point).translation for point in points]),
+            positions=np.array([self._pose(point).translation for point in self.tree.points]),
             tip_bias_acceleration=bias,
         )
 
     def _pose(self, point: Point) -> pin.SE3:
         return self._data.oMi[self._ids[point.joint]] * pin.SE3(np.eye(3), point.local)
-
-    def _jacobian(self, point: Point) -> Array:
-        identity = self._ids[point.joint]
-        at_joint = pin.getJointJacobian(self._model, self._data, identity, _WORLD_AXES)
-        lever = self._data.oMi[identity].rotation @ point.local
-        linear = at_joint[:3] + np.cross(at_joint[3:].T, lever).T
-        return np.concatenate([linear, at_joint[3:]])

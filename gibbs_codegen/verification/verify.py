@@ -13,7 +13,6 @@ compare_with_itself what no formulation gives  with itself                    (s
 from __future__ import annotations
 
 import importlib
-import importlib.util
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
@@ -38,11 +37,8 @@ Progress = Callable[[str], None]
 
 ONE_STATE, ANY_ANGLES = "one state by itself", "any angles"
 OTHER_PARAMETERS = "other parameters"
-# Formulation, its module in this package, and the library that it needs.
-_LIBRARIES = (
-    ("Pinocchio", "pinocchio_tree", "pinocchio"),
-    ("MuJoCo", "mujoco_tree", "mujoco"),
-)
+# Formulations by libraries, whose names their modules in this package begin with.
+_LIBRARIES = {"Pinocchio": "pinocchio", "MuJoCo": "mujoco"}
 # How many numbers Lagrange's equations may keep at once: states times coordinates times points.
 _MOST_NUMBERS = 3_000_000
 # How many entries the mass matrices of all states that are computed at once may have.
@@ -117,13 +113,12 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
     tree = Tree(robot)
     found: list[Formulation] = [NewtonEuler(tree), Lagrange(tree)]
     not_done = {}
-    for name, module, library in _LIBRARIES:
-        if importlib.util.find_spec(library) is None:
-            not_done[name] = f"{library} is not installed"
-            continue
+    for name, library in _LIBRARIES.items():
         try:
-            there = importlib.import_module(f"gibbs_codegen.verification.{module}")
+            there = importlib.import_module(f"gibbs_codegen.verification.{library}_tree")
             found.append(InOwnUnits(getattr(there, name), robot))
+        except ModuleNotFoundError:
+            not_done[name] = f"{library} is not installed"
         except (ImportError, NotApplicableError) as error:
             not_done[name] = str(error)
     return found, not_done
@@ -231,7 +226,7 @@ def _compare_functions(
         progress(formulation.name)
         few = count
         if isinstance(formulation, Lagrange):
-            few = max(1, min(count, _MOST_NUMBERS // (formulation.points * tree.size)))
+            few = max(1, min(count, _MOST_NUMBERS // (len(formulation.points) * tree.size)))
         comparisons += Expected(formulation, states.first(few)).compare(values)
     progress("invariants")
     comparisons += compare_invariants(evaluation, values, states, first.sizes, tree)

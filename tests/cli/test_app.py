@@ -319,8 +319,7 @@ def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> 
     hover = json.loads(run("info", "hexarotor", "--json", cwd=tmp_path).stdout)["base"]["hover"]
     assert hover[0] == pytest.approx(9.81)
     done = run("verify", "hexarotor", "--states", "1", "--backend", "numpy", cwd=tmp_path)
-    assert "made for this" not in done.stdout
-    assert f"{tmp_path}/generated/hexarotor: all" in done.stdout
+    assert "\ngenerated/hexarotor: all" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -385,7 +384,8 @@ def test_help_does_not_import_what_it_does_not_need(tmp_path: Path) -> None:
     code = (
         "import sys\nfrom gibbs_codegen.cli.app import main\n"
         "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
-        "assert not {'sympy', 'numpy', 'jinja2', 'rich', 'scipy'} & set(sys.modules)"
+        "late = {'sympy', 'numpy', 'jinja2', 'rich', 'scipy', 'dataclasses', 'inspect', 'json'}\n"
+        "assert not late & set(sys.modules), late & set(sys.modules)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
