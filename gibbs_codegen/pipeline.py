@@ -1,14 +1,14 @@
 """The map of the house: from a robot file to a generated module, stage by stage.
 
-    read_robot       robot file      → Robot, plain checked data       (robot/file)
-    derive           Robot           → Model: the derivation, lowered  (derivation/derive)
-      Machine.of     Robot           → symbols, root and chains        (derivation/machine)
-      reduced_system chains          → M, R, B of the reduced system   (derivation/hybrid)
-      hybrid_system  chains, M, R, B → I_H, R_H, B_H (coupling map)    (derivation/hybrid)
-      lower          tape, outputs   → Program: statements by stage    (program/lower)
-    render_module    Model           → text of each file               (targets/registry)
-    refuse_wrong     text, Robot     → checks passed, or an error      (verification/modules)
-    write_module     text            → generated/<name>/, or nothing   (files/module_writer)
+    read_robot         robot file      → Robot, plain checked data       (robot/file)
+    derive             Robot           → Model: the derivation, lowered  (derivation/derive)
+      SymbolicRobot.of Robot           → symbols, root and chains        (derivation/symbolic_robot)
+      reduced_system   chains          → M, R, B of the reduced system   (derivation/hybrid)
+      hybrid_system    chains, M, R, B → I_H, R_H, B_H (coupling map)    (derivation/hybrid)
+      lower            tape, outputs   → Program: statements by stage    (program/lower)
+    render_module      Model           → text of each file               (targets/registry)
+    refuse_wrong       text, Robot     → checks passed, or an error      (verification/modules)
+    write_module       text            → generated/<name>/, or nothing   (files/module_writer)
 
 Beside it, the simulator reads a scenario (scenario/file), loads a generated module (runtime/load)
 and flies it (simulator/simulation); it knows nothing of the derivation.

@@ -35,7 +35,7 @@ ADDED = Row(
 
 def momentum(systems: Systems) -> Array:
     """M v."""
-    tape, v = systems.tape, systems.machine.v
+    tape, v = systems.tape, systems.symbolic.v
     rows = systems.reduced.matrix
     return [tape.let(sum(m * rate for m, rate in zip(row, v, strict=True))) for row in rows]
 

@@ -8,12 +8,12 @@ import sympy as sp
 
 from gibbs_codegen.derivation.functions import DERIVATIONS, Array, Systems
 from gibbs_codegen.derivation.hybrid import hybrid_system, reduced_system
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.regularity import (
     check_conditioning,
     check_massless_motions,
     check_range,
 )
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.model import Model, Progress
@@ -39,18 +39,21 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
 
     """
     tape = Tape()
-    machine = Machine.of(robot, tape, keep_zeros)
-    check_massless_motions(robot, machine.parameters.defaults)
-    return model_of(tape, machine, keep_zeros, progress)
+    symbolic = SymbolicRobot.of(robot, tape, keep_zeros)
+    check_massless_motions(robot, symbolic.parameters.defaults)
+    return model_of(tape, symbolic, keep_zeros, progress)
 
 
 def model_of(
-    tape: Tape, machine: Machine, keep_zeros: bool = False, progress: Progress = lambda _: None
+    tape: Tape,
+    symbolic: SymbolicRobot,
+    keep_zeros: bool = False,
+    progress: Progress = lambda _: None,
 ) -> Model:
     """Derive everything that is emitted for a robot whose symbols are on `tape`.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         keep_zeros: Whether parameters that are zero were kept.
         progress: Told the name of each step as it begins.
 
@@ -58,11 +61,11 @@ def model_of(
         The robot with its program and its parameters.
 
     """
-    robot, parameters = machine.robot, machine.parameters
-    slices = _slices(tape, machine, progress)
+    robot, parameters = symbolic.robot, symbolic.parameters
+    slices = _slices(tape, symbolic, progress)
     progress("lowering the program")
     inputs = {
-        argument: tuple(symbol.name for symbol in getattr(machine, argument))
+        argument: tuple(symbol.name for symbol in getattr(symbolic, argument))
         for argument in ARGUMENTS
     }
     names = tuple(parameters.defaults)
@@ -81,12 +84,12 @@ def model_of(
     )
 
 
-def _slices(tape: Tape, machine: Machine, progress: Progress) -> list[Slice]:
+def _slices(tape: Tape, symbolic: SymbolicRobot, progress: Progress) -> list[Slice]:
     progress("reduced system")
-    reduced = reduced_system(machine)
+    reduced = reduced_system(symbolic)
     progress("hybrid system")
-    systems = Systems(tape, machine, reduced, hybrid_system(machine, reduced))
-    lists = (machine.q, hybrid_coordinates(machine.robot), machine.u, points(machine.robot))
+    systems = Systems(tape, symbolic, reduced, hybrid_system(symbolic, reduced))
+    lists = (symbolic.q, hybrid_coordinates(symbolic.robot), symbolic.u, points(symbolic.robot))
     slices = []
     for signature in signatures(*map(len, lists)):
         progress(signature.name.replace("_", " "))

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from gibbs_codegen.derivation.hybrid import chain_matrix, chain_system
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import Matrix
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
@@ -39,10 +39,10 @@ def filled_matrix(robot: Robot) -> Filling:
         Numbers of chains by rows and columns.
 
     """
-    machine, size = Machine.of(robot, Tape()), len(hybrid_coordinates(robot))
+    symbolic, size = SymbolicRobot.of(robot, Tape()), len(hybrid_coordinates(robot))
     matrix = _no_entries(size, size)
     for number, places in enumerate(coupling_map(robot), start=1):
-        _note(matrix, number, chain_matrix(machine, number), places, places)
+        _note(matrix, number, chain_matrix(symbolic, number), places, places)
     return _frozen(matrix)
 
 
@@ -56,11 +56,11 @@ def filled_entries(robot: Robot) -> FilledEntries:
         Numbers of chains for each entry of the three arrays.
 
     """
-    machine = Machine.of(robot, Tape())
+    symbolic = SymbolicRobot.of(robot, Tape())
     size, width = len(hybrid_coordinates(robot)), len(inputs(robot))
     matrix, residual, thrust = (_no_entries(size, columns) for columns in (size, 1, width))
     for number, places in enumerate(coupling_map(robot), start=1):
-        system = chain_system(machine, number)
+        system = chain_system(symbolic, number)
         _note(matrix, number, system.matrix, places, places)
         _note(residual, number, [[entry] for entry in system.residual], places, (0,))
         _note(thrust, number, system.inputs, places, range(width))

@@ -3,7 +3,7 @@
 The recursion's operations grow with n, those of factors of M with n³. Either way the unknowns are
 the joint accelerations, the root's angular acceleration Ω (the sum of θ̈ times their axes) and the
 base centre's acceleration, in the root's group frame, where nothing has to be projected. About its
-centre the base is balanced, whatever the origin of the coordinates. A flying machine falls freely,
+centre the base is balanced, whatever the origin of the coordinates. A flying robot falls freely,
 so gravity enters once, at the end: accelerations are relative to free fall.
 """
 
@@ -20,8 +20,8 @@ from gibbs_codegen.derivation.composite_inertia import JointSpaceInertia, joint_
 from gibbs_codegen.derivation.forces import total_thrust_wrench
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.motion import Acceleration, Motion
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import Matrix, free_motions
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.robot.coordinates import coordinate_text
@@ -30,11 +30,11 @@ from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot, scale
 
 
-def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
+def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """Accelerations a of M a = R + B u, by articulated bodies.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         a, in the order of q.
@@ -43,25 +43,25 @@ def articulated_dynamics(machine: Machine) -> list[sp.Expr]:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
 
     """
-    centred = _about_base_centre(machine)
-    with _refused_as_singular(machine):
+    centred = _about_base_centre(symbolic)
+    with _refused_as_singular(symbolic):
         joints, root = articulated_accelerations(
-            machine.tape,
+            symbolic.tape,
             centred.reduced_tree,
             _free_motions(centred),
             total_thrust_wrench(centred),
-            _efforts(machine),
+            _efforts(symbolic),
         )
-    return _in_coordinates(machine, joints, root)
+    return _in_coordinates(symbolic, joints, root)
 
 
-def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
+def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | None:
     """Accelerations a of M a = R + B u, by LDLᵀ of M.
 
     The translation is eliminated first, since its block of M is m·1₃.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         most: The operations that the other way takes.
 
     Returns:
@@ -71,8 +71,8 @@ def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
 
     """
-    tape, n = machine.tape, machine.joints
-    centred = _about_base_centre(machine)
+    tape, n = symbolic.tape, symbolic.joints
+    centred = _about_base_centre(symbolic)
     inertia = joint_space_inertia(tape, centred.reduced_tree)
     composite = inertia.composite
     with tape.group("mass matrix with the translation eliminated"):
@@ -88,7 +88,7 @@ def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
     with tape.group("driving forces with the translation eliminated"):
         right = [_minus_dot(tape, e, light[i], drive.force) for i, e in enumerate(efforts)]
         right.extend(_about(tape, drive, centre))
-    with _refused_as_singular(machine), tape.group("accelerations of joints and base, by LDL^T"):
+    with _refused_as_singular(symbolic), tape.group("accelerations of joints and base, by LDL^T"):
         solution = solve_symmetric(tape, matrix, right, order)
     angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
     with tape.group("acceleration of the base centre"):
@@ -97,7 +97,7 @@ def factorised_dynamics(machine: Machine, most: int) -> list[sp.Expr] | None:
         x, y, z = (
             tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares[k])) for k in range(3)
         )
-    return _in_coordinates(machine, solution[:n], Acceleration((x, y, z), angular))
+    return _in_coordinates(symbolic, solution[:n], Acceleration((x, y, z), angular))
 
 
 def _without_translation(
@@ -133,28 +133,30 @@ def _without_translation(
 
 
 @contextmanager
-def _refused_as_singular(machine: Machine) -> Iterator[None]:
+def _refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
     """Name the coordinate of an unknown: the joints come first, then Ω, then the position."""
-    places = [*machine.places.joint_places, *machine.places.base]
+    places = [*symbolic.places.joint_places, *symbolic.places.base]
     try:
         yield
     except ZeroPivotError as error:
-        unresisted = coordinate_text(machine.robot, places[error.unknown])
-        raise SingularRobotError(machine.robot.name, [(unresisted,)]) from None
+        unresisted = coordinate_text(symbolic.robot, places[error.unknown])
+        raise SingularRobotError(symbolic.robot.name, [(unresisted,)]) from None
 
 
-def _about_base_centre(machine: Machine) -> Machine:
-    base = machine.robot.base
+def _about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
+    base = symbolic.robot.base
     if base.origin == "centre":
-        return machine
-    return replace(machine, robot=replace(machine.robot, base=replace(base, origin="centre")))
+        return symbolic
+    return replace(symbolic, robot=replace(symbolic.robot, base=replace(base, origin="centre")))
 
 
-def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration) -> list[sp.Expr]:
+def _in_coordinates(
+    symbolic: SymbolicRobot, joints: list[sp.Expr], root: Acceleration
+) -> list[sp.Expr]:
     """Accelerations of the coordinates.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         joints: Accelerations of the joints.
         root: That of the base centre relative to free fall, in the root's group frame.
 
@@ -162,42 +164,42 @@ def _in_coordinates(machine: Machine, joints: list[sp.Expr], root: Acceleration)
         a, in the order of q.
 
     """
-    with machine.tape.group("acceleration of the origin, in world axes"):
-        linear = _at_origin(machine, root)
-    gravity = machine.parameters.gravity
-    base = machine.root.accelerations(machine.tape, linear, root.angular, gravity)
-    return machine.places.joined(base, joints)
+    with symbolic.tape.group("acceleration of the origin, in world axes"):
+        linear = _at_origin(symbolic, root)
+    gravity = symbolic.parameters.gravity
+    base = symbolic.root.accelerations(symbolic.tape, linear, root.angular, gravity)
+    return symbolic.places.joined(base, joints)
 
 
-def _at_origin(machine: Machine, centre: Acceleration) -> Vector:
+def _at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
     """Acceleration of the origin of the coordinates, from that of the base centre."""
-    tape, root = machine.tape, machine.root
-    rates, _ = machine.places.split(machine.v)
+    tape, root = symbolic.tape, symbolic.root
+    rates, _ = symbolic.places.split(symbolic.v)
     still = root.frame_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
     still = still.spun(tape, root.segment_spin(rates), sp.S.Zero)
     omega_dot = add(tape, still.omega_dot, centre.angular)
     base = Motion.of(tape, still.omega, omega_dot, centre.linear)
-    return base.displaced_along(tape, root.segment_rotation, -machine.centre_offset).acceleration
+    return base.displaced_along(tape, root.segment_rotation, -symbolic.centre_offset).acceleration
 
 
-def _free_motions(machine: Machine) -> list[Motion]:
+def _free_motions(symbolic: SymbolicRobot) -> list[Motion]:
     """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero."""
-    return free_motions(machine.tape, machine.root, machine.reduced_tree, machine.v)
+    return free_motions(symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.v)
 
 
-def _efforts(machine: Machine) -> tuple[sp.Symbol, ...]:
+def _efforts(symbolic: SymbolicRobot) -> tuple[sp.Symbol, ...]:
     """Torques and forces of the joints."""
-    return machine.u[machine.robot.rotors :]
+    return symbolic.u[symbolic.robot.rotors :]
 
 
-def _driving_forces(machine: Machine) -> tuple[Wrench, list[sp.Expr]]:
+def _driving_forces(symbolic: SymbolicRobot) -> tuple[Wrench, list[sp.Expr]]:
     """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
-    tape = machine.tape
-    bias, joints = inward(tape, machine.reduced_tree, _free_motions(machine))
-    thrust = total_thrust_wrench(machine)
+    tape = symbolic.tape
+    bias, joints = inward(tape, symbolic.reduced_tree, _free_motions(symbolic))
+    thrust = total_thrust_wrench(symbolic)
     with tape.group("thrusts and joint torques less inertia forces"):
-        thrust = thrust.rotated(tape, machine.root.segment_rotation)
-        efforts = [tape.let(u - row) for u, row in zip(_efforts(machine), joints, strict=True)]
+        thrust = thrust.rotated(tape, symbolic.root.segment_rotation)
+        efforts = [tape.let(u - row) for u, row in zip(_efforts(symbolic), joints, strict=True)]
         force = _difference(tape, thrust.force, bias.force)
         return Wrench(force, _difference(tape, thrust.moment, bias.moment)), efforts
 

@@ -1,4 +1,4 @@
-"""Where the machine's points are and how the tip moves, in world axes."""
+"""Where the robot's points are and how the tip moves, in world axes."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from gibbs_codegen.derivation.forces import motor_position
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -69,77 +69,77 @@ def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[Segment
     return frames
 
 
-def _frames(machine: Machine) -> list[SegmentFrame]:
-    return segment_frames(machine.tape, machine.root, machine.reduced_tree)
+def _frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
+    return segment_frames(symbolic.tape, symbolic.root, symbolic.reduced_tree)
 
 
-def _tip(machine: Machine, frames: Sequence[SegmentFrame]) -> Vector:
+def _tip(symbolic: SymbolicRobot, frames: Sequence[SegmentFrame]) -> Vector:
     """The tip from the origin of the coordinates, in world axes."""
-    tape, last = machine.tape, frames[machine.tip_segment]
+    tape, last = symbolic.tape, frames[symbolic.tip_segment]
     with tape.group("tip"):
-        return add(tape, last.position, scale(tape, machine.reach, last.own[0]))
+        return add(tape, last.position, scale(tape, symbolic.reach, last.own[0]))
 
 
-def positions(machine: Machine) -> list[Vector]:
+def positions(symbolic: SymbolicRobot) -> list[Vector]:
     """World positions of the points.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         Positions (m) of O1, O2, the motors, the joints and the tip.
 
     """
-    tape, frames = machine.tape, _frames(machine)
-    tip = _tip(machine, frames)
+    tape, frames = symbolic.tape, _frames(symbolic)
+    tip = _tip(symbolic, frames)
     with tape.group("base centre and motors"):
-        base = [axis_vector(0, machine.centre_offset)]
-        base += [motor_position(machine, k) for k in range(1, machine.robot.rotors + 1)]
+        base = [axis_vector(0, symbolic.centre_offset)]
+        base += [motor_position(symbolic, k) for k in range(1, symbolic.robot.rotors + 1)]
         on_base = [_combined(tape, frames[0].own, point) for point in base]
     motor_1 = on_base[1]
-    origin = machine.origin
+    origin = symbolic.origin
     relative = [motor_1, *on_base, *(frame.position for frame in frames[1:]), tip]
     with tape.group("positions in the world"):
         return [add(tape, origin, point) for point in relative]
 
 
-def tip_pose(machine: Machine) -> list[list[sp.Expr]]:
+def tip_pose(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     """Homogeneous transform of the tip: the axes of its segment and its position.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         4×4 matrix, by rows; the position is in m.
 
     """
-    frames = _frames(machine)
-    tip = _tip(machine, frames)
-    with machine.tape.group("position of the tip"):
-        position = add(machine.tape, machine.origin, tip)
-    axes = frames[machine.tip_segment].own
+    frames = _frames(symbolic)
+    tip = _tip(symbolic, frames)
+    with symbolic.tape.group("position of the tip"):
+        position = add(symbolic.tape, symbolic.origin, tip)
+    axes = frames[symbolic.tip_segment].own
     rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
     zero = sp.S.Zero
     return [*rows, [zero, zero, zero, sp.S.One]]
 
 
-def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
+def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     """Jacobian of the tip, in world axes.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         6 rows, linear and then angular; columns in the order of q. A joint that does not support
         the tip has a column of zeros.
 
     """
-    tape, tree, frames = machine.tape, machine.reduced_tree, _frames(machine)
-    tip = _tip(machine, frames)
+    tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _frames(symbolic)
+    tip = _tip(symbolic, frames)
     with tape.group("columns of the attitude angles"):
-        base = machine.root.velocities_at(tape, tip)
+        base = symbolic.root.velocities_at(tape, tip)
     joints = [(ZERO, ZERO)] * tree.joints
-    for k in reversed(tree.path(machine.tip_segment)[:-1]):
+    for k in reversed(tree.path(symbolic.tip_segment)[:-1]):
         segment, frame = tree.segments[k], frames[k]
         axis = frame.group[2]
         if segment.joint == "revolute":
@@ -149,29 +149,29 @@ def tip_jacobian(machine: Machine) -> list[list[sp.Expr]]:
                 joints[k - 1] = (cross(tape, axis, arm), axis)
         else:
             joints[k - 1] = (axis, ZERO)
-    columns = machine.places.joined(base, joints)
+    columns = symbolic.places.joined(base, joints)
     return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
 
 
-def tip_bias_acceleration(machine: Machine) -> list[sp.Expr]:
+def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """J̇ v of the tip Jacobian: how the tip accelerates where θ̈ = 0.
 
     What each segment on the path to the tip adds is summed from the tip inwards and turned towards
     the world on the way: passed outwards, the sum would be turned twice.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         Linear and then angular acceleration (m/s², rad/s²), in world axes.
 
     """
-    tape, root, tree = machine.tape, machine.root, machine.reduced_tree
-    motions = free_motions(tape, root, tree, machine.v)
-    _, rates = machine.places.split(machine.v)
-    reach = machine.reach
-    tip = Acceleration(ZERO, motions[machine.tip_segment].omega_dot)
-    for k in tree.path(machine.tip_segment):
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
+    motions = free_motions(tape, root, tree, symbolic.v)
+    _, rates = symbolic.places.split(symbolic.v)
+    reach = symbolic.reach
+    tip = Acceleration(ZERO, motions[symbolic.tip_segment].omega_dot)
+    for k in tree.path(symbolic.tip_segment):
         segment = tree.segments[k]
         own_to_working, working_to_group = segment.rotation, NO_ROTATION
         if tree.works_in_own_frame(k):

@@ -17,7 +17,7 @@ from gibbs_codegen.derivation.forward_kinematics import (
     tip_pose,
 )
 from gibbs_codegen.derivation.hybrid import LinearSystem, constraint_torques
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
     State,
     generalised_inertia_forces,
@@ -32,19 +32,19 @@ Array: TypeAlias = sp.Expr | Sequence[sp.Expr] | Sequence[Sequence[sp.Expr]]
 
 @dataclass(frozen=True)
 class Systems:
-    """A machine on its tape, with M a = R + B u and the hybrid system, which others build on."""
+    """A robot on its tape, with M a = R + B u and the hybrid system, which others build on."""
 
     tape: Tape
-    machine: Machine
+    symbolic: SymbolicRobot
     reduced: LinearSystem
     hybrid: LinearSystem
 
 
 def _forward_dynamics(systems: Systems) -> list[sp.Expr]:
     """Forward dynamics in the way that takes fewer operations: by articulated bodies, or by M."""
-    articulated = articulated_dynamics(systems.machine)
+    articulated = articulated_dynamics(systems.symbolic)
     most = operations(systems.tape, articulated)
-    factorised = factorised_dynamics(systems.machine, most)
+    factorised = factorised_dynamics(systems.symbolic, most)
     if factorised is None or operations(systems.tape, factorised) >= most:
         return articulated
     return factorised
@@ -52,32 +52,32 @@ def _forward_dynamics(systems: Systems) -> list[sp.Expr]:
 
 def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     """M a − R = ∂S/∂θ̈ at the given accelerations."""
-    machine = systems.machine
-    state = State(machine.v, machine.a, machine.parameters.gravity)
-    return generalised_inertia_forces(machine.tape, machine.root, machine.reduced_tree, state)
+    symbolic = systems.symbolic
+    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
+    return generalised_inertia_forces(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
-    machine = systems.machine
-    state = State(machine.v, machine.a, machine.parameters.gravity)
-    return gibbs_function(machine.tape, machine.root, machine.reduced_tree, state)
+    symbolic = systems.symbolic
+    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
+    return gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
 
 
 def _kinetic_energy(systems: Systems) -> sp.Expr:
-    """The Gibbs function of a machine at rest, weightless, whose accelerations are the rates."""
-    machine, zero = systems.machine, sp.S.Zero
-    state = State([zero] * len(machine.q), machine.v, zero)
-    return gibbs_function(machine.tape, machine.root, machine.reduced_tree, state)
+    """The Gibbs function of a robot at rest, weightless, whose accelerations are the rates."""
+    symbolic, zero = systems.symbolic, sp.S.Zero
+    state = State([zero] * len(symbolic.q), symbolic.v, zero)
+    return gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
 
 
 def _potential_energy(systems: Systems) -> sp.Expr:
     """Gravity times the first moment of mass above the world's Z = 0."""
-    tape, machine = systems.tape, systems.machine
-    composite = whole_inertia(tape, machine.reduced_tree)
+    tape, symbolic = systems.tape, systems.symbolic
+    composite = whole_inertia(tape, symbolic.reduced_tree)
     with tape.group("first moment of mass above Z = 0, and its weight"):
-        height = machine.root.world(tape, composite.moment)[2]
-        moment = tape.let(composite.mass * machine.origin[2] + height)
-        return tape.let(machine.parameters.gravity * moment)
+        height = symbolic.root.world(tape, composite.moment)[2]
+        moment = tape.let(composite.mass * symbolic.origin[2] + height)
+        return tape.let(symbolic.parameters.gravity * moment)
 
 
 DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
@@ -89,12 +89,12 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "hybrid_mass_matrix": lambda systems: systems.hybrid.matrix,
     "hybrid_residual": lambda systems: systems.hybrid.residual,
     "hybrid_input_matrix": lambda systems: systems.hybrid.inputs,
-    "constraint_torques": lambda systems: constraint_torques(systems.machine),
+    "constraint_torques": lambda systems: constraint_torques(systems.symbolic),
     "gibbs": _gibbs,
     "kinetic_energy": _kinetic_energy,
     "potential_energy": _potential_energy,
-    "positions": lambda systems: positions(systems.machine),
-    "tip_pose": lambda systems: tip_pose(systems.machine),
-    "tip_jacobian": lambda systems: tip_jacobian(systems.machine),
-    "tip_bias_acceleration": lambda systems: tip_bias_acceleration(systems.machine),
+    "positions": lambda systems: positions(systems.symbolic),
+    "tip_pose": lambda systems: tip_pose(systems.symbolic),
+    "tip_jacobian": lambda systems: tip_jacobian(systems.symbolic),
+    "tip_bias_acceleration": lambda systems: tip_bias_acceleration(systems.symbolic),
 }

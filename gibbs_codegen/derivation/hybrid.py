@@ -17,8 +17,8 @@ import sympy as sp
 from gibbs_codegen.derivation.composite_inertia import joint_space_inertia
 from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_torque_about_arm_joint
 from gibbs_codegen.derivation.inertia_forces import link_wrench
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
     Matrix,
     State,
@@ -40,61 +40,61 @@ class LinearSystem:
     inputs: Matrix
 
 
-def unaccelerated_state(machine: Machine) -> State:
+def unaccelerated_state(symbolic: SymbolicRobot) -> State:
     """The state with θ̈ = 0, whose generalised inertia forces are −R.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         Its rates and gravity, with accelerations of zero.
 
     """
-    zeros = [sp.S.Zero] * len(machine.q)
-    return State(machine.v, zeros, machine.parameters.gravity)
+    zeros = [sp.S.Zero] * len(symbolic.q)
+    return State(symbolic.v, zeros, symbolic.parameters.gravity)
 
 
-def reduced_system(machine: Machine) -> LinearSystem:
+def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
     """The reduced system M a = R + B u.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         Rows and unknowns in the order of q.
 
     """
-    tape, root, tree = machine.tape, machine.root, machine.reduced_tree
-    minus_r = generalised_inertia_forces(tape, root, tree, unaccelerated_state(machine))
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
+    minus_r = generalised_inertia_forces(tape, root, tree, unaccelerated_state(symbolic))
     return LinearSystem(
-        mass_matrix(tape, root, tree), [-row for row in minus_r], input_matrix(machine)
+        mass_matrix(tape, root, tree), [-row for row in minus_r], input_matrix(symbolic)
     )
 
 
 def constrained_joint_column(
-    machine: Machine, serial: SegmentTree
+    symbolic: SymbolicRobot, serial: SegmentTree
 ) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
     """Column of I_H for a constrained joint.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         serial: The constrained chain: the root and one base arm.
 
     Returns:
         Its entries at the base's coordinates, and its own.
 
     """
-    tape = machine.tape
+    tape = symbolic.tape
     inertia = joint_space_inertia(tape, serial)
     with tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
-        return machine.root.rows(tape, inertia.wrenches[0]), inertia.entries[0, 0]
+        return symbolic.root.rows(tape, inertia.wrenches[0]), inertia.entries[0, 0]
 
 
-def constrained_joint_row(machine: Machine, serial: SegmentTree, state: State) -> sp.Expr:
+def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint (N m).
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         serial: The constrained chain: the root and one base arm.
         state: Rates and accelerations in the order of q; those of the constrained joint are zero.
 
@@ -102,147 +102,147 @@ def constrained_joint_row(machine: Machine, serial: SegmentTree, state: State) -
         The row at the given rates and accelerations.
 
     """
-    places = machine.root.places(serial.joints)
+    places = symbolic.root.places(serial.joints)
 
     def held(values: Sequence[sp.Expr]) -> list[sp.Expr]:
-        base, _ = machine.places.split(values)
+        base, _ = symbolic.places.split(values)
         return places.joined(base, [sp.S.Zero] * serial.joints)
 
     own = State(held(state.rates), held(state.accelerations), state.gravity)
-    motions = tree_motions(machine.tape, machine.root, serial, own)
-    with machine.tape.group(f"inertia forces of {serial.subtree_about_joint(1)}"):
-        return link_wrench(machine.tape, serial, 1, motions[1]).moment[2]
+    motions = tree_motions(symbolic.tape, symbolic.root, serial, own)
+    with symbolic.tape.group(f"inertia forces of {serial.subtree_about_joint(1)}"):
+        return link_wrench(symbolic.tape, serial, 1, motions[1]).moment[2]
 
 
-def hybrid_system(machine: Machine, reduced: LinearSystem) -> LinearSystem:
+def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSystem:
     """I_H a_H = R_H + B_H u (eqs. 18–19): free rows from the reduced system, the rest by chain.
 
     Where a chain's own joint, its constraint torque and its root coordinates stand among the hybrid
     unknowns is what the coupling map says.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         reduced: Its reduced system.
 
     Returns:
         Rows and unknowns in the order of the hybrid coordinates.
 
     """
-    free, size = layout_of(machine.robot).free, len(hybrid_coordinates(machine.robot))
+    free, size = layout_of(symbolic.robot).free, len(hybrid_coordinates(symbolic.robot))
     zero, one = sp.S.Zero, sp.S.One
     matrix: Matrix = [[zero] * size for _ in range(size)]
     residual = [zero] * size
-    thrust: Matrix = [[zero] * len(machine.u) for _ in range(size)]
+    thrust: Matrix = [[zero] * len(symbolic.u) for _ in range(size)]
     for i, row in enumerate(free):
         for j, column in enumerate(free):
             matrix[row][column] = reduced.matrix[i][j]
         residual[row] = reduced.residual[i]
         thrust[row] = list(reduced.inputs[i])
-    state = unaccelerated_state(machine)
-    maps = coupling_map(machine.robot)
-    for (chain, serial), places in zip(machine.open_chains, maps, strict=True):
+    state = unaccelerated_state(symbolic)
+    maps = coupling_map(symbolic.robot)
+    for (chain, serial), places in zip(symbolic.open_chains, maps, strict=True):
         if not chain.is_constrained:
             continue
         *coordinates, torque = places
-        base, (here,) = machine.root.places(serial.joints).split(coordinates)
-        entries, own = constrained_joint_column(machine, serial)
+        base, (here,) = symbolic.root.places(serial.joints).split(coordinates)
+        entries, own = constrained_joint_column(symbolic, serial)
         for row, entry in zip(base, entries, strict=True):
             matrix[row][here] = matrix[here][row] = entry
         matrix[here][here] = own
         matrix[here][torque], matrix[torque][here] = -one, one
-        residual[here] = -constrained_joint_row(machine, serial, state)
+        residual[here] = -constrained_joint_row(symbolic, serial, state)
         arm = chain.links[-1]
-        thrust[here][arm - 1] = motor_torque_about_arm_joint(machine, arm)
+        thrust[here][arm - 1] = motor_torque_about_arm_joint(symbolic, arm)
     return LinearSystem(matrix, residual, thrust)
 
 
-def constraint_torques(machine: Machine) -> list[sp.Expr]:
+def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """τ'_k for k = 2 … N, given the free coordinates' accelerations and the inputs (eq. 14).
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         One torque for each constrained joint (N m).
 
     """
-    state = State(machine.v, machine.a, machine.parameters.gravity)
+    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
     torques = []
-    for chain, serial in machine.open_chains:
+    for chain, serial in symbolic.open_chains:
         if chain.is_constrained:
             arm = chain.links[-1]
-            inertia_force = constrained_joint_row(machine, serial, state)
-            with machine.tape.group(f"constraint torque on base arm {arm}"):
-                lever = motor_torque_about_arm_joint(machine, arm)
-                active = machine.tape.let(lever * machine.u[arm - 1])
-                torques.append(machine.tape.let(inertia_force - active))
+            inertia_force = constrained_joint_row(symbolic, serial, state)
+            with symbolic.tape.group(f"constraint torque on base arm {arm}"):
+                lever = motor_torque_about_arm_joint(symbolic, arm)
+                active = symbolic.tape.let(lever * symbolic.u[arm - 1])
+                torques.append(symbolic.tape.let(inertia_force - active))
     return torques
 
 
-def chain_matrix(machine: Machine, number: int) -> Matrix:
+def chain_matrix(symbolic: SymbolicRobot, number: int) -> Matrix:
     """Mass matrix I_j of a chain, bordered with ±ζ where the chain is constrained (eq. 15).
 
     Args:
-        machine, number: The chain, by its number 1 … N.
+        symbolic, number: The chain, by its number 1 … N.
 
     Returns:
         The matrix in the order of the chain's unknowns.
 
     """
-    chain, serial = machine.open_chains[number - 1]
-    matrix = mass_matrix(machine.tape, machine.root, serial)
+    chain, serial = symbolic.open_chains[number - 1]
+    matrix = mass_matrix(symbolic.tape, symbolic.root, serial)
     if not chain.is_constrained:
         return matrix
     zero, one = sp.S.Zero, sp.S.One
-    places = machine.root.places(serial.joints)
+    places = symbolic.root.places(serial.joints)
     zeta = places.joined([zero] * len(places.base), [one])
     return [*([*row, -z] for row, z in zip(matrix, zeta, strict=True)), [*zeta, zero]]
 
 
-def chain_system(machine: Machine, number: int) -> LinearSystem:
+def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
     """A chain in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
 
     A constrained chain has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
 
     Args:
-        machine, number: The chain, by its number 1 … N.
+        symbolic, number: The chain, by its number 1 … N.
 
     Returns:
         Rows in the order of the chain's unknowns; all inputs u.
 
     """
-    tape, root = machine.tape, machine.root
-    chain, serial = machine.open_chains[number - 1]
-    matrix = chain_matrix(machine, number)
-    rates = _chain_values(machine, chain, machine.v)
-    state = State(rates, [sp.S.Zero] * len(rates), machine.parameters.gravity)
+    tape, root = symbolic.tape, symbolic.root
+    chain, serial = symbolic.open_chains[number - 1]
+    matrix = chain_matrix(symbolic, number)
+    rates = _chain_values(symbolic, chain, symbolic.v)
+    state = State(rates, [sp.S.Zero] * len(rates), symbolic.parameters.gravity)
     residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
-    thrust = _chain_inputs(machine, chain, serial)
+    thrust = _chain_inputs(symbolic, chain, serial)
     if chain.is_constrained:  # The last row is ζᵀθ̈_j = 0.
         residual.append(sp.S.Zero)
-        thrust.append([sp.S.Zero] * len(machine.u))
+        thrust.append([sp.S.Zero] * len(symbolic.u))
     return LinearSystem(matrix, residual, thrust)
 
 
-def hybrid_from_chains(machine: Machine) -> LinearSystem:
+def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
     """The hybrid system by adding up the chains' systems where the coupling map places them.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
 
     Returns:
         Rows and unknowns in the order of the hybrid coordinates.
 
     """
-    size, width = len(hybrid_coordinates(machine.robot)), len(machine.u)
+    size, width = len(hybrid_coordinates(symbolic.robot)), len(symbolic.u)
     zero = sp.S.Zero
     matrix: Matrix = [[zero] * size for _ in range(size)]
     residual = [zero] * size
     thrust: Matrix = [[zero] * width for _ in range(size)]
-    let = machine.tape.let
-    maps = coupling_map(machine.robot)
+    let = symbolic.tape.let
+    maps = coupling_map(symbolic.robot)
     for number, places in enumerate(maps, start=1):
-        system = chain_system(machine, number)
+        system = chain_system(symbolic, number)
         for i, row in enumerate(places):
             residual[row] = let(residual[row] + system.residual[i])
             for j, column in enumerate(places):
@@ -252,11 +252,13 @@ def hybrid_from_chains(machine: Machine) -> LinearSystem:
     return LinearSystem(matrix, residual, thrust)
 
 
-def _chain_values(machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
+def _chain_values(
+    symbolic: SymbolicRobot, chain: Chain, values: tuple[sp.Symbol, ...]
+) -> list[sp.Expr]:
     """Rates or accelerations of a chain's coordinates.
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         chain: The chain.
         values: Rates or accelerations in the order of q.
 
@@ -264,15 +266,15 @@ def _chain_values(machine: Machine, chain: Chain, values: tuple[sp.Symbol, ...])
         Values in the order of the chain's coordinates; that of a constrained joint is zero.
 
     """
-    by_name = {symbol.name: value for symbol, value in zip(machine.q, values, strict=True)}
+    by_name = {symbol.name: value for symbol, value in zip(symbolic.q, values, strict=True)}
     return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
 
 
-def _chain_inputs(machine: Machine, chain: Chain, serial: SegmentTree) -> Matrix:
+def _chain_inputs(symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree) -> Matrix:
     """What the inputs do in a chain (eq. 13).
 
     Args:
-        machine: The robot in symbols.
+        symbolic: The robot in symbols.
         chain, serial: The chain, and its segments.
 
     Returns:
@@ -280,15 +282,15 @@ def _chain_inputs(machine: Machine, chain: Chain, serial: SegmentTree) -> Matrix
 
     """
     zero, one = sp.S.Zero, sp.S.One
-    matrix: Matrix = [[zero] * len(machine.u) for _ in chain.coordinates]
-    places = machine.root.places(serial.joints)
+    matrix: Matrix = [[zero] * len(symbolic.u) for _ in chain.coordinates]
+    places = symbolic.root.places(serial.joints)
     for motor in chain.motors:
-        for row, entry in zip(places.base, motor_column(machine, motor), strict=True):
+        for row, entry in zip(places.base, motor_column(symbolic, motor), strict=True):
             matrix[row][motor - 1] = entry
         if motor > 1:
             (here,) = places.joint_places
-            matrix[here][motor - 1] = motor_torque_about_arm_joint(machine, motor)
+            matrix[here][motor - 1] = motor_torque_about_arm_joint(symbolic, motor)
     if not chain.is_constrained:
-        for i, row in enumerate(places.joint_places, start=machine.robot.rotors):
+        for i, row in enumerate(places.joint_places, start=symbolic.robot.rotors):
             matrix[row][i] = one
     return matrix

@@ -28,7 +28,7 @@ Motion = tuple[str, ...]
 # Smallest eigenvalue of the mass matrix with a unit diagonal: rounding leaves up to 3e-16 of a
 # singular one, while a 3 m rod of 1 µm thickness still has 9e-15.
 _SMALLEST = 2e-15
-# A regular machine may be singular at one configuration by accident; three are not.
+# A regular robot may be singular at one configuration by accident; three are not.
 _CONFIGURATIONS = 3
 # Of a unit motion that moves nothing rounding leaves 1e-14; what is above this is inertia, be it
 # the spin of a rod that is 1e11 times longer than thick.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.notation import Kind, Name, name
 from gibbs_codegen.symbolic.tape import Scalars, Stage
@@ -28,22 +28,22 @@ def second_moments(
     return ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
 
 
-def defined_inertia(machine: Machine, arm: int) -> Inertia:
+def defined_inertia(symbolic: SymbolicRobot, arm: int) -> Inertia:
     """Inertia of an arm about its joint.
 
     Args:
-        machine: the robot in symbols.
+        symbolic: the robot in symbols.
         arm: number of the arm: base arms from 1, then the links.
 
     Returns:
         The inertia, in the parameters.
     """
-    rotors = machine.robot.rotors
+    rotors = symbolic.robot.rotors
     if arm == 1:
-        return machine.arm_1_inertia()
+        return symbolic.arm_1_inertia()
     if arm <= rotors:
-        return machine.parameters.arm_inertia(arm)
-    return machine.parameters.link(arm - rotors).body.inertia
+        return symbolic.parameters.arm_inertia(arm)
+    return symbolic.parameters.link(arm - rotors).body.inertia
 
 
 def named_inertia(

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.notation import Kind, Name, coordinate_names, name, parameter_name
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.coordinates import (
@@ -32,17 +32,17 @@ def _explained_unknowns(robot: Robot) -> dict[str, Coordinate]:
     return unknowns
 
 
-def chain_names(machine: Machine, chain: Chain) -> dict[sp.Symbol, Name]:
+def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
     """Names of everything that occurs in a chain.
 
     Args:
-        machine: the robot in symbols.
+        symbolic: the robot in symbols.
         chain: one of its chains.
 
     Returns:
         Names of coordinates, inputs, parameters and fixed angles, by symbol.
     """
-    robot, number = machine.robot, chain.number
+    robot, number = symbolic.robot, chain.number
     unknowns = _explained_unknowns(robot)
     explained = [(c, unknowns[c].meaning, unknowns[c].unit) for c in chain.coordinates]
     names = dict(coordinate_names(number, explained))
@@ -53,14 +53,14 @@ def chain_names(machine: Machine, chain: Chain) -> dict[sp.Symbol, Name]:
         names[sp.Symbol(torque.name)] = name("tau", f"{number},4", Kind.INPUT, meaning, prime=True)
     acting = {k: ("F", 3 if k == 1 else 5) for k in chain.motors}
     if not chain.is_constrained:
-        acting = {robot.rotors + i: ("tau", 3 + i) for i in range(1, machine.joints + 1)}
+        acting = {robot.rotors + i: ("tau", 3 + i) for i in range(1, symbolic.joints + 1)}
     for k, (letter, item) in acting.items():
         entry = inputs(robot)[k - 1]
-        names[machine.u[k - 1]] = name(
+        names[symbolic.u[k - 1]] = name(
             letter, f"{number},{item}", Kind.INPUT, f"{entry.meaning} ({entry.unit})"
         )
-    for internal, default in machine.parameters.defaults.items():
-        unit = machine.parameters.units[internal]
+    for internal, default in symbolic.parameters.defaults.items():
+        unit = symbolic.parameters.units[internal]
         names[sp.Symbol(internal)] = parameter_name(internal, robot.rotors, default, unit)
     for k in chain.motors:
         for axis, component in zip("xyz", robot.base.thrust[k - 1], strict=True):

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import sympy as sp
 
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
     Matrix,
     generalised_inertia_forces,
@@ -49,14 +49,14 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
     """
     check_chain(robot, number)
     tape = InlineTape()
-    machine = Machine.of(robot, tape)
-    chain, serial = machine.open_chains[number - 1]
-    state = chain_state(machine, chain)
+    symbolic = SymbolicRobot.of(robot, tape)
+    chain, serial = symbolic.open_chains[number - 1]
+    state = chain_state(symbolic, chain)
     return ChainClosedForm(
         chain.coordinates,
         tuple(state.accelerations),
-        gibbs_function(tape, machine.root, serial, state),
-        tuple(generalised_inertia_forces(tape, machine.root, serial, state)),
+        gibbs_function(tape, symbolic.root, serial, state),
+        tuple(generalised_inertia_forces(tape, symbolic.root, serial, state)),
     )
 
 
@@ -76,7 +76,7 @@ def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.
         TooLongError: if they have more terms.
     """
     readable = readable_chain(robot, chain)
-    tape, root, serial = readable.machine.tape, readable.machine.root, readable.serial
+    tape, root, serial = readable.symbolic.tape, readable.symbolic.root, readable.serial
     rates = [rate for rate in readable.state.rates if rate != 0]
     left: list[sp.Expr] = []
     limit = most

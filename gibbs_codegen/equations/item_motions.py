@@ -47,7 +47,7 @@ class ItemMotions:
         self.readable = readable_chain(robot, number, self._tape)
         self._serial = own_frames(self.readable)
         self.names = dict(self.readable.names)
-        root = self.readable.machine.root
+        root = self.readable.symbolic.root
         before = root.places(self.readable.serial.joints)
         after = root.places(self._serial.joints)
 
@@ -93,7 +93,7 @@ class ItemMotions:
 
     def system(self) -> tuple[Matrix, list[sp.Expr], list[Definition]]:
         """I_j, R_j and definitions (eq. 15), of motions without accelerations."""
-        root = self.readable.machine.root
+        root = self.readable.symbolic.root
         matrix = self._without_last(mass_matrix(self._tape, root, self._serial))
         rows = [self._without_last(row) for row in matrix]
         residual = [-entry for entry in self._inertia_forces()]
@@ -106,7 +106,7 @@ class ItemMotions:
         return matrix, made[:size], steps
 
     def _inertia_forces(self) -> list[sp.Expr]:
-        root = self.readable.machine.root
+        root = self.readable.symbolic.root
         forces = generalised_inertia_forces(self._tape, root, self._serial, self._state)
         return self._without_last(forces)
 
@@ -126,6 +126,6 @@ class ItemMotions:
 
     def _without_last(self, rows: Sequence[Entry]) -> list[Entry]:
         """Rows of all coordinates without that of the last segment, which has no inertia."""
-        root = self.readable.machine.root
+        root = self.readable.symbolic.root
         base, joints = root.places(self._serial.joints).split(rows)
         return root.places(self.readable.serial.joints).joined(base, joints[:-1])

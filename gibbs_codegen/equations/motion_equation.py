@@ -28,7 +28,7 @@ def equations_of_motion(robot: Robot, chain: int, most: int) -> ChainEquation:
         Eq. 15, with I_j and R_j as definitions if they have more terms.
     """
     readable = readable_chain(robot, chain)
-    forces = [collected(f, readable.machine.u, 1000) for f in generalised_forces(readable)]
+    forces = [collected(f, readable.symbolic.u, 1000) for f in generalised_forces(readable)]
     closed, names = True, readable.names
     steps: Sequence[Definition] = ()
     try:

@@ -14,8 +14,8 @@ from fractions import Fraction
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import NO_INERTIA
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.equations.chain_inertias import defined_inertia, named_inertia
 from gibbs_codegen.equations.chain_names import FIXED, chain_names
@@ -49,7 +49,7 @@ class ReadableChain:
     rates, zero where a joint is held, and the accelerations, in the order of the coordinates.
     """
 
-    machine: Machine
+    symbolic: SymbolicRobot
     chain: Chain
     serial: SegmentTree
     state: State
@@ -59,7 +59,7 @@ class ReadableChain:
     @property
     def robot(self) -> Robot:
         """The robot that the chain is of."""
-        return self.machine.robot
+        return self.symbolic.robot
 
     @property
     def unaccelerated(self) -> State:
@@ -93,27 +93,27 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
         The chain.
     """
     tape = tape or InlineTape()
-    machine = Machine.of(robot, tape)
-    chain, serial = machine.open_chains[number - 1]
-    names = chain_names(machine, chain)
+    symbolic = SymbolicRobot.of(robot, tape)
+    chain, serial = symbolic.open_chains[number - 1]
+    names = chain_names(symbolic, chain)
     # What the symbols of inertia stand for is written in the parameters themselves.
-    plain = Machine.of(robot, InlineTape())
+    plain = SymbolicRobot.of(robot, InlineTape())
     root, *links = serial.segments
     if chain.is_constrained:
-        (joint,) = _chain_joints(machine, chain)
+        (joint,) = _chain_joints(symbolic, chain)
         angle = tape.symbol(joint, Stage.CONFIGURATION)
-        links = [_readable_arm(machine, links[0], angle)]
+        links = [_readable_arm(symbolic, links[0], angle)]
     else:
-        links = _readable_links(machine, tuple(links))
+        links = _readable_links(symbolic, tuple(links))
     segments, inertias = [], []
     for k, (segment, arm) in enumerate(zip((root, *links), chain.links[2:], strict=True)):
         inertia = defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
         named, definitions = named_inertia(tape, chain.number, 3 + k, inertia, names)
         segments.append(replace(segment, inertia=named))
         inertias += definitions
-    state = chain_state(machine, chain)
+    state = chain_state(symbolic, chain)
     return ReadableChain(
-        machine, chain, SegmentTree(tuple(segments)), state, tuple(inertias), names
+        symbolic, chain, SegmentTree(tuple(segments)), state, tuple(inertias), names
     )
 
 
@@ -129,28 +129,28 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
     Returns:
         The chain of n segments as n + 1.
     """
-    machine, serial = readable.machine, readable.serial
+    symbolic, serial = readable.symbolic, readable.serial
     segments = [serial.segments[0]]
     if readable.chain.is_constrained:
-        (joint,) = _chain_joints(machine, readable.chain)
-        rotation = Rotation.angle(machine.tape, Z, sp.Symbol(joint))
+        (joint,) = _chain_joints(symbolic, readable.chain)
+        rotation = Rotation.angle(symbolic.tape, Z, sp.Symbol(joint))
         segments.append(replace(serial.segments[1], rotation=rotation, starts_group=True))
     else:
-        _, joints = machine.places.split(machine.q)
+        _, joints = symbolic.places.split(symbolic.q)
         for link, joint, segment in zip(
-            machine.robot.links, joints, serial.segments[1:], strict=True
+            symbolic.robot.links, joints, serial.segments[1:], strict=True
         ):
             angle = joint if link.joint == "revolute" else sp.S.Zero
-            rotation = _turned(machine.tape, angle, link.theta_deg)
+            rotation = _turned(symbolic.tape, angle, link.theta_deg)
             segments.append(replace(segment, rotation=rotation, starts_group=True))
     end = Segment(NO_INERTIA, NO_ROTATION, parent=len(segments) - 1)
     return SegmentTree((*segments, end))
 
 
-def _chain_joints(machine: Machine, chain: Chain) -> list[str]:
+def _chain_joints(symbolic: SymbolicRobot, chain: Chain) -> list[str]:
     """Names of the coordinates of a chain's joints."""
-    joints = len(chain.coordinates) - len(machine.places.base)
-    return machine.root.places(joints).split(chain.coordinates)[1]
+    joints = len(chain.coordinates) - len(symbolic.places.base)
+    return symbolic.root.places(joints).split(chain.coordinates)[1]
 
 
 def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
@@ -162,8 +162,8 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     Returns:
         An entry for each of its coordinates.
     """
-    chain, root, tape = readable.chain, readable.machine.root, readable.machine.tape
-    u, segments = readable.machine.u, readable.serial.segments
+    chain, root, tape = readable.chain, readable.symbolic.root, readable.symbolic.tape
+    u, segments = readable.symbolic.u, readable.serial.segments
     places = root.places(readable.serial.joints)
     forces = [sp.S.Zero] * places.size
     for k in chain.motors:
@@ -188,11 +188,11 @@ def _motor_wrench(readable: ReadableChain, k: int) -> Wrench:
 
     For motor 1 it is about the origin of the coordinates, at its seat or one arm from it.
     """
-    machine, tape = readable.machine, readable.machine.tape
-    length = machine.parameters.arm_length(k)
-    lever = axis_vector(X, length if k > 1 else machine.centre_offset - length)
+    symbolic, tape = readable.symbolic, readable.symbolic.tape
+    length = symbolic.parameters.arm_length(k)
+    lever = axis_vector(X, length if k > 1 else symbolic.centre_offset - length)
     direction = _thrust_direction(readable, k)
-    drag = scale(tape, machine.parameters.drag(k), direction)
+    drag = scale(tape, symbolic.parameters.drag(k), direction)
     return Wrench(direction, add(tape, cross(tape, lever, direction), drag))
 
 
@@ -208,37 +208,37 @@ def _thrust_direction(readable: ReadableChain, k: int) -> Vector:
     return (x, y, z)
 
 
-def _readable_arm(machine: Machine, segment: Segment, angle: sp.Symbol) -> Segment:
+def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -> Segment:
     """A base arm with its angle θ_{j,4} as a symbol.
 
     Where θ_{j,3} turns about the base normal as well, their sum turns the arm, as in an arm's
     links.
 
     Args:
-        machine: the robot in symbols.
+        symbolic: the robot in symbols.
         segment: the arm as the derivation has it.
         angle: θ_{j,4}.
 
     Returns:
         The arm with that angle.
     """
-    root = machine.root
-    rotation = Rotation.angle(machine.tape, Z, root.segment_angle + angle)
+    root = symbolic.root
+    rotation = Rotation.angle(symbolic.tape, Z, root.segment_angle + angle)
     return replace(segment, rotation=rotation, starts_group=not root.spins_about_normal)
 
 
-def _readable_links(machine: Machine, segments: tuple[Segment, ...]) -> list[Segment]:
+def _readable_links(symbolic: SymbolicRobot, segments: tuple[Segment, ...]) -> list[Segment]:
     """The arm's links, with fixed angles as exact multiples of π."""
-    angle, fixed = machine.root.segment_angle, Fraction(0)
+    angle, fixed = symbolic.root.segment_angle, Fraction(0)
     readable = []
-    _, joints = machine.places.split(machine.q)
-    for link, joint, segment in zip(machine.robot.links, joints, segments, strict=True):
+    _, joints = symbolic.places.split(symbolic.q)
+    for link, joint, segment in zip(symbolic.robot.links, joints, segments, strict=True):
         if segment.starts_group:
             angle, fixed = sp.S.Zero, Fraction(0)
         angle += joint if link.joint == "revolute" else 0
         fixed += link.theta_deg
-        rotation = _turned(machine.tape, angle, fixed)
-        twist = _fixed(machine.tape, X, link.alpha_deg)
+        rotation = _turned(symbolic.tape, angle, fixed)
+        twist = _fixed(symbolic.tape, X, link.alpha_deg)
         readable.append(replace(segment, rotation=rotation, twist=twist))
     return readable
 
@@ -259,20 +259,20 @@ def _fixed(tape: Scalars, axis: int, degrees: Fraction) -> Rotation:
     return Rotation.angle(tape, axis, symbol)
 
 
-def chain_state(machine: Machine, chain: Chain) -> State:
+def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:
     """The state of an open chain in symbols.
 
     Args:
-        machine: the robot in symbols.
+        symbolic: the robot in symbols.
         chain: one of its chains.
 
     Returns:
         Rates, zero where a joint is constrained, and accelerations, which constrained joints keep.
     """
-    free = {symbol.name for symbol in machine.q}
+    free = {symbol.name for symbol in symbolic.q}
     rates, accelerations = [], []
     for coordinate in chain.coordinates:
-        rate = machine.tape.symbol(f"v_{coordinate}", Stage.MOTION)
+        rate = symbolic.tape.symbol(f"v_{coordinate}", Stage.MOTION)
         rates.append(rate if coordinate in free else sp.S.Zero)
-        accelerations.append(machine.tape.symbol(f"a_{coordinate}", Stage.MOTION))
-    return State(rates, accelerations, machine.parameters.gravity)
+        accelerations.append(symbolic.tape.symbol(f"a_{coordinate}", Stage.MOTION))
+    return State(rates, accelerations, symbolic.parameters.gravity)

@@ -18,7 +18,7 @@ from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.nodes import Program
@@ -52,16 +52,16 @@ RANDOM_ROBOTS = [random_robot(seed, 2 + seed % 5, seed % 9) for seed in range(18
 def both_ways(robot: Robot, keep_zeros: bool = False) -> tuple[Program, dict[str, float]]:
     """A program of two functions, forward dynamics in one way and in the other, and parameters."""
     tape = Tape()
-    machine = Machine.of(robot, tape, keep_zeros)
-    found = articulated_dynamics(machine), factorised_dynamics(machine, most=10**9)
+    symbolic = SymbolicRobot.of(robot, tape, keep_zeros)
+    found = articulated_dynamics(symbolic), factorised_dynamics(symbolic, most=10**9)
     slices = [
         Slice(name, ("q", "v", "u"), (((len(entries),), tuple(entries)),))
         for name, entries in zip(WAYS, found, strict=True)
         if entries is not None
     ]
-    symbols = zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
+    symbols = zip("qvau", (symbolic.q, symbolic.v, symbolic.a, symbolic.u), strict=True)
     inputs = {name: tuple(symbol.name for symbol in group) for name, group in symbols}
-    defaults = machine.parameters.defaults
+    defaults = symbolic.parameters.defaults
     return lower(tape, inputs, tuple(defaults), slices), defaults
 
 
@@ -148,10 +148,10 @@ def test_thirty_general_links() -> None:
 def articulated_operations(links: int) -> int:
     """Operations of the recursion alone, for the benchmark family."""
     tape = Tape()
-    machine = Machine.of(benchmark_robot(links), tape)
-    entries = tuple(articulated_dynamics(machine))
+    symbolic = SymbolicRobot.of(benchmark_robot(links), tape)
+    entries = tuple(articulated_dynamics(symbolic))
     piece = Slice("articulated", ("q", "v", "u"), (((len(entries),), entries),))
-    program = lower(tape, {}, tuple(machine.parameters.defaults), [piece])
+    program = lower(tape, {}, tuple(symbolic.parameters.defaults), [piece])
     return operations(program, "articulated")
 
 
@@ -189,8 +189,8 @@ def test_the_way_with_fewer_operations_is_emitted(robot: Robot, shorter: str) ->
 
 def test_factors_that_cannot_win_are_not_derived() -> None:
     """What is left is the matrix: nothing is divided by but the mass."""
-    machine = Machine.of(benchmark_robot(30), tape := Tape())
-    assert factorised_dynamics(machine, most=articulated_operations(30)) is None
+    symbolic = SymbolicRobot.of(benchmark_robot(30), tape := Tape())
+    assert factorised_dynamics(symbolic, most=articulated_operations(30)) is None
     assert sum(value.is_Pow for value in tape.statements.values()) == 1
 
 
@@ -209,7 +209,7 @@ def test_an_undetermined_joint_is_named(arm: tuple[Link, ...], coordinate: str) 
     """A tip without mass, and two joints about one axis with nothing between them."""
     robot = replace(paper_family(4, 2), links=arm)
     with pytest.raises(SingularRobotError) as refused:
-        articulated_dynamics(Machine.of(robot, Tape()))
+        articulated_dynamics(SymbolicRobot.of(robot, Tape()))
     assert refused.value.joints[0].startswith(coordinate)
     for keep_zeros in (False, True):
         with pytest.raises(SingularRobotError, match=r"theta_|d_"):
@@ -225,7 +225,7 @@ def test_an_undetermined_root_is_named() -> None:
     base = replace(paper_family(4, 2).base, arms=(Rod(0.5, 0.0),))
     for arm, coordinate in (((), "theta_1"), ((Link(ROD, Fraction(90)),), "theta_0")):
         with pytest.raises(SingularRobotError) as refused:
-            articulated_dynamics(Machine.of(Robot("hollow", base, arm), Tape()))
+            articulated_dynamics(SymbolicRobot.of(Robot("hollow", base, arm), Tape()))
         assert refused.value.joints == (coordinate,)
 
 

@@ -11,7 +11,7 @@ from support.emitted import emitted_module
 from support.random_robots import robots
 
 from gibbs_codegen.derivation.hybrid import LinearSystem, chain_system, hybrid_from_chains
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
@@ -21,18 +21,18 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
 
 
-def numbers(machine: Machine, system: LinearSystem, q: np.ndarray, v: np.ndarray) -> list:
+def numbers(symbolic: SymbolicRobot, system: LinearSystem, q: np.ndarray, v: np.ndarray) -> list:
     """Matrix, residual and inputs of a system at a state, by interpreting the tape."""
     parts = [system.matrix, [system.residual], system.inputs]
     outputs = tuple(
         ((len(part), len(part[0])), tuple(entry for row in part for entry in row)) for part in parts
     )
     inputs = {
-        "q": tuple(s.name for s in machine.q),
-        "v": tuple(s.name for s in machine.v),
+        "q": tuple(s.name for s in symbolic.q),
+        "v": tuple(s.name for s in symbolic.v),
     }
-    defaults = machine.parameters.defaults
-    program = lower(machine.tape, inputs, tuple(defaults), [Slice("system", ("q", "v"), outputs)])
+    defaults = symbolic.parameters.defaults
+    program = lower(symbolic.tape, inputs, tuple(defaults), [Slice("system", ("q", "v"), outputs)])
     values = program.evaluate("system", defaults, {"q": q, "v": v})
     return [np.array(v).reshape(shape) for v, (shape, _) in zip(values, outputs, strict=True)]
 
@@ -60,9 +60,9 @@ def test_chain_five_takes_the_rows_that_the_paper_names() -> None:
 @pytest.mark.parametrize("number", range(1, 6))
 def test_constrained_chain_has_the_form_of_eq_15(number: int) -> None:
     robot = read_robot("hexarotor_3link")[0]
-    machine = Machine.of(robot, Tape())
+    symbolic = SymbolicRobot.of(robot, Tape())
     chain = decompose(robot)[number - 1]
-    system = chain_system(machine, number)
+    system = chain_system(symbolic, number)
     assert len(system.matrix) == len(system.residual) == len(chain.unknowns) == 8
     assert system.matrix[7] == [0, 0, 0, 1, 0, 0, 0, 0]
     assert [row[7] for row in system.matrix] == [0, 0, 0, -1, 0, 0, 0, 0]
@@ -73,7 +73,7 @@ def test_constrained_chain_has_the_form_of_eq_15(number: int) -> None:
 
 def test_free_chain_has_no_constraint() -> None:
     robot = read_robot("hexarotor_3link")[0]
-    system = chain_system(Machine.of(robot, Tape()), 6)
+    system = chain_system(SymbolicRobot.of(robot, Tape()), 6)
     assert len(system.matrix) == 9
 
 
@@ -84,8 +84,8 @@ def test_chains_added_by_the_coupling_map_give_the_emitted_hybrid_system(robot: 
     """Eq. 18: the paper's addition of chains, derived anew, against the combiner's short cut."""
     module = emitted_module(robot)
     q, v, _ = random_state(module)
-    machine = Machine.of(robot, Tape())
-    matrix, residual, inputs = numbers(machine, hybrid_from_chains(machine), q, v)
+    symbolic = SymbolicRobot.of(robot, Tape())
+    matrix, residual, inputs = numbers(symbolic, hybrid_from_chains(symbolic), q, v)
     for ours, theirs in [
         (module.hybrid_mass_matrix(q), matrix),
         (module.hybrid_residual(q, v), residual[0]),

@@ -17,8 +17,8 @@ from support.random_robots import random_parents, random_robot, rigid_body
 from gibbs_codegen.derivation.derive import model_of
 from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
 from gibbs_codegen.derivation.inertia import NO_INERTIA
-from gibbs_codegen.derivation.machine import Machine
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import State, generalised_inertia_forces, mass_matrix
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.family import paper_family
@@ -70,10 +70,10 @@ EVERY_TREE = [
 ]
 
 
-def in_symbols(branched: Branched) -> tuple[Machine, Tape]:
+def in_symbols(branched: Branched) -> tuple[SymbolicRobot, Tape]:
     robot, parents = branched
     tape = Tape()
-    return replace(Machine.of(robot, tape), parents=parents), tape
+    return replace(SymbolicRobot.of(robot, tape), parents=parents), tape
 
 
 def supports(parents: Parents, i: int, j: int) -> bool:
@@ -113,19 +113,19 @@ def test_every_function_of_every_tree(branched: Branched) -> None:
 
 
 def check_functions(branched: Branched) -> None:
-    machine, tape = in_symbols(branched)
+    symbolic, tape = in_symbols(branched)
     robot, parents = branched
-    compare(robot, module_of(model_of(tape, machine)), oracle=Oracle(robot, parents=parents))
+    compare(robot, module_of(model_of(tape, symbolic)), oracle=Oracle(robot, parents=parents))
 
 
 def evaluated(
-    machine: Machine, tape: Tape, arrays: dict[str, list], values: dict[str, np.ndarray]
+    symbolic: SymbolicRobot, tape: Tape, arrays: dict[str, list], values: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Numbers of arrays on a tape, at given q, v, a and u."""
-    symbols = zip("qvau", (machine.q, machine.v, machine.a, machine.u), strict=True)
+    symbols = zip("qvau", (symbolic.q, symbolic.v, symbolic.a, symbolic.u), strict=True)
     inputs = {name: tuple(symbol.name for symbol in group) for name, group in symbols}
     outputs = tuple(((len(entries),), tuple(entries)) for entries in arrays.values())
-    defaults = machine.parameters.defaults
+    defaults = symbolic.parameters.defaults
     program = lower(tape, inputs, tuple(defaults), [Slice("arrays", tuple("qvau"), outputs)])
     arguments = {name: value.tolist() for name, value in values.items()}
     found = program.evaluate("arrays", defaults, arguments)
@@ -134,28 +134,28 @@ def evaluated(
 
 @pytest.mark.parametrize("branched", EVERY_TREE)
 def test_both_forward_dynamics_and_trees_that_are_not_regrouped(branched: Branched) -> None:
-    machine, tape = in_symbols(branched)
+    symbolic, tape = in_symbols(branched)
     robot, parents = branched
-    tree = machine.reduced_tree
+    tree = symbolic.reduced_tree
     given = SegmentTree(
-        (replace(tree.segments[0], inertia=machine.base_inertia()), *own_inertias(machine))
+        (replace(tree.segments[0], inertia=symbolic.base_inertia()), *own_inertias(symbolic))
     )
-    state = State(machine.v, machine.a, machine.parameters.gravity)
+    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
     arrays = {
-        "articulated": articulated_dynamics(machine),
-        "factorised": factorised_dynamics(machine, most=10**9),
+        "articulated": articulated_dynamics(symbolic),
+        "factorised": factorised_dynamics(symbolic, most=10**9),
     }
     for name, each in (("given", given), ("regrouped", tree)):
-        matrix = mass_matrix(tape, machine.root, each)
+        matrix = mass_matrix(tape, symbolic.root, each)
         arrays[f"M {name}"] = [entry for row in matrix for entry in row]
-        forces = generalised_inertia_forces(tape, machine.root, each, state)
+        forces = generalised_inertia_forces(tape, symbolic.root, each, state)
         arrays[f"inverse {name}"] = forces
     rng = np.random.default_rng(1)
-    n = len(machine.q)
+    n = len(symbolic.q)
     values = dict(
-        zip("qva", rng.normal(size=(3, n)), strict=True), u=rng.normal(size=len(machine.u))
+        zip("qva", rng.normal(size=(3, n)), strict=True), u=rng.normal(size=len(symbolic.u))
     )
-    found = evaluated(machine, tape, arrays, values)
+    found = evaluated(symbolic, tape, arrays, values)
 
     oracle = Oracle(robot, rigid_base=True, parents=parents)
     q, v, a, u = values.values()
@@ -170,22 +170,22 @@ def test_both_forward_dynamics_and_trees_that_are_not_regrouped(branched: Branch
         assert_close(name, found[name], np.linalg.solve(exact, right))
 
 
-def own_inertias(machine: Machine) -> list[Segment]:
+def own_inertias(symbolic: SymbolicRobot) -> list[Segment]:
     """The segments of the arm with every link's own inertia."""
-    links = range(1, machine.joints + 1)
+    links = range(1, symbolic.joints + 1)
     return [
-        replace(segment, inertia=machine.parameters.link(i).body.inertia.mapped(machine.tape.let))
-        for i, segment in zip(links, machine.reduced_tree.segments[1:], strict=True)
+        replace(segment, inertia=symbolic.parameters.link(i).body.inertia.mapped(symbolic.tape.let))
+        for i, segment in zip(links, symbolic.reduced_tree.segments[1:], strict=True)
     ]
 
 
 @pytest.mark.parametrize("branched", EVERY_TREE)
 def test_joints_on_different_branches_do_not_couple(branched: Branched) -> None:
     """Zeros of M are known while the code is written: all that there are among the joints."""
-    machine, tape = in_symbols(branched)
+    symbolic, tape = in_symbols(branched)
     robot, parents = branched
-    matrix = mass_matrix(tape, machine.root, machine.reduced_tree)
-    q = np.random.default_rng(2).normal(size=len(machine.q))
+    matrix = mass_matrix(tape, symbolic.root, symbolic.reduced_tree)
+    q = np.random.default_rng(2).normal(size=len(symbolic.q))
     exact = Oracle(robot, rigid_base=True, parents=parents).mass_matrix(q)
     for i, j in product(range(1, len(parents) + 1), repeat=2):
         k, m = 2 + i, 2 + j
@@ -250,11 +250,11 @@ def test_what_is_no_tree_is_refused(segments: tuple[Segment, ...], fault: str) -
 
 def test_a_twisted_sibling_makes_all_siblings_start_groups() -> None:
     """A child on a parallel axis is then turned by its own angle only, in its parent's frame."""
-    machine, _ = in_symbols(made((0, 1, 1), (90, 0, 90)))
-    tree = machine.reduced_tree
+    symbolic, _ = in_symbols(made((0, 1, 1), (90, 0, 90)))
+    tree = symbolic.reduced_tree
     assert [segment.starts_group for segment in tree.segments[1:]] == [True, True, True]
     assert tree.works_in_own_frame(1)
-    machine, _ = in_symbols(made((0, 1, 1), (90, 0, 0)))
-    tree = machine.reduced_tree
+    symbolic, _ = in_symbols(made((0, 1, 1), (90, 0, 0)))
+    tree = symbolic.reduced_tree
     assert [segment.starts_group for segment in tree.segments[1:]] == [True, False, False]
     assert not tree.works_in_own_frame(1)

@@ -25,7 +25,7 @@ from support.emitted import emitted_module
 from support.random_robots import random_robot, robots
 
 from gibbs_codegen.derivation.gibbs import skew
-from gibbs_codegen.derivation.machine import Machine
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.chain_equation import ChainEquation
 from gibbs_codegen.equations.closed_form import chain_closed_form
 from gibbs_codegen.equations.layout import as_latex, as_markdown, as_text
@@ -73,9 +73,9 @@ def evaluated(equation: ChainEquation, values: dict[sp.Symbol, float]) -> dict[s
 def given_values(robot: Robot, seed: int) -> dict[sp.Symbol, float]:
     """A random state, the parameters, and the numbers that a chain has symbols for."""
     rng = np.random.default_rng(seed)
-    machine = Machine.of(robot, InlineTape())
-    values = {sp.Symbol(name): x for name, x in machine.parameters.defaults.items()}
-    for symbol in (*machine.q, *machine.v, *machine.a, *machine.u):
+    symbolic = SymbolicRobot.of(robot, InlineTape())
+    values = {sp.Symbol(name): x for name, x in symbolic.parameters.defaults.items()}
+    for symbol in (*symbolic.q, *symbolic.v, *symbolic.a, *symbolic.u):
         values[symbol] = float(rng.normal())
     for k in range(2, robot.rotors + 1):
         values[sp.Symbol(f"theta_{k}")] = math.radians(robot.base.arm_angle_deg(k))

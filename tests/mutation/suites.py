@@ -14,7 +14,7 @@ def _in(folder: str, modules: str) -> tuple[str, ...]:
 
 
 DERIVATION = (
-    *_in("derivation", "functions gibbs motion inertia machine segment_tree tree_builder"),
+    *_in("derivation", "functions gibbs motion inertia symbolic_robot segment_tree tree_builder"),
     *_in("derivation", "inertia_forces composite_inertia regrouping tree_dynamics"),
     *_in(
         "derivation",

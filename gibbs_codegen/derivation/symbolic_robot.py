@@ -25,7 +25,7 @@ from gibbs_codegen.symbolic.vectors import Rotation, Vector, axis_vector
 
 
 @dataclass(frozen=True)
-class Machine:
+class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, their rates, their accelerations
@@ -44,7 +44,7 @@ class Machine:
     u: tuple[sp.Symbol, ...]
 
     @classmethod
-    def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> Machine:
+    def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
         """Introduce a robot's symbols on `tape`.
 
         Args:
