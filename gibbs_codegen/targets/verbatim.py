@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from dataclasses import dataclass
 from pathlib import Path
 
 _FOLDER = Path(__file__).parent.parent / "emitted"
+_IMPORT = re.compile(r"^(?:import|from) .*$", re.MULTILINE)
 _INCLUDE = re.compile(r'^#include "(\w+\.\w)"\n', re.MULTILINE)
 
 
@@ -28,11 +28,10 @@ def python_source(name: str) -> PythonSource:
     Returns:
         Its parts.
     """
-    text = _text(name)
-    imports = [n for n in ast.parse(text).body if isinstance(n, ast.Import | ast.ImportFrom)]
-    first, last = imports[0].lineno - 1, imports[-1].end_lineno
-    lines = text.splitlines()
-    return PythonSource("\n".join(lines[first:last]), "\n".join(lines[last:]).strip())
+    # Parsing it would compile text, which no command does.
+    text = _text(name).partition('"""\n\n')[2]
+    end = max(match.end() for match in _IMPORT.finditer(text))
+    return PythonSource(text[:end], text[end:].strip())
 
 
 def c_source(name: str) -> str:
