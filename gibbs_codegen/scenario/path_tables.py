@@ -6,11 +6,11 @@ import itertools
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.faults import fault, refusal
-from gibbs_codegen.files.fields import Tables, by_kind
+from gibbs_codegen.files.fields import Tables, at_most, by_kind
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.scenario.numbers import LEAST, NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
@@ -19,6 +19,10 @@ from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Te
 _FEWEST_POINTS = 2
 _MOST_POINTS = 10_000
 _MOST_TERMS = 100
+
+
+def _not_endless(values: object) -> object:
+    return at_most(values, _MOST_POINTS, "entries") if isinstance(values, list) else values
 
 
 def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -116,8 +120,12 @@ class WaypointsTable(Table):
     """A smooth path through points at given times, at rest at both ends."""
 
     kind: Literal["waypoints"]
-    times: list[Number] = Field(description="a list of increasing times, s")
-    points: list[Vector] = Field(description="a list of points, [x, y, z] in m, one for each time")
+    times: Annotated[list[Number], BeforeValidator(_not_endless)] = Field(
+        description="a list of increasing times, s"
+    )
+    points: Annotated[list[Vector], BeforeValidator(_not_endless)] = Field(
+        description="a list of points, [x, y, z] in m, one for each time"
+    )
 
     @model_validator(mode="before")
     @classmethod
