@@ -11,12 +11,13 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 # Keys and list places, from a table inwards.
 Place = tuple[str | int, ...]
 
-# Faults in the name of an entry of a table, rather than in its value.
-IN_NAME = "fault_in_name"
+# Pydantic's types of what validators here raise: faults in words, and those in the name of an entry
+# of a table rather than in its value.
+FAULT, IN_NAME = "fault", "fault_in_name"
 _KINDS = {str: "a string", list: "a list", dict: "a table", int: "a number", float: "a number"}
 
 
-def fault(words: str, kind: str = "fault") -> PydanticCustomError:
+def fault(words: str, kind: str = FAULT) -> PydanticCustomError:
     """What a validator of one value raises.
 
     Args:

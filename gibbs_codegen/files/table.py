@@ -10,17 +10,12 @@ import difflib
 from collections.abc import Iterator, Mapping
 from typing import Any, Self, get_args
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import ErrorDetails, core_schema
 
-from gibbs_codegen.files.faults import IN_NAME, Place, kind_of, not_one_of, refusal, shown
+from gibbs_codegen.files.faults import FAULT, IN_NAME, Place, kind_of, not_one_of, refusal, shown
 
 # To look for what a key may have been meant to be takes time, and a flood of keys is no slip.
 _MOST_SUGGESTIONS = 20
@@ -92,7 +87,10 @@ class Table(BaseModel):
         try:
             table = handler(values)
         except ValidationError as error:
-            for number, found in enumerate(error.errors(include_url=False)):
+            details = error.errors(include_url=False)
+            if not faults and all(found["type"] == FAULT for found in details):
+                raise  # What is in inner tables has been put into words there.
+            for number, found in enumerate(details):
                 place = found["loc"][:-1] if found["type"] == IN_NAME else found["loc"]
                 faults.append((place, cls._words(found, number < _MOST_SUGGESTIONS)))
         if faults:

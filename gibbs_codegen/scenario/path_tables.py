@@ -6,11 +6,11 @@ import itertools
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.faults import fault, refusal
-from gibbs_codegen.files.fields import Tables, by_kind
+from gibbs_codegen.files.fields import Tables, at_most, by_kind
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.scenario.numbers import LEAST, NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
@@ -19,6 +19,11 @@ from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Te
 _FEWEST_POINTS = 2
 _MOST_POINTS = 10_000
 _MOST_TERMS = 100
+_KIND = "the kind of path"
+
+
+def _not_endless(values: object) -> object:
+    return at_most(values, _MOST_POINTS, "entries") if isinstance(values, list) else values
 
 
 def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -36,7 +41,7 @@ def _not_zero(number: float) -> float:
 class FixedTable(Table):
     """A point that stays where it is."""
 
-    kind: Literal["fixed"]
+    kind: Literal["fixed"] = Field(description=_KIND)
     position: Vector = Field(description="the point, [x, y, z] in m")
 
     def path(self) -> Path:
@@ -60,7 +65,7 @@ class TermTable(Table):
 class HarmonicTable(Table):
     """On each axis a sum of growing or decaying oscillations."""
 
-    kind: Literal["harmonic"]
+    kind: Literal["harmonic"] = Field(description=_KIND)
     x: Annotated[list[TermTable], Tables("x", _MOST_TERMS, "terms")] = Field(
         default_factory=list, description="terms of the first coordinate"
     )
@@ -81,7 +86,7 @@ class HarmonicTable(Table):
 class LineTable(Table):
     """A straight line with minimum jerk, at rest before and after."""
 
-    kind: Literal["line"]
+    kind: Literal["line"] = Field(description=_KIND)
     start: Vector = Field(description="where it begins, [x, y, z] in m")
     end: Vector = Field(description="where it ends, [x, y, z] in m")
     duration: Positive = Field(description="the time from start to end, in s")
@@ -95,7 +100,7 @@ class LineTable(Table):
 class CircleTable(Table):
     """A circle at constant speed, anticlockwise about its normal."""
 
-    kind: Literal["circle"]
+    kind: Literal["circle"] = Field(description=_KIND)
     centre: Vector = Field(description="the centre, [x, y, z] in m")
     radius: NotNegative = Field(description="the radius, in m")
     period: Annotated[Number, AfterValidator(_not_zero)] = Field(
@@ -115,9 +120,13 @@ class CircleTable(Table):
 class WaypointsTable(Table):
     """A smooth path through points at given times, at rest at both ends."""
 
-    kind: Literal["waypoints"]
-    times: list[Number] = Field(description="a list of increasing times, s")
-    points: list[Vector] = Field(description="a list of points, [x, y, z] in m, one for each time")
+    kind: Literal["waypoints"] = Field(description=_KIND)
+    times: Annotated[list[Number], BeforeValidator(_not_endless)] = Field(
+        description="a list of increasing times, s"
+    )
+    points: Annotated[list[Vector], BeforeValidator(_not_endless)] = Field(
+        description="a list of points, [x, y, z] in m, one for each time"
+    )
 
     @model_validator(mode="before")
     @classmethod

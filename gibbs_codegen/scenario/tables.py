@@ -42,6 +42,7 @@ from gibbs_codegen.scenario.scenario import (
 _MIN_DURATION = 1e-3
 _MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
 _LONGEST_NAME = 200
+_KIND = "the kind of attitude"
 
 
 def _line_of_text(least: int) -> AfterValidator:
@@ -56,7 +57,7 @@ def _line_of_text(least: int) -> AfterValidator:
 class LevelTable(Table):
     """The base level, with a heading that turns at a constant rate."""
 
-    kind: Literal["level"] = "level"
+    kind: Literal["level"] = Field(default="level", description=_KIND)
     heading_deg: Number = Field(default=0.0, description="heading at the start, degrees")
     rate_deg: Number = Field(default=0.0, description="rate of the heading, degrees per second")
 
@@ -68,7 +69,7 @@ class LevelTable(Table):
 class TangentTable(Table):
     """A base arm along the path."""
 
-    kind: Literal["tangent"]
+    kind: Literal["tangent"] = Field(description=_KIND)
     arm: Annotated[int, Bounds(1, MAX_ROTORS)] = Field(
         default=Tangent.arm, description="number of the base arm that is tangent to the path"
     )

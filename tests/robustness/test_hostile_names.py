@@ -105,6 +105,7 @@ def test_a_message_is_short_and_keeps_both_ends() -> None:
 
 COMMANDS = [
     ["info", "TEXT"],
+    ["schema", "./TEXT"],
     ["generate", "./TEXT"],
     ["generate", "hexarotor", "TEXT"],
     ["generate", "hexarotor", "--target", "./TEXT"],
