@@ -51,7 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0 if the command succeeded, 1 if it failed, 2 for wrong usage or a rejected
         file.
-
     """
     parser = argument_parser()
     words = sys.argv[1:] if arguments is None else arguments

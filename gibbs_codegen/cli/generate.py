@@ -32,7 +32,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     generate = commands.add_parser(
         "generate",

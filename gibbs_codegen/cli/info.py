@@ -13,7 +13,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     info = commands.add_parser(
         "info",

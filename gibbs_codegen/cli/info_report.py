@@ -33,7 +33,6 @@ def report(model: Model) -> dict[str, Any]:
 
     Returns:
         Values that JSON can hold.
-
     """
     return _facts(model) | {"hybrid_pattern": _pattern(model.robot)}
 
@@ -100,7 +99,6 @@ def print_report(model: Model, console: Console) -> None:
     Args:
         model: the derived robot.
         console: where to print.
-
     """
     data = _facts(model)
     console.print(

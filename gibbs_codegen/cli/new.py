@@ -13,7 +13,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: The parsers of the commands.
-
     """
     new = commands.add_parser(
         "new", help="write a commented robot file to start from", allow_abbrev=False

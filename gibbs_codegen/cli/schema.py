@@ -13,7 +13,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: The parsers of the commands.
-
     """
     schema = commands.add_parser(
         "schema",

@@ -16,7 +16,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     simulate = commands.add_parser(
         "simulate",

@@ -24,7 +24,6 @@ class Parser(argparse.ArgumentParser):
 
         Args:
             message: what is wrong with the command line.
-
         """
         super().error(printable(message, 400))
 

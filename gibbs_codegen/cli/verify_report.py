@@ -27,7 +27,6 @@ def as_data(verification: Verification) -> dict[str, Any]:
 
     Returns:
         Values that JSON can hold; what is not a number is null.
-
     """
     return {
         "robot": verification.robot,
@@ -53,7 +52,6 @@ def print_verification(verification: Verification, console: Console) -> None:
     Args:
         verification: what was found.
         console: where to print.
-
     """
     for backend, comparisons in verification.comparisons.items():
         by_formulation, others = _sorted(comparisons)
@@ -77,7 +75,6 @@ def failure_lines(verification: Verification) -> list[str]:
 
     Returns:
         A line for each, the worst first, and one that counts those that are left out.
-
     """
     failures = sorted(verification.failures, key=lambda f: -f[1].error)
     lines = [f"{backend}: {failure_text(c)}" for backend, c in failures[:_MOST_FAILURES]]

@@ -49,7 +49,6 @@ class Table(BaseModel):
 
         Returns:
             Key and words of each fault.
-
         """
         return iter(())
 
@@ -62,7 +61,6 @@ class Table(BaseModel):
 
         Returns:
             The table, or None; and place and words of every fault.
-
         """
         try:
             return cls.model_validate(values), []
@@ -107,7 +105,6 @@ class Table(BaseModel):
 
         Returns:
             The words.
-
         """
         kind, value = found["type"], found["input"]
         if "words" in found.get("ctx", {}):

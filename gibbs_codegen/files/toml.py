@@ -39,7 +39,6 @@ def checked(
 
     Returns:
         The top table.
-
     """
     from gibbs_codegen.files.faults import key_path  # Late, as it imports pydantic.
 

@@ -26,7 +26,6 @@ def key_lines(text: str) -> dict[str, int]:
 
     Returns:
         Lines, counted from 1, by key path, written like `link[0].mass`.
-
     """
     lines: dict[str, int] = {}
     counts: dict[str, int] = {}
@@ -60,7 +59,6 @@ def line_of(lines: Mapping[str, int], place: Sequence[str | int]) -> int | None:
 
     Returns:
         The line, counted from 1, or None where there is none.
-
     """
     parts = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
     for count in range(len(parts), 0, -1):

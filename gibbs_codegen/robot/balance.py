@@ -48,7 +48,6 @@ def balance(robot: Robot) -> Balance:
 
     Returns:
         The balance, in the base's frame.
-
     """
     mass, moment, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for k in range(1, robot.rotors + 1):
@@ -93,7 +92,6 @@ def balance_lines(found: Balance) -> list[str]:
 
     Returns:
         A line each for mass with its centre, inertia, and thrusts.
-
     """
     x, y, z = map(_number, found.com)
     pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
@@ -120,7 +118,6 @@ def lopsided(robot: Robot, found: Balance) -> str | None:
 
     Returns:
         The warning, or None for a base that is balanced.
-
     """
     base = robot.base
     longest = max(base.arm(k).length for k in range(1, robot.rotors + 1))

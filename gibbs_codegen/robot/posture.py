@@ -35,7 +35,6 @@ class Frame:
 
         Returns:
             The point (3) in world axes, m.
-
         """
         place: Array = self.origin + x * self.axes[:, 0]
         return place
@@ -77,7 +76,6 @@ def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
 
     Raises:
         UsageError: If q has another length.
-
     """
     base, layout = robot.base, layout_of(robot)
     if np.shape(q) != (layout.size,):
@@ -109,7 +107,6 @@ def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tup
 
     Returns:
         The frames, in world axes.
-
     """
     frames: list[Frame] = []
     before = 0.0
@@ -134,7 +131,6 @@ def turn(axis: int, angle: float) -> Array:
 
     Returns:
         The matrix (3, 3).
-
     """
     c, s = np.cos(angle), np.sin(angle)
     p, q = (axis + 1) % 3, (axis + 2) % 3

@@ -23,7 +23,6 @@ def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
 
     Returns:
         What is wrong with the inertia, or None if a body has it.
-
     """
     xx, yy, zz, xy, xz, yz = inertia
     scale = max(abs(entry) for entry in inertia)

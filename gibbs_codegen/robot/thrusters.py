@@ -50,7 +50,6 @@ def arm_frame(base: Base, k: int) -> tuple[NDArray[np.float64], NDArray[np.float
 
     Returns:
         The axes (3, 3), a column each, and the origin (3), m.
-
     """
     if k == 1:
         return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
@@ -67,7 +66,6 @@ def wrench_matrix(robot: Robot) -> NDArray[np.float64]:
 
     Returns:
         The matrix (6, N), force rows first; moments in m.
-
     """
     base = robot.base
     columns = []
@@ -89,7 +87,6 @@ def arrangement(robot: Robot) -> Arrangement:
 
     Returns:
         The arrangement.
-
     """
     matrix = wrench_matrix(robot)
     left, values, _ = np.linalg.svd(matrix)
@@ -132,7 +129,6 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
 
     Returns:
         The hint, or None where no signs are far better.
-
     """
     rotors, now = robot.rotors, arrangement(robot)
     every_second = set(range(2, rotors + 1, 2))

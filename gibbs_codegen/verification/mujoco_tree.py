@@ -50,7 +50,6 @@ class MuJoCo:
 
         Returns:
             The quantities at those states.
-
         """
         return state_by_state(self._at, self.tree, states, self._places)
 
@@ -64,7 +63,6 @@ class MuJoCo:
 
         Returns:
             The quantities at that state, in MuJoCo's order.
-
         """
         model, data, tree = self._model, self._data, self.tree
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
@@ -134,7 +132,6 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
 
     Returns:
         The text of the element.
-
     """
     turn, step = np.eye(3), np.zeros(3)
     group = []
