@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -34,7 +35,8 @@ class MuJoCo:
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
         try:
-            self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
+            with _without_log():
+                self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
         self._data = mujoco.MjData(self._model)
@@ -51,7 +53,8 @@ class MuJoCo:
         Returns:
             The quantities at those states.
         """
-        return state_by_state(self._at, self.tree, states, self._places)
+        with _without_log():
+            return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array) -> Quantities:
         """By MuJoCo's functions for one state, nothing touching anything.
@@ -101,6 +104,21 @@ class MuJoCo:
         linear, angular = jacobian[:3], jacobian[3:]
         mujoco.mj_jac(self._model, self._data, linear, angular, place, self._body(point.joint))
         return jacobian
+
+
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """Keep MuJoCo's warnings, such as of a matrix close to singular, out of the current folder.
+
+    Where nothing takes them, MuJoCo writes them to a file MUJOCO_LOG.TXT there. What they mean for
+    the numbers shows when these are compared.
+    """
+    former = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(former)
 
 
 def _model_text(tree: Tree) -> str:
