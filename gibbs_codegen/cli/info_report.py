@@ -61,7 +61,7 @@ def _facts(model: Model) -> dict[str, Any]:
         "arrangement": {
             "rank": motors.rank,
             "condition": motors.condition if motors.rank == 6 else None,
-            "missing": motors.missing_texts(),
+            "missing": list(motors.missing),
             "tilt_hint": asdict(hint) | {"text": hint.text()} if hint else None,
         },
         "operations": {

@@ -44,8 +44,10 @@ def key_lines(text: str) -> dict[str, int]:
             prefix = _plain(table["name"])
             lines.setdefault(prefix, number)
         elif "=" in line and _KEY.fullmatch((parts := line.partition("="))[0].strip()):
-            name = _plain(parts[0].strip())
-            lines.setdefault(f"{prefix}.{name}" if prefix else name, number)
+            place = prefix
+            for part in _plain(parts[0].strip()).split("."):
+                place = f"{place}.{part}" if place else part
+                lines.setdefault(place, number)
             unfinished.read(parts[2])
     return lines
 

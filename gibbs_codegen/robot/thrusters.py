@@ -10,35 +10,29 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.robot.model import Base, Robot
 
-_DIRECTIONS = ("force along x", "force along y", "force along z")
+_DIRECTIONS = (
+    "force along x",
+    "force along y",
+    "force along z",
+    "torque about x",
+    "torque about y",
+    "torque about z",
+)
 # Fewer times better is a matter of taste.
 _FAR_BETTER = 3.0
-_MOMENTS = ("moment about x", "moment about y", "moment about z")
 
 
 @dataclass(frozen=True)
 class Arrangement:
     """Rank, condition number (infinite where the rank is below 6) and what cannot be commanded.
 
-    `missing` holds a unit wrench about the base centre, in arm 1's axes, for every direction that
-    no combination of thrusts can push in.
+    `missing` names the directions that no combination of thrusts can push in, about the base centre
+    in arm 1's axes.
     """
 
     rank: int
     condition: float
-    missing: tuple[tuple[float, ...], ...]
-
-    def missing_texts(self) -> list[str]:
-        """The missing directions in words, by their leading components."""
-        texts = []
-        for wrench in self.missing:
-            parts = [
-                f"{value:+.3g} {name}"
-                for value, name in zip(wrench, _DIRECTIONS + _MOMENTS, strict=True)
-                if abs(value) > 1e-9
-            ]
-            texts.append(", ".join(parts))
-        return texts
+    missing: tuple[str, ...]
 
 
 def arm_frame(base: Base, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -93,10 +87,36 @@ def arrangement(robot: Robot) -> Arrangement:
     rank = int(np.sum(values > 1e-9 * values[0])) if values[0] > 0 else 0
     full = rank == len(matrix)
     condition = float(values[0] / values[-1]) if full else float("inf")
-    missing = tuple(
-        tuple(float(x) for x in _oriented(left[:, i])) for i in range(rank, len(matrix))
-    )
-    return Arrangement(rank, condition, missing)
+    return Arrangement(rank, condition, directions(left[:, rank:]))
+
+
+def directions(basis: NDArray[np.float64]) -> tuple[str, ...]:
+    """Directions of wrenches in words.
+
+    Args:
+        basis: Wrenches (6, k) that span the directions, a column each, force rows first.
+
+    Returns:
+        The k directions, each such as "force along x", or as a sum where they cannot be single.
+    """
+    rest, pivots = basis.T.copy(), []
+    for _ in rest:
+        pivots.append(int(np.argmax(np.linalg.norm(rest, axis=0))))
+        axis = rest[:, pivots[-1]] / np.linalg.norm(rest[:, pivots[-1]])
+        rest -= np.outer(axis, axis @ rest)
+    # Reduced so that each direction has a component of its own, and is that alone if it can be.
+    reduced = basis @ np.linalg.inv(basis[sorted(pivots)])
+    return tuple(_in_words(direction) for direction in reduced.T)
+
+
+def _in_words(direction: NDArray[np.float64]) -> str:
+    parts: list[str] = []
+    for component, name in zip(direction, _DIRECTIONS, strict=True):
+        if abs(component) > 1e-6:
+            factor = "" if abs(abs(component) - 1.0) < 1e-6 else f"{abs(component):.3g} × "
+            sign = ("− " if component < 0 else "+ ") if parts else ("−" if component < 0 else "")
+            parts.append(f"{sign}{factor}{name}")
+    return " ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -147,9 +167,3 @@ def _mirrored(robot: Robot, motors: Collection[int]) -> Robot:
         for k, (x, y, z) in enumerate(robot.base.thrust, start=1)
     )
     return replace(robot, base=replace(robot.base, thrust=thrust))
-
-
-def _oriented(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The vector with its largest entry positive and what is rounding set to zero."""
-    rounded: NDArray[np.float64] = np.where(np.abs(vector) < 1e-12, 0.0, vector)
-    return rounded if rounded[np.argmax(np.abs(rounded))] > 0 else -rounded
