@@ -79,7 +79,6 @@ def argument_parser() -> argparse.ArgumentParser:
         prog="gibbs-codegen",
         description="Derive the equations of motion of flying robots with arms, and write them as "
         "fast functions in NumPy and C.",
-        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")

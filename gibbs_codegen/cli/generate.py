@@ -36,7 +36,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     generate = commands.add_parser(
         "generate",
         help="derive a robot's equations of motion and write its module",
-        allow_abbrev=False,
     )
     robot_argument.add_robot(generate)
     generate.add_argument(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from gibbs_codegen.cli.terminal import Parser
 
@@ -17,7 +16,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     schema = commands.add_parser(
         "schema",
         help="print the JSON schema of robot or scenario files, with which editors complete keys",
-        allow_abbrev=False,
     )
     schema.add_argument(
         "file", choices=("robot", "scenario"), help="kind of file that the schema is for"
@@ -26,6 +24,8 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
 
 def _schema(options: argparse.Namespace) -> int:
+    import json
+
     # Late, as both import pydantic.
     from gibbs_codegen.robot.tables import RobotTable
     from gibbs_codegen.scenario.tables import ScenarioTable

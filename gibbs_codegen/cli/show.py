@@ -17,7 +17,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     show = commands.add_parser(
         "show",
         help="print the paper's equations of one chain as text or LaTeX",
-        allow_abbrev=False,
     )
     robot_argument.add_robot(show)
     show.add_argument(

@@ -26,7 +26,6 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     verify = commands.add_parser(
         "verify",
         help="compare a module with formulations that share no code with the derivation",
-        allow_abbrev=False,
     )
     robot_argument.add_module(verify)
     verify.add_argument(

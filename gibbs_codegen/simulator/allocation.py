@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.thrusters import directions
+from gibbs_codegen.robot.wrenches import directions
 
 Array = NDArray[np.float64]
 
