@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from pydantic import BeforeValidator, GetCoreSchemaHandler, WrapValidator
+from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, WrapValidator
 from pydantic import GetJsonSchemaHandler as JsonHandler
 from pydantic_core import CoreSchema, core_schema
 
@@ -76,6 +77,25 @@ def listed(length: int) -> BeforeValidator:
         The metadata.
     """
     return BeforeValidator(lambda value: tuple(list_of(value, length)))
+
+
+def needed(is_right: Callable[[Any], bool], otherwise: str) -> AfterValidator:
+    """Metadata of a value that must meet a condition.
+
+    Args:
+        is_right: Whether a value of the right type meets it.
+        otherwise: What is wrong else, and what would be right.
+
+    Returns:
+        The metadata.
+    """
+
+    def check(value: Any) -> Any:
+        if not is_right(value):
+            raise fault(otherwise)
+        return value
+
+    return AfterValidator(check)
 
 
 @dataclass(frozen=True)

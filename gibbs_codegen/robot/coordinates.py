@@ -22,52 +22,8 @@ class Coordinate:
     meaning: str
 
 
-def joint_coordinate(robot: Robot, i: int) -> Coordinate:
-    """Coordinate of a joint of the arm, numbered N + i as in the method.
-
-    Args:
-        robot: The robot, of N rotors.
-        i: Number of the link that the joint moves, from 1 to n.
-
-    Returns:
-        The coordinate: an angle, or a travel of a prismatic joint.
-    """
-    number, kind = robot.rotors + i, robot.links[i - 1].joint
-    what = "travel" if kind == "prismatic" else "angle"
-    return Coordinate(joint_name(kind, number), JOINT_TERMS[kind].unit, f"{what} of joint {number}")
-
-
-def attitude_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """θ₋₁, θ₀, θ₁: the intrinsic rotations that turn the world's axes into those of base arm 1.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The three angles, in order.
-    """
-    places = ("first", "second", "third")
-    return tuple(
-        Coordinate(name, "rad", f"{place} attitude angle, about {axis}")
-        for name, place, axis in zip(ATTITUDE, places, robot.base.attitude, strict=True)
-    )
-
-
-def position_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """World position of the origin of the coordinates: motor 1 or the base centre.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        x, y and z.
-    """
-    point = "motor 1 (O1)" if robot.base.origin == "motor1" else "the base centre (O2)"
-    return tuple(Coordinate(name, "m", f"world {name} of {point}") for name in POSITION)
-
-
 def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """Entries of q.
+    """Entries of q: attitude angles, the arm's joints, world position of the coordinates' origin.
 
     Args:
         robot: The robot, with n links.
@@ -75,8 +31,20 @@ def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
     Returns:
         The 6 + n coordinates, in order.
     """
-    base = (*attitude_coordinates(robot), *position_coordinates(robot))
-    joints = [joint_coordinate(robot, i) for i in range(1, len(robot.links) + 1)]
+    point = "motor 1 (O1)" if robot.base.origin == "motor1" else "the base centre (O2)"
+    attitude = zip(ATTITUDE, ("first", "second", "third"), robot.base.attitude, strict=True)
+    base = [
+        *(
+            Coordinate(n, "rad", f"{place} attitude angle, about {axis}")
+            for n, place, axis in attitude
+        ),
+        *(Coordinate(name, "m", f"world {name} of {point}") for name in POSITION),
+    ]
+    joints = []
+    for number, link in enumerate(robot.links, start=robot.rotors + 1):
+        what = "travel" if link.joint == "prismatic" else "angle"
+        name, unit = joint_name(link.joint, number), JOINT_TERMS[link.joint].unit
+        joints.append(Coordinate(name, unit, f"{what} of joint {number}"))
     return tuple(layout_of(robot).joined(base, joints))
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from gibbs_codegen.files.faults import IN_NAME, fault, refusal
-from gibbs_codegen.files.fields import listed
+from gibbs_codegen.files.fields import listed, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.layout import JOINT_TERMS, joint_kind, joint_pattern
 from gibbs_codegen.robot.model import JointKind
@@ -17,14 +17,6 @@ from gibbs_codegen.scenario.numbers import Number
 from gibbs_codegen.scenario.path_tables import PathTable
 from gibbs_codegen.scenario.paths import Path, Sum
 from gibbs_codegen.scenario.scenario import ArmTask
-
-
-def _increasing(limits: tuple[float, float]) -> tuple[float, float]:
-    low, high = limits
-    # In radians, too: what is next to nothing may become nothing there.
-    if not math.radians(low) < math.radians(high):
-        raise fault("the lower limit must be below the upper")
-    return limits
 
 
 def _joint_name(kind: JointKind) -> AfterValidator:
@@ -45,7 +37,15 @@ def _schema_of_name(kind: JointKind) -> WithJsonSchema:
     return WithJsonSchema({"type": "string", "pattern": f"^{joint_pattern(kind)}$"})
 
 
-Limits = Annotated[tuple[Number, Number], listed(2), AfterValidator(_increasing)]
+Limits = Annotated[
+    tuple[Number, Number],
+    listed(2),
+    # In radians, too: what is next to nothing may become nothing there.
+    needed(
+        lambda limits: math.radians(limits[0]) < math.radians(limits[1]),
+        "the lower limit must be below the upper",
+    ),
+]
 Prismatic = Annotated[str, _joint_name("prismatic"), _schema_of_name("prismatic")]
 Revolute = Annotated[str, _joint_name("revolute"), _schema_of_name("revolute")]
 
@@ -109,7 +109,8 @@ class ArmTable(Table):
             for joint, value in (getattr(self, key) or {}).items():
                 low, high = limits.get(joint, (-math.inf, math.inf))
                 if not low <= value <= high:
-                    faults.append(((key, joint), "is outside its limits"))
+                    words = f"must be within its limits, {low:g} to {high:g}, not {value:g}"
+                    faults.append(((key, joint), words))
         if faults:
             raise refusal(faults)
         return self

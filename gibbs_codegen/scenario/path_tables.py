@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.files.faults import fault, refusal
-from gibbs_codegen.files.fields import Tables, at_most, by_kind
+from gibbs_codegen.files.faults import refusal
+from gibbs_codegen.files.fields import Tables, at_most, by_kind, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.scenario.numbers import LEAST, NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
@@ -20,6 +20,10 @@ _FEWEST_POINTS = 2
 _MOST_POINTS = 10_000
 _MOST_TERMS = 100
 _KIND = "the kind of path"
+_DIRECTION = needed(
+    lambda vector: math.hypot(*vector) >= LEAST,
+    "a direction of length zero; give at least one entry that is not 0",
+)
 
 
 def _not_endless(values: object) -> object:
@@ -31,18 +35,6 @@ def _increasing(times: list[float]) -> list[float]:
         if later <= sooner:
             raise refusal([((place,), f"must be after {sooner:g}, not {later:g}")])
     return times
-
-
-def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    if math.hypot(*vector) < LEAST:
-        raise fault("a direction of length zero")
-    return vector
-
-
-def _not_zero(number: float) -> float:
-    if abs(number) < LEAST:
-        raise fault("must not be 0")
-    return number
 
 
 class FixedTable(Table):
@@ -110,10 +102,10 @@ class CircleTable(Table):
     kind: Literal["circle"] = Field(description=_KIND)
     centre: Vector = Field(description="the centre, [x, y, z] in m")
     radius: NotNegative = Field(description="the radius, in m")
-    period: Annotated[Number, AfterValidator(_not_zero)] = Field(
+    period: Annotated[Number, needed(lambda period: abs(period) >= LEAST, "must not be 0")] = Field(
         description="the time of a turn, in s; negative: the other way round"
     )
-    normal: Annotated[Vector, AfterValidator(_direction)] = Field(
+    normal: Annotated[Vector, _DIRECTION] = Field(
         default=(0.0, 0.0, 1.0), description="direction of the axis, [x, y, z]"
     )
     phase_deg: Number = Field(default=0.0, description="angle at which it begins, degrees")

@@ -19,8 +19,8 @@ from pydantic import (
     model_validator,
 )
 
-from gibbs_codegen.files.faults import fault, refusal
-from gibbs_codegen.files.fields import Bounds, by_kind, listed
+from gibbs_codegen.files.faults import refusal
+from gibbs_codegen.files.fields import Bounds, by_kind, listed, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.model import MAX_ROTORS
 from gibbs_codegen.scenario.arm_table import ArmTable
@@ -45,13 +45,18 @@ _LONGEST_NAME = 200
 _KIND = "the kind of attitude"
 
 
-def _line_of_text(least: int) -> AfterValidator:
-    def check(text: str) -> str:
-        if text.isprintable() and least <= len(text.strip()) <= _LONGEST_NAME:
-            return text
-        raise fault(f"must be {least} to {_LONGEST_NAME} characters on one line")
+_Thrusts = Annotated[
+    tuple[Number, Number],
+    listed(2),
+    needed(lambda limits: limits[0] < limits[1], "the least thrust must be below the greatest"),
+]
 
-    return AfterValidator(check)
+
+def _line_of_text(least: int) -> AfterValidator:
+    return needed(
+        lambda text: text.isprintable() and least <= len(text.strip()) <= _LONGEST_NAME,
+        f"must be {least} to {_LONGEST_NAME} characters on one line",
+    )
 
 
 class LevelTable(Table):
@@ -120,19 +125,12 @@ class ControlTable(Table):
 class MotorsTable(Table):
     """Limits and lag of every motor."""
 
-    limits: Annotated[tuple[Number, Number], listed(2)] | None = Field(
+    limits: _Thrusts | None = Field(
         default=None, description="least and greatest thrust, N; default: none"
     )
     time_constant: NotNegative = Field(
         default=0.0, description="time constant of the lag, s; 0: no lag"
     )
-
-    @field_validator("limits")
-    @classmethod
-    def _least_below_greatest(cls, limits: tuple[float, float]) -> tuple[float, float]:
-        if limits[0] >= limits[1]:
-            raise fault("the least thrust must be below the greatest")
-        return limits
 
 
 class TipForceTable(Table):

@@ -402,8 +402,8 @@ def test_a_posture_outside_its_limits_is_refused() -> None:
     within = parse_scenario(text + "posture_deg = { theta_7 = 30 }\nposture = { d_8 = 0 }")
     assert within.arm.posture is not None
     assert faults(text + "posture_deg = { theta_7 = 31 }\nposture = { d_8 = -0.1 }") == [
-        "s.toml:9: arm.posture_deg.theta_7: is outside its limits",
-        "s.toml:10: arm.posture.d_8: is outside its limits",
+        "s.toml:9: arm.posture_deg.theta_7: must be within its limits, -30 to 30, not 31",
+        "s.toml:10: arm.posture.d_8: must be within its limits, 0 to 0.5, not -0.1",
     ]
 
 
