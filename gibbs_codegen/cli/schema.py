@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from gibbs_codegen.cli.terminal import Parser
 
@@ -27,7 +26,9 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
 
 def _schema(options: argparse.Namespace) -> int:
-    # Late, as both import pydantic.
+    # Late, so that help is fast.
+    import json
+
     from gibbs_codegen.robot.tables import RobotTable
     from gibbs_codegen.scenario.tables import ScenarioTable
 

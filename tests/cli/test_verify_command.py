@@ -144,11 +144,11 @@ def test_verifying_a_module_imports_no_sympy() -> None:
 
 @pytest.fixture
 def wrong_printer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A printer that takes every half for a quarter."""
+    """A printer that takes every two for a three."""
     right = InfixPrinter.number
 
     def wrong(self: InfixPrinter, value: float) -> str:
-        return right(self, 0.25 if value == 0.5 else value)
+        return right(self, 3.0 if value == 2.0 else value)
 
     monkeypatch.setattr(InfixPrinter, "number", wrong)
 
