@@ -24,10 +24,28 @@ from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import Matrix, free_motions
 from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.program.lower import operations
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.tape import Scalars, Tape
 from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot, scale
+
+
+def forward_dynamics(tape: Tape, symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Accelerations a of M a = R + B u, in the way that takes fewer operations.
+
+    Args:
+        symbolic: The robot in symbols, on this tape.
+
+    Returns:
+        a, in the order of q.
+    """
+    articulated = articulated_dynamics(symbolic)
+    most = operations(tape, articulated)
+    factorised = factorised_dynamics(symbolic, most)
+    if factorised is None or operations(tape, factorised) >= most:
+        return articulated
+    return factorised
 
 
 def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
