@@ -70,7 +70,6 @@ class _Joint:
 
         Returns:
             θ̈ (rad/s² or m/s²), and the segment's acceleration in the same frame.
-
         """
         entries = parent.entries
         rest = [
@@ -105,7 +104,6 @@ def articulated_accelerations(
     Raises:
         ZeroPivotError: Where one acceleration has no inertia to it. Unknowns are numbered joints
             first, then ω̇ and r̈ of the root.
-
     """
     transforms = [_transform_in(tape, tree, k) for k in range(1, len(tree.segments))]
     joints: list[_Joint] = []
@@ -152,7 +150,6 @@ def _root_acceleration(
 
     Raises:
         ZeroPivotError: Where one component has no inertia to it.
-
     """
     with tape.group(f"articulated inertia and load of {tree.subtree_words(0)}"):
         if not tree.works_in_own_frame(0):
@@ -183,7 +180,6 @@ def _freed(
 
     Raises:
         ZeroPivotError: Where the acceleration has no inertia to it.
-
     """
     direction = tree.segments[k].direction
     column = body.inertia.rows[direction]
@@ -213,7 +209,6 @@ def _link(
 
     Returns:
         The body about the joint, in the working frame.
-
     """
     inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
     inertial = link_wrench(tape, tree, k, motion)
@@ -245,7 +240,6 @@ def _transform_in(tape: Scalars, tree: SegmentTree, k: int) -> Transform:
         Rotations and shifts from the joint, in the segment's working frame, to the parent's joint
         in the parent's working frame or, at the root, in the frame in which the root's system is
         solved.
-
     """
     segment = tree.segments[k]
     turned = segment.parent == 0 and not _root_turn(tree).is_identity

@@ -36,7 +36,6 @@ class ArticulatedInertia:
 
         Returns:
             Â about the same point, in the same frame.
-
         """
         hessian, values = link_mass_block(), inertia.values
         return cls.of_entries(lambda i, j: tape.let(hessian[i, j].xreplace(values)))
@@ -50,7 +49,6 @@ class ArticulatedInertia:
 
         Returns:
             The symmetric matrix.
-
         """
         return cls(
             _symmetric(lambda i, j: entry(LINEAR + i, LINEAR + j)),
@@ -73,7 +71,6 @@ class ArticulatedInertia:
 
         Returns:
             The sum.
-
         """
         mine, theirs = self.rows, other.rows
         return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
@@ -89,7 +86,6 @@ class ArticulatedInertia:
 
         Returns:
             The complement; row and column of the direction vanish exactly.
-
         """
         rows = self.rows
         column = rows[direction]
@@ -109,7 +105,6 @@ class ArticulatedInertia:
 
         Returns:
             Â in the frame that `rotation` turns from.
-
         """
         if rotation.is_identity:
             return self
@@ -126,7 +121,6 @@ class ArticulatedInertia:
 
         Returns:
             Â about the new point.
-
         """
         if arm == ZERO:
             return self
@@ -193,7 +187,6 @@ def _turned(tape: Scalars, rotation: Rotation, p: sp.Expr, q: sp.Expr) -> tuple[
 
     Returns:
         The components in the frame that `rotation` turns from.
-
     """
     c, s = rotation.cos, rotation.sin
     return tape.let(c * p - s * q), tape.let(s * p + c * q)

@@ -31,7 +31,6 @@ def thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
 
     Returns:
         Components in the frame of the motor's base arm.
-
     """
     x, y, z = (structural_number(sp.Float(e)) for e in symbolic.robot.base.thrust[k - 1])
     return (x, y, z)
@@ -45,7 +44,6 @@ def motor_position(symbolic: SymbolicRobot, k: int) -> Vector:
 
     Returns:
         Position from the origin of the coordinates, in arm 1's frame (m).
-
     """
     tape, base = symbolic.tape, symbolic.robot.base
     centre = axis_vector(0, symbolic.centre_offset)
@@ -64,7 +62,6 @@ def motor_wrench(symbolic: SymbolicRobot, k: int) -> Wrench:
 
     Returns:
         Wrench about the origin, in arm 1's frame (1 and m).
-
     """
     tape = symbolic.tape
     direction = thrust_direction(symbolic, k)
@@ -84,7 +81,6 @@ def motor_torque_about_arm_joint(symbolic: SymbolicRobot, k: int) -> sp.Expr:
 
     Returns:
         Torque about z at O₂ per unit of thrust (m).
-
     """
     _, y, z = thrust_direction(symbolic, k)
     tape, parameters = symbolic.tape, symbolic.parameters
@@ -100,7 +96,6 @@ def motor_column(symbolic: SymbolicRobot, k: int) -> tuple[sp.Expr, ...]:
 
     Returns:
         One for each coordinate of the base, those of the attitude first.
-
     """
     tape, root = symbolic.tape, symbolic.root
     with tape.group(f"thrust direction and generalised forces of motor {k}"):
@@ -115,7 +110,6 @@ def total_thrust_wrench(symbolic: SymbolicRobot) -> Wrench:
 
     Returns:
         Wrench about the origin, in arm 1's frame (N, N m).
-
     """
     tape, total = symbolic.tape, NO_WRENCH
     with tape.group("force and moment of all thrusts"):
@@ -134,7 +128,6 @@ def input_matrix(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
 
     Returns:
         Rows in the order of q, columns in that of u.
-
     """
     places, rotors = symbolic.places, symbolic.robot.rotors
     zero, one = sp.S.Zero, sp.S.One

@@ -41,7 +41,6 @@ def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
-
     """
     centred = _about_base_centre(symbolic)
     with _refused_as_singular(symbolic):
@@ -69,7 +68,6 @@ def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | N
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
-
     """
     tape, n = symbolic.tape, symbolic.joints
     centred = _about_base_centre(symbolic)
@@ -114,7 +112,6 @@ def _without_translation(
 
     Returns:
         Rows and columns of the joints, and of Ω about the centre of mass.
-
     """
     n = len(light)
     matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
@@ -162,7 +159,6 @@ def _in_coordinates(
 
     Returns:
         a, in the order of q.
-
     """
     with symbolic.tape.group("acceleration of the origin, in world axes"):
         linear = _at_origin(symbolic, root)
@@ -231,6 +227,5 @@ def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:
 
     Returns:
         value − a·b.
-
     """
     return tape.let(value - dot(tape, a, b))

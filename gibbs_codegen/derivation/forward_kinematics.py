@@ -49,7 +49,6 @@ def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[Segment
 
     Returns:
         The frame of each segment, in world axes, from the origin of the coordinates.
-
     """
     with tape.group("axes of the base"):
         group: Frame = (
@@ -88,7 +87,6 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
 
     Returns:
         Positions (m) of O1, O2, the motors, the joints and the tip.
-
     """
     tape, frames = symbolic.tape, _frames(symbolic)
     tip = _tip(symbolic, frames)
@@ -111,7 +109,6 @@ def tip_pose(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
 
     Returns:
         4×4 matrix, by rows; the position is in m.
-
     """
     frames = _frames(symbolic)
     tip = _tip(symbolic, frames)
@@ -132,7 +129,6 @@ def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     Returns:
         6 rows, linear and then angular; columns in the order of q. A joint that does not support
         the tip has a column of zeros.
-
     """
     tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _frames(symbolic)
     tip = _tip(symbolic, frames)
@@ -164,7 +160,6 @@ def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
     Returns:
         Linear and then angular acceleration (m/s², rad/s²), in world axes.
-
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     motions = free_motions(tape, root, tree, symbolic.v)
@@ -212,7 +207,6 @@ def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vecto
 
     Returns:
         The vector in that frame.
-
     """
     x, y, z = (tape.let(p * i + q * j) for i, j in zip(a, b, strict=True))
     return (x, y, z)

@@ -39,7 +39,6 @@ def skew(vector: tuple[sp.Expr, ...]) -> sp.Matrix:
 
     Returns:
         3×3 matrix.
-
     """
     x, y, z = vector
     return sp.Matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -48,7 +48,6 @@ def unaccelerated_state(symbolic: SymbolicRobot) -> State:
 
     Returns:
         Its rates and gravity, with accelerations of zero.
-
     """
     zeros = [sp.S.Zero] * len(symbolic.q)
     return State(symbolic.v, zeros, symbolic.parameters.gravity)
@@ -62,7 +61,6 @@ def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
 
     Returns:
         Rows and unknowns in the order of q.
-
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     minus_r = generalised_inertia_forces(tape, root, tree, unaccelerated_state(symbolic))
@@ -82,7 +80,6 @@ def constrained_joint_column(
 
     Returns:
         Its entries at the base's coordinates, and its own.
-
     """
     tape = symbolic.tape
     inertia = joint_space_inertia(tape, serial)
@@ -100,7 +97,6 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
 
     Returns:
         The row at the given rates and accelerations.
-
     """
     places = symbolic.root.places(serial.joints)
 
@@ -126,7 +122,6 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
 
     Returns:
         Rows and unknowns in the order of the hybrid coordinates.
-
     """
     free, size = layout_of(symbolic.robot).free, len(hybrid_coordinates(symbolic.robot))
     zero, one = sp.S.Zero, sp.S.One
@@ -164,7 +159,6 @@ def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
     Returns:
         One torque for each constrained joint (N m).
-
     """
     state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
     torques = []
@@ -187,7 +181,6 @@ def chain_matrix(symbolic: SymbolicRobot, number: int) -> Matrix:
 
     Returns:
         The matrix in the order of the chain's unknowns.
-
     """
     chain, serial = symbolic.open_chains[number - 1]
     matrix = mass_matrix(symbolic.tape, symbolic.root, serial)
@@ -209,7 +202,6 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
 
     Returns:
         Rows in the order of the chain's unknowns; all inputs u.
-
     """
     tape, root = symbolic.tape, symbolic.root
     chain, serial = symbolic.open_chains[number - 1]
@@ -232,7 +224,6 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
 
     Returns:
         Rows and unknowns in the order of the hybrid coordinates.
-
     """
     size, width = len(hybrid_coordinates(symbolic.robot)), len(symbolic.u)
     zero = sp.S.Zero
@@ -264,7 +255,6 @@ def _chain_values(
 
     Returns:
         Values in the order of the chain's coordinates; that of a constrained joint is zero.
-
     """
     by_name = {symbol.name: value for symbol, value in zip(symbolic.q, values, strict=True)}
     return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
@@ -279,7 +269,6 @@ def _chain_inputs(symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree) ->
 
     Returns:
         Rows in the order of the chain's coordinates, columns in that of u.
-
     """
     zero, one = sp.S.Zero, sp.S.One
     matrix: Matrix = [[zero] * len(symbolic.u) for _ in chain.coordinates]

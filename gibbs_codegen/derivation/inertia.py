@@ -41,7 +41,6 @@ class Inertia:
 
         Returns:
             E_ij (kg m²).
-
         """
         return self.second[_index(i, j)]
 
@@ -59,7 +58,6 @@ class Inertia:
 
         Returns:
             The inertia of what it gives.
-
         """
         x, y, z = map(function, self.moment)
         xx, yy, zz, xy, xz, yz = map(function, self.second)
@@ -73,7 +71,6 @@ class Inertia:
 
         Returns:
             The sum.
-
         """
         return total(tape, [self, other])
 
@@ -85,7 +82,6 @@ class Inertia:
 
         Returns:
             The inertia in the frame that `rotation` turns from.
-
         """
         if rotation.is_identity:
             return self
@@ -124,7 +120,6 @@ class Inertia:
 
         Returns:
             The inertia about the new point.
-
         """
         if arm == ZERO:
             return self
@@ -149,7 +144,6 @@ class Inertia:
 
         Returns:
             The wrench about the same point, in the same frame.
-
         """
         fx, fy, fz, nx, ny, nz = (
             tape.let(entry.xreplace(self.values)) for entry in link_mass_block().col(direction)
@@ -168,7 +162,6 @@ def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:
 
     Returns:
         The sum.
-
     """
     mass = tape.let(sp.Add(*(inertia.mass for inertia in inertias)))
     moments = zip(*(inertia.moment for inertia in inertias), strict=True)

@@ -45,7 +45,6 @@ def outward(
 
     Returns:
         A motion for each segment, in its working frame.
-
     """
     motions: list[Motion] = []
     for k, segment in enumerate(tree.segments):
@@ -69,7 +68,6 @@ def _passed_out(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Mot
 
     Returns:
         The motion before joint k moves, in the group frame of segment k.
-
     """
     segment = tree.segments[k]
     if segment.starts_group:
@@ -94,7 +92,6 @@ def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wre
 
     Returns:
         Inertia force and moment about the joint, in the working frame (N, N m).
-
     """
     segment = tree.segments[k]
     inertia = tree.working_inertia(tape, k)
@@ -127,7 +124,6 @@ def inward(
     Returns:
         The sum of 𝒮 and ℛ over the tree about the root, in the root's group frame, without the
         root's B₀r̈, which the caller adds; and the row of each joint after the root.
-
     """
     rows: list[sp.Expr] = []
     received = [NO_WRENCH for _ in tree.segments]
@@ -153,7 +149,6 @@ def tree_gibbs_function(tape: Scalars, tree: SegmentTree, motions: Sequence[Moti
 
     Returns:
         S up to terms free of accelerations.
-
     """
     terms = []
     for k, motion in enumerate(motions):

@@ -40,7 +40,6 @@ class Motion:
 
         Returns:
             The motion in that frame.
-
         """
         products = [[tape.let(p * q) for q in omega] for p in omega]
         columns = []
@@ -64,7 +63,6 @@ class Motion:
 
         Returns:
             The motion in the frame that `rotation` turns from.
-
         """
         if rotation.is_identity:
             return self
@@ -83,7 +81,6 @@ class Motion:
 
         Returns:
             The motion with that point's r̈, in the same frame.
-
         """
         columns = [
             tuple(step[j] * entry for entry in self.gradient[j]) for j in range(3) if step[j] != 0
@@ -103,7 +100,6 @@ class Motion:
 
         Returns:
             The motion with that point's r̈, in the same frame.
-
         """
         if length == 0:
             return self
@@ -118,7 +114,6 @@ class Motion:
 
         Returns:
             A applied to that axis (1/s²), in the motion's frame.
-
         """
         first, second, _ = self.gradient
         x, y, z = (
@@ -135,7 +130,6 @@ class Motion:
 
         Returns:
             The link's motion in this one's frame.
-
         """
         if rate == 0 and acceleration == 0:
             return self
@@ -166,7 +160,6 @@ class Motion:
 
         Returns:
             The link's motion in this one's frame.
-
         """
         x, y, _ = self.omega
         twice = tape.let(2 * rate)
@@ -190,7 +183,6 @@ class Acceleration:
 
         Returns:
             The acceleration.
-
         """
         x, y, z, p, q, r = entries
         return cls((x, y, z), (p, q, r))
@@ -208,7 +200,6 @@ class Acceleration:
 
         Returns:
             The acceleration in the frame that `rotation` turns from.
-
         """
         return Acceleration(rotation.vector(tape, self.linear), rotation.vector(tape, self.angular))
 
@@ -220,7 +211,6 @@ class Acceleration:
 
         Returns:
             The acceleration where the transform begins.
-
         """
         here = self
         for step in reversed(transform):

@@ -66,7 +66,6 @@ class Parameters:
 
         Returns:
             Its length (m).
-
         """
         return self._arms[self._arm_prefix(k)].length
 
@@ -78,7 +77,6 @@ class Parameters:
 
         Returns:
             The inertia about its start, in its own frame.
-
         """
         return self._arms[self._arm_prefix(k)].inertia
 
@@ -90,7 +88,6 @@ class Parameters:
 
         Returns:
             The ratio (m).
-
         """
         return self._drags[k - 1]
 
@@ -102,7 +99,6 @@ class Parameters:
 
         Returns:
             Its lengths and its body.
-
         """
         return self._links[i - 1]
 
@@ -118,7 +114,6 @@ class Parameters:
 
         Returns:
             The symbol, whose default and unit are noted, or zero.
-
         """
         if default == 0.0 and not self._keep_zeros:
             if name not in self.folded:
@@ -155,7 +150,6 @@ class Parameters:
 
         Returns:
             Inertia about its start, in its own frame.
-
         """
         density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
         x, y, z = (
@@ -200,7 +194,6 @@ class Parameters:
 
         Returns:
             The second moment along the axis of `whole` (kg m²).
-
         """
         let = self._tape.let
         difference = let(first - whole)

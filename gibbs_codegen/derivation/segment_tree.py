@@ -69,7 +69,6 @@ class Segment:
 
         Returns:
             The moment about z of a revolute joint, the force along z of a prismatic one.
-
         """
         return [*wrench.force, *wrench.moment][self.direction]
 
@@ -118,7 +117,6 @@ class SegmentTree:
 
         Returns:
             Indices of the segments on it, both ends included.
-
         """
         path = [k]
         while path[-1] > 0:
@@ -133,7 +131,6 @@ class SegmentTree:
 
         Returns:
             Their indices, in ascending order.
-
         """
         subtree = [k]
         for i in range(k + 1, len(self.segments)):
@@ -149,7 +146,6 @@ class SegmentTree:
 
         Returns:
             Words such as "links 2, 4 and 5".
-
         """
         if k > 0:
             return self._words(self.subtree(k))
@@ -164,7 +160,6 @@ class SegmentTree:
 
         Returns:
             Words such as "links 2, 4 and 5, about joint 8".
-
         """
         joint = self.segments[k].joint_name
         return f"{self.subtree_words(k)}, about {joint}" if joint else self.subtree_words(k)
@@ -180,7 +175,6 @@ class SegmentTree:
 
         Returns:
             False where it works in its group frame.
-
         """
         return any(self.segments[child].starts_group for child in self.children[k])
 
@@ -196,7 +190,6 @@ class SegmentTree:
 
         Returns:
             The same about the parent's joint, in the parent's working frame.
-
         """
         segment = self.segments[k]
         parent = self.segments[segment.parent]
@@ -217,7 +210,6 @@ class SegmentTree:
 
         Returns:
             The same in the group frame.
-
         """
         if self.works_in_own_frame(k):
             return item.rotated(tape, self.segments[k].rotation)
@@ -231,7 +223,6 @@ class SegmentTree:
 
         Returns:
             The inertia about its joint, in its working frame.
-
         """
         segment = self.segments[k]
         if self.works_in_own_frame(k):

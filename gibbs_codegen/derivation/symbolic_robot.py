@@ -53,7 +53,6 @@ class SymbolicRobot:
 
         Returns:
             The robot in symbols.
-
         """
         names = layout_of(robot).names
         q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names)

@@ -44,7 +44,6 @@ def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> 
 
     Returns:
         A motion for each segment, in its working frame.
-
     """
     places = root.places(tree.joints)
     rates, joint_rates = places.split(state.rates)
@@ -71,7 +70,6 @@ def free_motions(
 
     Returns:
         A motion for each segment, in its working frame.
-
     """
     state = State(rates, [sp.S.Zero] * len(rates), sp.S.Zero)
     return tree_motions(tape, root, tree, state)
@@ -88,7 +86,6 @@ def generalised_inertia_forces(
 
     Returns:
         One force for each coordinate (N m or N).
-
     """
     motions = tree_motions(tape, root, tree, state)
     wrench, joints = inward(tape, tree, motions)
@@ -108,7 +105,6 @@ def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: State) -
 
     Returns:
         S, whose derivatives by the accelerations are the generalised inertia forces.
-
     """
     return tree_gibbs_function(tape, tree, tree_motions(tape, root, tree, state))
 
@@ -122,7 +118,6 @@ def mass_matrix(tape: Scalars, root: Root, tree: SegmentTree) -> Matrix:
     Returns:
         Rows and columns in the order of the coordinates; zero between joints of which neither
         supports the other.
-
     """
     inertia = joint_space_inertia(tape, tree)
     places = root.places(tree.joints)

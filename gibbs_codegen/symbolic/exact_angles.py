@@ -26,7 +26,6 @@ def cos_sin_deg(angle: Fraction) -> tuple[sp.Expr, sp.Expr]:
 
     Returns:
         Exact for multiples of 30° and 45°, else to forty digits.
-
     """
     angle %= 360
     radians = sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
@@ -47,7 +46,6 @@ def structural_number(number: sp.Float) -> sp.Expr:
 
     Returns:
         The same number as SymPy should see it.
-
     """
     whole = sp.Integer(int(number))
     return whole if (number - whole).is_zero else number
@@ -61,7 +59,6 @@ def radians(angle: Fraction) -> sp.Expr:
 
     Returns:
         The angle in radians.
-
     """
     return sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
 
@@ -77,7 +74,6 @@ def gather(expression: sp.Expr) -> sp.Expr:
 
     Returns:
         The polynomial with each product of symbols once.
-
     """
     coefficients: dict[sp.Expr, sp.Expr] = {}
     for term in sp.Add.make_args(sp.expand(expression)):

@@ -48,7 +48,6 @@ class Scalars(Protocol):
 
         Returns:
             Its symbol.
-
         """
 
     def let(self, expression: sp.Expr) -> sp.Expr:
@@ -59,7 +58,6 @@ class Scalars(Protocol):
 
         Returns:
             What stands for it from now on.
-
         """
 
     def group(
@@ -73,7 +71,6 @@ class Scalars(Protocol):
 
         Returns:
             The context of the block.
-
         """
 
 
@@ -101,7 +98,6 @@ class Tape:
 
         Returns:
             Its symbol.
-
         """
         symbol = sp.Symbol(name)
         if symbol not in self._stages:
@@ -116,7 +112,6 @@ class Tape:
 
         Returns:
             Its stage.
-
         """
         return self._stages[symbol]
 
@@ -128,7 +123,6 @@ class Tape:
 
         Returns:
             Its place, from 0.
-
         """
         return self._ranks[symbol]
 
@@ -142,7 +136,6 @@ class Tape:
 
         Yields:
             Nothing; the outer group counts again after the block.
-
         """
         outer, self._group = self._group, (words, earliest)
         try:
@@ -158,7 +151,6 @@ class Tape:
 
         Returns:
             A number, a symbol, or a symbol with a minus sign.
-
         """
         if expression.is_Symbol or expression.is_Number:
             return expression
@@ -283,7 +275,6 @@ def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
 
     Returns:
         1 or −1, and the symbol or the number without its sign.
-
     """
     if atom.is_Symbol:
         return 1, atom

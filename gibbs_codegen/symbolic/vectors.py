@@ -25,7 +25,6 @@ def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
 
     Returns:
         The vector.
-
     """
     x, y, z = (length if i == axis else sp.S.Zero for i in range(3))
     return (x, y, z)
@@ -39,7 +38,6 @@ def add(tape: Scalars, *vectors: Vector) -> Vector:
 
     Returns:
         The sum in that frame.
-
     """
     x, y, z = (tape.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True))
     return (x, y, z)
@@ -53,7 +51,6 @@ def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
 
     Returns:
         The product in the vector's frame.
-
     """
     x, y, z = (tape.let(factor * entry) for entry in vector)
     return (x, y, z)
@@ -67,7 +64,6 @@ def cross(tape: Scalars, a: Vector, b: Vector) -> Vector:
 
     Returns:
         The product in that frame.
-
     """
     x, y, z = (
         tape.let(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
@@ -84,7 +80,6 @@ def dot(tape: Scalars, a: Vector, b: Vector) -> sp.Expr:
 
     Returns:
         The product.
-
     """
     return tape.let(sp.Add(*(p * q for p, q in zip(a, b, strict=True))))
 
@@ -110,7 +105,6 @@ class Rotation:
 
         Returns:
             The rotation, exact where the sine and cosine are.
-
         """
         return cls(axis, *cos_sin_deg(angle))
 
@@ -124,7 +118,6 @@ class Rotation:
 
         Returns:
             The rotation, with sine and cosine named on the tape.
-
         """
         angle = tape.let(angle)
         return cls(axis, tape.let(sp.cos(angle)), tape.let(sp.sin(angle)))
@@ -147,7 +140,6 @@ class Rotation:
 
         Returns:
             Its components in the frame that the rotation turns from.
-
         """
         p, q = (self.axis + 1) % 3, (self.axis + 2) % 3
         turned = list(v)
@@ -174,7 +166,6 @@ class Wrench:
 
         Returns:
             The wrench in the frame that `rotation` turns from.
-
         """
         return Wrench(rotation.vector(tape, self.force), rotation.vector(tape, self.moment))
 
@@ -186,7 +177,6 @@ class Wrench:
 
         Returns:
             The wrench about the new point.
-
         """
         lever = tuple(
             arm[(i + 1) % 3] * self.force[(i + 2) % 3] - arm[(i + 2) % 3] * self.force[(i + 1) % 3]
@@ -203,7 +193,6 @@ class Wrench:
 
         Returns:
             The sum.
-
         """
         return Wrench(add(tape, self.force, other.force), add(tape, self.moment, other.moment))
 

@@ -51,7 +51,6 @@ class TaitBryanRoot:
 
         Returns:
             The root.
-
         """
         a, b, c = ("xyz".index(letter) for letter in sequence)
         first, second, third = (
@@ -82,7 +81,6 @@ class TaitBryanRoot:
 
         Returns:
             The attitude first, then the joints, then the position.
-
         """
         return Places.of_joints(joints)
 
@@ -94,7 +92,6 @@ class TaitBryanRoot:
 
         Returns:
             x, y, z.
-
         """
         x, y, z = coordinates[3:]
         return (x, y, z)
@@ -115,7 +112,6 @@ class TaitBryanRoot:
 
         Returns:
             The motion in the frame's own axes.
-
         """
         x, y, z = self._origin_acceleration(accelerations, gravity)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
@@ -146,7 +142,6 @@ class TaitBryanRoot:
 
         Returns:
             That of θ₁, or zero.
-
         """
         return values[2] if self.spins_about_normal else sp.S.Zero
 
@@ -158,7 +153,6 @@ class TaitBryanRoot:
 
         Returns:
             Those on θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         rows = [sp.S.Zero] * 3
         for i in (2, 1, 0):
@@ -186,7 +180,6 @@ class TaitBryanRoot:
 
         Returns:
             The rows of θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         rows = self.rows(tape, wrench)
         linear = self._origin_acceleration(accelerations, gravity)
@@ -201,7 +194,6 @@ class TaitBryanRoot:
 
         Returns:
             Its components in world axes.
-
         """
         for i in range(self._outer - 1, -1, -1):
             vector = self.rotations[i].vector(tape, vector)
@@ -215,7 +207,6 @@ class TaitBryanRoot:
 
         Returns:
             Linear and angular velocity in world axes, for each of θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         turning = [(cross(tape, axis, point), axis) for axis in self._world_axes(tape)]
         return [*turning, *((axis_vector(k), ZERO) for k in range(3))]
@@ -238,7 +229,6 @@ class TaitBryanRoot:
 
         Returns:
             6×6 entries for θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         block: list[list[sp.Expr]] = [[sp.S.Zero] * 6 for _ in range(6)]
         for k in range(3):
@@ -273,7 +263,6 @@ class TaitBryanRoot:
 
         Returns:
             Those of θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         with tape.group("acceleration of the origin, in world axes"):
             x, y, z = self.world(tape, linear)
