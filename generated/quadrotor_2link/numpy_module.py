@@ -2537,12 +2537,10 @@ def _potential_energy(k, sin, cos, q):
     # inertia of link 2, turned by the joints
     t12 = k49 * t10
 
-    # mass matrix of attitude and position
+    # first moment of mass above Z = 0, and its weight
     t13 = t4 * (t5 * k55 + t8 * t12)
     t14 = t2 * (t6 * k55 + t9 * t12)
     t15 = t1 * (t3 * k49 * t11 - t13) + t14
-
-    # first moment of mass above Z = 0, and its weight
     t16 = gravity * (t15 + z * k54)
     return (
         t16,
@@ -2599,10 +2597,8 @@ def _positions(k, sin, cos, q):
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
-    # thrust direction and generalised forces of motor 2
-    t12 = t3 * t5
-
     # axes of the base
+    t12 = t3 * t5
     t13 = t2 * t4
     t14 = t1 * t4
     t15 = t1 * t6 + t5 * t13
@@ -2698,11 +2694,9 @@ def _tip_pose(k, sin, cos, q):
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
-    # thrust direction and generalised forces of motor 1
+    # axes of the base
     t12 = t2 * t3
     t13 = t1 * t3
-
-    # axes of the base
     t14 = t2 * t4
     t15 = t1 * t4
 
@@ -2726,7 +2720,7 @@ def _tip_pose(k, sin, cos, q):
     t28 = base_arm_length * (t1 * t6 + t5 * t14) + link2_length * t23
     t29 = base_arm_length * (t2 * t6 - t5 * t15) + link2_length * t24
 
-    # positions in the world
+    # position of the tip
     t30 = x + base_arm_length * t3 * t5 + link2_length * t22
     t31 = y + t28
     t32 = z + t29
@@ -2783,11 +2777,9 @@ def _tip_jacobian(k, sin, cos, q):
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
-    # thrust direction and generalised forces of motor 1
+    # axes of the base
     t12 = t2 * t3
     t13 = t1 * t3
-
-    # axes of the base
     t14 = t2 * t4
     t15 = t1 * t4
 
@@ -2919,7 +2911,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t30 = t26 - t22 * t28
     t31 = t28 * t28
 
-    # step from the base to link 1
+    # acceleration of the tip that the base adds
     t32 = t5 * base_arm_length
     t33 = t6 * base_arm_length
 

@@ -16,7 +16,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.articulated_inertia import NO_ARTICULATED_INERTIA, ArticulatedInertia
 from gibbs_codegen.derivation.inertia_forces import link_wrench
-from gibbs_codegen.derivation.motion import Acceleration, Motion, Transform
+from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars
@@ -24,11 +24,10 @@ from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,
     Rotation,
+    Transform,
     Vector,
     Wrench,
-    X,
-    Z,
-    axis_vector,
+    moved,
     scale,
 )
 
@@ -43,15 +42,11 @@ class _Body:
     def plus(self, tape: Scalars, other: _Body) -> _Body:
         return _Body(self.inertia.plus(tape, other.inertia), self.load.plus(tape, other.load))
 
-    def passed_in(self, tape: Scalars, transform: Transform) -> _Body:
-        """The body about another point and in another frame, where the transform ends."""
-        inertia, load = self.inertia, self.load
-        for step in transform:
-            if isinstance(step, Rotation):
-                inertia, load = inertia.rotated(tape, step), load.rotated(tape, step)
-            else:
-                inertia, load = inertia.shifted(tape, step), load.shifted(tape, step)
-        return _Body(inertia, load)
+    def rotated(self, tape: Scalars, rotation: Rotation) -> _Body:
+        return _Body(self.inertia.rotated(tape, rotation), self.load.rotated(tape, rotation))
+
+    def shifted(self, tape: Scalars, arm: Vector) -> _Body:
+        return _Body(self.inertia.shifted(tape, arm), self.load.shifted(tape, arm))
 
 
 @dataclass(frozen=True)
@@ -117,7 +112,7 @@ def articulated_accelerations(
         joints.append(joint)
         parent = segment.parent
         with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(parent)}"):
-            freed = freed.passed_in(tape, transforms[k - 1])
+            freed = moved(tape, freed, transforms[k - 1])
             received[parent] = received[parent].plus(tape, freed)
     moving = [_root_acceleration(tape, tree, motions[0], thrust, received[0])]
     accelerations = []
@@ -155,7 +150,7 @@ def _root_acceleration(
         if not tree.works_in_own_frame(0):
             thrust = thrust.rotated(tape, tree.segments[0].rotation)
         base = _link(tape, tree, 0, motion, thrust)
-        base = base.passed_in(tape, [_root_turn(tree).inverse]).plus(tape, received)
+        base = base.rotated(tape, _root_turn(tree).inverse).plus(tape, received)
     with tape.group("acceleration of the base, by LDL^T"):
         rows, load = base.inertia.rows, [*base.load.force, *base.load.moment]
         try:
@@ -243,11 +238,5 @@ def _transform_in(tape: Scalars, tree: SegmentTree, k: int) -> Transform:
     """
     segment = tree.segments[k]
     turned = segment.parent == 0 and not _root_turn(tree).is_identity
-    steps: list[Rotation | Vector] = []
-    if tree.works_in_own_frame(k) and not turned:
-        steps.append(segment.rotation)
-    steps.append(axis_vector(Z, segment.d))
-    step = axis_vector(X, segment.a)
-    if segment.starts_group:
-        return [*steps, segment.twist, step]
-    return [*steps, tree.segments[segment.parent].rotation.vector(tape, step)]
+    own = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []
+    return [*own, *tree.transform_in(tape, k)]

@@ -109,15 +109,16 @@ def _slice(systems: Systems, signature: Signature) -> Slice:
         ValueError: Where its derivation contradicts its shape.
     """
     arrays = []
-    for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True):
-        entries = _entries(DERIVATIONS[output.derivation](systems))
-        if len(entries) != math.prod(shape):
-            raise ValueError(
-                f"derivation {output.derivation!r} gives {len(entries)} entries; "
-                f"{output.name} of {signature.name} has shape {shape} in the table"
-            )
-        arrays.append((shape, entries))
-    return Slice(signature.name, signature.arguments, tuple(arrays))
+    with systems.tape.function() as groups:
+        for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True):
+            entries = _entries(DERIVATIONS[output.derivation](systems))
+            if len(entries) != math.prod(shape):
+                raise ValueError(
+                    f"derivation {output.derivation!r} gives {len(entries)} entries; "
+                    f"{output.name} of {signature.name} has shape {shape} in the table"
+                )
+            arrays.append((shape, entries))
+    return Slice(signature.name, signature.arguments, tuple(arrays), groups)
 
 
 def _entries(array: Array) -> tuple[sp.Expr, ...]:

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Rotation, Vector, add, cross, scale
+from gibbs_codegen.symbolic.vectors import Rotation, Transform, Vector, add, cross, scale
 
 Gradient = tuple[Vector, Vector, Vector]
-# Rotations and shifts, one after the other, that take what is rigid from one frame to another.
-Transform = Sequence[Rotation | Vector]
 
 
 @dataclass(frozen=True)

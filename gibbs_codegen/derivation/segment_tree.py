@@ -18,16 +18,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import TypeVar
 
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, Inertia
 from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, Wrench, X, Z, axis_vector
-
-Moved = TypeVar("Moved", Wrench, Inertia)
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    Moved,
+    Rotation,
+    Transform,
+    Wrench,
+    X,
+    Z,
+    axis_vector,
+    moved,
+)
 
 # The parent of the root segment.
 NO_PARENT = -1
@@ -178,11 +185,29 @@ class SegmentTree:
         """
         return any(self.segments[child].starts_group for child in self.children[k])
 
-    def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
-        """Pass a wrench or an inertia of segment k on to its parent.
+    def transform_in(self, tape: Scalars, k: int) -> Transform:
+        """What takes a wrench or an inertia of a segment to its parent.
 
         Within a group parent and child share the group frame, and the parent's x axis is turned in
         it by the parent's rotation. Where a group starts, the parent works in its own frame.
+
+        Args:
+            k: Index of the segment, 1 or more.
+
+        Returns:
+            Rotations and shifts from joint k, in the segment's group frame, to the parent's joint,
+            in the parent's working frame.
+        """
+        segment = self.segments[k]
+        parent = self.segments[segment.parent]
+        offset, step = axis_vector(Z, segment.d), axis_vector(X, segment.a)
+        if segment.starts_group:
+            return [offset, segment.twist, step]
+        with tape.group(f"step from {parent.name} to {segment.name}"):
+            return [offset, parent.rotation.vector(tape, step)]
+
+    def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
+        """Pass a wrench or an inertia of segment k on to its parent.
 
         Args:
             k: Index of the segment, 1 or more.
@@ -191,15 +216,7 @@ class SegmentTree:
         Returns:
             The same about the parent's joint, in the parent's working frame.
         """
-        segment = self.segments[k]
-        parent = self.segments[segment.parent]
-        item = item.shifted(tape, axis_vector(Z, segment.d))
-        step = axis_vector(X, segment.a)
-        if segment.starts_group:
-            return item.rotated(tape, segment.twist).shifted(tape, step)
-        with tape.group(f"step from {parent.name} to {segment.name}"):
-            arm = parent.rotation.vector(tape, step)
-        return item.shifted(tape, arm)
+        return moved(tape, item, self.transform_in(tape, k))
 
     def to_group_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
         """Take a wrench or an inertia of a segment from its working frame to its group frame.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Protocol, Self, TypeVar
 
 import sympy as sp
 
@@ -198,3 +200,41 @@ class Wrench:
 
 
 NO_WRENCH = Wrench(ZERO, ZERO)
+
+
+class Movable(Protocol):
+    """What is seen from a frame and about its origin, such as a wrench or an inertia."""
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> Self:
+        """The same in another frame.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+        """
+
+    def shifted(self, tape: Scalars, arm: Vector) -> Self:
+        """The same about another point.
+
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+        """
+
+
+# Rotations and shifts, one after the other, from one frame to another.
+Transform = Sequence[Rotation | Vector]
+Moved = TypeVar("Moved", bound=Movable)
+
+
+def moved(tape: Scalars, item: Moved, transform: Transform) -> Moved:
+    """Take something to another frame and point.
+
+    Args:
+        item: Seen from where the transform begins.
+        transform: Rotations and shifts.
+
+    Returns:
+        The same, seen from where the transform ends.
+    """
+    for step in transform:
+        item = item.rotated(tape, step) if isinstance(step, Rotation) else item.shifted(tape, step)
+    return item
