@@ -28,7 +28,6 @@ from gibbs_codegen.symbolic.vectors import (
     Vector,
     Wrench,
     moved,
-    scale,
 )
 
 
@@ -152,7 +151,7 @@ def _root_acceleration(
         base = _link(tape, tree, 0, motion, thrust)
         base = base.rotated(tape, _root_turn(tree).inverse).plus(tape, received)
     with tape.group("acceleration of the base, by LDL^T"):
-        rows, load = base.inertia.rows, [*base.load.force, *base.load.moment]
+        rows, load = base.inertia.rows, base.load.entries
         try:
             return Acceleration.of(solve_symmetric(tape, rows, load, minimum_degree(rows)))
         except ZeroPivotError as error:
@@ -181,15 +180,15 @@ def _freed(
     if column[direction] == 0:
         raise ZeroPivotError(k - 1)
     inverse = tape.let(1 / column[direction])
-    load = [*body.load.force, *body.load.moment]
+    load = body.load.entries
     share = tape.let(tape.let(effort + load[direction]) * inverse)
     ratios = tuple(tape.let(entry * inverse) for entry in column)
-    x, y, z, p, q, r = (
+    left = Wrench.of(
         -effort if i == direction else tape.let(entry - tape.let(column[i] * share))
         for i, entry in enumerate(load)
     )
     inertia = body.inertia.without(tape, direction, ratios)
-    return _Joint(direction, ratios, share), _Body(inertia, Wrench((x, y, z), (p, q, r)))
+    return _Joint(direction, ratios, share), _Body(inertia, left)
 
 
 def _link(
@@ -207,8 +206,7 @@ def _link(
     """
     inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
     inertial = link_wrench(tape, tree, k, motion)
-    force, moment = (scale(tape, sp.S.NegativeOne, v) for v in (inertial.force, inertial.moment))
-    return _Body(inertia, applied.plus(tape, Wrench(force, moment)))
+    return _Body(inertia, applied.plus(tape, inertial.opposite))
 
 
 def _root_turn(tree: SegmentTree) -> Rotation:

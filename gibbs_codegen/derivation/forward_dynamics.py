@@ -27,7 +27,7 @@ from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot, scale
+from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot, minus, scale
 
 
 def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -196,13 +196,12 @@ def _driving_forces(symbolic: SymbolicRobot) -> tuple[Wrench, list[sp.Expr]]:
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, symbolic.root.segment_rotation)
         efforts = [tape.let(u - row) for u, row in zip(_efforts(symbolic), joints, strict=True)]
-        force = _difference(tape, thrust.force, bias.force)
-        return Wrench(force, _difference(tape, thrust.moment, bias.moment)), efforts
+        return thrust.plus(tape, bias.opposite), efforts
 
 
 def _about(tape: Scalars, wrench: Wrench, centre: Vector) -> Vector:
     """Moment of a wrench about `centre`."""
-    return wrench.shifted(tape, (-centre[0], -centre[1], -centre[2])).moment
+    return wrench.shifted(tape, minus(centre)).moment
 
 
 def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> Inertia:
@@ -211,11 +210,6 @@ def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> 
         tape.let(composite.entry(i, j) - centre[i] * composite.moment[j]) for i, j in PAIRS
     )
     return Inertia(sp.S.Zero, ZERO, (xx, yy, zz, xy, xz, yz))
-
-
-def _difference(tape: Scalars, a: Vector, b: Vector) -> Vector:
-    x, y, z = (tape.let(p - q) for p, q in zip(a, b, strict=True))
-    return (x, y, z)
 
 
 def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:

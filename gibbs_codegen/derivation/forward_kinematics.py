@@ -22,6 +22,7 @@ from gibbs_codegen.symbolic.vectors import (
     add,
     axis_vector,
     cross,
+    minus,
     scale,
 )
 
@@ -140,8 +141,7 @@ def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
         axis = frame.group[2]
         if segment.joint == "revolute":
             with tape.group(f"column of {segment.joint_name}"):
-                x, y, z = frame.position
-                arm = add(tape, tip, (-x, -y, -z))
+                arm = add(tape, tip, minus(frame.position))
                 joints[k - 1] = (cross(tape, axis, arm), axis)
         else:
             joints[k - 1] = (axis, ZERO)
@@ -191,7 +191,7 @@ def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:
 
 def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:
     """Axes of the frame that `rotation` turns out of `frame`."""
-    p, q = (rotation.axis + 1) % 3, (rotation.axis + 2) % 3
+    p, q = rotation.plane
     axes = list(frame)
     axes[p] = _mixed(tape, rotation.cos, frame[p], rotation.sin, frame[q])
     axes[q] = _mixed(tape, -rotation.sin, frame[p], rotation.cos, frame[q])

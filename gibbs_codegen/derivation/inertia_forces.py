@@ -21,7 +21,6 @@ from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,
-    Vector,
     Wrench,
     axis_vector,
     scale,
@@ -101,15 +100,13 @@ def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wre
     values.update(zip(ACCELERATION, motion.acceleration, strict=True))
     for j, column in enumerate(motion.gradient):
         values.update((GRADIENT[i][j], entry) for i, entry in enumerate(column))
-    partials = link_partials_by_gradient()
-    fx, fy, fz = (tape.let(partial.xreplace(values)) for partial in partials.force)
-    nx, ny, nz = (tape.let(partial.xreplace(values)) for partial in partials.moment)
-    force: Vector = (fx, fy, fz)
+    force, moment = link_partials_by_gradient()
+    wrench = Wrench.of(tape.let(partial.xreplace(values)) for partial in (*force, *moment))
     c_x, c_y, c_z = segment.inertia.moment
     if c_y == c_z == 0 and values[MASS] == 0 and not tree.works_in_own_frame(k):
         # A rod: its 𝒮 is parallel to the step to the next joint, which the kinematics has.
-        force = scale(tape, c_x, motion.along_x(tape, segment.rotation))
-    return Wrench(force, (nx, ny, nz))
+        return Wrench(scale(tape, c_x, motion.along_x(tape, segment.rotation)), wrench.moment)
+    return wrench
 
 
 def inward(

@@ -77,7 +77,7 @@ class Segment:
         Returns:
             The moment about z of a revolute joint, the force along z of a prismatic one.
         """
-        return [*wrench.force, *wrench.moment][self.direction]
+        return wrench.entries[self.direction]
 
 
 @dataclass(frozen=True)

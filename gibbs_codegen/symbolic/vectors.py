@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol, Self, TypeVar
@@ -43,6 +43,19 @@ def add(tape: Scalars, *vectors: Vector) -> Vector:
     """
     x, y, z = (tape.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True))
     return (x, y, z)
+
+
+def minus(vector: Vector) -> Vector:
+    """The opposite vector.
+
+    Args:
+        vector: Of symbols and numbers, whose signs need no names on a tape.
+
+    Returns:
+        The vector in the same frame.
+    """
+    x, y, z = vector
+    return (-x, -y, -z)
 
 
 def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
@@ -134,6 +147,22 @@ class Rotation:
         """Whether nothing turns."""
         return bool(self.cos == 1)
 
+    @property
+    def plane(self) -> tuple[int, int]:
+        """The two axes that turn, in cyclic order after the axis of rotation."""
+        return (self.axis + 1) % 3, (self.axis + 2) % 3
+
+    def turned(self, tape: Scalars, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """Two components in the plane of the rotation, turned.
+
+        Args:
+            p, q: Components along the two axes of the plane, in the turned frame.
+
+        Returns:
+            The components in the frame that the rotation turns from.
+        """
+        return tape.let(self.cos * p - self.sin * q), tape.let(self.sin * p + self.cos * q)
+
     def vector(self, tape: Scalars, v: Vector) -> Vector:
         """A vector in the frame turned from.
 
@@ -143,10 +172,9 @@ class Rotation:
         Returns:
             Its components in the frame that the rotation turns from.
         """
-        p, q = (self.axis + 1) % 3, (self.axis + 2) % 3
+        p, q = self.plane
         turned = list(v)
-        turned[p] = tape.let(self.cos * v[p] - self.sin * v[q])
-        turned[q] = tape.let(self.sin * v[p] + self.cos * v[q])
+        turned[p], turned[q] = self.turned(tape, v[p], v[q])
         return (turned[0], turned[1], turned[2])
 
 
@@ -159,6 +187,29 @@ class Wrench:
 
     force: Vector
     moment: Vector
+
+    @classmethod
+    def of(cls, entries: Iterable[sp.Expr]) -> Wrench:
+        """A wrench by its components.
+
+        Args:
+            entries: The six components, of the force and then of the moment.
+
+        Returns:
+            The wrench.
+        """
+        x, y, z, p, q, r = entries
+        return cls((x, y, z), (p, q, r))
+
+    @property
+    def entries(self) -> list[sp.Expr]:
+        """The six components."""
+        return [*self.force, *self.moment]
+
+    @property
+    def opposite(self) -> Wrench:
+        """The wrench that balances this one."""
+        return Wrench(minus(self.force), minus(self.moment))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> Wrench:
         """The same wrench in another frame.
