@@ -8,8 +8,8 @@
  * Each function is straight-line code for one state among several: `stride` is the distance from
  * one entry of an array to the next. The function for one state calls it with stride 1, the
  * function for batches with stride LANES, in a loop over the states of a block, which compilers
- * vectorise. Where the code for one state would be very long, it is written a second time with
- * loops over the columns of a matrix. Sines and cosines of all angles are computed first.
+ * vectorise. A very long function has code of its own for one state, with loops over the columns of
+ * a matrix. Sines and cosines of all angles are computed first.
  */
 
 #include "hexarotor_3link.h"

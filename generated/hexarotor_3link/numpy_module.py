@@ -9,8 +9,9 @@ Straight-line functions. SI units, radians, world axes with Z up. Arrays are C-o
 leading axes are batches and broadcast. One state is computed on plain floats, a batch on whole
 arrays.
 
-Where finite arguments give what is not finite, a RuntimeWarning names function, state and largest
-argument; np.errstate(invalid="ignore") silences it, and with "raise" it is a FloatingPointError.
+Where finite arguments give results that are not finite, a RuntimeWarning names the function, the
+state and the largest argument. np.errstate(invalid="ignore") silences it; with "raise" it becomes a
+FloatingPointError.
 NaN and infinite arguments propagate without a warning.
 
 Coordinates q, in order (v: their rates, a: their accelerations):
