@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from gibbs_codegen.derivation.hybrid import chain_matrix, chain_system
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import Matrix
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.symbolic.vectors import Matrix
 
 Filling = tuple[tuple[tuple[int, ...], ...], ...]
 _Open = list[list[list[int]]]

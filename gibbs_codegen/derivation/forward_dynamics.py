@@ -22,12 +22,23 @@ from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import Matrix, free_motions
+from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot, minus, scale
+from gibbs_codegen.symbolic.vectors import (
+    ZERO,
+    Matrix,
+    Vector,
+    Wrench,
+    add,
+    cross,
+    dot,
+    minus,
+    scale,
+    zeros,
+)
 
 
 def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -114,7 +125,7 @@ def _without_translation(
         Rows and columns of the joints, and of Ω about the centre of mass.
     """
     n = len(light)
-    matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
+    matrix = zeros(n + 3, n + 3)
     for i, wrench in enumerate(inertia.wrenches):
         for j in range(i, -1, -1):
             entry = inertia.entries.get((j, i), sp.S.Zero)

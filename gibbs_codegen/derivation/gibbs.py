@@ -103,11 +103,6 @@ def link_mass_block() -> sp.Matrix:
     return sp.hessian(link_gibbs_function(), (*ACCELERATION, *OMEGA_DOT))
 
 
-def acceleration_gradient() -> sp.Matrix:
-    """A = dω/dt~ + ω̃ω̃."""
-    return skew(OMEGA_DOT) + skew(OMEGA) ** 2
-
-
 def _motion_by_gradient() -> dict[sp.Expr, sp.Expr]:
     """ω̇ and the products ω_iω_j in terms of the entries of A."""
     half = sp.Rational(1, 2)

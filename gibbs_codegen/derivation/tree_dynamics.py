@@ -8,7 +8,7 @@ those of the root and of the joints of the segments, where the root places them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
@@ -18,8 +18,7 @@ from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.tape import Scalars
-
-Matrix = list[list[sp.Expr]]
+from gibbs_codegen.symbolic.vectors import Matrix, zeros
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,11 @@ class State:
     rates: Sequence[sp.Expr]
     accelerations: Sequence[sp.Expr]
     gravity: sp.Expr
+
+    @property
+    def unaccelerated(self) -> State:
+        """The state with θ̈ = 0, whose generalised inertia forces are −R."""
+        return replace(self, accelerations=[sp.S.Zero] * len(self.rates))
 
 
 def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> list[Motion]:
@@ -71,8 +75,7 @@ def free_motions(
     Returns:
         A motion for each segment, in its working frame.
     """
-    state = State(rates, [sp.S.Zero] * len(rates), sp.S.Zero)
-    return tree_motions(tape, root, tree, state)
+    return tree_motions(tape, root, tree, State(rates, (), sp.S.Zero).unaccelerated)
 
 
 def generalised_inertia_forces(
@@ -122,7 +125,7 @@ def mass_matrix(tape: Scalars, root: Root, tree: SegmentTree) -> Matrix:
     inertia = joint_space_inertia(tape, tree)
     places = root.places(tree.joints)
     base, joints = places.base, places.joint_places
-    matrix: Matrix = [[sp.S.Zero] * places.size for _ in range(places.size)]
+    matrix = zeros(places.size, places.size)
     with tape.group("mass matrix of attitude and position"):
         root_block = root.mass_block(tape, inertia.composite)
     for i, row in zip(base, root_block, strict=True):

@@ -28,10 +28,10 @@ def cos_sin_deg(angle: Fraction) -> tuple[sp.Expr, sp.Expr]:
         Exact for multiples of 30° and 45°, else to forty digits.
     """
     angle %= 360
-    radians = sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
+    exact = radians(angle)
     if angle % 30 == 0 or angle % 45 == 0:
-        return sp.cos(radians), sp.sin(radians)
-    turned = radians.evalf(DIGITS + 5)
+        return sp.cos(exact), sp.sin(exact)
+    turned = exact.evalf(DIGITS + 5)
     return structural_number(sp.cos(turned)), structural_number(sp.sin(turned))
 
 

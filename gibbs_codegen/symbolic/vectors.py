@@ -1,4 +1,4 @@
-"""Vectors, elementary rotations and wrenches over scalars that a tape names."""
+"""Vectors, matrices, elementary rotations and wrenches over scalars that a tape names."""
 
 from __future__ import annotations
 
@@ -13,9 +13,22 @@ from gibbs_codegen.symbolic.exact_angles import cos_sin_deg
 from gibbs_codegen.symbolic.tape import Scalars
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
+Matrix = list[list[sp.Expr]]
 
 ZERO: Vector = (sp.S.Zero,) * 3
 X, Y, Z = 0, 1, 2
+
+
+def zeros(rows: int, columns: int) -> Matrix:
+    """A matrix of zeros, to be filled.
+
+    Args:
+        rows, columns: Their numbers.
+
+    Returns:
+        The matrix, by rows.
+    """
+    return [[sp.S.Zero] * columns for _ in range(rows)]
 
 
 def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:

@@ -19,7 +19,7 @@ from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Rotation, Vector, Wrench
+from gibbs_codegen.symbolic.vectors import Matrix, Rotation, Vector, Wrench
 
 Values = Sequence[sp.Expr]
 
@@ -122,7 +122,7 @@ class Root(Protocol):
         """
         ...
 
-    def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
+    def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
         """The base's block of the mass matrix.
 
         Args:

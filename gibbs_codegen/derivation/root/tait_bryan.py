@@ -21,6 +21,7 @@ from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     ZERO,
+    Matrix,
     Rotation,
     Vector,
     Wrench,
@@ -28,6 +29,7 @@ from gibbs_codegen.symbolic.vectors import (
     axis_vector,
     cross,
     scale,
+    zeros,
 )
 
 Rows = tuple[sp.Expr, ...]
@@ -221,7 +223,7 @@ class TaitBryanRoot:
             axes.append(vector)
         return axes
 
-    def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
+    def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
         """The base's block of the mass matrix.
 
         Args:
@@ -230,7 +232,7 @@ class TaitBryanRoot:
         Returns:
             6×6 entries for θ₋₁, θ₀, θ₁, x, y, z.
         """
-        block: list[list[sp.Expr]] = [[sp.S.Zero] * 6 for _ in range(6)]
+        block = zeros(6, 6)
         for k in range(3):
             block[3 + k][3 + k] = composite.mass
         for i in (2, 1, 0):
