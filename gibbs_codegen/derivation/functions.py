@@ -41,15 +41,13 @@ class Systems:
 
 def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     """M a − R = ∂S/∂θ̈ at the given accelerations."""
-    symbolic = systems.symbolic
-    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
-    return generalised_inertia_forces(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
+    root, tree = systems.symbolic.root, systems.symbolic.reduced_tree
+    return generalised_inertia_forces(systems.tape, root, tree, systems.symbolic.state)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
-    symbolic = systems.symbolic
-    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
-    return gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
+    root, tree = systems.symbolic.root, systems.symbolic.reduced_tree
+    return gibbs_function(systems.tape, root, tree, systems.symbolic.state)
 
 
 def _kinetic_energy(systems: Systems) -> sp.Expr:
