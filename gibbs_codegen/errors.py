@@ -22,7 +22,6 @@ def printable(text: object, most: int = _LONGEST) -> str:
     Returns:
         The text on one line, abbreviated in its middle if it is too long, with control characters
         as escapes.
-
     """
     plain = "".join(
         c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in str(text)
@@ -51,7 +50,6 @@ class Fault(NamedTuple):
             counts from 1, as PARAMETERS and the comments of robot files do: `link 1: mass`.
         message: what is wrong, and what would be right.
         line: the line of the file, if it is known.
-
     """
 
     path: str
@@ -66,7 +64,6 @@ class Fault(NamedTuple):
 
         Returns:
             `source:line: key: message`.
-
         """
         place = source if self.line is None else f"{source}:{self.line}"
         where = f"{place}: {_counted(self.path)}" if self.path else place
@@ -91,7 +88,6 @@ class RefusedFileError(GibbsCodegenError):
         kind: what kind of file it is.
         source: its name.
         faults: every reason, in the order of the file.
-
     """
 
     kind = "file"
@@ -127,7 +123,6 @@ class SingularRobotError(GibbsCodegenError):
             together.
         ill_conditioned: whether these degrees of freedom have inertia, but so little beside the
             rest that rounding hides it.
-
     """
 
     def __init__(

@@ -63,7 +63,6 @@ class Output:
 
         Returns:
             The size of each axis.
-
         """
         return tuple(int(x) if x.isdigit() else lengths[x] for x in self.shape)
 
@@ -248,7 +247,6 @@ def module_signatures(module: Any) -> list[Signature]:
 
     Returns:
         The signatures, in the order of the table.
-
     """
     lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
     return signatures(*map(len, lists))
@@ -265,7 +263,6 @@ def signatures(coordinates: int, hybrid: int, inputs: int, points: int) -> list[
 
     Returns:
         The signatures, in the order of the table.
-
     """
     constrained = (hybrid - coordinates) // 2
     lengths = {"q": coordinates, "h": hybrid, "u": inputs, "k": points, "c": constrained}

@@ -51,7 +51,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0 if the command succeeded, 1 if it failed, 2 for wrong usage or a rejected
         file.
-
     """
     parser = argument_parser()
     words = sys.argv[1:] if arguments is None else arguments
@@ -80,7 +79,6 @@ def argument_parser() -> argparse.ArgumentParser:
         prog="gibbs-codegen",
         description="Derive the equations of motion of flying robots with arms, and write them as "
         "fast functions in NumPy and C.",
-        allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")

@@ -32,12 +32,10 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     generate = commands.add_parser(
         "generate",
         help="derive a robot's equations of motion and write its module",
-        allow_abbrev=False,
     )
     robot_argument.add_robot(generate)
     generate.add_argument(

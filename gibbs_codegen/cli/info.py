@@ -13,12 +13,10 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     info = commands.add_parser(
         "info",
         help="show a robot's base, chains, coordinates, motors and operation counts",
-        allow_abbrev=False,
     )
     robot_argument.add_robot(info)
     info.add_argument("--json", action="store_true", help="print JSON instead of tables")

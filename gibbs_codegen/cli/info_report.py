@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.derivation.filling import filled_matrix
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Number
@@ -33,7 +34,6 @@ def report(model: Model) -> dict[str, Any]:
 
     Returns:
         Values that JSON can hold.
-
     """
     return _facts(model) | {"hybrid_pattern": _pattern(model.robot)}
 
@@ -62,7 +62,7 @@ def _facts(model: Model) -> dict[str, Any]:
         "arrangement": {
             "rank": motors.rank,
             "condition": motors.condition if motors.rank == 6 else None,
-            "missing": motors.missing_texts(),
+            "missing": list(motors.missing),
             "tilt_hint": asdict(hint) | {"text": hint.text()} if hint else None,
         },
         "operations": {
@@ -100,7 +100,6 @@ def print_report(model: Model, console: Console) -> None:
     Args:
         model: the derived robot.
         console: where to print.
-
     """
     data = _facts(model)
     console.print(
@@ -123,15 +122,8 @@ def print_report(model: Model, console: Console) -> None:
     console.print(_operation_table(data))
 
 
-def _table(title: str, *columns: str) -> Table:
-    table = Table(title=title, title_justify="left", box=None, header_style="dim", pad_edge=False)
-    for column in columns:
-        table.add_column(column)
-    return table
-
-
 def _chain_table(data: dict[str, Any]) -> Table:
-    table = _table(
+    table = plain_table(
         "\nOpen chains (eq. 1)", "chain", "arms", "mass of", "thrust of", "equations", "held by"
     )
     for chain in data["chains"]:
@@ -147,7 +139,7 @@ def _chain_table(data: dict[str, Any]) -> Table:
 
 
 def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
-    table = _table(f"\n{title}", "", "name", "unit", "meaning")
+    table = plain_table(f"\n{title}", "", "name", "unit", "meaning")
     for i, coordinate in enumerate(coordinates):
         table.add_row(str(i), coordinate.name, coordinate.unit, coordinate.meaning)
     return table
@@ -155,7 +147,7 @@ def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
 
 def _row_table(data: dict[str, Any]) -> Table:
     title = "\nRows of the hybrid system (eq. 18)"
-    table = _table(title, "row", "unknown", "chains that add there", "inputs that act there")
+    table = plain_table(title, "row", "unknown", "chains that add there", "inputs that act there")
     for row in data["hybrid_rows"]:
         acting = ", ".join(row["inputs"]) or "-"
         table.add_row(str(row["row"]), row["unknown"], _ranges(row["chains"]), acting)
@@ -203,20 +195,11 @@ def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
 
 
 def _operation_table(data: dict[str, Any]) -> Table:
-    table = _table(
+    table = plain_table(
         "\nOperations per call", "function", "total", "+", "−", "×", "÷", "√", "sin–cos pairs"
     )
     for column in table.columns[1:]:
         column.justify = "right"
     for name, counts in data["operations"].items():
-        table.add_row(
-            name,
-            str(counts["total"]),
-            str(counts["additions"]),
-            str(counts["subtractions"]),
-            str(counts["multiplications"]),
-            str(counts["divisions"]),
-            str(counts["square_roots"]),
-            str(counts["sine_cosine_pairs"]),
-        )
+        table.add_row(name, *map(str, counts.values()))
     return table

@@ -13,11 +13,8 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: The parsers of the commands.
-
     """
-    new = commands.add_parser(
-        "new", help="write a commented robot file to start from", allow_abbrev=False
-    )
+    new = commands.add_parser("new", help="write a commented robot file to start from")
     new.add_argument(
         "file", metavar="ROBOT.toml", help="robot file to write, which must not exist yet"
     )

@@ -28,7 +28,6 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
 
     Args:
         parser: the parser of the command.
-
     """
     parser.add_argument(
         "robot", nargs="?", metavar="ROBOT", help=f"{_ROBOT}the robot that ships is taken"
@@ -53,7 +52,6 @@ def add_module(parser: argparse.ArgumentParser) -> None:
 
     Args:
         parser: the parser of the command.
-
     """
     parser.add_argument(
         "robot",
@@ -73,7 +71,6 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
 
     Raises:
         UsageError: If the options ask for no robot, or for two.
-
     """
     if options.robot is not None:
         if options.rotors is not None or options.links is not None:
@@ -104,7 +101,6 @@ def find_robot(word: str) -> tuple[Robot, str]:
         RobotFileError: If the file is rejected.
         UsageError: If there is no such robot, or a module in generated/ may be older than a robot
             file of its name.
-
     """
     from gibbs_codegen.robot.file import read_robot, shipped_robots
 
@@ -147,7 +143,6 @@ def found_module(
 
     Yields:
         The folder of the module, and whether it is kept.
-
     """
     from pathlib import Path
 

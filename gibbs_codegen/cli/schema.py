@@ -12,12 +12,10 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: The parsers of the commands.
-
     """
     schema = commands.add_parser(
         "schema",
         help="print the JSON schema of robot or scenario files, with which editors complete keys",
-        allow_abbrev=False,
     )
     schema.add_argument(
         "file", choices=("robot", "scenario"), help="kind of file that the schema is for"

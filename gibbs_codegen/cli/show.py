@@ -13,12 +13,10 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     show = commands.add_parser(
         "show",
         help="print the paper's equations of one chain as text or LaTeX",
-        allow_abbrev=False,
     )
     robot_argument.add_robot(show)
     show.add_argument(

@@ -16,12 +16,10 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     simulate = commands.add_parser(
         "simulate",
         help="fly a scenario with a module, and write time series and figures",
-        allow_abbrev=False,
     )
     robot_argument.add_module(simulate)
     simulate.add_argument(
@@ -57,12 +55,8 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     simulate.set_defaults(command=_simulate)
 
 
+@terminal.ended_by_signals()
 def _simulate(options: argparse.Namespace) -> int:
-    with terminal.ended_by_signals():
-        return _fly(options)
-
-
-def _fly(options: argparse.Namespace) -> int:
     from gibbs_codegen.figures.results import check_results, write_results
     from gibbs_codegen.files.changes import changes_of
     from gibbs_codegen.scenario.file import read_scenario

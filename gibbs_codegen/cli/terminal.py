@@ -13,18 +13,22 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from gibbs_codegen.errors import printable
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from gibbs_codegen.program.model import Progress
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that shows what it does not understand as a message may hold it."""
+    """A parser that wants options in full, and shows printably what it does not understand."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
         """Print the usage and the message, and exit with 2.
 
         Args:
             message: what is wrong with the command line.
-
         """
         super().error(printable(message, 400))
 
@@ -32,6 +36,27 @@ class Parser(argparse.ArgumentParser):
 def width() -> int:
     """Columns of the terminal, or those of every terminal where the output goes elsewhere."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else 80
+
+
+def plain_table(title: str, *columns: str, **style: Any) -> Table:
+    """A table without lines, its title on the left.
+
+    Args:
+        title: the title.
+        columns: headings of its first columns.
+        **style: rich's properties of a table.
+
+    Returns:
+        The table, without rows.
+    """
+    from rich.table import Table
+
+    table = Table(
+        title=title, title_justify="left", box=None, header_style="dim", pad_edge=False, **style
+    )
+    for column in columns:
+        table.add_column(column)
+    return table
 
 
 @contextmanager

@@ -22,12 +22,10 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
     Args:
         commands: where the parser keeps its commands.
-
     """
     verify = commands.add_parser(
         "verify",
         help="compare a module with formulations that share no code with the derivation",
-        allow_abbrev=False,
     )
     robot_argument.add_module(verify)
     verify.add_argument(
@@ -66,7 +64,6 @@ def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int
 
     Returns:
         The exit code.
-
     """
     from gibbs_codegen.verification.modules import verify
 
@@ -104,7 +101,6 @@ def _print_found(found: Verification, passed: bool, folder: Path | None) -> None
         found: the verification.
         passed: whether it passed, and was made of all back ends that were asked for.
         folder: the module, or None if it was generated for this and is not kept.
-
     """
     from rich.console import Console
 

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.verification.comparison import Comparison, failure_text
 from gibbs_codegen.verification.verify import Verification
 
@@ -27,7 +28,6 @@ def as_data(verification: Verification) -> dict[str, Any]:
 
     Returns:
         Values that JSON can hold; what is not a number is null.
-
     """
     return {
         "robot": verification.robot,
@@ -53,7 +53,6 @@ def print_verification(verification: Verification, console: Console) -> None:
     Args:
         verification: what was found.
         console: where to print.
-
     """
     for backend, comparisons in verification.comparisons.items():
         by_formulation, others = _sorted(comparisons)
@@ -77,7 +76,6 @@ def failure_lines(verification: Verification) -> list[str]:
 
     Returns:
         A line for each, the worst first, and one that counts those that are left out.
-
     """
     failures = sorted(verification.failures, key=lambda f: -f[1].error)
     lines = [f"{backend}: {failure_text(c)}" for backend, c in failures[:_MOST_FAILURES]]
@@ -128,45 +126,22 @@ def _heading(against: str) -> str:
 
 
 def _formulation_table(title: str, columns: Columns) -> Table:
-    table = Table(
-        title=title,
-        title_justify="left",
-        box=None,
-        header_style="dim",
-        pad_edge=False,
-        padding=(0, 2, 0, 0),
-    )
+    table = plain_table(title, padding=(0, 2, 0, 0))
     table.add_column("function", no_wrap=True, vertical="bottom")
     for against in columns:
         table.add_column(_heading(against), justify="right", no_wrap=True, vertical="bottom")
     functions = list(dict.fromkeys(what for rows in columns.values() for what in rows))
     for function in functions:
         table.add_row(function, *(_cell(rows.get(function)) for rows in columns.values()))
-    table.add_row(
-        Text("limit", style="dim"),
-        *(
-            Text(f"{max(c.limit for c in rows.values()):.0e}", style="dim")
-            for rows in columns.values()
-        ),
-    )
-    table.add_row(
-        Text("states", style="dim"),
-        *(
-            Text(str(max(c.states for c in rows.values())), style="dim")
-            for rows in columns.values()
-        ),
-    )
+    limits = [f"{max(c.limit for c in rows.values()):.0e}" for rows in columns.values()]
+    states = [str(max(c.states for c in rows.values())) for rows in columns.values()]
+    table.add_row("limit", *limits, style="dim")
+    table.add_row("states", *states, style="dim")
     return table
 
 
 def _invariant_table(backend: str, comparisons: list[Comparison]) -> Table:
-    table = Table(
-        title=f"{backend}: other comparisons",
-        title_justify="left",
-        box=None,
-        header_style="dim",
-        pad_edge=False,
-    )
+    table = plain_table(f"{backend}: other comparisons")
     table.add_column("what", no_wrap=True)
     table.add_column("against", overflow="fold")
     for column in ("states", "error", "limit"):

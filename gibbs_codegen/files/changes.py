@@ -30,7 +30,6 @@ def changes_of(entries: Sequence[str]) -> dict[str, Any]:
 
     Raises:
         UsageError: If an entry is not of this form.
-
     """
     changes: dict[str, Any] = {}
     for entry in entries:
@@ -59,7 +58,6 @@ def merged(document: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str,
 
     Returns:
         The changed document.
-
     """
     whole = dict(document)
     for key, value in changes.items():
@@ -86,7 +84,6 @@ def nothing_to_remove(
 
     Yields:
         Keys and words of each fault.
-
     """
     for key, value in changes.items():
         if isinstance(value, Mapping):
@@ -107,7 +104,6 @@ def changed_paths(changes: Mapping[str, Any], prefix: str = "") -> Iterator[str]
 
     Yields:
         The paths, such as `start.offset`.
-
     """
     for key, value in changes.items():
         if isinstance(value, Mapping) and value:

@@ -26,7 +26,6 @@ def fault(words: str, kind: str = FAULT) -> PydanticCustomError:
 
     Returns:
         The exception.
-
     """
     # In a message template braces would be read as fields.
     return PydanticCustomError(kind, "{words}", {"words": words})
@@ -40,7 +39,6 @@ def refusal(faults: Collection[tuple[Place, str]]) -> ValidationError:
 
     Returns:
         The exception.
-
     """
     details = [
         InitErrorDetails(type=fault(words), loc=place, input=None) for place, words in faults
@@ -56,7 +54,6 @@ def kind_of(value: object) -> str:
 
     Returns:
         Such as "a list".
-
     """
     if isinstance(value, bool):
         return "a boolean"
@@ -71,7 +68,6 @@ def shown(value: object) -> str:
 
     Returns:
         At most 80 characters.
-
     """
     if isinstance(value, list | dict):  # What is in it may be as deep or as long as it likes.
         return kind_of(value)
@@ -89,7 +85,6 @@ def not_one_of(value: object, choices: Collection[str]) -> str:
 
     Returns:
         The words.
-
     """
     near = difflib.get_close_matches(value, choices, n=1) if isinstance(value, str) else []
     hint = f"; did you mean {near[0]!r}?" if near else ""
@@ -104,7 +99,6 @@ def key_path(place: Place) -> str:
 
     Returns:
         The path; a key that is no identifier, or is long, stands in quotes.
-
     """
     parts = [f"[{key}]" if isinstance(key, int) else f".{_shown_key(key)}" for key in place]
     return "".join(parts).removeprefix(".")

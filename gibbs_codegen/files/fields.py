@@ -58,7 +58,6 @@ def list_of(value: object, length: int, what: str = "numbers") -> Any:
 
     Raises:
         PydanticCustomError: If it is no such list.
-
     """
     if not isinstance(value, list):
         raise fault(f"must be a list of {length} {what}, not {kind_of(value)}")
@@ -75,7 +74,6 @@ def listed(length: int) -> BeforeValidator:
 
     Returns:
         The metadata.
-
     """
     return BeforeValidator(lambda value: tuple(list_of(value, length)))
 
@@ -115,7 +113,6 @@ def at_most(value: list[Any], most: int, what: str) -> list[Any]:
 
     Raises:
         PydanticCustomError: If it has more entries.
-
     """
     if len(value) > most:
         raise fault(f"{len(value)} {what}; give at most {most}")
@@ -131,7 +128,6 @@ def by_kind(*models: type[Table], default: str | None = None) -> WrapValidator:
 
     Returns:
         The metadata.
-
     """
     known = {get_args(model.model_fields["kind"].annotation)[0]: model for model in models}
 

@@ -31,7 +31,6 @@ def alone_in(folder: Path, held: Sequence[int] = ()) -> Iterator[None]:
 
     Yields:
         Nothing.
-
     """
     from filelock import unlock_descriptor  # Late, as a lock is needed by few commands.
 
@@ -61,7 +60,6 @@ def _wait_for_lock(number: int, folder: Path, held: Sequence[int]) -> None:
 
     Raises:
         OutputError: If another holds the lock for a minute.
-
     """
     from filelock import lock_descriptor
 

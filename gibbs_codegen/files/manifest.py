@@ -27,7 +27,6 @@ def with_manifest(files: Mapping[str, str]) -> dict[str, str]:
 
     Returns:
         The same, with the manifest among them.
-
     """
     lines = [f"# {HEADER_START} {__version__}: SHA-256 of each file that was generated"]
     lines += [f"{_digest(text.encode())}  {name}" for name, text in sorted(files.items())]
@@ -42,7 +41,6 @@ def generated_files(folder: Path) -> dict[str, str]:
 
     Returns:
         Digest of each by its name; empty where there is no manifest.
-
     """
     path = folder / MANIFEST
     if not _is_plain(path):
@@ -65,7 +63,6 @@ def foreign(folder: Path, files: Mapping[str, str]) -> list[str]:
 
     Returns:
         The names.
-
     """
     digests = {name: _digest(text.encode()) for name, text in files.items()}
     known = {*generated_files(folder).items(), *digests.items()}
@@ -87,7 +84,6 @@ def entries(folder: Path, names: Collection[str]) -> Iterator[str]:
 
     Yields:
         The names.
-
     """
     if not folder.is_dir():
         return

@@ -31,7 +31,6 @@ def differing_files(folder: Path, files: Mapping[str, str]) -> list[str]:
 
     Raises:
         OutputError: If they cannot be read.
-
     """
     expected = with_manifest(files)
     try:
@@ -57,7 +56,6 @@ def check_replaceable(folder: Path, robot_text: str, force: bool = False) -> Non
         folder: Folder of the module.
         robot_text: What its robot file is about to become.
         force: Whether files of a user may be put aside.
-
     """
     with alone_in(folder.parent):
         names = _foreign(folder, {"robot.toml": robot_text})
@@ -109,7 +107,6 @@ def write_module(folder: Path, files: Mapping[str, str], force: bool = False) ->
 
     Raises:
         OutputError: If the files cannot be written, or a signal came.
-
     """
     check_output_folder(folder.parent)
     files = with_manifest(files)
@@ -160,7 +157,6 @@ def _write_and_swap(
 
     Returns:
         Whether that came to its end before a signal.
-
     """
     with staging_folder(folder.parent) as new:
         for name, text in files.items():
@@ -181,7 +177,6 @@ def write_new_file(path: Path, text: str) -> None:
     Raises:
         UsageError: If it exists.
         OutputError: If it cannot be written.
-
     """
     try:
         with path.open("x", encoding="utf-8", newline="\n") as file:

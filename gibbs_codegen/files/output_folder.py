@@ -17,7 +17,6 @@ def check_output_folder(folder: str | os.PathLike[str]) -> None:
 
     Raises:
         UsageError: If output cannot go there.
-
     """
     if not os.fspath(folder):
         raise UsageError("--out: a folder is needed, not an empty name")

@@ -19,7 +19,6 @@ def shipped_names(folder: str) -> tuple[str, ...]:
 
     Returns:
         The names, without their ending.
-
     """
     files = (resources.files("gibbs_codegen") / folder).iterdir()
     return tuple(sorted(f.name[:-5] for f in files if f.name.endswith(".toml")))
@@ -38,7 +37,6 @@ def text_of(name_or_path: str, folder: str, refused: type[RefusedFileError]) -> 
 
     Raises:
         UsageError: If there is no such file, or it cannot be read.
-
     """
     shipped = shipped_names(folder)
     if name_or_path in shipped:
@@ -72,7 +70,6 @@ def _not_found(path: Path, noun: str, shipped: tuple[str, ...]) -> str:
 
     Returns:
         The words.
-
     """
     if path.exists():
         return f"{printable(path)}: is not a file; give a {noun} file in TOML"

@@ -33,7 +33,6 @@ def made(folder: Path) -> Iterator[None]:
 
     Yields:
         Nothing.
-
     """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     try:
@@ -56,7 +55,6 @@ def staging_folder(parent: Path) -> Iterator[Path]:
 
     Yields:
         The folder.
-
     """
     with made(parent):
         _remove_stale(parent)
@@ -76,7 +74,6 @@ def put_in_place(new: Path, place: Path, aside: Path | None = None) -> None:
         new: The staging folder.
         place: What it becomes.
         aside: Where what was there is kept; it is removed with what else is staged where None.
-
     """
     old = aside or new.with_name(place.name)
     if os.path.lexists(place):

@@ -49,7 +49,6 @@ class Table(BaseModel):
 
         Returns:
             Key and words of each fault.
-
         """
         return iter(())
 
@@ -62,7 +61,6 @@ class Table(BaseModel):
 
         Returns:
             The table, or None; and place and words of every fault.
-
         """
         try:
             return cls.model_validate(values), []
@@ -90,9 +88,10 @@ class Table(BaseModel):
             details = error.errors(include_url=False)
             if not faults and all(found["type"] == FAULT for found in details):
                 raise  # What is in inner tables has been put into words there.
-            for number, found in enumerate(details):
+            unknown = sum(found["type"] == "extra_forbidden" for found in details)
+            for found in details:
                 place = found["loc"][:-1] if found["type"] == IN_NAME else found["loc"]
-                faults.append((place, cls._words(found, number < _MOST_SUGGESTIONS)))
+                faults.append((place, cls._words(found, unknown <= _MOST_SUGGESTIONS)))
         if faults:
             raise refusal(faults)
         return table
@@ -107,7 +106,6 @@ class Table(BaseModel):
 
         Returns:
             The words.
-
         """
         kind, value = found["type"], found["input"]
         if "words" in found.get("ctx", {}):

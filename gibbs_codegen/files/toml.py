@@ -39,7 +39,6 @@ def checked(
 
     Returns:
         The top table.
-
     """
     from gibbs_codegen.files.faults import key_path  # Late, as it imports pydantic.
 
@@ -71,6 +70,8 @@ def _syntax_fault(text: str, error: ValueError) -> Fault:
         line = _line_of_longest_number(text)
     if "Cannot declare ('link',)" in reason:
         reason += "; each link of the arm is [[link]], in two brackets"
+    elif reason.startswith("Cannot overwrite a value"):
+        reason += "; the key or table stands further up already: give it once"
     return Fault("", f"not valid TOML: {printable(reason)}", line)
 
 

@@ -34,7 +34,6 @@ def too_deep_line(text: str) -> int | None:
 
     Returns:
         The first such line, counted from 1, or None.
-
     """
     depth = 0
     for token in _TOKEN.finditer(text):

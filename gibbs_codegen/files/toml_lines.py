@@ -26,7 +26,6 @@ def key_lines(text: str) -> dict[str, int]:
 
     Returns:
         Lines, counted from 1, by key path, written like `link[0].mass`.
-
     """
     lines: dict[str, int] = {}
     counts: dict[str, int] = {}
@@ -45,8 +44,10 @@ def key_lines(text: str) -> dict[str, int]:
             prefix = _plain(table["name"])
             lines.setdefault(prefix, number)
         elif "=" in line and _KEY.fullmatch((parts := line.partition("="))[0].strip()):
-            name = _plain(parts[0].strip())
-            lines.setdefault(f"{prefix}.{name}" if prefix else name, number)
+            place = prefix
+            for part in _plain(parts[0].strip()).split("."):
+                place = f"{place}.{part}" if place else part
+                lines.setdefault(place, number)
             unfinished.read(parts[2])
     return lines
 
@@ -60,7 +61,6 @@ def line_of(lines: Mapping[str, int], place: Sequence[str | int]) -> int | None:
 
     Returns:
         The line, counted from 1, or None where there is none.
-
     """
     parts = [f"[{key}]" if isinstance(key, int) else f".{key}" for key in place]
     for count in range(len(parts), 0, -1):

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.robot.model import RigidBody, Robot, as_rigid_body
+from gibbs_codegen.robot.model import Robot, as_rigid_body
+from gibbs_codegen.robot.rigid_body import inertia_matrix
 from gibbs_codegen.robot.thrusters import arm_frame, wrench_matrix
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
@@ -48,7 +49,6 @@ def balance(robot: Robot) -> Balance:
 
     Returns:
         The balance, in the base's frame.
-
     """
     mass, moment, second = 0.0, np.zeros(3), np.zeros((3, 3))
     for k in range(1, robot.rotors + 1):
@@ -56,7 +56,7 @@ def balance(robot: Robot) -> Balance:
         place = origin + turn @ np.array(body.com)
         mass += body.mass
         moment += body.mass * place
-        second += turn @ _matrix(body) @ turn.T + body.mass * _about_origin(place)
+        second += turn @ inertia_matrix(body.inertia) @ turn.T + body.mass * _about_origin(place)
     com: Array = moment / mass if mass else moment
     inertia = second - mass * _about_origin(com)
     lengths = [robot.base.arm(k).length for k in range(1, robot.rotors + 1)]
@@ -93,7 +93,6 @@ def balance_lines(found: Balance) -> list[str]:
 
     Returns:
         A line each for mass with its centre, inertia, and thrusts.
-
     """
     x, y, z = map(_number, found.com)
     pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
@@ -120,7 +119,6 @@ def lopsided(robot: Robot, found: Balance) -> str | None:
 
     Returns:
         The warning, or None for a base that is balanced.
-
     """
     base = robot.base
     longest = max(base.arm(k).length for k in range(1, robot.rotors + 1))
@@ -153,11 +151,6 @@ def lopsided(robot: Robot, found: Balance) -> str | None:
 
 def _number(value: float) -> str:
     return f"{value:.4g}"
-
-
-def _matrix(body: RigidBody) -> Array:
-    xx, yy, zz, xy, xz, yz = body.inertia
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _about_origin(place: Array) -> Array:

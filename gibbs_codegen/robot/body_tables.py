@@ -90,7 +90,6 @@ class BodyTable(Table):
 
         Yields:
             Key and words of each fault.
-
         """
         rigid = [key for key in ("mass", "com", "inertia") if key in values]
         rod = [key for key in ("mass_per_length", "section_inertia") if key in values]

@@ -49,7 +49,6 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
 
     Returns:
         The N chains, in order.
-
     """
     base = tuple(_base_chain(j) for j in range(1, robot.rotors))
     return (*base, _arm_chain(robot))
@@ -84,7 +83,6 @@ def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:
     Returns:
         For each chain the place of each of its unknowns. Places count from 0; the method counts its
         rows from −1.
-
     """
     place = {unknown.name: i for i, unknown in enumerate(hybrid_coordinates(robot))}
     return tuple(tuple(place[name] for name in chain.unknowns) for chain in decompose(robot))

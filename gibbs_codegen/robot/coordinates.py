@@ -31,7 +31,6 @@ def joint_coordinate(robot: Robot, i: int) -> Coordinate:
 
     Returns:
         The coordinate: an angle, or a travel of a prismatic joint.
-
     """
     number, kind = robot.rotors + i, robot.links[i - 1].joint
     what = "travel" if kind == "prismatic" else "angle"
@@ -46,7 +45,6 @@ def attitude_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
     Returns:
         The three angles, in order.
-
     """
     places = ("first", "second", "third")
     return tuple(
@@ -63,7 +61,6 @@ def position_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
     Returns:
         x, y and z.
-
     """
     point = "motor 1 (O1)" if robot.base.origin == "motor1" else "the base centre (O2)"
     return tuple(Coordinate(name, "m", f"world {name} of {point}") for name in POSITION)
@@ -77,7 +74,6 @@ def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
     Returns:
         The 6 + n coordinates, in order.
-
     """
     base = (*attitude_coordinates(robot), *position_coordinates(robot))
     joints = [joint_coordinate(robot, i) for i in range(1, len(robot.links) + 1)]
@@ -93,7 +89,6 @@ def coordinate_text(robot: Robot, place: int) -> str:
 
     Returns:
         Such as "theta_8 (the joint of link 2)".
-
     """
     layout = layout_of(robot)
     name, joints = layout.names[place], layout.joint_places
@@ -108,7 +103,6 @@ def constrained_coordinate(k: int) -> Coordinate:
 
     Returns:
         The coordinate.
-
     """
     return Coordinate(f"theta_{k}", "rad", f"constrained angle of base arm {k}")
 
@@ -121,7 +115,6 @@ def constraint_torque(k: int) -> Coordinate:
 
     Returns:
         The unknown.
-
     """
     return Coordinate(f"tau_prime_{k}", "N m", f"constraint torque on base arm {k}")
 
@@ -134,7 +127,6 @@ def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
 
     Returns:
         The 6 + n + 2(N − 1) unknowns, in order.
-
     """
     reduced, first = reduced_coordinates(robot), layout_of(robot).constrained.start
     arms = range(2, robot.rotors + 1)
@@ -154,7 +146,6 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
 
     Returns:
         Thrusts F₁ … F_N, then n joint torques (forces where prismatic).
-
     """
     thrusts = tuple(
         Coordinate(f"F_{k}", "N", f"thrust of motor {k}") for k in range(1, robot.rotors + 1)
@@ -175,7 +166,6 @@ def points(robot: Robot) -> tuple[str, ...]:
 
     Returns:
         Their names, in the order of `positions`.
-
     """
     motors = tuple(f"motor{k}" for k in range(1, robot.rotors + 1))
     joints = tuple(f"joint{robot.rotors + i}" for i in range(1, len(robot.links) + 1))

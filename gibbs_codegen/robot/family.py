@@ -39,7 +39,6 @@ def paper_family(rotors: int, links: int) -> Robot:
 
     Raises:
         UsageError: If a number is out of its range.
-
     """
     if not 2 <= rotors <= MAX_ROTORS:
         raise UsageError(f"rotors must be from 2 to {MAX_ROTORS}, not {rotors}")

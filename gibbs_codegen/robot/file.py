@@ -29,7 +29,6 @@ def read_robot(name_or_path: str) -> tuple[Robot, str]:
 
     Returns:
         The robot, and the text of its file.
-
     """
     text, source = text_of(name_or_path, _FOLDER, RobotFileError)
     return parse_robot(text, source), text
@@ -44,7 +43,6 @@ def parse_robot(text: str, source: str = "robot file") -> Robot:
 
     Returns:
         The robot.
-
     """
     from gibbs_codegen.robot.tables import RobotTable  # Late, as it imports pydantic.
 

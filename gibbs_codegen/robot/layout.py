@@ -46,7 +46,6 @@ def joint_name(kind: JointKind, number: int) -> str:
 
     Returns:
         The name.
-
     """
     return f"{JOINT_TERMS[kind].letter}_{number}"
 
@@ -59,7 +58,6 @@ def joint_pattern(kind: JointKind) -> str:
 
     Returns:
         A regular expression that they match as a whole.
-
     """
     return rf"{JOINT_TERMS[kind].letter}_[0-9]{{1,4}}"
 
@@ -72,7 +70,6 @@ def joint_kind(name: str) -> JointKind | None:
 
     Returns:
         The kind, or None for a name that no joint has.
-
     """
     for kind in JOINT_TERMS:
         if re.fullmatch(joint_pattern(kind), name):
@@ -100,7 +97,6 @@ class Places:
 
         Returns:
             The places in q.
-
         """
         first = len(ATTITUDE)
         end = first + joints
@@ -131,7 +127,6 @@ class Places:
 
         Returns:
             Six values of the base, attitude first, and n of the joints.
-
         """
         return [values[place] for place in self.base], [*values[self.joints]]
 
@@ -144,7 +139,6 @@ class Places:
 
         Returns:
             A value for each coordinate.
-
         """
         values = dict(zip(self.base, base, strict=True))
         values |= zip(self.joint_places, joints, strict=True)
@@ -177,7 +171,6 @@ class Layout(Places):
 
         Raises:
             UsageError: If the names are not those of a base with joints.
-
         """
         own = (*ATTITUDE, *POSITION)
         places = Places.of_joints(len(names) - len(own))
@@ -226,7 +219,6 @@ def layout_of(robot: Robot) -> Layout:
 
     Returns:
         The layout.
-
     """
     joints = [
         joint_name(link.joint, robot.rotors + i) for i, link in enumerate(robot.links, start=1)

@@ -14,7 +14,6 @@ def size_fault(value: float) -> str | None:
 
     Returns:
         What is wrong, or None if nothing is.
-
     """
     if value == 0.0 or LEAST <= abs(value) <= MOST:
         return None

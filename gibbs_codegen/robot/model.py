@@ -73,7 +73,6 @@ def as_rigid_body(body: Body) -> RigidBody:
 
     Returns:
         The rigid body.
-
     """
     if isinstance(body, RigidBody):
         return body
@@ -129,7 +128,6 @@ class Base:
 
         Returns:
             The body, in the arm's frame.
-
         """
         return self.arms[0] if self.shares_one_arm else self.arms[k - 1]
 
@@ -141,7 +139,6 @@ class Base:
 
         Returns:
             The angle in degrees.
-
         """
         return Fraction(-180) + Fraction(360 * (k - 1), self.rotors)
 
@@ -175,6 +172,5 @@ def alternating_thrust(rotors: int) -> tuple[Vector3, ...]:
 
     Returns:
         A unit vector for each motor.
-
     """
     return tuple(AXES["y" if k % 2 else "z"] for k in range(rotors))

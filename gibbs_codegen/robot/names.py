@@ -35,7 +35,6 @@ def name_fault(name: str) -> str | None:
 
     Returns:
         What is wrong with it and what would be right, or None where it is accepted.
-
     """
     shown = ascii(name if len(name) <= 64 else name[:61] + "...")
     if not re.fullmatch(NAME_PATTERN, name, re.ASCII):
@@ -64,7 +63,6 @@ def name_from(text: str) -> str:
 
     Returns:
         The name.
-
     """
     letters = re.sub(r"[^a-z0-9_]+", "_", text.lower(), flags=re.ASCII).strip("_")
     if not letters[:1].isalpha():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.thrusters import wrench_matrix
+from gibbs_codegen.robot.thrusters import arm_frame, wrench_matrix
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,6 @@ class Frame:
 
         Returns:
             The point (3) in world axes, m.
-
         """
         place: Array = self.origin + x * self.axes[:, 0]
         return place
@@ -77,7 +76,6 @@ def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
 
     Raises:
         UsageError: If q has another length.
-
     """
     base, layout = robot.base, layout_of(robot)
     if np.shape(q) != (layout.size,):
@@ -90,8 +88,8 @@ def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
     origin = np.array(q[layout.position]) + motor_1 * attitude[:, 0]
     arm_1 = Frame(origin, attitude)
     centre = arm_1.point(length)
-    angles = [np.deg2rad(float(base.arm_angle_deg(k))) for k in range(2, base.rotors + 1)]
-    arms = tuple(Frame(centre, attitude @ turn(2, angle)) for angle in angles)
+    turns = (arm_frame(base, k)[0] for k in range(2, base.rotors + 1))
+    arms = tuple(Frame(centre, attitude @ axes) for axes in turns)
     motors = [origin, *(frame.point(base.arm(k).length) for k, frame in enumerate(arms, start=2))]
     links = _links(robot, Frame(centre, attitude), q[layout.joints])
     tip = links[-1].point(robot.links[-1].body.length) if links else centre
@@ -109,7 +107,6 @@ def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tup
 
     Returns:
         The frames, in world axes.
-
     """
     frames: list[Frame] = []
     before = 0.0
@@ -134,7 +131,6 @@ def turn(axis: int, angle: float) -> Array:
 
     Returns:
         The matrix (3, 3).
-
     """
     c, s = np.cos(angle), np.sin(angle)
     p, q = (axis + 1) % 3, (axis + 2) % 3

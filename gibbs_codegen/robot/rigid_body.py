@@ -1,13 +1,27 @@
-"""Which inertias a body can have."""
+"""Inertias of rigid bodies: as a matrix, and which of them a body can have."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 # Rounding of decimal input: 21.2e-8 + 190.8e-8 may exceed 212e-8 by a unit in the last place.
 _TOLERANCE = 1e-9
+
+
+def inertia_matrix(inertia: Sequence[float]) -> NDArray[np.float64]:
+    """The matrix of an inertia.
+
+    Args:
+        inertia: xx, yy, zz, xy, xz, yz, with xy = −∫ xy dm.
+
+    Returns:
+        The matrix (3, 3), in the unit of its entries.
+    """
+    xx, yy, zz, xy, xz, yz = inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
@@ -23,15 +37,13 @@ def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
 
     Returns:
         What is wrong with the inertia, or None if a body has it.
-
     """
-    xx, yy, zz, xy, xz, yz = inertia
     scale = max(abs(entry) for entry in inertia)
     if scale == 0.0:
         return None
     if mass == 0.0:
         return "is not zero although the body has no mass (a rod needs length and mass_per_length)"
-    matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) / scale
+    matrix = inertia_matrix(inertia) / scale
     if np.linalg.eigvalsh(matrix)[0] < -_TOLERANCE:
         return "has a negative principal moment; an inertia matrix is positive semidefinite"
     second_moments = 0.5 * np.trace(matrix) * np.eye(3) - matrix

@@ -121,7 +121,6 @@ class BaseTable(Table):
 
         Yields:
             Key and words of the fault.
-
         """
         arms, rotors = values.get("arm"), values.get("rotors")
         if not isinstance(arms, list) or not isinstance(rotors, int):

@@ -60,7 +60,6 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
 
     Returns:
         The text of a robot file.
-
     """
     base = robot.base
     arms = [_inline_table(arm) for arm in base.arms]

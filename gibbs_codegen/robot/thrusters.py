@@ -9,36 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.robot.model import Base, Robot
+from gibbs_codegen.robot.wrenches import directions
 
-_DIRECTIONS = ("force along x", "force along y", "force along z")
 # Fewer times better is a matter of taste.
 _FAR_BETTER = 3.0
-_MOMENTS = ("moment about x", "moment about y", "moment about z")
 
 
 @dataclass(frozen=True)
 class Arrangement:
     """Rank, condition number (infinite where the rank is below 6) and what cannot be commanded.
 
-    `missing` holds a unit wrench about the base centre, in arm 1's axes, for every direction that
-    no combination of thrusts can push in.
+    `missing` names the directions that no combination of thrusts can push in, about the base centre
+    in arm 1's axes.
     """
 
     rank: int
     condition: float
-    missing: tuple[tuple[float, ...], ...]
-
-    def missing_texts(self) -> list[str]:
-        """The missing directions in words, by their leading components."""
-        texts = []
-        for wrench in self.missing:
-            parts = [
-                f"{value:+.3g} {name}"
-                for value, name in zip(wrench, _DIRECTIONS + _MOMENTS, strict=True)
-                if abs(value) > 1e-9
-            ]
-            texts.append(", ".join(parts))
-        return texts
+    missing: tuple[str, ...]
 
 
 def arm_frame(base: Base, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -50,7 +37,6 @@ def arm_frame(base: Base, k: int) -> tuple[NDArray[np.float64], NDArray[np.float
 
     Returns:
         The axes (3, 3), a column each, and the origin (3), m.
-
     """
     if k == 1:
         return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
@@ -67,7 +53,6 @@ def wrench_matrix(robot: Robot) -> NDArray[np.float64]:
 
     Returns:
         The matrix (6, N), force rows first; moments in m.
-
     """
     base = robot.base
     columns = []
@@ -89,17 +74,13 @@ def arrangement(robot: Robot) -> Arrangement:
 
     Returns:
         The arrangement.
-
     """
     matrix = wrench_matrix(robot)
     left, values, _ = np.linalg.svd(matrix)
     rank = int(np.sum(values > 1e-9 * values[0])) if values[0] > 0 else 0
     full = rank == len(matrix)
     condition = float(values[0] / values[-1]) if full else float("inf")
-    missing = tuple(
-        tuple(float(x) for x in _oriented(left[:, i])) for i in range(rank, len(matrix))
-    )
-    return Arrangement(rank, condition, missing)
+    return Arrangement(rank, condition, directions(left[:, rank:]))
 
 
 @dataclass(frozen=True)
@@ -132,7 +113,6 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
 
     Returns:
         The hint, or None where no signs are far better.
-
     """
     rotors, now = robot.rotors, arrangement(robot)
     every_second = set(range(2, rotors + 1, 2))
@@ -151,9 +131,3 @@ def _mirrored(robot: Robot, motors: Collection[int]) -> Robot:
         for k, (x, y, z) in enumerate(robot.base.thrust, start=1)
     )
     return replace(robot, base=replace(robot.base, thrust=thrust))
-
-
-def _oriented(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The vector with its largest entry positive and what is rounding set to zero."""
-    rounded: NDArray[np.float64] = np.where(np.abs(vector) < 1e-12, 0.0, vector)
-    return rounded if rounded[np.argmax(np.abs(rounded))] > 0 else -rounded

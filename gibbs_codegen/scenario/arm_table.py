@@ -92,7 +92,6 @@ class ArmTable(Table):
 
         Yields:
             Key and words of each fault.
-
         """
         tips = [key for key in ("tip", "tip_beside_base") if key in values]
         postures = [key for key in ("posture", "posture_deg") if key in values]
@@ -123,7 +122,6 @@ class ArmTable(Table):
 
         Returns:
             The task, its angles in rad.
-
         """
         tip = self.tip.path() if self.tip else None
         if self.tip_beside_base:

@@ -53,7 +53,6 @@ def rotation_matrix(sequence: str, angles: ArrayLike) -> Array:
 
     Returns:
         The matrices (…, 3, 3).
-
     """
     angles = np.asarray(angles, dtype=np.float64)
     flat = Rotation.from_euler(sequence.upper(), angles.reshape(-1, 3)).as_matrix()
@@ -70,7 +69,6 @@ def rate_matrix(sequence: str, angles: ArrayLike) -> Array:
 
     Returns:
         The matrices (…, 3, 3).
-
     """
     angles = np.asarray(angles, dtype=np.float64)
     first, second, third = (np.eye(3)["xyz".index(letter)] for letter in sequence)
@@ -90,7 +88,6 @@ def angular_velocity(sequence: str, angles: ArrayLike, rates: ArrayLike) -> Arra
 
     Returns:
         ω (…, 3) in world axes, rad/s.
-
     """
     rates = np.asarray(rates, dtype=np.float64)
     return _times(rate_matrix(sequence, angles), rates)
@@ -108,7 +105,6 @@ def bias_acceleration(sequence: str, angles: ArrayLike, rates: ArrayLike) -> Arr
 
     Returns:
         The acceleration (…, 3) in world axes, rad/s².
-
     """
     rates = np.asarray(rates, dtype=np.float64)
     first, second, third = np.moveaxis(rate_matrix(sequence, angles), -1, 0)
@@ -132,7 +128,6 @@ def attitude_angles(sequence: str, turning: Turning) -> tuple[Array, Array, Arra
     Raises:
         SingularAttitudeError: Within a quarter of a degree of θ₀ = ±π/2, where different angles
             are the same attitude.
-
     """
     rotation = turning.rotation
     first, _, third = ("xyz".index(letter) for letter in sequence)

@@ -34,7 +34,6 @@ def read_scenario(name_or_path: str, changes: Mapping[str, Any] | None = None) -
 
     Returns:
         The scenario.
-
     """
     text, source = text_of(name_or_path, _FOLDER, ScenarioFileError)
     return parse_scenario(text, source, changes)
@@ -55,7 +54,6 @@ def parse_scenario(
 
     Raises:
         ScenarioFileError: With every fault found.
-
     """
     from gibbs_codegen.scenario.tables import ScenarioTable  # Late, as it imports pydantic.
 

@@ -104,7 +104,6 @@ def turning_of(rotation: Array, rate: Array, second: Array) -> Turning:
 
     Returns:
         The rotation with ω and dω/dt in world axes.
-
     """
     transposed = np.swapaxes(rotation, -1, -2)
     spin = rate @ transposed
@@ -123,7 +122,6 @@ def heading_error(path: Path, time: ArrayLike, direction: Array) -> Array:
 
     Returns:
         The angles (s), rad.
-
     """
     velocity = path(time)[..., 1, :]
     tangent = velocity / np.linalg.norm(velocity, axis=-1, keepdims=True)
@@ -143,7 +141,6 @@ def _check_direction(time: Array, velocity: Array, tangent: Array) -> None:
 
     Raises:
         UsageError: If the path stands still, or goes straight up or down.
-
     """
     still = np.linalg.norm(velocity, axis=-1) < _STANDSTILL
     if np.any(still):
@@ -169,7 +166,6 @@ def _unit(vector: Array, rate: Array, second: Array) -> tuple[Array, Array, Arra
 
     Returns:
         The unit vector and its derivatives (…, 3).
-
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / np.linalg.norm(vector, axis=-1, keepdims=True)

@@ -26,6 +26,13 @@ def _not_endless(values: object) -> object:
     return at_most(values, _MOST_POINTS, "entries") if isinstance(values, list) else values
 
 
+def _increasing(times: list[float]) -> list[float]:
+    for place, (sooner, later) in enumerate(itertools.pairwise(times), start=1):
+        if later <= sooner:
+            raise refusal([((place,), f"must be after {sooner:g}, not {later:g}")])
+    return times
+
+
 def _direction(vector: tuple[float, float, float]) -> tuple[float, float, float]:
     if math.hypot(*vector) < LEAST:
         raise fault("a direction of length zero")
@@ -121,8 +128,8 @@ class WaypointsTable(Table):
     """A smooth path through points at given times, at rest at both ends."""
 
     kind: Literal["waypoints"] = Field(description=_KIND)
-    times: Annotated[list[Number], BeforeValidator(_not_endless)] = Field(
-        description="a list of increasing times, s"
+    times: Annotated[list[Number], BeforeValidator(_not_endless), AfterValidator(_increasing)] = (
+        Field(description="a list of increasing times, s")
     )
     points: Annotated[list[Vector], BeforeValidator(_not_endless)] = Field(
         description="a list of points, [x, y, z] in m, one for each time"
@@ -144,10 +151,6 @@ class WaypointsTable(Table):
 
     @model_validator(mode="after")
     def _is_smooth(self) -> Self:
-        for place, (sooner, later) in enumerate(itertools.pairwise(self.times), start=1):
-            if later <= sooner:
-                words = f"must be after {sooner:g}, not {later:g}"
-                raise refusal([(("times", place), words)])
         try:
             self.path()
         except UsageError as error:

@@ -202,7 +202,6 @@ def check_path(path: Path, duration: float, what: str) -> None:
     Raises:
         UsageError: If the shape is another, or rates are not the derivatives of positions;
             differences tell rough mistakes only.
-
     """
     time = np.linspace(0.0, duration, 9)[1:-1] * 0.993
     step = 1e-5 * duration

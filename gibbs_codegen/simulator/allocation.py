@@ -9,22 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.wrenches import directions
 
 Array = NDArray[np.float64]
 
-_DIRECTIONS = (
-    "force along x",
-    "force along y",
-    "force along z",
-    "torque about x",
-    "torque about y",
-    "torque about z",
-)
 # Singular values below this share of the largest belong to directions that rotors cannot command.
 _RANK = 1e-9
 # Share of a wrench that thrusts may fail to produce and still count as exact.
@@ -58,7 +50,7 @@ class Allocation:
         self.limits = limits
         left, values, _ = np.linalg.svd(wrenches)
         rank = int(np.sum(values > _RANK * values[0]))
-        self.missing = _named(left[:, rank:])
+        self.missing = directions(left[:, rank:])
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=_RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
@@ -133,27 +125,6 @@ class Allocation:
                 "thrusts in the robot file, or add rotors",
                 self.missing,
             )
-
-
-def _named(basis: Array) -> tuple[str, ...]:
-    """Directions that span the columns of `basis` (6, k), in words."""
-    count = basis.shape[1]
-    if count == 0:
-        return ()
-    # Reduced so that each direction has a component of its own, and is that alone if it can be.
-    pivots = np.sort(scipy.linalg.qr(basis.T, mode="r", pivoting=True)[1][:count])
-    reduced = basis @ np.linalg.inv(basis[pivots])
-    return tuple(_in_words(direction) for direction in reduced.T)
-
-
-def _in_words(direction: Array) -> str:
-    parts: list[str] = []
-    for component, name in zip(direction, _DIRECTIONS, strict=True):
-        if abs(component) > 1e-6:
-            factor = "" if abs(abs(component) - 1.0) < 1e-6 else f"{abs(component):.3g} × "
-            sign = ("− " if component < 0 else "+ ") if parts else ("−" if component < 0 else "")
-            parts.append(f"{sign}{factor}{name}")
-    return " ".join(parts)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -46,7 +46,7 @@ class ClosedLoop:
         Returns:
             The state (size).
         """
-        thrusts = self._thrust_setpoints(self.commanded(0.0, q, v)) if self.lag else np.zeros(0)
+        thrusts = self._thrust_setpoints(self.controller(0.0, q, v)) if self.lag else np.zeros(0)
         return np.concatenate([q, v, [0.0], thrusts])
 
     def parts(self, states: Array) -> tuple[Array, Array, Array, Array]:
@@ -65,18 +65,6 @@ class ClosedLoop:
             states[..., 2 * n],
             states[..., 2 * n + 1 :],
         )
-
-    def commanded(self, time: float | Array, q: Array, v: Array) -> Array:
-        """Inputs that the controller commands.
-
-        Args:
-            time: times (…), s.
-            q, v: coordinates and rates (…, nq).
-
-        Returns:
-            Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
-        """
-        return self.controller(time, q, v)
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
         """Inputs that act: those commanded, with thrusts as the motors give them.
@@ -111,7 +99,7 @@ class ClosedLoop:
         if not self.limits:
             return []
         q, v, _, _ = self.parts(state)
-        thrusts = self.commanded(time, q, v)[: self.vehicle.rotors]
+        thrusts = self.controller(time, q, v)[: self.vehicle.rotors]
         least, most = self.limits
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * (most - least)
@@ -167,7 +155,7 @@ class ClosedLoop:
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
         q, v, _, thrusts = self.parts(state)
-        commanded = self.commanded(time, q, v)
+        commanded = self.controller(time, q, v)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q))
         if tip_force:

@@ -65,7 +65,6 @@ class Envelope:
 
         Returns:
             The reason, with the time and a remedy; "" if it can go on.
-
         """
         lost = f"at t = {time:.6g} s control is lost: "
         if not np.all(np.isfinite(state)):

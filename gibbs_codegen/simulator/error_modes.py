@@ -72,7 +72,6 @@ def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: b
 
     Returns:
         Clauses that begin with "; ", on saturated thrusts and on lag; "" if there are none.
-
     """
     found = ""
     rotors = [str(rotor + 1) for rotor in loop.saturated(time, state)]

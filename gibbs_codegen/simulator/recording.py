@@ -26,7 +26,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     vehicle, time = loop.vehicle, history.time
     q, v, work, thrusts = loop.parts(history.states)
     q_desired, v_desired, a_desired = loop.controller.reference(time)
-    commanded = loop.commanded(time, q, v)
+    commanded = loop.controller(time, q, v)
     applied = loop.applied(commanded, thrusts)
     a = loop.acceleration(q, v, applied, loop.tip_force_acts(time))
     positions = vehicle.positions(q)

@@ -51,7 +51,6 @@ class CProgram(Evaluation):
             module: the C back end, for the names and numbers of things.
             batches: numbers of states in which batches are computed, one after the other.
             single: whether the library was compiled for single precision.
-
         """
         super().__init__(module)
         self._library = ctypes.CDLL(path)
@@ -71,7 +70,6 @@ class CProgram(Evaluation):
 
         Raises:
             ValueError: If `init_constants` rejects them.
-
         """
         made = np.full(len(self._constants), np.nan, self._real)
         name = f"init_constants{self._mark}"
@@ -87,7 +85,6 @@ class CProgram(Evaluation):
 
         Returns:
             (blocks, width, LANES).
-
         """
         count, width = rows.shape
         shape = (-(-count // LANES), width, LANES)
@@ -102,7 +99,6 @@ class CProgram(Evaluation):
 
         Returns:
             (count, width).
-
         """
         shape = (count, blocks.shape[1])
         return self._filled("unpack", [*shape, blocks.astype(self._real)], [shape])[0]
@@ -129,7 +125,6 @@ class CProgram(Evaluation):
 
         Returns:
             Its results, each (count, …).
-
         """
         # Unused lanes hold what would be seen if it were read.
         inputs = [in_blocks(x, np.full(x.shape[1], np.nan)).astype(self._real) for x in rows]
@@ -156,7 +151,6 @@ class CProgram(Evaluation):
 
         Raises:
             ValueError: If it writes beyond the outputs or to its inputs.
-
         """
         before = [np.array(x) for x in given]
         guard = self._real(_GUARD)
@@ -191,7 +185,6 @@ def in_blocks(rows: Array, unused: Array) -> Array:
 
     Returns:
         (blocks, width, LANES).
-
     """
     count, width = rows.shape
     whole = -(-count // LANES)
@@ -210,7 +203,6 @@ def from_blocks(blocks: Array, count: int) -> Array:
 
     Returns:
         (count, width).
-
     """
     rows: Array = blocks.swapaxes(1, 2).reshape(-1, blocks.shape[1])[:count]
     return rows
@@ -227,7 +219,6 @@ def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) ->
 
     Returns:
         The comparisons.
-
     """
     tree = Tree(robot)
     program = CProgram(path, module, _batches_within(tree))
@@ -271,7 +262,6 @@ def compare_single_precision(
 
     Returns:
         The comparisons, or why the robot cannot be computed in single precision.
-
     """
     tree = Tree(robot)
     if not _in_range(Sizes(tree, States.random(tree, 1, seed))):

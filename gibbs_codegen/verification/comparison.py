@@ -22,7 +22,6 @@ class Comparison:
         error: the largest error, relative to the natural size.
         limit: the largest error that passes.
         fault: what is wrong, in words, where there is more to it than a number.
-
     """
 
     what: str
@@ -48,7 +47,6 @@ def failed(what: str, against: str, fault: str | BaseException) -> Comparison:
 
     Returns:
         A comparison that fails.
-
     """
     text = str(fault) or type(fault).__name__
     return Comparison(what, against, 0, np.inf, 0.0, printable(text, 400))
@@ -69,7 +67,6 @@ def compared(
 
     Returns:
         The comparison; what is not a number, or of another shape, is infinitely far off.
-
     """
     ours, theirs = np.asarray(ours), np.asarray(theirs)
     if ours.shape != theirs.shape:
@@ -90,7 +87,6 @@ def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:
 
     Returns:
         For each thing compared with each other the worst comparison, over the states of all.
-
     """
     groups: dict[tuple[str, str], list[Comparison]] = {}
     for comparison in comparisons:
@@ -112,7 +108,6 @@ def explained(comparisons: Iterable[Comparison], faults: Mapping[str, str]) -> l
 
     Returns:
         The comparisons in the same order.
-
     """
     return [
         comparison
@@ -130,7 +125,6 @@ def failure_text(comparison: Comparison) -> str:
 
     Returns:
         What failed against what, and why.
-
     """
     against = f" against {comparison.against}" if comparison.against else ""
     text = f"{comparison.what}{against}: "

@@ -31,7 +31,6 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
 
     Returns:
         A comparison of each constant.
-
     """
     expected: dict[str, Any] = {
         "NAME": robot.name,
@@ -55,7 +54,6 @@ def compare_robot_file(text: bytes, source: str) -> Comparison:
 
     Returns:
         The comparison.
-
     """
     digest = hashlib.sha256(text).hexdigest()
     fault = "" if digest in source[:1000] else "is not the one that the module was made from"
@@ -71,7 +69,6 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
 
     Returns:
         A comparison of the parameters, and of the constants computed from them.
-
     """
     library = ctypes.CDLL(str(module.__file__))
     values = parameter_values(robot)
@@ -100,7 +97,6 @@ def _alike(name: str, found: object, expected: object) -> Comparison:
 
     Returns:
         The comparison.
-
     """
     fault = "" if repr(found) == repr(expected) else f"is {_shown(found)}, not {_shown(expected)}"
     return _verdict(name, _FILE, fault)
@@ -150,6 +146,5 @@ def _verdict(what: str, against: str, fault: str) -> Comparison:
 
     Returns:
         The comparison.
-
     """
     return failed(what, against, fault) if fault else Comparison(what, against, 0, 0.0, 0.0)

@@ -20,7 +20,6 @@ def derivative(function: Callable[[Array], Array], steps: Array) -> Array:
 
     Returns:
         The derivative, (s, …).
-
     """
     values = [weight * function(number * steps[:, None]) for number, weight in WEIGHTS]
     total = sum(values[1:], values[0])

@@ -36,7 +36,6 @@ class Expected:
             formulation: the formulation.
             states: the states to compute at.
             single: whether the module computes in single precision.
-
         """
         tree, found = formulation.tree, formulation.at(states)
         self.sizes = Sizes(tree, states)
@@ -68,7 +67,6 @@ class Expected:
 
         Returns:
             A comparison of each array, with the reason where a function returned none.
-
         """
         rows = self.compare(evaluation.all(states, singly), against)
         return explained(rows, evaluation.faults)
@@ -83,7 +81,6 @@ class Expected:
 
         Returns:
             A comparison of each array; errors are relative to the natural sizes.
-
         """
         count = min(len(values["mass_matrix"]), len(self._matrix))
         # Where angles are large, rounding their sums is what limits the rest.
@@ -110,7 +107,6 @@ def input_matrix(tree: Tree, found: Quantities) -> Array:
 
     Returns:
         Input matrix of all joints, (s, size, nu).
-
     """
     rotations = found.poses[:, :-1, :3, :3]
     thrusts = times(rotations, np.array([motor.direction for motor in tree.motors]))
@@ -135,7 +131,6 @@ def _system(
 
     Yields:
         For each array that a function returns its name, its value, and the sizes of its entries.
-
     """
     free, constrained = tree.free, tree.constrained
     matrix = found.mass_matrix[:, free][:, :, free]
@@ -168,7 +163,6 @@ def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Itera
 
     Yields:
         For each array that a function returns its name, its value, and the sizes of its entries.
-
     """
     more = (0, len(tree.constrained))
     row, square = ((0, 0), more), ((0, 0), more, more)
@@ -201,7 +195,6 @@ def _geometry(tree: Tree, found: Quantities, sizes: Sizes) -> Iterator[Row]:
 
     Yields:
         For each array that a function returns its name, its value, and the sizes of its entries.
-
     """
     pose, jacobian = found.poses[:, -1], found.jacobians[:, -1][..., tree.free]
     reach = sizes.reach[:, None, None]

@@ -37,7 +37,6 @@ class Evaluation:
         Returns:
             Arrays by name, as of `results`; `gibbs` is counted from its value at rest, since it is
             determined up to that.
-
         """
         values: dict[str, Array] = {}
         for name in self.signatures:
@@ -56,7 +55,6 @@ class Evaluation:
 
         Returns:
             One array under the function's name; several under that name, a point, and their own.
-
         """
         arguments = [getattr(states, letter) for letter in self.signatures[name].arguments]
         if singly:

@@ -34,7 +34,6 @@ class Quantities(NamedTuple):
         positions: of the tree's points in m, (s, points, 3), or None if not computed.
         tip_bias_acceleration: of the tip where a is zero, linear entries first, (s, 6), or None
             if not computed.
-
     """
 
     mass_matrix: Array
@@ -68,7 +67,6 @@ class Formulation(Protocol):
 
         Returns:
             The quantities at those states.
-
         """
         ...
 
@@ -87,7 +85,6 @@ def state_by_state(
 
     Returns:
         The quantities at all states, in the tree's order.
-
     """
     motions = (tree.spread(x)[:, places] for x in (states.q, states.v, states.a))
     each = [at(*motion) for motion in zip(*motions, strict=True)]

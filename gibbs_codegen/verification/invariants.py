@@ -42,7 +42,6 @@ def compare_invariants(
 
     Returns:
         The comparisons.
-
     """
     held = _Invariants(evaluation, values, states, sizes, tree)
     return [

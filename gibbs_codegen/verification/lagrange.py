@@ -40,7 +40,6 @@ class Lagrange:
 
         Returns:
             The quantities at those states.
-
         """
         tree, masses = self.tree, self._masses
         q, v, a = map(tree.spread, (states.q, states.v, states.a))
@@ -108,7 +107,6 @@ class Lagrange:
 
         Returns:
             In m/s and rad/s, linear entries first, (…, points, 6).
-
         """
         ends = [
             Point(point.joint, point.local + step)
@@ -133,7 +131,6 @@ class Lagrange:
 
         Returns:
             The rate of change, (s, …).
-
         """
         # In that time no frame turns, or moves by its size, by more than the step.
         rate = np.abs(v / self.tree.scales).sum(axis=-1)
@@ -151,7 +148,6 @@ def _along(function: Callable[[Array], Array], q: Array, direction: Array) -> Ar
 
     Returns:
         The derivative, of the function's shape.
-
     """
     return np.imag(function(q + 1j * _COMPLEX_STEP * direction)) / _COMPLEX_STEP
 

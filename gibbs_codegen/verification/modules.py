@@ -69,7 +69,6 @@ def verify(
 
     Raises:
         UsageError: If there is no such module, no robot file with it, or an argument is wrong.
-
     """
     _check_arguments(states, seed, backends)
     folder = find_module(Path(name_or_path))
@@ -115,7 +114,6 @@ def _check_arguments(states: int, seed: int, backends: Sequence[str]) -> None:
 
     Raises:
         UsageError: If one of them is wrong.
-
     """
     if not isinstance(states, int) or not 1 <= states <= MOST_STATES:
         raise UsageError(f"states: from 1 to {MOST_STATES}, not {states!r}")
@@ -140,7 +138,6 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
     Raises:
         _UnavailableError: If it cannot be had here.
         UsageError: If the module is broken, as `SystemExit` and `CompilerError` tell as well.
-
     """
     module = load(folder)
     if backend == "numpy":
@@ -198,7 +195,6 @@ def _compare_c(
 
     Returns:
         The comparisons.
-
     """
     seed = verification.seed
     comparisons = compare_c_defaults(module, robot)
@@ -236,7 +232,6 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
 
     Raises:
         WrongModuleError: If a comparison fails.
-
     """
     progress("verifying")
     try:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -34,7 +35,8 @@ class MuJoCo:
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
         try:
-            self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
+            with _without_log():
+                self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
         self._data = mujoco.MjData(self._model)
@@ -50,9 +52,9 @@ class MuJoCo:
 
         Returns:
             The quantities at those states.
-
         """
-        return state_by_state(self._at, self.tree, states, self._places)
+        with _without_log():
+            return state_by_state(self._at, self.tree, states, self._places)
 
     def _at(self, q: Array, v: Array, a: Array) -> Quantities:
         """By MuJoCo's functions for one state, nothing touching anything.
@@ -64,7 +66,6 @@ class MuJoCo:
 
         Returns:
             The quantities at that state, in MuJoCo's order.
-
         """
         model, data, tree = self._model, self._data, self.tree
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
@@ -105,6 +106,21 @@ class MuJoCo:
         return jacobian
 
 
+@contextmanager
+def _without_log() -> Iterator[None]:
+    """Keep MuJoCo's warnings, such as of a matrix close to singular, out of the current folder.
+
+    Where nothing takes them, MuJoCo writes them to a file MUJOCO_LOG.TXT there. What they mean for
+    the numbers shows when these are compared.
+    """
+    former = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(former)
+
+
 def _model_text(tree: Tree) -> str:
     """The tree in MJCF.
 
@@ -134,7 +150,6 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
 
     Returns:
         The text of the element.
-
     """
     turn, step = np.eye(3), np.zeros(3)
     group = []

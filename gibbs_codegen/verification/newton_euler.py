@@ -53,7 +53,6 @@ class NewtonEuler:
 
         Returns:
             The quantities at those states.
-
         """
         tree = self.tree
         q, v, a = map(tree.spread, (states.q, states.v, states.a))
@@ -81,7 +80,6 @@ class NewtonEuler:
 
         Returns:
             Mass matrix of all joints, (s, size, size).
-
         """
         tree = self.tree
         frames = tree.frames(tree.spread(q)[:, None])
@@ -120,7 +118,6 @@ class NewtonEuler:
 
         Returns:
             Torques in N m and forces in N, (…, size).
-
         """
         joints, rotations = self.tree.joints, frames.rotations
         upwards = np.array([0.0, 0.0, gravity])
@@ -158,7 +155,6 @@ class NewtonEuler:
 
         Returns:
             The motion of each frame, in the joints' order.
-
         """
         still = _Motion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
         motions: list[_Motion] = []

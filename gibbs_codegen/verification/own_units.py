@@ -39,7 +39,6 @@ class InOwnUnits:
 
         Returns:
             The quantities at those states.
-
         """
         units = np.where(self.tree.turns, 1.0, self._length)
         free, time = units[self.tree.free], self._time

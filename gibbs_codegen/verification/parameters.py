@@ -18,7 +18,6 @@ def parameter_values(robot: Robot) -> dict[str, float]:
 
     Returns:
         The numbers under the names of parameters, in SI units.
-
     """
     base = robot.base
     values = {"gravity": robot.gravity}
@@ -41,7 +40,6 @@ def prepared(module: ModuleType, robot: Robot) -> Any:
 
     Returns:
         What the module's `prepare` returns.
-
     """
     numbers = parameter_values(robot)
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
@@ -56,7 +54,6 @@ def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
 
     Yields:
         Names and numbers: length, mass, and the others in order.
-
     """
     yield f"{prefix}_length", body.length
     if isinstance(body, Rod):
@@ -81,7 +78,6 @@ def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
 
     Returns:
         The robot with these numbers, and its own for what has none there.
-
     """
 
     def of_body(prefix: str, body: Body) -> Body:
@@ -120,7 +116,6 @@ def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
 
     Returns:
         The robot whose numbers are multiples of those units.
-
     """
 
     def unit(name: str) -> float:
@@ -143,7 +138,6 @@ def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
 
     Yields:
         What the names of its parameters begin with, and the body.
-
     """
     yield from _arms(robot)
     yield from ((f"link{i}", link.body) for i, link in enumerate(robot.links, start=1))

@@ -49,7 +49,6 @@ class Pinocchio:
 
         Returns:
             The quantities at those states.
-
         """
         return state_by_state(self._at, self.tree, states, self._places)
 
@@ -63,7 +62,6 @@ class Pinocchio:
 
         Returns:
             The quantities at that state, in Pinocchio's order.
-
         """
         model, data = self._model, self._data
         matrix = pin.crba(model, data, q).copy()

@@ -34,7 +34,6 @@ def without_formulation(comparisons: Sequence[Comparison], formulation: str) -> 
 
     Returns:
         Names of the functions that were not compared with it.
-
     """
     known = {c.what.split(".")[0] for c in comparisons if c.against == formulation}
     return [name for name in FUNCTIONS if name not in known]
@@ -48,7 +47,6 @@ def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str
 
     Returns:
         The reason, for each function that was compared as in this module.
-
     """
     functions = {c.what.split(".")[0] for c in comparisons if c.against == ONE_BY_ONE}
     return {f"{name} with a formulation": _NO_FORMULATION for name in sorted(functions)}
@@ -72,7 +70,6 @@ def compare_with_itself(
 
     Returns:
         A comparison of each array that they return with each other way of computing it.
-
     """
     rows: list[Comparison] = []
     for name in functions:
@@ -96,7 +93,6 @@ def _alike(
 
     Yields:
         A comparison of each array.
-
     """
     for what, array in theirs.items():
         size = np.abs(array).max(initial=0.0)

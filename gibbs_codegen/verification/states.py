@@ -31,7 +31,6 @@ class States:
         v: their rates, (s, nq).
         a: their accelerations, (s, nq).
         u: inputs, (s, nu).
-
     """
 
     q: Array
@@ -50,7 +49,6 @@ class States:
 
         Returns:
             The states, the same for the same seed.
-
         """
         rng = np.random.default_rng(seed)
         scales = tree.scales[tree.free]
@@ -76,7 +74,6 @@ class States:
 
         Returns:
             The states, the same for the same seed.
-
         """
         usual = cls.random(tree, count, seed)
         rng = np.random.default_rng(seed)
@@ -107,7 +104,6 @@ class States:
 
         Returns:
             As many states, or all if there are fewer.
-
         """
         return States(*(x[:count] for x in vars(self).values()))
 
@@ -168,7 +164,6 @@ class Sizes:
 
         Returns:
             Generalised forces, (s, nq).
-
         """
         count = len(accelerations)
         units = self.free_units[:count]
@@ -186,7 +181,6 @@ class Sizes:
 
         Returns:
             Efforts of the same shape.
-
         """
         size: Array = units * (np.abs(efforts) / units).max(axis=-1, keepdims=True)
         return size
@@ -199,7 +193,6 @@ class Sizes:
 
         Returns:
             (s, 1).
-
         """
         units = self.free_units[: len(accelerations)]
         largest: Array = (units * np.abs(accelerations)).max(axis=-1, keepdims=True)

@@ -35,7 +35,6 @@ class Joint:
         mass: of the body, in kg.
         com: (3,) centre of mass of the body in the joint's frame, in m.
         inertia: (3, 3) of the body about its centre of mass, in the joint's axes, in kg m².
-
     """
 
     parent: int
@@ -89,7 +88,6 @@ class Tree:
         tempo: what rates are of the order of, in 1/s.
         points: the named points, in the order of a module's POINTS.
         seats: where the motors sit, and then the tip.
-
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -177,7 +175,6 @@ class Tree:
 
         Returns:
             (…, size), zero at the constrained joints.
-
         """
         every = np.zeros((*values.shape[:-1], self.size), values.dtype)
         every[..., self.free] = values
@@ -191,7 +188,6 @@ class Tree:
 
         Returns:
             The frames, in the joints' order.
-
         """
         rotations: list[Array] = []
         positions: list[Array] = []
@@ -222,7 +218,6 @@ class Tree:
 
         Returns:
             Positions in m, (…, points, 3).
-
         """
         rotations, positions, _ = frames
         return np.stack(
@@ -237,7 +232,6 @@ class Tree:
 
         Returns:
             Transforms to the world, (…, seats, 4, 4).
-
         """
         positions = self.positions(frames, self.seats)
         poses = np.zeros((*positions.shape[:-1], 4, 4))

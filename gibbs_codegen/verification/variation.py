@@ -40,7 +40,6 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
 
     Returns:
         The varied robot.
-
     """
     draw = _Draw(seed, number)
     reach = Tree(robot).reach
@@ -65,7 +64,6 @@ def variations(
 
     Yields:
         The varied robots.
-
     """
     yield from (variation(robot, names, seed, number) for number in range(count))
     groups = _groups(names, count) if zeros else []
@@ -115,7 +113,6 @@ def determined(robot: Robot, least: float = _DETERMINED) -> bool:
 
     Returns:
         Whether all accelerations are determined.
-
     """
     tree = Tree(robot)
     states = States.random(tree, 2, 0)
@@ -169,7 +166,6 @@ def _varied_body(body: Body, draw: _Draw, reach: float, mass: float) -> Body:
 
     Returns:
         A body of the same kind.
-
     """
     factor = draw.factor()
     if isinstance(body, Rod):

@@ -20,7 +20,6 @@ def about(axis: int, angle: Array) -> Array:
 
     Returns:
         Rotation matrices, (…, 3, 3).
-
     """
     cosine, sine = np.cos(angle), np.sin(angle)
     following, last = (axis + 1) % 3, (axis + 2) % 3
@@ -41,7 +40,6 @@ def times(matrices: Array, vectors: Array) -> Array:
 
     Returns:
         (…, i).
-
     """
     product: Array = (matrices @ vectors[..., None])[..., 0]
     return product
@@ -56,7 +54,6 @@ def cross(a: Array, b: Array) -> Array:
 
     Returns:
         (…, 3).
-
     """
     # np.cross takes four times as long for so few of them.
     product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]

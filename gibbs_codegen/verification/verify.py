@@ -55,7 +55,6 @@ class Extent:
         variations: number of sets of other parameters.
         zeros: whether to add sets with parameters that are zero.
         any_angles: whether to add states with angles of any size.
-
     """
 
     others: int
@@ -108,7 +107,6 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
 
     Returns:
         The formulations, Newton and Euler's first; and for each of the others why it cannot be had.
-
     """
     tree = Tree(robot)
     found: list[Formulation] = [NewtonEuler(tree), Lagrange(tree)]
@@ -149,7 +147,6 @@ def compare_module(
 
     Returns:
         All comparisons; those of the contents alone where these are wrong.
-
     """
     contents = compare_contents(module, robot)
     if not all(comparison.passed for comparison in contents):
@@ -186,7 +183,6 @@ def most_states(tree: Tree) -> int:
 
     Returns:
         At least 1.
-
     """
     return max(1, _MOST_ENTRIES // tree.size**2)
 
@@ -211,7 +207,6 @@ def _compare_functions(
 
     Returns:
         The comparisons, in an order that does not depend on count and seed.
-
     """
     tree = against[0].tree
     states = States.random(tree, count, seed)
@@ -247,7 +242,6 @@ def _compare_again(
 
     Returns:
         The comparisons of both.
-
     """
     expected = Expected(NewtonEuler(tree), states)
     together = expected.compare_functions(evaluation, states, against)
@@ -276,7 +270,6 @@ def _with_other_parameters(
 
     Yields:
         The comparisons for one set of parameters after the other.
-
     """
     others = variations(robot, module.PARAMETERS, seed, extent.variations, extent.zeros)
     for number, other in enumerate(others):

@@ -22,7 +22,7 @@ DERIVATION = (
     ),
     *_in("derivation.root", "tait_bryan"),
     *_in("symbolic", "ldlt exact_angles vectors tape"),
-    *_in("robot", "chains layout thrusters"),
+    *_in("robot", "chains layout thrusters wrenches"),
 )
 COMBINE = ("derivation.hybrid",)
 EMISSION = (
@@ -104,6 +104,7 @@ _QUICK = {
     "symbolic.ldlt": _QUICK_ARTICULATED,
     "robot.layout": ("tests/robot/test_layout.py",),
     "robot.thrusters": ("tests/robot/test_thrusters.py",),
+    "robot.wrenches": ("tests/simulator/test_allocation.py",),
     "program.steps": _QUICK_LOOPS,
     "program.live_ranges": _QUICK_LOOPS,
     "program.rows": _QUICK_LOOPS,
@@ -127,6 +128,7 @@ _IN_NUMPY = (_EMITTED, _SHIPPED, "tests/runtime/test_c_backend.py")
 _REST = {
     "symbolic.tape": ("tests/program/test_nodes.py", *_REST_OF_DERIVATION),
     "robot.thrusters": ("tests/cli/test_app.py",),
+    "robot.wrenches": ("tests/robot/test_thrusters.py",),
     "program.nodes": (*_COUNTS, _SHIPPED),
     "program.operations": _COUNTS,
     "program.lower": (*_COUNTS, _SHIPPED, _EMITTED),

@@ -120,6 +120,25 @@ lenght = 1.0
     ]
 
 
+def test_an_unknown_key_gets_its_suggestion_among_many_other_faults() -> None:
+    links = "[[link]]\nmass = -1\n" * 25
+    found = faults("gravty = 9.81\n" + BASE + links)
+    assert found[0] == "robot.toml:1: gravty: unknown key; did you mean gravity?"
+    assert len(found) == 26
+
+
+def test_a_dotted_key_has_a_line() -> None:
+    assert faults('name = "x"\nbase.rotors = 4\nbase.arm.length = 1\n') == [
+        "robot.toml:3: base.arm: the robot has no mass; give its arms or links some"
+    ]
+
+
+def test_a_key_that_is_given_twice() -> None:
+    (found,) = faults('name = "x"\nname = "y"\n')
+    assert found.startswith("robot.toml:2: not valid TOML: Cannot overwrite a value")
+    assert found.endswith("give it once")
+
+
 @pytest.mark.parametrize("key", ["alpha_deg", "theta_deg"])
 @pytest.mark.parametrize("angle", ["1e10", "-360.5", "361"])
 def test_angles_beyond_a_turn_are_refused(key: str, angle: str) -> None:

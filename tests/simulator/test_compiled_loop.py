@@ -183,7 +183,7 @@ def extremes(closed: ClosedLoop, time: float, state: Array) -> tuple[float, floa
     for ahead in (0.0, 0.5 * STEP, 0.5 * STEP, STEP):
         stage = state + ahead * slope
         q, v, _, _ = closed.parts(stage)
-        found.append(closed.commanded(time + ahead, q, v)[:rotors])
+        found.append(closed.controller(time + ahead, q, v)[:rotors])
         slope = closed.derivative(time + ahead, stage, tip_force=False)
     return -np.min(found), np.max(found)
 

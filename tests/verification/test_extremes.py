@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 
 import pytest
 from support.emitted import NUMPY, emitted_module
@@ -15,6 +16,7 @@ from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.comparison import failure_text
 from gibbs_codegen.verification.modules import _from_text
 from gibbs_codegen.verification.newton_euler import NewtonEuler
+from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.verify import compare_module, formulations
 
@@ -67,6 +69,20 @@ def test_what_is_right_passes_every_formulation(name: str) -> None:
     assert "MuJoCo" not in not_done or "is not installed" in not_done["MuJoCo"]
     comparisons = compare_module(emitted_module(robot), robot, found, 3, 0)
     assert [failure_text(c) for c in comparisons if not c.passed] == []
+
+
+def test_mujoco_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    # MuJoCo warns that the mass matrix of this robot is close to singular.
+    found, _ = formulations(ODD["tip of a billionth"])
+    for formulation in found[1:]:
+        formulation.at(States.random(formulation.tree, 1, (0, 0)))
+    assert [*tmp_path.iterdir()] == []
+    assert capfd.readouterr().err == ""
+    assert mujoco.get_mju_user_warning() is None
 
 
 @pytest.mark.parametrize(
