@@ -81,7 +81,6 @@ __all__ = [
     "UsageError",
     "WrongModuleError",
     "__version__",
-    "load",
     *_LAZY,
 ]
 

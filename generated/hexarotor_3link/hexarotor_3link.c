@@ -8,8 +8,8 @@
  * Each function is straight-line code for one state among several: `stride` is the distance from
  * one entry of an array to the next. The function for one state calls it with stride 1, the
  * function for batches with stride LANES, in a loop over the states of a block, which compilers
- * vectorise. Where the code for one state would be very long, it is written a second time with
- * loops over the columns of a matrix. Sines and cosines of all angles are computed first.
+ * vectorise. A very long function has code of its own for one state, with loops over the columns of
+ * a matrix. Sines and cosines of all angles are computed first.
  */
 
 #include "hexarotor_3link.h"
@@ -2116,7 +2116,7 @@ static INLINE void forward_dynamics_lane(
     const real t60 = k54 + t58;
     const real t61 = c6 * t57;
 
-    /* inertia forces of link 3, about joint 9 */
+    /* articulated inertia and load of link 3, about joint 9 */
     const real t62 = t61 * (t51 - t53);
     const real t63 = k71 * (s6 * t54 - c6 * t52);
 
@@ -2133,7 +2133,7 @@ static INLINE void forward_dynamics_lane(
     const real t71 = k34 - t69;
     const real t72 = c5 * t68;
 
-    /* composite inertia of links 2 and 3, about joint 8 */
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
     const real t73 = t55 + t66;
     const real t74 = t72 - t61 - t55 * t65 - t56 * t64;
 
@@ -4571,12 +4571,10 @@ static INLINE void potential_energy_lane(
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t15 = k71 * c6 + c5 * k76;
 
-    /* mass matrix of attitude and position */
+    /* first moment of mass above Z = 0, and its weight */
     const real t16 = s2 * (c3 * k83 + c4 * t15);
     const real t17 = c1 * (c2 * (k71 * s6 + s5 * k76) - t16);
     const real t18 = t17 + s1 * (s3 * k83 + s4 * t15);
-
-    /* first moment of mass above Z = 0, and its weight */
     const real t19 = gravity * (t18 + z * k82);
     energy[0 * stride] = t19;
 }
@@ -4706,11 +4704,9 @@ static INLINE void positions_lane(
     position[7 * stride] = y;
     position[8 * stride] = z;
 
-    /* thrust direction and generalised forces of motor 1 */
+    /* axes of the base */
     const real t15 = s1 * c2;
     const real t16 = c1 * c2;
-
-    /* axes of the base */
     const real t17 = s1 * s2;
     const real t18 = c1 * s2;
     const real t19 = c2 * c3;
@@ -4917,11 +4913,9 @@ static INLINE void tip_pose_lane(
     pose[14 * stride] = R(0.0);
     pose[15 * stride] = R(1.0);
 
-    /* thrust direction and generalised forces of motor 1 */
+    /* axes of the base */
     const real t15 = s1 * c2;
     const real t16 = c1 * c2;
-
-    /* axes of the base */
     const real t17 = s1 * s2;
     const real t18 = c1 * s2;
 
@@ -4955,7 +4949,7 @@ static INLINE void tip_pose_lane(
     const real t35 = c6 * t16 - s6 * t21;
     pose[9 * stride] = t35;
 
-    /* positions in the world */
+    /* position of the tip */
     const real t36 = x + base_arm_length * c2 * c3 + t25 + link3_length * t30;
     pose[3 * stride] = t36;
     const real t37 = y + t28 + link3_length * t31;
@@ -5103,15 +5097,13 @@ static INLINE void tip_jacobian_lane(
     jacobian[52 * stride] = R(0.0);
     jacobian[53 * stride] = R(0.0);
 
-    /* thrust direction and generalised forces of motor 1 */
+    /* axes of the base */
     const real t15 = s1 * c2;
     jacobian[38 * stride] = -t15;
     jacobian[39 * stride] = -t15;
     const real t16 = c1 * c2;
     jacobian[47 * stride] = t16;
     jacobian[48 * stride] = t16;
-
-    /* axes of the base */
     const real t17 = s1 * s2;
     const real t18 = c1 * s2;
 
@@ -5347,11 +5339,11 @@ static INLINE void tip_bias_acceleration_lane(
     const real t41 = t32 - t26 * t39;
     const real t42 = t39 * t39;
 
-    /* step from link 2 to link 3 */
+    /* acceleration of the tip that link 2 adds */
     const real t43 = link2_length * c5;
     const real t44 = link2_length * s5;
 
-    /* step from the base to link 1 */
+    /* acceleration of the tip that the base adds */
     const real t45 = c3 * base_arm_length;
     const real t46 = s3 * base_arm_length;
 

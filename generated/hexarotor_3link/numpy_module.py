@@ -9,8 +9,9 @@ Straight-line functions. SI units, radians, world axes with Z up. Arrays are C-o
 leading axes are batches and broadcast. One state is computed on plain floats, a batch on whole
 arrays.
 
-Where finite arguments give what is not finite, a RuntimeWarning names function, state and largest
-argument; np.errstate(invalid="ignore") silences it, and with "raise" it is a FloatingPointError.
+Where finite arguments give results that are not finite, a RuntimeWarning names the function, the
+state and the largest argument. np.errstate(invalid="ignore") silences it; with "raise" it becomes a
+FloatingPointError.
 NaN and infinite arguments propagate without a warning.
 
 Coordinates q, in order (v: their rates, a: their accelerations):
@@ -1561,7 +1562,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t60 = k54 + t58
     t61 = t13 * t57
 
-    # inertia forces of link 3, about joint 9
+    # articulated inertia and load of link 3, about joint 9
     t62 = t61 * (t51 - t53)
     t63 = k71 * (t14 * t54 - t13 * t52)
 
@@ -1578,7 +1579,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t71 = k34 - t69
     t72 = t10 * t68
 
-    # composite inertia of links 2 and 3, about joint 8
+    # articulated inertia and load of links 2 and 3, about joint 8
     t73 = t55 + t66
     t74 = t72 - t61 - t55 * t65 - t56 * t64
 
@@ -3269,12 +3270,10 @@ def _potential_energy(k, sin, cos, q):
     # composite inertia of links 2 and 3, about joint 8
     t15 = k71 * t13 + t10 * k76
 
-    # mass matrix of attitude and position
+    # first moment of mass above Z = 0, and its weight
     t16 = t4 * (t5 * k83 + t8 * t15)
     t17 = t1 * (t3 * (k71 * t14 + t11 * k76) - t16)
     t18 = t17 + t2 * (t6 * k83 + t9 * t15)
-
-    # first moment of mass above Z = 0, and its weight
     t19 = gravity * (t18 + z * k82)
     return (
         t19,
@@ -3340,11 +3339,9 @@ def _positions(k, sin, cos, q):
     t13 = cos(t12)
     t14 = sin(t12)
 
-    # thrust direction and generalised forces of motor 1
+    # axes of the base
     t15 = t2 * t3
     t16 = t1 * t3
-
-    # axes of the base
     t17 = t2 * t4
     t18 = t1 * t4
     t19 = t3 * t5
@@ -3462,11 +3459,9 @@ def _tip_pose(k, sin, cos, q):
     t13 = cos(t12)
     t14 = sin(t12)
 
-    # thrust direction and generalised forces of motor 1
+    # axes of the base
     t15 = t2 * t3
     t16 = t1 * t3
-
-    # axes of the base
     t17 = t2 * t4
     t18 = t1 * t4
 
@@ -3491,7 +3486,7 @@ def _tip_pose(k, sin, cos, q):
     t34 = t14 * t20 + t13 * t15
     t35 = t13 * t16 - t14 * t21
 
-    # positions in the world
+    # position of the tip
     t36 = x + base_arm_length * t3 * t5 + t25 + link3_length * t30
     t37 = y + t28 + link3_length * t31
     t38 = z + t29 + link3_length * t32
@@ -3553,11 +3548,9 @@ def _tip_jacobian(k, sin, cos, q):
     t13 = cos(t12)
     t14 = sin(t12)
 
-    # thrust direction and generalised forces of motor 1
+    # axes of the base
     t15 = t2 * t3
     t16 = t1 * t3
-
-    # axes of the base
     t17 = t2 * t4
     t18 = t1 * t4
 
@@ -3718,11 +3711,11 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t41 = t32 - t26 * t39
     t42 = t39 * t39
 
-    # step from link 2 to link 3
+    # acceleration of the tip that link 2 adds
     t43 = link2_length * t10
     t44 = link2_length * t11
 
-    # step from the base to link 1
+    # acceleration of the tip that the base adds
     t45 = t5 * base_arm_length
     t46 = t6 * base_arm_length
 

@@ -9,8 +9,9 @@ Straight-line functions. SI units, radians, world axes with Z up. Arrays are C-o
 leading axes are batches and broadcast. One state is computed on plain floats, a batch on whole
 arrays.
 
-Where finite arguments give what is not finite, a RuntimeWarning names function, state and largest
-argument; np.errstate(invalid="ignore") silences it, and with "raise" it is a FloatingPointError.
+Where finite arguments give results that are not finite, a RuntimeWarning names the function, the
+state and the largest argument. np.errstate(invalid="ignore") silences it; with "raise" it becomes a
+FloatingPointError.
 NaN and infinite arguments propagate without a warning.
 
 Coordinates q, in order (v: their rates, a: their accelerations):
@@ -2537,12 +2538,10 @@ def _potential_energy(k, sin, cos, q):
     # inertia of link 2, turned by the joints
     t12 = k49 * t10
 
-    # mass matrix of attitude and position
+    # first moment of mass above Z = 0, and its weight
     t13 = t4 * (t5 * k55 + t8 * t12)
     t14 = t2 * (t6 * k55 + t9 * t12)
     t15 = t1 * (t3 * k49 * t11 - t13) + t14
-
-    # first moment of mass above Z = 0, and its weight
     t16 = gravity * (t15 + z * k54)
     return (
         t16,
@@ -2599,10 +2598,8 @@ def _positions(k, sin, cos, q):
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
-    # thrust direction and generalised forces of motor 2
-    t12 = t3 * t5
-
     # axes of the base
+    t12 = t3 * t5
     t13 = t2 * t4
     t14 = t1 * t4
     t15 = t1 * t6 + t5 * t13
@@ -2698,11 +2695,9 @@ def _tip_pose(k, sin, cos, q):
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
-    # thrust direction and generalised forces of motor 1
+    # axes of the base
     t12 = t2 * t3
     t13 = t1 * t3
-
-    # axes of the base
     t14 = t2 * t4
     t15 = t1 * t4
 
@@ -2726,7 +2721,7 @@ def _tip_pose(k, sin, cos, q):
     t28 = base_arm_length * (t1 * t6 + t5 * t14) + link2_length * t23
     t29 = base_arm_length * (t2 * t6 - t5 * t15) + link2_length * t24
 
-    # positions in the world
+    # position of the tip
     t30 = x + base_arm_length * t3 * t5 + link2_length * t22
     t31 = y + t28
     t32 = z + t29
@@ -2783,11 +2778,9 @@ def _tip_jacobian(k, sin, cos, q):
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
-    # thrust direction and generalised forces of motor 1
+    # axes of the base
     t12 = t2 * t3
     t13 = t1 * t3
-
-    # axes of the base
     t14 = t2 * t4
     t15 = t1 * t4
 
@@ -2919,7 +2912,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t30 = t26 - t22 * t28
     t31 = t28 * t28
 
-    # step from the base to link 1
+    # acceleration of the tip that the base adds
     t32 = t5 * base_arm_length
     t33 = t6 * base_arm_length
 

@@ -8,8 +8,8 @@
  * Each function is straight-line code for one state among several: `stride` is the distance from
  * one entry of an array to the next. The function for one state calls it with stride 1, the
  * function for batches with stride LANES, in a loop over the states of a block, which compilers
- * vectorise. Where the code for one state would be very long, it is written a second time with
- * loops over the columns of a matrix. Sines and cosines of all angles are computed first.
+ * vectorise. A very long function has code of its own for one state, with loops over the columns of
+ * a matrix. Sines and cosines of all angles are computed first.
  */
 
 #include "quadrotor_2link.h"
@@ -3719,12 +3719,10 @@ static INLINE void potential_energy_lane(
     /* inertia of link 2, turned by the joints */
     const real t12 = k49 * c5;
 
-    /* mass matrix of attitude and position */
+    /* first moment of mass above Z = 0, and its weight */
     const real t13 = s2 * (c3 * k55 + c4 * t12);
     const real t14 = s1 * (s3 * k55 + s4 * t12);
     const real t15 = c1 * (c2 * k49 * s5 - t13) + t14;
-
-    /* first moment of mass above Z = 0, and its weight */
     const real t16 = gravity * (t15 + z * k54);
     energy[0 * stride] = t16;
 }
@@ -3845,10 +3843,8 @@ static INLINE void positions_lane(
     position[7 * stride] = y;
     position[8 * stride] = z;
 
-    /* thrust direction and generalised forces of motor 2 */
-    const real t12 = c2 * c3;
-
     /* axes of the base */
+    const real t12 = c2 * c3;
     const real t13 = s1 * s2;
     const real t14 = c1 * s2;
     const real t15 = c1 * s3 + c3 * t13;
@@ -4023,11 +4019,9 @@ static INLINE void tip_pose_lane(
     pose[14 * stride] = R(0.0);
     pose[15 * stride] = R(1.0);
 
-    /* thrust direction and generalised forces of motor 1 */
+    /* axes of the base */
     const real t12 = s1 * c2;
     const real t13 = c1 * c2;
-
-    /* axes of the base */
     const real t14 = s1 * s2;
     const real t15 = c1 * s2;
 
@@ -4060,7 +4054,7 @@ static INLINE void tip_pose_lane(
     const real t28 = base_arm_length * (c1 * s3 + c3 * t14) + link2_length * t23;
     const real t29 = base_arm_length * (s1 * s3 - c3 * t15) + link2_length * t24;
 
-    /* positions in the world */
+    /* position of the tip */
     const real t30 = x + base_arm_length * c2 * c3 + link2_length * t22;
     pose[3 * stride] = t30;
     const real t31 = y + t28;
@@ -4202,15 +4196,13 @@ static INLINE void tip_jacobian_lane(
     jacobian[46 * stride] = R(0.0);
     jacobian[47 * stride] = R(0.0);
 
-    /* thrust direction and generalised forces of motor 1 */
+    /* axes of the base */
     const real t12 = s1 * c2;
     jacobian[34 * stride] = -t12;
     jacobian[35 * stride] = -t12;
     const real t13 = c1 * c2;
     jacobian[42 * stride] = t13;
     jacobian[43 * stride] = t13;
-
-    /* axes of the base */
     const real t14 = s1 * s2;
     const real t15 = c1 * s2;
 
@@ -4411,7 +4403,7 @@ static INLINE void tip_bias_acceleration_lane(
     const real t30 = t26 - t22 * t28;
     const real t31 = t28 * t28;
 
-    /* step from the base to link 1 */
+    /* acceleration of the tip that the base adds */
     const real t32 = c3 * base_arm_length;
     const real t33 = s3 * base_arm_length;
 

@@ -15,9 +15,10 @@
  * allocates, keeps state or reads anything but its arguments; outputs must not overlap inputs or
  * each other. Numbers are rounded to nearest. Link with the mathematics library (-lm).
  *
- * No function checks its results. Arguments that are not finite, overflow and, in forward dynamics,
- * a massless degree of freedom give infinities or NaN. Attitude angles do not: no floating-point
- * number is an odd multiple of 90 degrees, and close to those the functions are accurate.
+ * No function checks its results. They are infinite or NaN if an argument is not finite, if a
+ * number overflows or, in forward dynamics, if a degree of freedom has no mass. No attitude angle
+ * makes them so: no floating-point number is an odd multiple of 90 degrees, and close to those the
+ * functions are accurate.
  *
  * For single precision throughout define, wherever this header is read and the source is compiled,
  *
@@ -26,10 +27,10 @@
  * and keep angles within a few turns: those of joints on parallel axes are added, in that
  * precision.
  *
- * On small machines -ffunction-sections and -Wl,--gc-sections leave out what is not used. The stack
- * that is stated is an estimate for doubles, half of it serves for floats; it leaves out what the
- * library's sine and cosine take, which serve beyond 1e5 rad (400 for floats). The _batch functions
- * take up to eight times as much and more.
+ * On small machines -ffunction-sections and -Wl,--gc-sections leave out the functions that are not
+ * used. The stack that each function states is an estimate for doubles; floats take half of it. It
+ * leaves out what the library's sine and cosine take, which are called only for angles beyond
+ * 1e5 rad (400 for floats). The _batch functions can take more than eight times as much.
  *
  * The attitude, from base arm 1's frame to the world, is R_x(theta_m1) R_y(theta_0) R_z(theta_1).
  * Rates are plain time derivatives of the coordinates, not body rates. A thrust acts at its motor,
@@ -224,15 +225,15 @@ extern const quadrotor_2link_constants
  *
  * @param[in] parameters all 11 values, in the order of their places
  * @param[out] constants for the first argument of every function
- * @return 0, or 1 where the machine has no mass or a parameter or constant is not finite, as where
- *     nothing resists an acceleration: the constants are then of no use
+ * @return 0, or 1 if the constants are of no use: the robot has no mass, or a parameter or a
+ *     constant is not finite, as where nothing resists an acceleration
  */
 int quadrotor_2link_init_constants(
     const quadrotor_2link_real *parameters,
     quadrotor_2link_constants *constants);
 
 /**
- * @brief Blocks from states that follow each other; a last block is filled up with the last state.
+ * @brief Pack states that follow each other into blocks; the last state fills up the last block.
  *
  * @param[in] count number of states
  * @param[in] width entries of one state
@@ -246,7 +247,7 @@ void quadrotor_2link_pack(
     quadrotor_2link_real *blocks);
 
 /**
- * @brief States that follow each other from blocks.
+ * @brief Unpack blocks into states that follow each other.
  *
  * @param[in] count number of states
  * @param[in] width entries of one state

@@ -117,7 +117,15 @@ def find_robot(word: str) -> tuple[Robot, str]:
     try:
         return read_robot(word)
     except UsageError as error:
-        raise UsageError(f"{error}; nor is there a module of that name in generated/") from None
+        import difflib
+
+        from gibbs_codegen.runtime.load import modules_made
+
+        known = [*modules_made(), *(name for name in os.listdir() if name.endswith(".toml"))]
+        near = difflib.get_close_matches(word[:80], known, n=1)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        told = f"{error}; nor is there a module of that name in generated/{hint}"
+        raise UsageError(told) from None
 
 
 @contextmanager

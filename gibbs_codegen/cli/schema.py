@@ -24,9 +24,9 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
 
 
 def _schema(options: argparse.Namespace) -> int:
+    # Late, so that help is fast.
     import json
 
-    # Late, as both import pydantic.
     from gibbs_codegen.robot.tables import RobotTable
     from gibbs_codegen.scenario.tables import ScenarioTable
 

@@ -110,7 +110,9 @@ def _print_found(found: Verification, passed: bool, folder: Path | None) -> None
     print_verification(found, Console(width=width, highlight=False, soft_wrap=False))
     if passed:
         verdict = f": all {found.count} comparisons within their limits"
-        name = f"{found.robot}, generated for this and not kept"
+        name = found.robot
         if folder is not None:
             name = min(str(folder), os.path.relpath(folder), key=len)
         print(printable(name, max(width - len(verdict), 16)) + verdict)
+        if folder is None:
+            print("(the module was generated for this and is not kept)")

@@ -16,7 +16,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.articulated_inertia import NO_ARTICULATED_INERTIA, ArticulatedInertia
 from gibbs_codegen.derivation.inertia_forces import link_wrench
-from gibbs_codegen.derivation.motion import Acceleration, Motion, Transform
+from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars
@@ -24,12 +24,10 @@ from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,
     Rotation,
+    Transform,
     Vector,
     Wrench,
-    X,
-    Z,
-    axis_vector,
-    scale,
+    moved,
 )
 
 
@@ -43,15 +41,11 @@ class _Body:
     def plus(self, tape: Scalars, other: _Body) -> _Body:
         return _Body(self.inertia.plus(tape, other.inertia), self.load.plus(tape, other.load))
 
-    def passed_in(self, tape: Scalars, transform: Transform) -> _Body:
-        """The body about another point and in another frame, where the transform ends."""
-        inertia, load = self.inertia, self.load
-        for step in transform:
-            if isinstance(step, Rotation):
-                inertia, load = inertia.rotated(tape, step), load.rotated(tape, step)
-            else:
-                inertia, load = inertia.shifted(tape, step), load.shifted(tape, step)
-        return _Body(inertia, load)
+    def rotated(self, tape: Scalars, rotation: Rotation) -> _Body:
+        return _Body(self.inertia.rotated(tape, rotation), self.load.rotated(tape, rotation))
+
+    def shifted(self, tape: Scalars, arm: Vector) -> _Body:
+        return _Body(self.inertia.shifted(tape, arm), self.load.shifted(tape, arm))
 
 
 @dataclass(frozen=True)
@@ -70,7 +64,6 @@ class _Joint:
 
         Returns:
             θ̈ (rad/s² or m/s²), and the segment's acceleration in the same frame.
-
         """
         entries = parent.entries
         rest = [
@@ -105,7 +98,6 @@ def articulated_accelerations(
     Raises:
         ZeroPivotError: Where one acceleration has no inertia to it. Unknowns are numbered joints
             first, then ω̇ and r̈ of the root.
-
     """
     transforms = [_transform_in(tape, tree, k) for k in range(1, len(tree.segments))]
     joints: list[_Joint] = []
@@ -119,7 +111,7 @@ def articulated_accelerations(
         joints.append(joint)
         parent = segment.parent
         with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(parent)}"):
-            freed = freed.passed_in(tape, transforms[k - 1])
+            freed = moved(tape, freed, transforms[k - 1])
             received[parent] = received[parent].plus(tape, freed)
     moving = [_root_acceleration(tape, tree, motions[0], thrust, received[0])]
     accelerations = []
@@ -152,15 +144,14 @@ def _root_acceleration(
 
     Raises:
         ZeroPivotError: Where one component has no inertia to it.
-
     """
     with tape.group(f"articulated inertia and load of {tree.subtree_words(0)}"):
         if not tree.works_in_own_frame(0):
             thrust = thrust.rotated(tape, tree.segments[0].rotation)
         base = _link(tape, tree, 0, motion, thrust)
-        base = base.passed_in(tape, [_root_turn(tree).inverse]).plus(tape, received)
+        base = base.rotated(tape, _root_turn(tree).inverse).plus(tape, received)
     with tape.group("acceleration of the base, by LDL^T"):
-        rows, load = base.inertia.rows, [*base.load.force, *base.load.moment]
+        rows, load = base.inertia.rows, base.load.entries
         try:
             return Acceleration.of(solve_symmetric(tape, rows, load, minimum_degree(rows)))
         except ZeroPivotError as error:
@@ -183,22 +174,21 @@ def _freed(
 
     Raises:
         ZeroPivotError: Where the acceleration has no inertia to it.
-
     """
     direction = tree.segments[k].direction
     column = body.inertia.rows[direction]
     if column[direction] == 0:
         raise ZeroPivotError(k - 1)
     inverse = tape.let(1 / column[direction])
-    load = [*body.load.force, *body.load.moment]
+    load = body.load.entries
     share = tape.let(tape.let(effort + load[direction]) * inverse)
     ratios = tuple(tape.let(entry * inverse) for entry in column)
-    x, y, z, p, q, r = (
+    left = Wrench.of(
         -effort if i == direction else tape.let(entry - tape.let(column[i] * share))
         for i, entry in enumerate(load)
     )
     inertia = body.inertia.without(tape, direction, ratios)
-    return _Joint(direction, ratios, share), _Body(inertia, Wrench((x, y, z), (p, q, r)))
+    return _Joint(direction, ratios, share), _Body(inertia, left)
 
 
 def _link(
@@ -213,12 +203,10 @@ def _link(
 
     Returns:
         The body about the joint, in the working frame.
-
     """
     inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
     inertial = link_wrench(tape, tree, k, motion)
-    force, moment = (scale(tape, sp.S.NegativeOne, v) for v in (inertial.force, inertial.moment))
-    return _Body(inertia, applied.plus(tape, Wrench(force, moment)))
+    return _Body(inertia, applied.plus(tape, inertial.opposite))
 
 
 def _root_turn(tree: SegmentTree) -> Rotation:
@@ -245,15 +233,8 @@ def _transform_in(tape: Scalars, tree: SegmentTree, k: int) -> Transform:
         Rotations and shifts from the joint, in the segment's working frame, to the parent's joint
         in the parent's working frame or, at the root, in the frame in which the root's system is
         solved.
-
     """
     segment = tree.segments[k]
     turned = segment.parent == 0 and not _root_turn(tree).is_identity
-    steps: list[Rotation | Vector] = []
-    if tree.works_in_own_frame(k) and not turned:
-        steps.append(segment.rotation)
-    steps.append(axis_vector(Z, segment.d))
-    step = axis_vector(X, segment.a)
-    if segment.starts_group:
-        return [*steps, segment.twist, step]
-    return [*steps, tree.segments[segment.parent].rotation.vector(tape, step)]
+    own = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []
+    return [*own, *tree.transform_in(tape, k)]

@@ -36,7 +36,6 @@ class ArticulatedInertia:
 
         Returns:
             Â about the same point, in the same frame.
-
         """
         hessian, values = link_mass_block(), inertia.values
         return cls.of_entries(lambda i, j: tape.let(hessian[i, j].xreplace(values)))
@@ -50,7 +49,6 @@ class ArticulatedInertia:
 
         Returns:
             The symmetric matrix.
-
         """
         return cls(
             _symmetric(lambda i, j: entry(LINEAR + i, LINEAR + j)),
@@ -73,7 +71,6 @@ class ArticulatedInertia:
 
         Returns:
             The sum.
-
         """
         mine, theirs = self.rows, other.rows
         return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
@@ -89,7 +86,6 @@ class ArticulatedInertia:
 
         Returns:
             The complement; row and column of the direction vanish exactly.
-
         """
         rows = self.rows
         column = rows[direction]
@@ -109,7 +105,6 @@ class ArticulatedInertia:
 
         Returns:
             Â in the frame that `rotation` turns from.
-
         """
         if rotation.is_identity:
             return self
@@ -126,7 +121,6 @@ class ArticulatedInertia:
 
         Returns:
             Â about the new point.
-
         """
         if arm == ZERO:
             return self
@@ -164,13 +158,12 @@ def _symmetric(entry: Callable[[int, int], sp.Expr]) -> Block:
 
 
 def _rotated(tape: Scalars, rotation: Rotation, block: Block) -> Block:
-    r = rotation.axis
-    p, q = (r + 1) % 3, (r + 2) % 3
+    r, (p, q) = rotation.axis, rotation.plane
     c, s = rotation.cos, rotation.sin
     pp, pq, qp, qq = block[p][p], block[p][q], block[q][p], block[q][q]
     turned = {(r, r): block[r][r]}
-    turned[r, p], turned[r, q] = _turned(tape, rotation, block[r][p], block[r][q])
-    turned[p, r], turned[q, r] = _turned(tape, rotation, block[p][r], block[q][r])
+    turned[r, p], turned[r, q] = rotation.turned(tape, block[r][p], block[r][q])
+    turned[p, r], turned[q, r] = rotation.turned(tape, block[p][r], block[q][r])
     if c == 0:  # A quarter turn swaps and signs, a half turn leaves the rest as it is.
         turned |= {(p, p): qq, (q, q): pp, (p, q): -qp, (q, p): -pq}
     elif s == 0:
@@ -182,18 +175,3 @@ def _rotated(tape: Scalars, rotation: Rotation, block: Block) -> Block:
         turned[p, p], turned[q, q] = tape.let(pp - sine), tape.let(qq + sine)
         turned[p, q], turned[q, p] = tape.let(cosine - qp), tape.let(cosine - pq)
     return _block(lambda i, j: turned[i, j])
-
-
-def _turned(tape: Scalars, rotation: Rotation, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
-    """Two components in the plane of a rotation, turned.
-
-    Args:
-        rotation: The rotation.
-        p, q: Components along the two axes after the axis of rotation.
-
-    Returns:
-        The components in the frame that `rotation` turns from.
-
-    """
-    c, s = rotation.cos, rotation.sin
-    return tape.let(c * p - s * q), tape.let(s * p + c * q)

@@ -29,7 +29,6 @@ def whole_inertia(tape: Scalars, tree: SegmentTree) -> Inertia:
 
     Returns:
         The inertia about the root, in the root's group frame.
-
     """
     *_, (_, whole) = _composites_inward(tape, tree)
     return whole
@@ -40,7 +39,6 @@ def _composites_inward(tape: Scalars, tree: SegmentTree) -> Iterator[tuple[int, 
 
     Yields:
         Index of the segment, and the composite inertia about its joint, in its group frame.
-
     """
     composites: dict[int, Inertia] = {}
     for k in range(tree.joints, -1, -1):
@@ -78,7 +76,6 @@ def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
 
     Returns:
         The columns at the root and the joints' entries.
-
     """
     last = tree.joints
     inertias: dict[int, Inertia] = {}

@@ -36,7 +36,6 @@ def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _
     Raises:
         SingularRobotError: For a robot with a massless degree of freedom.
         UsageError: For one whose numbers overflow.
-
     """
     tape = Tape()
     symbolic = SymbolicRobot.of(robot, tape, keep_zeros)
@@ -59,7 +58,6 @@ def model_of(
 
     Returns:
         The robot with its program and its parameters.
-
     """
     robot, parameters = symbolic.robot, symbolic.parameters
     slices = _slices(tape, symbolic, progress)
@@ -109,18 +107,18 @@ def _slice(systems: Systems, signature: Signature) -> Slice:
 
     Raises:
         ValueError: Where its derivation contradicts its shape.
-
     """
     arrays = []
-    for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True):
-        entries = _entries(DERIVATIONS[output.derivation](systems))
-        if len(entries) != math.prod(shape):
-            raise ValueError(
-                f"derivation {output.derivation!r} gives {len(entries)} entries; "
-                f"{output.name} of {signature.name} has shape {shape} in the table"
-            )
-        arrays.append((shape, entries))
-    return Slice(signature.name, signature.arguments, tuple(arrays))
+    with systems.tape.function() as groups:
+        for output, shape in zip(FUNCTIONS[signature.name].outputs, signature.shapes, strict=True):
+            entries = _entries(DERIVATIONS[output.derivation](systems))
+            if len(entries) != math.prod(shape):
+                raise ValueError(
+                    f"derivation {output.derivation!r} gives {len(entries)} entries; "
+                    f"{output.name} of {signature.name} has shape {shape} in the table"
+                )
+            arrays.append((shape, entries))
+    return Slice(signature.name, signature.arguments, tuple(arrays), groups)
 
 
 def _entries(array: Array) -> tuple[sp.Expr, ...]:

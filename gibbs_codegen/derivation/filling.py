@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from gibbs_codegen.derivation.hybrid import chain_matrix, chain_system
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import Matrix
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.symbolic.vectors import Matrix
 
 Filling = tuple[tuple[tuple[int, ...], ...], ...]
 _Open = list[list[list[int]]]
@@ -37,7 +37,6 @@ def filled_matrix(robot: Robot) -> Filling:
 
     Returns:
         Numbers of chains by rows and columns.
-
     """
     symbolic, size = SymbolicRobot.of(robot, Tape()), len(hybrid_coordinates(robot))
     matrix = _no_entries(size, size)
@@ -54,7 +53,6 @@ def filled_entries(robot: Robot) -> FilledEntries:
 
     Returns:
         Numbers of chains for each entry of the three arrays.
-
     """
     symbolic = SymbolicRobot.of(robot, Tape())
     size, width = len(hybrid_coordinates(robot)), len(inputs(robot))
@@ -81,7 +79,6 @@ def _note(
         number: Number of the chain.
         entries: Its own matrix.
         rows, columns: Where the rows and columns of `entries` stand in `filling`.
-
     """
     for row, values in zip(rows, entries, strict=True):
         for column, entry in zip(columns, values, strict=True):

@@ -13,6 +13,7 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.symbolic.exact_angles import structural_number
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
+    Matrix,
     Rotation,
     Vector,
     Wrench,
@@ -20,6 +21,7 @@ from gibbs_codegen.symbolic.vectors import (
     axis_vector,
     cross,
     scale,
+    zeros,
 )
 
 
@@ -31,7 +33,6 @@ def thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
 
     Returns:
         Components in the frame of the motor's base arm.
-
     """
     x, y, z = (structural_number(sp.Float(e)) for e in symbolic.robot.base.thrust[k - 1])
     return (x, y, z)
@@ -45,14 +46,13 @@ def motor_position(symbolic: SymbolicRobot, k: int) -> Vector:
 
     Returns:
         Position from the origin of the coordinates, in arm 1's frame (m).
-
     """
     tape, base = symbolic.tape, symbolic.robot.base
     centre = axis_vector(0, symbolic.centre_offset)
     if k == 1:
-        return add(tape, centre, axis_vector(0, -symbolic.parameters.arm_length(1)))
+        return add(tape, centre, axis_vector(0, -symbolic.parameters.arm(1).length))
     arm = Rotation.degrees(2, base.arm_angle_deg(k))
-    reach = axis_vector(0, symbolic.parameters.arm_length(k))
+    reach = axis_vector(0, symbolic.parameters.arm(k).length)
     return add(tape, centre, arm.vector(tape, reach))
 
 
@@ -64,7 +64,6 @@ def motor_wrench(symbolic: SymbolicRobot, k: int) -> Wrench:
 
     Returns:
         Wrench about the origin, in arm 1's frame (1 and m).
-
     """
     tape = symbolic.tape
     direction = thrust_direction(symbolic, k)
@@ -84,12 +83,11 @@ def motor_torque_about_arm_joint(symbolic: SymbolicRobot, k: int) -> sp.Expr:
 
     Returns:
         Torque about z at O₂ per unit of thrust (m).
-
     """
     _, y, z = thrust_direction(symbolic, k)
     tape, parameters = symbolic.tape, symbolic.parameters
     with tape.group(f"torque of motor {k} about joint {k}"):
-        return tape.let(parameters.arm_length(k) * y + parameters.drag(k) * z)
+        return tape.let(parameters.arm(k).length * y + parameters.drag(k) * z)
 
 
 def motor_column(symbolic: SymbolicRobot, k: int) -> tuple[sp.Expr, ...]:
@@ -100,7 +98,6 @@ def motor_column(symbolic: SymbolicRobot, k: int) -> tuple[sp.Expr, ...]:
 
     Returns:
         One for each coordinate of the base, those of the attitude first.
-
     """
     tape, root = symbolic.tape, symbolic.root
     with tape.group(f"thrust direction and generalised forces of motor {k}"):
@@ -115,7 +112,6 @@ def total_thrust_wrench(symbolic: SymbolicRobot) -> Wrench:
 
     Returns:
         Wrench about the origin, in arm 1's frame (N, N m).
-
     """
     tape, total = symbolic.tape, NO_WRENCH
     with tape.group("force and moment of all thrusts"):
@@ -126,7 +122,7 @@ def total_thrust_wrench(symbolic: SymbolicRobot) -> Wrench:
     return total
 
 
-def input_matrix(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
+def input_matrix(symbolic: SymbolicRobot) -> Matrix:
     """B of M a = R + B u.
 
     Args:
@@ -134,14 +130,12 @@ def input_matrix(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
 
     Returns:
         Rows in the order of q, columns in that of u.
-
     """
     places, rotors = symbolic.places, symbolic.robot.rotors
-    zero, one = sp.S.Zero, sp.S.One
-    matrix = [[zero] * len(symbolic.u) for _ in symbolic.q]
+    matrix = zeros(len(symbolic.q), len(symbolic.u))
     for k in range(1, rotors + 1):
         for row, entry in zip(places.base, motor_column(symbolic, k), strict=True):
             matrix[row][k - 1] = entry
     for i, row in enumerate(places.joint_places):
-        matrix[row][rotors + i] = one
+        matrix[row][rotors + i] = sp.S.One
     return matrix

@@ -22,12 +22,41 @@ from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import Matrix, free_motions
+from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.program.lower import operations
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
-from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import ZERO, Vector, Wrench, add, cross, dot, scale
+from gibbs_codegen.symbolic.tape import Scalars, Tape
+from gibbs_codegen.symbolic.vectors import (
+    ZERO,
+    Matrix,
+    Vector,
+    Wrench,
+    add,
+    cross,
+    dot,
+    minus,
+    scale,
+    zeros,
+)
+
+
+def forward_dynamics(tape: Tape, symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Accelerations a of M a = R + B u, in the way that takes fewer operations.
+
+    Args:
+        symbolic: The robot in symbols, on this tape.
+
+    Returns:
+        a, in the order of q.
+    """
+    articulated = articulated_dynamics(symbolic)
+    most = operations(tape, articulated)
+    factorised = factorised_dynamics(symbolic, most)
+    if factorised is None or operations(tape, factorised) >= most:
+        return articulated
+    return factorised
 
 
 def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -41,7 +70,6 @@ def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
-
     """
     centred = _about_base_centre(symbolic)
     with _refused_as_singular(symbolic):
@@ -69,7 +97,6 @@ def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | N
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
-
     """
     tape, n = symbolic.tape, symbolic.joints
     centred = _about_base_centre(symbolic)
@@ -114,10 +141,9 @@ def _without_translation(
 
     Returns:
         Rows and columns of the joints, and of Ω about the centre of mass.
-
     """
     n = len(light)
-    matrix: Matrix = [[sp.S.Zero] * (n + 3) for _ in range(n + 3)]
+    matrix = zeros(n + 3, n + 3)
     for i, wrench in enumerate(inertia.wrenches):
         for j in range(i, -1, -1):
             entry = inertia.entries.get((j, i), sp.S.Zero)
@@ -162,7 +188,6 @@ def _in_coordinates(
 
     Returns:
         a, in the order of q.
-
     """
     with symbolic.tape.group("acceleration of the origin, in world axes"):
         linear = _at_origin(symbolic, root)
@@ -200,13 +225,12 @@ def _driving_forces(symbolic: SymbolicRobot) -> tuple[Wrench, list[sp.Expr]]:
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, symbolic.root.segment_rotation)
         efforts = [tape.let(u - row) for u, row in zip(_efforts(symbolic), joints, strict=True)]
-        force = _difference(tape, thrust.force, bias.force)
-        return Wrench(force, _difference(tape, thrust.moment, bias.moment)), efforts
+        return thrust.plus(tape, bias.opposite), efforts
 
 
 def _about(tape: Scalars, wrench: Wrench, centre: Vector) -> Vector:
     """Moment of a wrench about `centre`."""
-    return wrench.shifted(tape, (-centre[0], -centre[1], -centre[2])).moment
+    return wrench.shifted(tape, minus(centre)).moment
 
 
 def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> Inertia:
@@ -215,11 +239,6 @@ def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> 
         tape.let(composite.entry(i, j) - centre[i] * composite.moment[j]) for i, j in PAIRS
     )
     return Inertia(sp.S.Zero, ZERO, (xx, yy, zz, xy, xz, yz))
-
-
-def _difference(tape: Scalars, a: Vector, b: Vector) -> Vector:
-    x, y, z = (tape.let(p - q) for p, q in zip(a, b, strict=True))
-    return (x, y, z)
 
 
 def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:
@@ -231,6 +250,5 @@ def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:
 
     Returns:
         value − a·b.
-
     """
     return tape.let(value - dot(tape, a, b))

@@ -22,6 +22,7 @@ from gibbs_codegen.symbolic.vectors import (
     add,
     axis_vector,
     cross,
+    minus,
     scale,
 )
 
@@ -49,7 +50,6 @@ def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[Segment
 
     Returns:
         The frame of each segment, in world axes, from the origin of the coordinates.
-
     """
     with tape.group("axes of the base"):
         group: Frame = (
@@ -88,7 +88,6 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
 
     Returns:
         Positions (m) of O1, O2, the motors, the joints and the tip.
-
     """
     tape, frames = symbolic.tape, _frames(symbolic)
     tip = _tip(symbolic, frames)
@@ -111,7 +110,6 @@ def tip_pose(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
 
     Returns:
         4×4 matrix, by rows; the position is in m.
-
     """
     frames = _frames(symbolic)
     tip = _tip(symbolic, frames)
@@ -132,7 +130,6 @@ def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     Returns:
         6 rows, linear and then angular; columns in the order of q. A joint that does not support
         the tip has a column of zeros.
-
     """
     tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _frames(symbolic)
     tip = _tip(symbolic, frames)
@@ -144,8 +141,7 @@ def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
         axis = frame.group[2]
         if segment.joint == "revolute":
             with tape.group(f"column of {segment.joint_name}"):
-                x, y, z = frame.position
-                arm = add(tape, tip, (-x, -y, -z))
+                arm = add(tape, tip, minus(frame.position))
                 joints[k - 1] = (cross(tape, axis, arm), axis)
         else:
             joints[k - 1] = (axis, ZERO)
@@ -164,7 +160,6 @@ def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
     Returns:
         Linear and then angular acceleration (m/s², rad/s²), in world axes.
-
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     motions = free_motions(tape, root, tree, symbolic.v)
@@ -196,7 +191,7 @@ def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:
 
 def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:
     """Axes of the frame that `rotation` turns out of `frame`."""
-    p, q = (rotation.axis + 1) % 3, (rotation.axis + 2) % 3
+    p, q = rotation.plane
     axes = list(frame)
     axes[p] = _mixed(tape, rotation.cos, frame[p], rotation.sin, frame[q])
     axes[q] = _mixed(tape, -rotation.sin, frame[p], rotation.cos, frame[q])
@@ -212,7 +207,6 @@ def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vecto
 
     Returns:
         The vector in that frame.
-
     """
     x, y, z = (tape.let(p * i + q * j) for i, j in zip(a, b, strict=True))
     return (x, y, z)

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import sympy as sp
 
 from gibbs_codegen.derivation.composite_inertia import whole_inertia
-from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
+from gibbs_codegen.derivation.forward_dynamics import forward_dynamics
 from gibbs_codegen.derivation.forward_kinematics import (
     positions,
     tip_bias_acceleration,
@@ -23,7 +23,6 @@ from gibbs_codegen.derivation.tree_dynamics import (
     generalised_inertia_forces,
     gibbs_function,
 )
-from gibbs_codegen.program.lower import operations
 from gibbs_codegen.symbolic.tape import Tape
 
 # A scalar, a vector, or a matrix by rows.
@@ -40,27 +39,15 @@ class Systems:
     hybrid: LinearSystem
 
 
-def _forward_dynamics(systems: Systems) -> list[sp.Expr]:
-    """Forward dynamics in the way that takes fewer operations: by articulated bodies, or by M."""
-    articulated = articulated_dynamics(systems.symbolic)
-    most = operations(systems.tape, articulated)
-    factorised = factorised_dynamics(systems.symbolic, most)
-    if factorised is None or operations(systems.tape, factorised) >= most:
-        return articulated
-    return factorised
-
-
 def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     """M a − R = ∂S/∂θ̈ at the given accelerations."""
-    symbolic = systems.symbolic
-    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
-    return generalised_inertia_forces(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
+    root, tree = systems.symbolic.root, systems.symbolic.reduced_tree
+    return generalised_inertia_forces(systems.tape, root, tree, systems.symbolic.state)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
-    symbolic = systems.symbolic
-    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
-    return gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
+    root, tree = systems.symbolic.root, systems.symbolic.reduced_tree
+    return gibbs_function(systems.tape, root, tree, systems.symbolic.state)
 
 
 def _kinetic_energy(systems: Systems) -> sp.Expr:
@@ -84,7 +71,7 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "mass_matrix": lambda systems: systems.reduced.matrix,
     "residual": lambda systems: systems.reduced.residual,
     "input_matrix": lambda systems: systems.reduced.inputs,
-    "forward_dynamics": _forward_dynamics,
+    "forward_dynamics": lambda systems: forward_dynamics(systems.tape, systems.symbolic),
     "inverse_dynamics": _inverse_dynamics,
     "hybrid_mass_matrix": lambda systems: systems.hybrid.matrix,
     "hybrid_residual": lambda systems: systems.hybrid.residual,

@@ -39,7 +39,6 @@ def skew(vector: tuple[sp.Expr, ...]) -> sp.Matrix:
 
     Returns:
         3×3 matrix.
-
     """
     x, y, z = vector
     return sp.Matrix([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -102,11 +101,6 @@ def link_partials_by_gradient() -> Partials:
 def link_mass_block() -> sp.Matrix:
     """Hessian of S in (r̈, ω̇): the link's 6×6 mass matrix about its joint."""
     return sp.hessian(link_gibbs_function(), (*ACCELERATION, *OMEGA_DOT))
-
-
-def acceleration_gradient() -> sp.Matrix:
-    """A = dω/dt~ + ω̃ω̃."""
-    return skew(OMEGA_DOT) + skew(OMEGA) ** 2
 
 
 def _motion_by_gradient() -> dict[sp.Expr, sp.Expr]:

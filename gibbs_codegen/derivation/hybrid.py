@@ -20,7 +20,6 @@ from gibbs_codegen.derivation.inertia_forces import link_wrench
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
-    Matrix,
     State,
     generalised_inertia_forces,
     mass_matrix,
@@ -29,6 +28,7 @@ from gibbs_codegen.derivation.tree_dynamics import (
 from gibbs_codegen.robot.chains import Chain, coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.symbolic.vectors import Matrix, zeros
 
 
 @dataclass(frozen=True)
@@ -39,19 +39,18 @@ class LinearSystem:
     residual: list[sp.Expr]
     inputs: Matrix
 
+    @classmethod
+    def empty(cls, size: int, inputs: int) -> LinearSystem:
+        """A system of zeros, to be filled.
 
-def unaccelerated_state(symbolic: SymbolicRobot) -> State:
-    """The state with θ̈ = 0, whose generalised inertia forces are −R.
+        Args:
+            size: Number of its rows and unknowns.
+            inputs: Number of its inputs.
 
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Its rates and gravity, with accelerations of zero.
-
-    """
-    zeros = [sp.S.Zero] * len(symbolic.q)
-    return State(symbolic.v, zeros, symbolic.parameters.gravity)
+        Returns:
+            The system.
+        """
+        return cls(zeros(size, size), [sp.S.Zero] * size, zeros(size, inputs))
 
 
 def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
@@ -62,10 +61,9 @@ def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
 
     Returns:
         Rows and unknowns in the order of q.
-
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
-    minus_r = generalised_inertia_forces(tape, root, tree, unaccelerated_state(symbolic))
+    minus_r = generalised_inertia_forces(tape, root, tree, symbolic.state.unaccelerated)
     return LinearSystem(
         mass_matrix(tape, root, tree), [-row for row in minus_r], input_matrix(symbolic)
     )
@@ -82,7 +80,6 @@ def constrained_joint_column(
 
     Returns:
         Its entries at the base's coordinates, and its own.
-
     """
     tape = symbolic.tape
     inertia = joint_space_inertia(tape, serial)
@@ -100,7 +97,6 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
 
     Returns:
         The row at the given rates and accelerations.
-
     """
     places = symbolic.root.places(serial.joints)
 
@@ -126,19 +122,16 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
 
     Returns:
         Rows and unknowns in the order of the hybrid coordinates.
-
     """
     free, size = layout_of(symbolic.robot).free, len(hybrid_coordinates(symbolic.robot))
-    zero, one = sp.S.Zero, sp.S.One
-    matrix: Matrix = [[zero] * size for _ in range(size)]
-    residual = [zero] * size
-    thrust: Matrix = [[zero] * len(symbolic.u) for _ in range(size)]
+    system = LinearSystem.empty(size, len(symbolic.u))
+    matrix = system.matrix
     for i, row in enumerate(free):
         for j, column in enumerate(free):
             matrix[row][column] = reduced.matrix[i][j]
-        residual[row] = reduced.residual[i]
-        thrust[row] = list(reduced.inputs[i])
-    state = unaccelerated_state(symbolic)
+        system.residual[row] = reduced.residual[i]
+        system.inputs[row] = list(reduced.inputs[i])
+    state = symbolic.state.unaccelerated
     maps = coupling_map(symbolic.robot)
     for (chain, serial), places in zip(symbolic.open_chains, maps, strict=True):
         if not chain.is_constrained:
@@ -149,11 +142,11 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
         for row, entry in zip(base, entries, strict=True):
             matrix[row][here] = matrix[here][row] = entry
         matrix[here][here] = own
-        matrix[here][torque], matrix[torque][here] = -one, one
-        residual[here] = -constrained_joint_row(symbolic, serial, state)
+        matrix[here][torque], matrix[torque][here] = -sp.S.One, sp.S.One
+        system.residual[here] = -constrained_joint_row(symbolic, serial, state)
         arm = chain.links[-1]
-        thrust[here][arm - 1] = motor_torque_about_arm_joint(symbolic, arm)
-    return LinearSystem(matrix, residual, thrust)
+        system.inputs[here][arm - 1] = motor_torque_about_arm_joint(symbolic, arm)
+    return system
 
 
 def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -164,14 +157,12 @@ def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
     Returns:
         One torque for each constrained joint (N m).
-
     """
-    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
     torques = []
     for chain, serial in symbolic.open_chains:
         if chain.is_constrained:
             arm = chain.links[-1]
-            inertia_force = constrained_joint_row(symbolic, serial, state)
+            inertia_force = constrained_joint_row(symbolic, serial, symbolic.state)
             with symbolic.tape.group(f"constraint torque on base arm {arm}"):
                 lever = motor_torque_about_arm_joint(symbolic, arm)
                 active = symbolic.tape.let(lever * symbolic.u[arm - 1])
@@ -187,7 +178,6 @@ def chain_matrix(symbolic: SymbolicRobot, number: int) -> Matrix:
 
     Returns:
         The matrix in the order of the chain's unknowns.
-
     """
     chain, serial = symbolic.open_chains[number - 1]
     matrix = mass_matrix(symbolic.tape, symbolic.root, serial)
@@ -209,13 +199,12 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
 
     Returns:
         Rows in the order of the chain's unknowns; all inputs u.
-
     """
     tape, root = symbolic.tape, symbolic.root
     chain, serial = symbolic.open_chains[number - 1]
     matrix = chain_matrix(symbolic, number)
     rates = _chain_values(symbolic, chain, symbolic.v)
-    state = State(rates, [sp.S.Zero] * len(rates), symbolic.parameters.gravity)
+    state = State(rates, (), symbolic.parameters.gravity).unaccelerated
     residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
     thrust = _chain_inputs(symbolic, chain, serial)
     if chain.is_constrained:  # The last row is ζᵀθ̈_j = 0.
@@ -232,24 +221,20 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
 
     Returns:
         Rows and unknowns in the order of the hybrid coordinates.
-
     """
     size, width = len(hybrid_coordinates(symbolic.robot)), len(symbolic.u)
-    zero = sp.S.Zero
-    matrix: Matrix = [[zero] * size for _ in range(size)]
-    residual = [zero] * size
-    thrust: Matrix = [[zero] * width for _ in range(size)]
+    system = LinearSystem.empty(size, width)
+    matrix, residual, thrust = system.matrix, system.residual, system.inputs
     let = symbolic.tape.let
-    maps = coupling_map(symbolic.robot)
-    for number, places in enumerate(maps, start=1):
-        system = chain_system(symbolic, number)
+    for number, places in enumerate(coupling_map(symbolic.robot), start=1):
+        chain = chain_system(symbolic, number)
         for i, row in enumerate(places):
-            residual[row] = let(residual[row] + system.residual[i])
+            residual[row] = let(residual[row] + chain.residual[i])
             for j, column in enumerate(places):
-                matrix[row][column] = let(matrix[row][column] + system.matrix[i][j])
+                matrix[row][column] = let(matrix[row][column] + chain.matrix[i][j])
             for j in range(width):
-                thrust[row][j] = let(thrust[row][j] + system.inputs[i][j])
-    return LinearSystem(matrix, residual, thrust)
+                thrust[row][j] = let(thrust[row][j] + chain.inputs[i][j])
+    return system
 
 
 def _chain_values(
@@ -264,7 +249,6 @@ def _chain_values(
 
     Returns:
         Values in the order of the chain's coordinates; that of a constrained joint is zero.
-
     """
     by_name = {symbol.name: value for symbol, value in zip(symbolic.q, values, strict=True)}
     return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
@@ -279,10 +263,8 @@ def _chain_inputs(symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree) ->
 
     Returns:
         Rows in the order of the chain's coordinates, columns in that of u.
-
     """
-    zero, one = sp.S.Zero, sp.S.One
-    matrix: Matrix = [[zero] * len(symbolic.u) for _ in chain.coordinates]
+    matrix = zeros(len(chain.coordinates), len(symbolic.u))
     places = symbolic.root.places(serial.joints)
     for motor in chain.motors:
         for row, entry in zip(places.base, motor_column(symbolic, motor), strict=True):
@@ -292,5 +274,5 @@ def _chain_inputs(symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree) ->
             matrix[here][motor - 1] = motor_torque_about_arm_joint(symbolic, motor)
     if not chain.is_constrained:
         for i, row in enumerate(places.joint_places, start=symbolic.robot.rotors):
-            matrix[row][i] = one
+            matrix[row][i] = sp.S.One
     return matrix

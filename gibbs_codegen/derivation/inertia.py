@@ -7,7 +7,7 @@ regrouping.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import sympy as sp
@@ -41,15 +41,31 @@ class Inertia:
 
         Returns:
             E_ij (kg m²).
-
         """
         return self.second[_index(i, j)]
+
+    @classmethod
+    def of(cls, entries: Iterable[sp.Expr]) -> Inertia:
+        """An inertia by its ten numbers.
+
+        Args:
+            entries: B₀, C and E, in the order of the fields.
+
+        Returns:
+            The inertia.
+        """
+        mass, x, y, z, xx, yy, zz, xy, xz, yz = entries
+        return cls(mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
+
+    @property
+    def entries(self) -> list[sp.Expr]:
+        """The ten numbers."""
+        return [self.mass, *self.moment, *self.second]
 
     @property
     def values(self) -> dict[sp.Expr, sp.Expr]:
         """The inertia's numbers by the symbols that the Gibbs function of a link has for them."""
-        entries = (self.mass, *self.moment, *self.second)
-        return dict(zip((MASS, *MOMENT, *SECOND), entries, strict=True))
+        return dict(zip((MASS, *MOMENT, *SECOND), self.entries, strict=True))
 
     def mapped(self, function: Callable[[sp.Expr], sp.Expr]) -> Inertia:
         """The inertia with a function applied to its numbers.
@@ -59,7 +75,6 @@ class Inertia:
 
         Returns:
             The inertia of what it gives.
-
         """
         x, y, z = map(function, self.moment)
         xx, yy, zz, xy, xz, yz = map(function, self.second)
@@ -73,7 +88,6 @@ class Inertia:
 
         Returns:
             The sum.
-
         """
         return total(tape, [self, other])
 
@@ -85,7 +99,6 @@ class Inertia:
 
         Returns:
             The inertia in the frame that `rotation` turns from.
-
         """
         if rotation.is_identity:
             return self
@@ -94,15 +107,11 @@ class Inertia:
         )
 
     def _second_rotated(self, tape: Scalars, rotation: Rotation) -> SecondMoments:
-        r = rotation.axis
-        p, q = (r + 1) % 3, (r + 2) % 3
+        r, (p, q) = rotation.axis, rotation.plane
         c, s = rotation.cos, rotation.sin
         pp, qq, pq = self.entry(p, p), self.entry(q, q), self.entry(p, q)
-        turned = {
-            _index(r, r): self.entry(r, r),
-            _index(p, r): tape.let(c * self.entry(p, r) - s * self.entry(q, r)),
-            _index(q, r): tape.let(s * self.entry(p, r) + c * self.entry(q, r)),
-        }
+        pr, qr = rotation.turned(tape, self.entry(p, r), self.entry(q, r))
+        turned = {_index(r, r): self.entry(r, r), _index(p, r): pr, _index(q, r): qr}
         if c == 0 or s == 0:  # A half or quarter turn only swaps and signs.
             turned[_index(p, p)] = pp if s == 0 else qq
             turned[_index(q, q)] = qq if s == 0 else pp
@@ -124,7 +133,6 @@ class Inertia:
 
         Returns:
             The inertia about the new point.
-
         """
         if arm == ZERO:
             return self
@@ -149,12 +157,9 @@ class Inertia:
 
         Returns:
             The wrench about the same point, in the same frame.
-
         """
-        fx, fy, fz, nx, ny, nz = (
-            tape.let(entry.xreplace(self.values)) for entry in link_mass_block().col(direction)
-        )
-        return Wrench((fx, fy, fz), (nx, ny, nz))
+        column = link_mass_block().col(direction)
+        return Wrench.of(tape.let(entry.xreplace(self.values)) for entry in column)
 
 
 NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)
@@ -168,14 +173,9 @@ def total(tape: Scalars, inertias: list[Inertia]) -> Inertia:
 
     Returns:
         The sum.
-
     """
-    mass = tape.let(sp.Add(*(inertia.mass for inertia in inertias)))
-    moments = zip(*(inertia.moment for inertia in inertias), strict=True)
-    seconds = zip(*(inertia.second for inertia in inertias), strict=True)
-    x, y, z = (tape.let(sp.Add(*entries)) for entries in moments)
-    xx, yy, zz, xy, xz, yz = (tape.let(sp.Add(*entries)) for entries in seconds)
-    return Inertia(mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
+    alike = zip(*(inertia.entries for inertia in inertias), strict=True)
+    return Inertia.of(tape.let(sp.Add(*entries)) for entries in alike)
 
 
 def _index(i: int, j: int) -> int:

@@ -21,7 +21,6 @@ from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,
-    Vector,
     Wrench,
     axis_vector,
     scale,
@@ -45,7 +44,6 @@ def outward(
 
     Returns:
         A motion for each segment, in its working frame.
-
     """
     motions: list[Motion] = []
     for k, segment in enumerate(tree.segments):
@@ -69,7 +67,6 @@ def _passed_out(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Mot
 
     Returns:
         The motion before joint k moves, in the group frame of segment k.
-
     """
     segment = tree.segments[k]
     if segment.starts_group:
@@ -94,7 +91,6 @@ def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wre
 
     Returns:
         Inertia force and moment about the joint, in the working frame (N, N m).
-
     """
     segment = tree.segments[k]
     inertia = tree.working_inertia(tape, k)
@@ -104,15 +100,13 @@ def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wre
     values.update(zip(ACCELERATION, motion.acceleration, strict=True))
     for j, column in enumerate(motion.gradient):
         values.update((GRADIENT[i][j], entry) for i, entry in enumerate(column))
-    partials = link_partials_by_gradient()
-    fx, fy, fz = (tape.let(partial.xreplace(values)) for partial in partials.force)
-    nx, ny, nz = (tape.let(partial.xreplace(values)) for partial in partials.moment)
-    force: Vector = (fx, fy, fz)
+    force, moment = link_partials_by_gradient()
+    wrench = Wrench.of(tape.let(partial.xreplace(values)) for partial in (*force, *moment))
     c_x, c_y, c_z = segment.inertia.moment
     if c_y == c_z == 0 and values[MASS] == 0 and not tree.works_in_own_frame(k):
         # A rod: its 𝒮 is parallel to the step to the next joint, which the kinematics has.
-        force = scale(tape, c_x, motion.along_x(tape, segment.rotation))
-    return Wrench(force, (nx, ny, nz))
+        return Wrench(scale(tape, c_x, motion.along_x(tape, segment.rotation)), wrench.moment)
+    return wrench
 
 
 def inward(
@@ -127,7 +121,6 @@ def inward(
     Returns:
         The sum of 𝒮 and ℛ over the tree about the root, in the root's group frame, without the
         root's B₀r̈, which the caller adds; and the row of each joint after the root.
-
     """
     rows: list[sp.Expr] = []
     received = [NO_WRENCH for _ in tree.segments]
@@ -153,7 +146,6 @@ def tree_gibbs_function(tape: Scalars, tree: SegmentTree, motions: Sequence[Moti
 
     Returns:
         S up to terms free of accelerations.
-
     """
     terms = []
     for k, motion in enumerate(motions):

@@ -14,11 +14,9 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Rotation, Vector, add, cross, scale
+from gibbs_codegen.symbolic.vectors import Rotation, Transform, Vector, add, cross, scale
 
 Gradient = tuple[Vector, Vector, Vector]
-# Rotations and shifts, one after the other, that take what is rigid from one frame to another.
-Transform = Sequence[Rotation | Vector]
 
 
 @dataclass(frozen=True)
@@ -40,7 +38,6 @@ class Motion:
 
         Returns:
             The motion in that frame.
-
         """
         products = [[tape.let(p * q) for q in omega] for p in omega]
         columns = []
@@ -64,7 +61,6 @@ class Motion:
 
         Returns:
             The motion in the frame that `rotation` turns from.
-
         """
         if rotation.is_identity:
             return self
@@ -83,7 +79,6 @@ class Motion:
 
         Returns:
             The motion with that point's r̈, in the same frame.
-
         """
         columns = [
             tuple(step[j] * entry for entry in self.gradient[j]) for j in range(3) if step[j] != 0
@@ -103,7 +98,6 @@ class Motion:
 
         Returns:
             The motion with that point's r̈, in the same frame.
-
         """
         if length == 0:
             return self
@@ -118,7 +112,6 @@ class Motion:
 
         Returns:
             A applied to that axis (1/s²), in the motion's frame.
-
         """
         first, second, _ = self.gradient
         x, y, z = (
@@ -135,7 +128,6 @@ class Motion:
 
         Returns:
             The link's motion in this one's frame.
-
         """
         if rate == 0 and acceleration == 0:
             return self
@@ -166,7 +158,6 @@ class Motion:
 
         Returns:
             The link's motion in this one's frame.
-
         """
         x, y, _ = self.omega
         twice = tape.let(2 * rate)
@@ -190,7 +181,6 @@ class Acceleration:
 
         Returns:
             The acceleration.
-
         """
         x, y, z, p, q, r = entries
         return cls((x, y, z), (p, q, r))
@@ -208,7 +198,6 @@ class Acceleration:
 
         Returns:
             The acceleration in the frame that `rotation` turns from.
-
         """
         return Acceleration(rotation.vector(tape, self.linear), rotation.vector(tape, self.angular))
 
@@ -220,7 +209,6 @@ class Acceleration:
 
         Returns:
             The acceleration where the transform begins.
-
         """
         here = self
         for step in reversed(transform):

@@ -51,36 +51,19 @@ class Parameters:
         self.gravity = self._value("gravity", robot.gravity, "m/s^2")
         arms = range(1, robot.rotors + 1)
         self._drags = [self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms]
-        self._arms = {
-            prefix: self._body(prefix, robot.base.arm(k))
-            for k in arms
-            for prefix in [self._arm_prefix(k)]
-        }
+        self._arms = [self._body(self._arm_prefix(k), robot.base.arm(k)) for k in arms]
         self._links = [self._link(i) for i in range(1, len(robot.links) + 1)]
 
-    def arm_length(self, k: int) -> sp.Expr:
-        """Length of a base arm.
+    def arm(self, k: int) -> BodySymbols:
+        """Symbols of a base arm.
 
         Args:
             k: Its number, 1 … N.
 
         Returns:
-            Its length (m).
-
+            Its length, and its inertia about its start, in its own frame.
         """
-        return self._arms[self._arm_prefix(k)].length
-
-    def arm_inertia(self, k: int) -> Inertia:
-        """Inertia of a base arm.
-
-        Args:
-            k: Its number, 1 … N.
-
-        Returns:
-            The inertia about its start, in its own frame.
-
-        """
-        return self._arms[self._arm_prefix(k)].inertia
+        return self._arms[k - 1]
 
     def drag(self, k: int) -> sp.Expr:
         """Reaction torque of a motor per unit of thrust.
@@ -90,7 +73,6 @@ class Parameters:
 
         Returns:
             The ratio (m).
-
         """
         return self._drags[k - 1]
 
@@ -102,7 +84,6 @@ class Parameters:
 
         Returns:
             Its lengths and its body.
-
         """
         return self._links[i - 1]
 
@@ -118,7 +99,6 @@ class Parameters:
 
         Returns:
             The symbol, whose default and unit are noted, or zero.
-
         """
         if default == 0.0 and not self._keep_zeros:
             if name not in self.folded:
@@ -155,7 +135,6 @@ class Parameters:
 
         Returns:
             Inertia about its start, in its own frame.
-
         """
         density = self._value(f"{prefix}_mass_per_length", rod.mass_per_length, "kg/m")
         x, y, z = (
@@ -200,7 +179,6 @@ class Parameters:
 
         Returns:
             The second moment along the axis of `whole` (kg m²).
-
         """
         let = self._tape.let
         difference = let(first - whole)

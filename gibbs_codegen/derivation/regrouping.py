@@ -29,7 +29,6 @@ def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:
 
     Returns:
         The same tree with other inertias.
-
     """
     segments = list(tree.segments)
     for k in range(len(segments) - 1, 0, -1):
@@ -60,7 +59,6 @@ def split_revolute(inertia: Inertia) -> tuple[Inertia, Inertia]:
 
     Returns:
         What the joint moves, and the rest; both in the same frame.
-
     """
     (x, y, z), (xx, yy, zz, xy, xz, yz) = inertia.moment, inertia.second
     zero = sp.S.Zero
@@ -79,7 +77,6 @@ def split_prismatic(inertia: Inertia) -> tuple[Inertia, Inertia]:
 
     Returns:
         What the joint moves, and the rest; both in the same frame.
-
     """
     own = replace(inertia, second=NO_INERTIA.second)
     return own, replace(NO_INERTIA, second=inertia.second)

@@ -50,7 +50,6 @@ def check_massless_motions(robot: Robot, defaults: Mapping[str, float]) -> None:
     Raises:
         SingularRobotError: If it has massless motions; it names all of them.
         UsageError: For a parameter of a size that cannot be computed with.
-
     """
     for name, value in defaults.items():
         if fault := size_fault(value):
@@ -70,7 +69,6 @@ def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str
     Raises:
         SingularRobotError: If it is singular; it names the coordinate that most of the motion of
             least inertia is made of.
-
     """
     found = []
     size = len(mass_matrix.inputs["q"])
@@ -93,7 +91,6 @@ def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -
 
     Raises:
         UsageError: If numbers overflow; it names the parameters that are the furthest from 1.
-
     """
     still = [0.0] * len(program.inputs["q"])
     arguments = {
@@ -143,7 +140,6 @@ def massless_motions(robot: Robot) -> list[Motion]:
     Returns:
         Each motion by the coordinates that must move together, outermost joint first. No coordinate
         can be left out of a motion without its moving mass.
-
     """
     found = [_null_motions(*_momenta(robot, number)) for number in range(_CONFIGURATIONS)]
     fewest = min(found, key=len)
@@ -250,7 +246,6 @@ class _Swarm:
             body: The body.
             attitude: Its own axes in the base's, by columns.
             start: Where its own frame begins, from the point reached (m).
-
         """
         mass, com, inertia = _central(body)
         arm = start + attitude @ com

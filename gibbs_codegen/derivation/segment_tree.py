@@ -18,16 +18,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
-from typing import TypeVar
 
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, Inertia
 from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import NO_ROTATION, Rotation, Wrench, X, Z, axis_vector
-
-Moved = TypeVar("Moved", Wrench, Inertia)
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    Moved,
+    Rotation,
+    Transform,
+    Wrench,
+    X,
+    Z,
+    axis_vector,
+    moved,
+)
 
 # The parent of the root segment.
 NO_PARENT = -1
@@ -69,9 +76,8 @@ class Segment:
 
         Returns:
             The moment about z of a revolute joint, the force along z of a prismatic one.
-
         """
-        return [*wrench.force, *wrench.moment][self.direction]
+        return wrench.entries[self.direction]
 
 
 @dataclass(frozen=True)
@@ -118,7 +124,6 @@ class SegmentTree:
 
         Returns:
             Indices of the segments on it, both ends included.
-
         """
         path = [k]
         while path[-1] > 0:
@@ -133,7 +138,6 @@ class SegmentTree:
 
         Returns:
             Their indices, in ascending order.
-
         """
         subtree = [k]
         for i in range(k + 1, len(self.segments)):
@@ -149,7 +153,6 @@ class SegmentTree:
 
         Returns:
             Words such as "links 2, 4 and 5".
-
         """
         if k > 0:
             return self._words(self.subtree(k))
@@ -164,7 +167,6 @@ class SegmentTree:
 
         Returns:
             Words such as "links 2, 4 and 5, about joint 8".
-
         """
         joint = self.segments[k].joint_name
         return f"{self.subtree_words(k)}, about {joint}" if joint else self.subtree_words(k)
@@ -180,15 +182,32 @@ class SegmentTree:
 
         Returns:
             False where it works in its group frame.
-
         """
         return any(self.segments[child].starts_group for child in self.children[k])
 
-    def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
-        """Pass a wrench or an inertia of segment k on to its parent.
+    def transform_in(self, tape: Scalars, k: int) -> Transform:
+        """What takes a wrench or an inertia of a segment to its parent.
 
         Within a group parent and child share the group frame, and the parent's x axis is turned in
         it by the parent's rotation. Where a group starts, the parent works in its own frame.
+
+        Args:
+            k: Index of the segment, 1 or more.
+
+        Returns:
+            Rotations and shifts from joint k, in the segment's group frame, to the parent's joint,
+            in the parent's working frame.
+        """
+        segment = self.segments[k]
+        parent = self.segments[segment.parent]
+        offset, step = axis_vector(Z, segment.d), axis_vector(X, segment.a)
+        if segment.starts_group:
+            return [offset, segment.twist, step]
+        with tape.group(f"step from {parent.name} to {segment.name}"):
+            return [offset, parent.rotation.vector(tape, step)]
+
+    def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
+        """Pass a wrench or an inertia of segment k on to its parent.
 
         Args:
             k: Index of the segment, 1 or more.
@@ -196,17 +215,8 @@ class SegmentTree:
 
         Returns:
             The same about the parent's joint, in the parent's working frame.
-
         """
-        segment = self.segments[k]
-        parent = self.segments[segment.parent]
-        item = item.shifted(tape, axis_vector(Z, segment.d))
-        step = axis_vector(X, segment.a)
-        if segment.starts_group:
-            return item.rotated(tape, segment.twist).shifted(tape, step)
-        with tape.group(f"step from {parent.name} to {segment.name}"):
-            arm = parent.rotation.vector(tape, step)
-        return item.shifted(tape, arm)
+        return moved(tape, item, self.transform_in(tape, k))
 
     def to_group_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
         """Take a wrench or an inertia of a segment from its working frame to its group frame.
@@ -217,7 +227,6 @@ class SegmentTree:
 
         Returns:
             The same in the group frame.
-
         """
         if self.works_in_own_frame(k):
             return item.rotated(tape, self.segments[k].rotation)
@@ -231,7 +240,6 @@ class SegmentTree:
 
         Returns:
             The inertia about its joint, in its working frame.
-
         """
         segment = self.segments[k]
         if self.works_in_own_frame(k):

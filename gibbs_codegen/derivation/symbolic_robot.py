@@ -14,6 +14,7 @@ from gibbs_codegen.derivation.root.choice import root_of
 from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.tree_builder import JointedLink, tree_of_links
+from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import Places, layout_of
@@ -53,7 +54,6 @@ class SymbolicRobot:
 
         Returns:
             The robot in symbols.
-
         """
         names = layout_of(robot).names
         q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names)
@@ -78,6 +78,11 @@ class SymbolicRobot:
         return self.root.places(self.joints)
 
     @property
+    def state(self) -> State:
+        """Rates, accelerations and gravity, as the tree of the reduced system takes them."""
+        return State(self.v, self.a, self.parameters.gravity)
+
+    @property
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""
         base, _ = self.places.split(self.q)
@@ -88,7 +93,7 @@ class SymbolicRobot:
         """Distance from the origin of the coordinates to the base centre O₂, along x₁."""
         if self.robot.base.origin == "centre":
             return sp.S.Zero
-        return self.parameters.arm_length(1)
+        return self.parameters.arm(1).length
 
     @property
     def tip_segment(self) -> int:
@@ -107,10 +112,10 @@ class SymbolicRobot:
 
     def arm_1_inertia(self) -> Inertia:
         """Inertia of arm 1 about the origin of the coordinates, in its own frame."""
-        inertia = self.parameters.arm_inertia(1)
+        inertia = self.parameters.arm(1).inertia
         if self.robot.base.origin == "motor1":
             return inertia
-        return inertia.shifted(InlineTape(), axis_vector(0, -self.parameters.arm_length(1)))
+        return inertia.shifted(InlineTape(), axis_vector(0, -self.parameters.arm(1).length))
 
     def base_inertia(self) -> Inertia:
         """Inertia of the rigid base about the origin in arm 1's frame: the chains' sum at the root.
@@ -119,7 +124,7 @@ class SymbolicRobot:
         """
         inline, base = InlineTape(), self.robot.base
         arms = [
-            self.parameters.arm_inertia(k).rotated(
+            self.parameters.arm(k).inertia.rotated(
                 inline, Rotation.degrees(2, base.arm_angle_deg(k))
             )
             for k in range(2, base.rotors + 1)
@@ -152,7 +157,7 @@ class SymbolicRobot:
     def _base_arm_segment(self, k: int) -> Segment:
         angle, name = self.robot.base.arm_angle_deg(k), f"base arm {k}"
         with self.tape.group(f"inertia of {name}", Stage.PARAMETER):
-            inertia = self.parameters.arm_inertia(k).mapped(self.tape.let)
+            inertia = self.parameters.arm(k).inertia.mapped(self.tape.let)
         return Segment(
             inertia=inertia,
             rotation=Rotation.degrees(2, angle),

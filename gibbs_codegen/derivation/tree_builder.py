@@ -53,7 +53,6 @@ def tree_of_links(
 
     Returns:
         The tree, every link with its own inertia.
-
     """
     segments = [root]
     twisted = {link.parent for link in links if link.alpha_deg % 360 != 0}
@@ -98,7 +97,6 @@ def _rotation(tape: Scalars, angle: sp.Expr, fixed: Fraction) -> Rotation:
 
     Returns:
         The rotation by their sum.
-
     """
     if angle == 0:
         return Rotation.degrees(2, fixed)

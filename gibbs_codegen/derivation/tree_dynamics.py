@@ -8,7 +8,7 @@ those of the root and of the joints of the segments, where the root places them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
@@ -18,8 +18,7 @@ from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.tape import Scalars
-
-Matrix = list[list[sp.Expr]]
+from gibbs_codegen.symbolic.vectors import Matrix, zeros
 
 
 @dataclass(frozen=True)
@@ -34,6 +33,11 @@ class State:
     accelerations: Sequence[sp.Expr]
     gravity: sp.Expr
 
+    @property
+    def unaccelerated(self) -> State:
+        """The state with θ̈ = 0, whose generalised inertia forces are −R."""
+        return replace(self, accelerations=[sp.S.Zero] * len(self.rates))
+
 
 def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> list[Motion]:
     """Motion of every segment.
@@ -44,7 +48,6 @@ def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> 
 
     Returns:
         A motion for each segment, in its working frame.
-
     """
     places = root.places(tree.joints)
     rates, joint_rates = places.split(state.rates)
@@ -71,10 +74,8 @@ def free_motions(
 
     Returns:
         A motion for each segment, in its working frame.
-
     """
-    state = State(rates, [sp.S.Zero] * len(rates), sp.S.Zero)
-    return tree_motions(tape, root, tree, state)
+    return tree_motions(tape, root, tree, State(rates, (), sp.S.Zero).unaccelerated)
 
 
 def generalised_inertia_forces(
@@ -88,7 +89,6 @@ def generalised_inertia_forces(
 
     Returns:
         One force for each coordinate (N m or N).
-
     """
     motions = tree_motions(tape, root, tree, state)
     wrench, joints = inward(tape, tree, motions)
@@ -108,7 +108,6 @@ def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: State) -
 
     Returns:
         S, whose derivatives by the accelerations are the generalised inertia forces.
-
     """
     return tree_gibbs_function(tape, tree, tree_motions(tape, root, tree, state))
 
@@ -122,12 +121,11 @@ def mass_matrix(tape: Scalars, root: Root, tree: SegmentTree) -> Matrix:
     Returns:
         Rows and columns in the order of the coordinates; zero between joints of which neither
         supports the other.
-
     """
     inertia = joint_space_inertia(tape, tree)
     places = root.places(tree.joints)
     base, joints = places.base, places.joint_places
-    matrix: Matrix = [[sp.S.Zero] * places.size for _ in range(places.size)]
+    matrix = zeros(places.size, places.size)
     with tape.group("mass matrix of attitude and position"):
         root_block = root.mass_block(tape, inertia.composite)
     for i, row in zip(base, root_block, strict=True):

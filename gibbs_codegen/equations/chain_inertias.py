@@ -42,7 +42,7 @@ def defined_inertia(symbolic: SymbolicRobot, arm: int) -> Inertia:
     if arm == 1:
         return symbolic.arm_1_inertia()
     if arm <= rotors:
-        return symbolic.parameters.arm_inertia(arm)
+        return symbolic.parameters.arm(arm).inertia
     return symbolic.parameters.link(arm - rotors).body.inertia
 
 

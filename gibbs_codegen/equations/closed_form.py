@@ -9,7 +9,6 @@ import sympy as sp
 
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
-    Matrix,
     generalised_inertia_forces,
     gibbs_function,
     mass_matrix,
@@ -18,6 +17,7 @@ from gibbs_codegen.equations.normal_form import TooLongError, collected, count_t
 from gibbs_codegen.equations.readable_chain import chain_state, check_chain, readable_chain
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.inline_tape import InlineTape
+from gibbs_codegen.symbolic.vectors import Matrix
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.
     rates = [rate for rate in readable.state.rates if rate != 0]
     left: list[sp.Expr] = []
     limit = most
-    for row in generalised_inertia_forces(tape, root, serial, readable.unaccelerated):
+    for row in generalised_inertia_forces(tape, root, serial, readable.state.unaccelerated):
         left.append(collected(-row, rates, limit))
         most -= count_terms(left[-1])
         if most < 0:

@@ -10,7 +10,6 @@ import sympy as sp
 
 from gibbs_codegen.derivation.gibbs import ACCELERATION, OMEGA, OMEGA_DOT, link_gibbs_function
 from gibbs_codegen.derivation.tree_dynamics import (
-    Matrix,
     generalised_inertia_forces,
     mass_matrix,
     tree_motions,
@@ -20,6 +19,7 @@ from gibbs_codegen.equations.notation import Kind, name
 from gibbs_codegen.equations.readable_chain import own_frames, readable_chain
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.symbolic.vectors import Matrix, zeros
 
 Entry = TypeVar("Entry")
 
@@ -55,7 +55,7 @@ class ItemMotions:
             base, joints = before.split(values)
             return after.joined(base, [*joints, sp.S.Zero])
 
-        state = self.readable.state if accelerated else self.readable.unaccelerated
+        state = self.readable.state if accelerated else self.readable.state.unaccelerated
         self._state = replace(
             state, rates=longer(state.rates), accelerations=longer(state.accelerations)
         )
@@ -100,7 +100,7 @@ class ItemMotions:
         size = len(residual)
         upper = [(i, j) for i in range(size) for j in range(i, size)]
         made, steps = self._rows([*residual, *(rows[i][j] for i, j in upper)])
-        matrix = [[sp.S.Zero] * size for _ in range(size)]
+        matrix = zeros(size, size)
         for (i, j), entry in zip(upper, made[size:], strict=True):
             matrix[i][j] = matrix[j][i] = entry
         return matrix, made[:size], steps

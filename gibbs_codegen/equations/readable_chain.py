@@ -61,11 +61,6 @@ class ReadableChain:
         """The robot that the chain is of."""
         return self.symbolic.robot
 
-    @property
-    def unaccelerated(self) -> State:
-        """The state with θ̈ = 0, whose generalised inertia forces are −R_j."""
-        return replace(self.state, accelerations=[sp.S.Zero] * len(self.state.rates))
-
 
 def check_chain(robot: Robot, number: int) -> None:
     """Check that a robot has a chain.
@@ -189,7 +184,7 @@ def _motor_wrench(readable: ReadableChain, k: int) -> Wrench:
     For motor 1 it is about the origin of the coordinates, at its seat or one arm from it.
     """
     symbolic, tape = readable.symbolic, readable.symbolic.tape
-    length = symbolic.parameters.arm_length(k)
+    length = symbolic.parameters.arm(k).length
     lever = axis_vector(X, length if k > 1 else symbolic.centre_offset - length)
     direction = _thrust_direction(readable, k)
     drag = scale(tape, symbolic.parameters.drag(k), direction)

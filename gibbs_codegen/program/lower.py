@@ -13,7 +13,7 @@ the statements that its outputs need, in the tape's order.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import sympy as sp
 
@@ -37,11 +37,16 @@ from gibbs_codegen.symbolic.tape import Stage, Tape, signed
 
 @dataclass(frozen=True)
 class Slice:
-    """A function before it is lowered: its name, its arguments, and its output arrays."""
+    """A function before it is lowered: its name, its arguments, and its output arrays.
+
+    `groups` has the words of the groups as this function's derivation says them; other statements
+    have those of the tape.
+    """
 
     name: str
     arguments: tuple[str, ...]
     outputs: tuple[tuple[tuple[int, ...], tuple[sp.Expr, ...]], ...]
+    groups: Mapping[sp.Symbol, str] = field(default_factory=dict)
 
 
 def lower(
@@ -138,7 +143,8 @@ class _Lowering:
         read = roots.union(*(self._operands(symbol) for symbol in order))
         constants = {symbol for symbol in read if tape.stage(symbol) is Stage.PARAMETER}
         statements = [
-            Statement(s.name, self.node(tape.statements[s]), tape.groups[s]) for s in order
+            Statement(s.name, self.node(tape.statements[s]), piece.groups.get(s, tape.groups[s]))
+            for s in order
         ]
         outputs = [
             Output(shape, tuple(self.node(entry) for entry in output))

@@ -234,9 +234,10 @@ def walk(node: Node) -> Iterator[Node]:
     Yields:
         The node, and all that it is made of, from left to right.
     """
-    yield node
-    for operand in operands(node):
-        yield from walk(operand)
+    rest = [node]
+    while rest:
+        yield (found := rest.pop())
+        rest.extend(reversed(operands(found)))
 
 
 def calls_in(node: Node) -> list[Call]:

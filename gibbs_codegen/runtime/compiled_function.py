@@ -154,7 +154,8 @@ class CompiledFunction:
         outputs = [np.empty((*batch, *shape)) for shape in signature.shapes]
         if not batch:
             self._lost()
-            self._one(constants, *map(_pointer, [*inputs, *outputs]))
+            pointers = [a.ctypes.data_as(ctypes.c_void_p) for a in (*inputs, *outputs)]
+            self._one(constants, *pointers)
             lost = bool(self._lost())
         else:
             lost = self._all_rows(constants, math.prod(batch), inputs, outputs)
@@ -271,7 +272,3 @@ class GeneralFunction:
 
     def __deepcopy__(self, _: object) -> GeneralFunction:
         return self
-
-
-def _pointer(array: NDArray[np.float64]) -> ctypes.c_void_p:
-    return ctypes.c_void_p(array.ctypes.data)

@@ -6,6 +6,7 @@ imported when first used, since it needs NumPy, which the command line mostly do
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import importlib.util
 import logging
@@ -145,9 +146,20 @@ def find_module(path: Path) -> Path:
             f"{printable(only_c[0])}: has the C target only; generate the module with the NumPy "
             "target too, which says what its functions take"
         )
+    if path.suffix == ".toml":
+        raise UsageError(
+            f"{printable(path)}: a robot file is no module; gibbs-codegen generate writes one, "
+            "which is loaded by its folder or by the robot's name"
+        )
+    near = difflib.get_close_matches(path.name, modules_made(), n=1)
     # A folder has the name of no robot.
     robot = "ROBOT.toml" if path.is_dir() or not path.name else printable(path.name)
-    raise UsageError(
-        f"{printable(path)}: no generated module there, nor in generated/; "
-        f"make one with: gibbs-codegen generate {robot}"
+    remedy = (
+        f"did you mean {near[0]}?" if near else f"make one with: gibbs-codegen generate {robot}"
     )
+    raise UsageError(f"{printable(path)}: no generated module there, nor in generated/; {remedy}")
+
+
+def modules_made() -> list[str]:
+    """Names of the modules in `generated/`, where modules are generated unless told otherwise."""
+    return sorted(path.parent.name for path in Path("generated").glob("*/robot.toml"))

@@ -26,13 +26,12 @@ def cos_sin_deg(angle: Fraction) -> tuple[sp.Expr, sp.Expr]:
 
     Returns:
         Exact for multiples of 30° and 45°, else to forty digits.
-
     """
     angle %= 360
-    radians = sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
+    exact = radians(angle)
     if angle % 30 == 0 or angle % 45 == 0:
-        return sp.cos(radians), sp.sin(radians)
-    turned = radians.evalf(DIGITS + 5)
+        return sp.cos(exact), sp.sin(exact)
+    turned = exact.evalf(DIGITS + 5)
     return structural_number(sp.cos(turned)), structural_number(sp.sin(turned))
 
 
@@ -47,7 +46,6 @@ def structural_number(number: sp.Float) -> sp.Expr:
 
     Returns:
         The same number as SymPy should see it.
-
     """
     whole = sp.Integer(int(number))
     return whole if (number - whole).is_zero else number
@@ -61,7 +59,6 @@ def radians(angle: Fraction) -> sp.Expr:
 
     Returns:
         The angle in radians.
-
     """
     return sp.Rational(angle.numerator, angle.denominator) * sp.pi / 180
 
@@ -77,7 +74,6 @@ def gather(expression: sp.Expr) -> sp.Expr:
 
     Returns:
         The polynomial with each product of symbols once.
-
     """
     coefficients: dict[sp.Expr, sp.Expr] = {}
     for term in sp.Add.make_args(sp.expand(expression)):

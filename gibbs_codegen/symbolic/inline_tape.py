@@ -21,7 +21,6 @@ class InlineTape:
 
         Returns:
             Its symbol.
-
         """
         return sp.Symbol(name)
 
@@ -33,7 +32,6 @@ class InlineTape:
 
         Returns:
             The expression itself.
-
         """
         return expression
 
@@ -47,6 +45,5 @@ class InlineTape:
 
         Returns:
             A context that does nothing.
-
         """
         return nullcontext()

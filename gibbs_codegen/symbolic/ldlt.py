@@ -33,7 +33,6 @@ def solve_symmetric(
 
     Raises:
         ZeroPivotError: For a pivot that is zero whatever the numbers.
-
     """
     lower = [list(row) for row in matrix]
     rest = list(right)
@@ -69,7 +68,6 @@ def minimum_degree(matrix: Rows) -> list[int]:
 
     Returns:
         The unknowns by their row, in that order.
-
     """
     graph = _graph(matrix)
     order: list[int] = []
@@ -88,7 +86,6 @@ def operations_to_solve(matrix: Rows, order: Sequence[int]) -> int:
 
     Returns:
         Their number.
-
     """
     graph = _graph(matrix)
     operations = 0

@@ -8,10 +8,10 @@ multiplied by 0 or 1, and x − y and y − x share one name.
 Each name belongs to the earliest stage that knows its symbols. Factors and terms of the parameter
 stage are combined first, so that whatever depends on parameters alone is a statement of that stage.
 
-The derivation says what it computes with `Tape.group`, and each name keeps the words under which it
-was first made: they become the comments of the emitted code.
+The derivation says what it computes with `Tape.group`. These words become the comments of the
+emitted code, where a name that several functions share has in each the words of that function.
 
-With `inline_tape`, whose `let` returns its argument, the same derivation yields closed forms.
+With an `InlineTape`, whose `let` returns its argument, the same derivation yields closed forms.
 """
 
 from __future__ import annotations
@@ -48,7 +48,6 @@ class Scalars(Protocol):
 
         Returns:
             Its symbol.
-
         """
 
     def let(self, expression: sp.Expr) -> sp.Expr:
@@ -59,7 +58,6 @@ class Scalars(Protocol):
 
         Returns:
             What stands for it from now on.
-
         """
 
     def group(
@@ -73,7 +71,6 @@ class Scalars(Protocol):
 
         Returns:
             The context of the block.
-
         """
 
 
@@ -81,16 +78,20 @@ class Tape:
     """A tape that names every non-trivial result.
 
     `statements` maps each temporary to its definition, an expression of one kind of operation in
-    earlier symbols, in the order in which they were made; `groups` to the words of its group.
+    earlier symbols, in the order in which they were made; `groups` to the words of the group in
+    which it was first made.
     """
 
     def __init__(self) -> None:
         self.statements: dict[sp.Symbol, sp.Expr] = {}
         self.groups: dict[sp.Symbol, str] = {}
+        self._said = self.groups
         self._group = ("", Stage.PARAMETER)
         self._stages: dict[sp.Symbol, Stage] = {}
         self._ranks: dict[sp.Symbol, int] = {}
-        self._known: dict[sp.Expr, sp.Expr] = {}
+        # What `let` has returned for an expression, and the name of each definition.
+        self._results: dict[sp.Expr, sp.Expr] = {}
+        self._names: dict[sp.Expr, sp.Symbol] = {}
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
         """Introduce an input of the program.
@@ -101,7 +102,6 @@ class Tape:
 
         Returns:
             Its symbol.
-
         """
         symbol = sp.Symbol(name)
         if symbol not in self._stages:
@@ -116,7 +116,6 @@ class Tape:
 
         Returns:
             Its stage.
-
         """
         return self._stages[symbol]
 
@@ -128,7 +127,6 @@ class Tape:
 
         Returns:
             Its place, from 0.
-
         """
         return self._ranks[symbol]
 
@@ -142,13 +140,26 @@ class Tape:
 
         Yields:
             Nothing; the outer group counts again after the block.
-
         """
         outer, self._group = self._group, (words, earliest)
         try:
             yield
         finally:
             self._group = outer
+
+    @contextmanager
+    def function(self) -> Iterator[dict[sp.Symbol, str]]:
+        """Derive one function: what has a name keeps it, but its words are said anew.
+
+        Yields:
+            The words of the groups, as they are said in the `with` block.
+        """
+        outer = self._said, self._results
+        self._said, self._results = {}, {}
+        try:
+            yield self._said
+        finally:
+            self._said, self._results = outer
 
     def let(self, expression: sp.Expr) -> sp.Expr:
         """Name a result, once for the same expression.
@@ -158,15 +169,13 @@ class Tape:
 
         Returns:
             A number, a symbol, or a symbol with a minus sign.
-
         """
         if expression.is_Symbol or expression.is_Number:
             return expression
-        known = self._known.get(expression)
-        if known is None:
-            known = self._name(expression)
-            self._known[expression] = known
-        return known
+        result = self._results.get(expression)
+        if result is None:
+            result = self._results[expression] = self._name(expression)
+        return result
 
     def _name(self, expression: sp.Expr) -> sp.Expr:
         if expression.is_number:
@@ -259,16 +268,17 @@ class Tape:
         return self._define(sp.Add(*terms), stage)
 
     def _define(self, expression: sp.Expr, stage: Stage) -> sp.Expr:
-        known = self._known.get(expression)
-        if known is None:
+        name = self._names.get(expression)
+        if name is None:
             prefix = "k" if stage is Stage.PARAMETER else "t"
-            known = sp.Symbol(f"{prefix}{len(self.statements)}")
-            self._register(known, stage)
-            self.statements[known] = expression
-            words, earliest = self._group
-            self.groups[known] = words if stage >= earliest else _CONSTANTS
-            self._known[expression] = known
-        return known
+            name = self._names[expression] = sp.Symbol(f"{prefix}{len(self.statements)}")
+            self._register(name, stage)
+            self.statements[name] = expression
+        words, earliest = self._group
+        words = words if stage >= earliest else _CONSTANTS
+        self.groups.setdefault(name, words)
+        self._said.setdefault(name, words)
+        return name
 
     def _register(self, symbol: sp.Symbol, stage: Stage) -> None:
         self._stages[symbol] = stage
@@ -283,7 +293,6 @@ def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
 
     Returns:
         1 or −1, and the symbol or the number without its sign.
-
     """
     if atom.is_Symbol:
         return 1, atom

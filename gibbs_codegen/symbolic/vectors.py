@@ -1,9 +1,11 @@
-"""Vectors, elementary rotations and wrenches over scalars that a tape names."""
+"""Vectors, matrices, elementary rotations and wrenches over scalars that a tape names."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Protocol, Self, TypeVar
 
 import sympy as sp
 
@@ -11,9 +13,22 @@ from gibbs_codegen.symbolic.exact_angles import cos_sin_deg
 from gibbs_codegen.symbolic.tape import Scalars
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
+Matrix = list[list[sp.Expr]]
 
 ZERO: Vector = (sp.S.Zero,) * 3
 X, Y, Z = 0, 1, 2
+
+
+def zeros(rows: int, columns: int) -> Matrix:
+    """A matrix of zeros, to be filled.
+
+    Args:
+        rows, columns: Their numbers.
+
+    Returns:
+        The matrix, by rows.
+    """
+    return [[sp.S.Zero] * columns for _ in range(rows)]
 
 
 def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
@@ -25,7 +40,6 @@ def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
 
     Returns:
         The vector.
-
     """
     x, y, z = (length if i == axis else sp.S.Zero for i in range(3))
     return (x, y, z)
@@ -39,10 +53,22 @@ def add(tape: Scalars, *vectors: Vector) -> Vector:
 
     Returns:
         The sum in that frame.
-
     """
     x, y, z = (tape.let(sp.Add(*entries)) for entries in zip(*vectors, strict=True))
     return (x, y, z)
+
+
+def minus(vector: Vector) -> Vector:
+    """The opposite vector.
+
+    Args:
+        vector: Of symbols and numbers, whose signs need no names on a tape.
+
+    Returns:
+        The vector in the same frame.
+    """
+    x, y, z = vector
+    return (-x, -y, -z)
 
 
 def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
@@ -53,7 +79,6 @@ def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
 
     Returns:
         The product in the vector's frame.
-
     """
     x, y, z = (tape.let(factor * entry) for entry in vector)
     return (x, y, z)
@@ -67,7 +92,6 @@ def cross(tape: Scalars, a: Vector, b: Vector) -> Vector:
 
     Returns:
         The product in that frame.
-
     """
     x, y, z = (
         tape.let(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
@@ -84,7 +108,6 @@ def dot(tape: Scalars, a: Vector, b: Vector) -> sp.Expr:
 
     Returns:
         The product.
-
     """
     return tape.let(sp.Add(*(p * q for p, q in zip(a, b, strict=True))))
 
@@ -110,7 +133,6 @@ class Rotation:
 
         Returns:
             The rotation, exact where the sine and cosine are.
-
         """
         return cls(axis, *cos_sin_deg(angle))
 
@@ -124,7 +146,6 @@ class Rotation:
 
         Returns:
             The rotation, with sine and cosine named on the tape.
-
         """
         angle = tape.let(angle)
         return cls(axis, tape.let(sp.cos(angle)), tape.let(sp.sin(angle)))
@@ -139,6 +160,22 @@ class Rotation:
         """Whether nothing turns."""
         return bool(self.cos == 1)
 
+    @property
+    def plane(self) -> tuple[int, int]:
+        """The two axes that turn, in cyclic order after the axis of rotation."""
+        return (self.axis + 1) % 3, (self.axis + 2) % 3
+
+    def turned(self, tape: Scalars, p: sp.Expr, q: sp.Expr) -> tuple[sp.Expr, sp.Expr]:
+        """Two components in the plane of the rotation, turned.
+
+        Args:
+            p, q: Components along the two axes of the plane, in the turned frame.
+
+        Returns:
+            The components in the frame that the rotation turns from.
+        """
+        return tape.let(self.cos * p - self.sin * q), tape.let(self.sin * p + self.cos * q)
+
     def vector(self, tape: Scalars, v: Vector) -> Vector:
         """A vector in the frame turned from.
 
@@ -147,12 +184,10 @@ class Rotation:
 
         Returns:
             Its components in the frame that the rotation turns from.
-
         """
-        p, q = (self.axis + 1) % 3, (self.axis + 2) % 3
+        p, q = self.plane
         turned = list(v)
-        turned[p] = tape.let(self.cos * v[p] - self.sin * v[q])
-        turned[q] = tape.let(self.sin * v[p] + self.cos * v[q])
+        turned[p], turned[q] = self.turned(tape, v[p], v[q])
         return (turned[0], turned[1], turned[2])
 
 
@@ -166,6 +201,29 @@ class Wrench:
     force: Vector
     moment: Vector
 
+    @classmethod
+    def of(cls, entries: Iterable[sp.Expr]) -> Wrench:
+        """A wrench by its components.
+
+        Args:
+            entries: The six components, of the force and then of the moment.
+
+        Returns:
+            The wrench.
+        """
+        x, y, z, p, q, r = entries
+        return cls((x, y, z), (p, q, r))
+
+    @property
+    def entries(self) -> list[sp.Expr]:
+        """The six components."""
+        return [*self.force, *self.moment]
+
+    @property
+    def opposite(self) -> Wrench:
+        """The wrench that balances this one."""
+        return Wrench(minus(self.force), minus(self.moment))
+
     def rotated(self, tape: Scalars, rotation: Rotation) -> Wrench:
         """The same wrench in another frame.
 
@@ -174,7 +232,6 @@ class Wrench:
 
         Returns:
             The wrench in the frame that `rotation` turns from.
-
         """
         return Wrench(rotation.vector(tape, self.force), rotation.vector(tape, self.moment))
 
@@ -186,7 +243,6 @@ class Wrench:
 
         Returns:
             The wrench about the new point.
-
         """
         lever = tuple(
             arm[(i + 1) % 3] * self.force[(i + 2) % 3] - arm[(i + 2) % 3] * self.force[(i + 1) % 3]
@@ -203,9 +259,46 @@ class Wrench:
 
         Returns:
             The sum.
-
         """
         return Wrench(add(tape, self.force, other.force), add(tape, self.moment, other.moment))
 
 
 NO_WRENCH = Wrench(ZERO, ZERO)
+
+
+class Movable(Protocol):
+    """What is seen from a frame and about its origin, such as a wrench or an inertia."""
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> Self:
+        """The same in another frame.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+        """
+
+    def shifted(self, tape: Scalars, arm: Vector) -> Self:
+        """The same about another point.
+
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+        """
+
+
+# Rotations and shifts, one after the other, from one frame to another.
+Transform = Sequence[Rotation | Vector]
+Moved = TypeVar("Moved", bound=Movable)
+
+
+def moved(tape: Scalars, item: Moved, transform: Transform) -> Moved:
+    """Take something to another frame and point.
+
+    Args:
+        item: Seen from where the transform begins.
+        transform: Rotations and shifts.
+
+    Returns:
+        The same, seen from where the transform ends.
+    """
+    for step in transform:
+        item = item.rotated(tape, step) if isinstance(step, Rotation) else item.shifted(tape, step)
+    return item

@@ -36,18 +36,19 @@ def docstring(model: Model, function: Function) -> list[str]:
     Returns:
         Lines without indentation.
     """
-    row = FUNCTIONS[function.name]
-    takes = [f"{a}: {ARGUMENTS[a].meaning}, {_listed(model, a)}" for a in function.arguments]
+    robot, row = model.robot, FUNCTIONS[function.name]
+    takes = [f"{a}: {ARGUMENTS[a].meaning}, {argument_text(robot, a)}" for a in function.arguments]
     takes.append("constants: what `prepare` returns; those of the default parameters if omitted")
     returns = ["Returns:"]
     for output, shaped in zip(row.outputs, function.outputs, strict=True):
         shape = ", ".join(["...", *map(str, shaped.shape)])
-        returns.append(f"{output.name}: array ({shape}); {output_text(model.robot, output)}")
+        returns.append(f"{output.name}: array ({shape}); {output_text(robot, output)}")
     returns.append(f"Source: {row.source}. {_operations(function)}.")
     lines = [row.summary]
-    for items in ([row.details] if row.details else [], takes, returns):
-        hanging = "" if items == [row.details] else _HANGING
-        lines += ["", *_wrapped(items, _DOCSTRING_WIDTH, hanging)] if items else []
+    if row.details:
+        lines += ["", *_wrapped([row.details], _DOCSTRING_WIDTH, "")]
+    for items in (takes, returns):
+        lines += ["", *_wrapped(items, _DOCSTRING_WIDTH, _HANGING)]
     return lines
 
 
@@ -68,7 +69,9 @@ def doxygen(model: Model, function: Function) -> list[str]:
     ]
     for a in function.arguments:
         width = len(model.program.inputs[a])
-        items.append(f"@param[in] {a} {ARGUMENTS[a].meaning}, {width} entries: {_listed(model, a)}")
+        items.append(
+            f"@param[in] {a} {ARGUMENTS[a].meaning}, {width} entries: {argument_text(robot, a)}"
+        )
     for output, shaped in zip(row.outputs, function.outputs, strict=True):
         shape = " x ".join(map(str, shaped.shape)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
@@ -82,10 +85,6 @@ def doxygen(model: Model, function: Function) -> list[str]:
     if row.details:
         lines += [*_wrapped([row.details], _DOXYGEN_WIDTH, ""), ""]
     return lines + _wrapped(items, _DOXYGEN_WIDTH, _HANGING)
-
-
-def _listed(model: Model, argument: str) -> str:
-    return argument_text(model.robot, argument)
 
 
 def _operations(function: Function) -> str:

@@ -88,7 +88,7 @@ def test_a_robot_file_is_verified_without_leaving_anything(
     monkeypatch.chdir(tmp_path)
     assert main(["new", "mine.toml"]) == 0
     assert main(["verify", "mine.toml", "--states", "2", "--backend", "numpy"]) == 0
-    assert "mine, generated for this and not kept: all " in capsys.readouterr().out
+    assert "(the module was generated for this and is not kept)" in capsys.readouterr().out
     assert os.listdir(tmp_path) == ["mine.toml"]
 
 
@@ -144,11 +144,11 @@ def test_verifying_a_module_imports_no_sympy() -> None:
 
 @pytest.fixture
 def wrong_printer(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A printer that takes every half for a quarter."""
+    """A printer that takes every two for a three."""
     right = InfixPrinter.number
 
     def wrong(self: InfixPrinter, value: float) -> str:
-        return right(self, 0.25 if value == 0.5 else value)
+        return right(self, 3.0 if value == 2.0 else value)
 
     monkeypatch.setattr(InfixPrinter, "number", wrong)
 

@@ -11,8 +11,8 @@ from gibbs_codegen.derivation.gibbs import (
     OMEGA,
     OMEGA_DOT,
     SECOND,
-    acceleration_gradient,
     link_gibbs_function,
+    skew,
 )
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.regrouping import split_prismatic, split_revolute
@@ -24,10 +24,7 @@ BODY = Inertia(MASS, MOMENT, SECOND)
 
 
 def gibbs(inertia: Inertia, motion: dict[sp.Expr, sp.Expr]) -> sp.Expr:
-    values = dict(
-        zip((MASS, *MOMENT, *SECOND), (inertia.mass, *inertia.moment, *inertia.second), strict=True)
-    )
-    return link_gibbs_function().xreplace({**values, **motion})
+    return link_gibbs_function().xreplace({**inertia.values, **motion})
 
 
 def accelerating_terms(expression: sp.Expr) -> sp.Expr:
@@ -38,7 +35,7 @@ def accelerating_terms(expression: sp.Expr) -> sp.Expr:
 
 def test_shift_is_the_gibbs_function_in_the_parents_acceleration() -> None:
     arm = sp.symbols("r_x:z")
-    point = sp.Matrix(ACCELERATION) + acceleration_gradient() * sp.Matrix(arm)
+    point = sp.Matrix(ACCELERATION) + (skew(OMEGA_DOT) + skew(OMEGA) ** 2) * sp.Matrix(arm)
     there = gibbs(BODY, dict(zip(ACCELERATION, point, strict=True)))
     here = gibbs(BODY.shifted(TAPE, arm), {})
     assert accelerating_terms(there) == accelerating_terms(here)

@@ -19,7 +19,7 @@ from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, fact
 from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import State, generalised_inertia_forces, mass_matrix
+from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces, mass_matrix
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Link, Robot
@@ -140,7 +140,7 @@ def test_both_forward_dynamics_and_trees_that_are_not_regrouped(branched: Branch
     given = SegmentTree(
         (replace(tree.segments[0], inertia=symbolic.base_inertia()), *own_inertias(symbolic))
     )
-    state = State(symbolic.v, symbolic.a, symbolic.parameters.gravity)
+    state = symbolic.state
     arrays = {
         "articulated": articulated_dynamics(symbolic),
         "factorised": factorised_dynamics(symbolic, most=10**9),

@@ -11,6 +11,7 @@ import pytest
 from support.tools import tool
 
 from gibbs_codegen import load
+from gibbs_codegen.cli.robot_argument import find_robot
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.file import read_robot
@@ -84,3 +85,18 @@ def test_a_module_that_is_only_c_is_refused_with_what_it_lacks(
     for name in ("hexarotor", folder):
         with pytest.raises(UsageError, match="hexarotor: has the C target only; generate the mod"):
             load(name, backend=backend)
+
+
+def test_what_was_meant_is_suggested(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "inspector.toml").touch()
+    with pytest.raises(UsageError, match="a robot file is no module; gibbs-codegen generate"):
+        load("inspector.toml")
+    folder = tmp_path / "generated" / "inspector"
+    folder.mkdir(parents=True)
+    (folder / "robot.toml").touch()
+    with pytest.raises(UsageError, match=r"no generated module there.*; did you mean inspector\?"):
+        load("inspectr")
+    for meant, word in (("inspector", "inspctor"), ("inspector.toml", "inspctor.toml")):
+        with pytest.raises(UsageError, match=rf"; did you mean {meant}\?$"):
+            find_robot(word)

@@ -95,6 +95,18 @@ def test_a_name_keeps_the_group_in_which_it_was_first_made(tape: Tape) -> None:
     assert tape.groups == {first: "inner", second: "outer", third: ""}
 
 
+def test_a_function_says_its_own_words_of_what_others_have_named(tape: Tape) -> None:
+    p, x, y, w = symbols(tape)
+    with tape.group("thrusts"):
+        value = tape.let(p * x * y + w)
+    before = dict(tape.groups)
+    with tape.function() as groups, tape.group("axes"):
+        assert tape.let(p * x * y + w) is value
+    # The steps on the way too, not only the result.
+    assert groups == dict.fromkeys(before, "axes")
+    assert tape.groups == before == dict.fromkeys(before, "thrusts")
+
+
 def test_what_a_group_makes_of_parameters_alone_belongs_to_the_constants(tape: Tape) -> None:
     p, x, _, _ = symbols(tape)
     with tape.group("of the state"):

@@ -22,6 +22,5 @@ def root_of(robot: Robot, tape: Scalars, q: Sequence[sp.Expr]) -> Root:
 
     Returns:
         The root.
-
     """
     return TaitBryanRoot.make(tape, robot.base.attitude, q[layout_of(robot).attitude])

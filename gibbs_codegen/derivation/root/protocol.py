@@ -19,7 +19,7 @@ from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import Rotation, Vector, Wrench
+from gibbs_codegen.symbolic.vectors import Matrix, Rotation, Vector, Wrench
 
 Values = Sequence[sp.Expr]
 
@@ -50,7 +50,6 @@ class Root(Protocol):
 
         Returns:
             Places of the base and of the joints.
-
         """
         ...
 
@@ -62,7 +61,6 @@ class Root(Protocol):
 
         Returns:
             Position in world axes (m).
-
         """
         ...
 
@@ -77,7 +75,6 @@ class Root(Protocol):
 
         Returns:
             The motion in the frame's own axes.
-
         """
         ...
 
@@ -89,7 +86,6 @@ class Root(Protocol):
 
         Returns:
             That about z (rad/s or rad/s²).
-
         """
         ...
 
@@ -101,7 +97,6 @@ class Root(Protocol):
 
         Returns:
             One force for each coordinate of the base.
-
         """
         ...
 
@@ -124,11 +119,10 @@ class Root(Protocol):
 
         Returns:
             One row for each coordinate of the base.
-
         """
         ...
 
-    def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
+    def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
         """The base's block of the mass matrix.
 
         Args:
@@ -136,7 +130,6 @@ class Root(Protocol):
 
         Returns:
             Rows and columns of the base's coordinates.
-
         """
         ...
 
@@ -148,7 +141,6 @@ class Root(Protocol):
 
         Returns:
             Its components in world axes.
-
         """
         ...
 
@@ -160,7 +152,6 @@ class Root(Protocol):
 
         Returns:
             Linear and angular velocity in world axes, for each coordinate.
-
         """
         ...
 
@@ -179,6 +170,5 @@ class Root(Protocol):
 
         Returns:
             One acceleration for each coordinate of the base.
-
         """
         ...

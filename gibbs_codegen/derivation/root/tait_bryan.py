@@ -21,6 +21,7 @@ from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     ZERO,
+    Matrix,
     Rotation,
     Vector,
     Wrench,
@@ -28,6 +29,7 @@ from gibbs_codegen.symbolic.vectors import (
     axis_vector,
     cross,
     scale,
+    zeros,
 )
 
 Rows = tuple[sp.Expr, ...]
@@ -51,7 +53,6 @@ class TaitBryanRoot:
 
         Returns:
             The root.
-
         """
         a, b, c = ("xyz".index(letter) for letter in sequence)
         first, second, third = (
@@ -82,7 +83,6 @@ class TaitBryanRoot:
 
         Returns:
             The attitude first, then the joints, then the position.
-
         """
         return Places.of_joints(joints)
 
@@ -94,7 +94,6 @@ class TaitBryanRoot:
 
         Returns:
             x, y, z.
-
         """
         x, y, z = coordinates[3:]
         return (x, y, z)
@@ -115,7 +114,6 @@ class TaitBryanRoot:
 
         Returns:
             The motion in the frame's own axes.
-
         """
         x, y, z = self._origin_acceleration(accelerations, gravity)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
@@ -146,7 +144,6 @@ class TaitBryanRoot:
 
         Returns:
             That of θ₁, or zero.
-
         """
         return values[2] if self.spins_about_normal else sp.S.Zero
 
@@ -158,7 +155,6 @@ class TaitBryanRoot:
 
         Returns:
             Those on θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         rows = [sp.S.Zero] * 3
         for i in (2, 1, 0):
@@ -186,7 +182,6 @@ class TaitBryanRoot:
 
         Returns:
             The rows of θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         rows = self.rows(tape, wrench)
         linear = self._origin_acceleration(accelerations, gravity)
@@ -201,7 +196,6 @@ class TaitBryanRoot:
 
         Returns:
             Its components in world axes.
-
         """
         for i in range(self._outer - 1, -1, -1):
             vector = self.rotations[i].vector(tape, vector)
@@ -215,7 +209,6 @@ class TaitBryanRoot:
 
         Returns:
             Linear and angular velocity in world axes, for each of θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         turning = [(cross(tape, axis, point), axis) for axis in self._world_axes(tape)]
         return [*turning, *((axis_vector(k), ZERO) for k in range(3))]
@@ -230,7 +223,7 @@ class TaitBryanRoot:
             axes.append(vector)
         return axes
 
-    def mass_block(self, tape: Scalars, composite: Inertia) -> list[list[sp.Expr]]:
+    def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
         """The base's block of the mass matrix.
 
         Args:
@@ -238,9 +231,8 @@ class TaitBryanRoot:
 
         Returns:
             6×6 entries for θ₋₁, θ₀, θ₁, x, y, z.
-
         """
-        block: list[list[sp.Expr]] = [[sp.S.Zero] * 6 for _ in range(6)]
+        block = zeros(6, 6)
         for k in range(3):
             block[3 + k][3 + k] = composite.mass
         for i in (2, 1, 0):
@@ -273,7 +265,6 @@ class TaitBryanRoot:
 
         Returns:
             Those of θ₋₁, θ₀, θ₁, x, y, z.
-
         """
         with tape.group("acceleration of the origin, in world axes"):
             x, y, z = self.world(tape, linear)
