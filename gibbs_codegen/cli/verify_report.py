@@ -91,12 +91,12 @@ def _sorted(
     columns: dict[str, dict[str, Comparison]] = {}
     for comparison in comparisons:
         columns.setdefault(comparison.against, {})[comparison.what] = comparison
-    wide = {against: rows for against, rows in columns.items() if len(rows) > 6 and _counted(rows)}
+    wide = {
+        against: rows
+        for against, rows in columns.items()
+        if len(rows) > 6 and any(c.states for c in rows.values())
+    }
     return wide, [c for c in comparisons if c.against not in wide]
-
-
-def _counted(rows: dict[str, Comparison]) -> bool:
-    return any(c.states for c in rows.values())
 
 
 Columns = dict[str, dict[str, Comparison]]

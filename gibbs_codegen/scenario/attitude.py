@@ -78,21 +78,6 @@ def rate_matrix(sequence: str, angles: ArrayLike) -> Array:
     return np.stack(columns, axis=-1)
 
 
-def angular_velocity(sequence: str, angles: ArrayLike, rates: ArrayLike) -> Array:
-    """ω of angles and their rates.
-
-    Args:
-        sequence: Order of the axes that the angles turn about.
-        angles: θ₋₁, θ₀, θ₁ (…, 3), rad.
-        rates: Their rates (…, 3), rad/s.
-
-    Returns:
-        ω (…, 3) in world axes, rad/s.
-    """
-    rates = np.asarray(rates, dtype=np.float64)
-    return _times(rate_matrix(sequence, angles), rates)
-
-
 def bias_acceleration(sequence: str, angles: ArrayLike, rates: ArrayLike) -> Array:
     """Ė θ̇: what dω/dt is while the rates are constant.
 

@@ -24,8 +24,8 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import (
     SingularAttitudeError,
     Turning,
-    angular_velocity,
     bias_acceleration,
+    rate_matrix,
     rotation_matrix,
 )
 from gibbs_codegen.scenario.file import read_scenario
@@ -45,6 +45,7 @@ from gibbs_codegen.simulator.knots import knots
 from gibbs_codegen.simulator.reference import Motion, Reference
 from gibbs_codegen.simulator.tip_trajectory import desired_with_tip
 from gibbs_codegen.simulator.vehicle import Vehicle
+from gibbs_codegen.verification.vectors import times
 
 CENTRE = Fixed((0.0, 0.0, 5.0))
 LEVEL = Level(0.3)
@@ -151,10 +152,10 @@ class Tumbling:
         """As an orientation is called, whatever the path."""
         angles, rates, growth = self.angles(time)
         # `growth` takes the place of rates in E θ̈.
-        spin_rate = angular_velocity(self.sequence, angles, growth)
+        spin_rate = times(rate_matrix(self.sequence, angles), growth)
         return Turning(
             rotation_matrix(self.sequence, angles),
-            angular_velocity(self.sequence, angles, rates),
+            times(rate_matrix(self.sequence, angles), rates),
             spin_rate + bias_acceleration(self.sequence, angles, rates),
         )
 
