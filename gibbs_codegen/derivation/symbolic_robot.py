@@ -30,8 +30,8 @@ class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, their rates, their accelerations
-    and the inputs, in the order of `coordinates`. `parents` holds, for each link of the arm, the
-    index of the segment that it is on: 0 for the base, i for link i.
+    and the inputs, in the orders of `robot/coordinates`. `parents` holds, for each link of the arm,
+    the index of the segment that it is on: 0 for the base, i for link i.
     """
 
     robot: Robot
