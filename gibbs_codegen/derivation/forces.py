@@ -117,8 +117,7 @@ def total_thrust_wrench(symbolic: SymbolicRobot) -> Wrench:
     with tape.group("force and moment of all thrusts"):
         for k, thrust in enumerate(symbolic.u[: symbolic.robot.rotors], start=1):
             unit = motor_wrench(symbolic, k)
-            force, moment = (scale(tape, thrust, v) for v in (unit.force, unit.moment))
-            total = total.plus(tape, Wrench(force, moment))
+            total = total.plus(tape, Wrench.of(tape.let(thrust * e) for e in unit.entries))
     return total
 
 

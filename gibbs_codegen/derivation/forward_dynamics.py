@@ -113,7 +113,7 @@ def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | N
         return None
     drive, efforts = _driving_forces(centred)
     with tape.group("driving forces with the translation eliminated"):
-        right = [_minus_dot(tape, e, light[i], drive.force) for i, e in enumerate(efforts)]
+        right = [tape.let(e - dot(tape, light[i], drive.force)) for i, e in enumerate(efforts)]
         right.extend(_about(tape, drive, centre))
     with _refused_as_singular(symbolic), tape.group("accelerations of joints and base, by LDL^T"):
         solution = solve_symmetric(tape, matrix, right, order)
@@ -147,7 +147,7 @@ def _without_translation(
     for i, wrench in enumerate(inertia.wrenches):
         for j in range(i, -1, -1):
             entry = inertia.entries.get((j, i), sp.S.Zero)
-            matrix[i][j] = matrix[j][i] = _minus_dot(tape, entry, wrench.force, light[j])
+            matrix[i][j] = matrix[j][i] = tape.let(entry - dot(tape, wrench.force, light[j]))
     for i, wrench in enumerate(inertia.wrenches):
         for k, entry in enumerate(_about(tape, wrench, centre)):
             matrix[i][n + k] = matrix[n + k][i] = entry
@@ -239,16 +239,3 @@ def _about_centre_of_mass(tape: Scalars, composite: Inertia, centre: Vector) -> 
         tape.let(composite.entry(i, j) - centre[i] * composite.moment[j]) for i, j in PAIRS
     )
     return Inertia(sp.S.Zero, ZERO, (xx, yy, zz, xy, xz, yz))
-
-
-def _minus_dot(tape: Scalars, value: sp.Expr, a: Vector, b: Vector) -> sp.Expr:
-    """A number less a scalar product.
-
-    Args:
-        value: The number.
-        a, b: The vectors, in one frame.
-
-    Returns:
-        value − a·b.
-    """
-    return tape.let(value - dot(tape, a, b))

@@ -69,24 +69,6 @@ def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
     )
 
 
-def constrained_joint_column(
-    symbolic: SymbolicRobot, serial: SegmentTree
-) -> tuple[tuple[sp.Expr, ...], sp.Expr]:
-    """Column of I_H for a constrained joint.
-
-    Args:
-        symbolic: The robot in symbols.
-        serial: The constrained chain: the root and one base arm.
-
-    Returns:
-        Its entries at the base's coordinates, and its own.
-    """
-    tape = symbolic.tape
-    inertia = joint_space_inertia(tape, serial)
-    with tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
-        return symbolic.root.rows(tape, inertia.wrenches[0]), inertia.entries[0, 0]
-
-
 def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
     """∂S/∂θ̈ of a constrained joint (N m).
 
@@ -138,10 +120,12 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
             continue
         *coordinates, torque = places
         base, (here,) = symbolic.root.places(serial.joints).split(coordinates)
-        entries, own = constrained_joint_column(symbolic, serial)
+        inertia = joint_space_inertia(symbolic.tape, serial)
+        with symbolic.tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
+            entries = symbolic.root.rows(symbolic.tape, inertia.wrenches[0])
         for row, entry in zip(base, entries, strict=True):
             matrix[row][here] = matrix[here][row] = entry
-        matrix[here][here] = own
+        matrix[here][here] = inertia.entries[0, 0]
         matrix[here][torque], matrix[torque][here] = -sp.S.One, sp.S.One
         system.residual[here] = -constrained_joint_row(symbolic, serial, state)
         arm = chain.links[-1]
@@ -203,7 +187,8 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
     tape, root = symbolic.tape, symbolic.root
     chain, serial = symbolic.open_chains[number - 1]
     matrix = chain_matrix(symbolic, number)
-    rates = _chain_values(symbolic, chain, symbolic.v)
+    by_name = dict(zip((symbol.name for symbol in symbolic.q), symbolic.v, strict=True))
+    rates = [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
     state = State(rates, (), symbolic.parameters.gravity).unaccelerated
     residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
     thrust = _chain_inputs(symbolic, chain, serial)
@@ -235,23 +220,6 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
             for j in range(width):
                 thrust[row][j] = let(thrust[row][j] + chain.inputs[i][j])
     return system
-
-
-def _chain_values(
-    symbolic: SymbolicRobot, chain: Chain, values: tuple[sp.Symbol, ...]
-) -> list[sp.Expr]:
-    """Rates or accelerations of a chain's coordinates.
-
-    Args:
-        symbolic: The robot in symbols.
-        chain: The chain.
-        values: Rates or accelerations in the order of q.
-
-    Returns:
-        Values in the order of the chain's coordinates; that of a constrained joint is zero.
-    """
-    by_name = {symbol.name: value for symbol, value in zip(symbolic.q, values, strict=True)}
-    return [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
 
 
 def _chain_inputs(symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree) -> Matrix:

@@ -137,7 +137,7 @@ class Inertia:
         if arm == ZERO:
             return self
         weight = tuple(tape.let(self.mass * r) for r in arm)
-        x, y, z = (tape.let(c + w) for c, w in zip(self.moment, weight, strict=True))
+        moment = [tape.let(c + w) for c, w in zip(self.moment, weight, strict=True)]
         second = []
         for i, j in PAIRS:
             # On the diagonal r_i·(2C_i + w_i): doubled arms are parameters more often than not.
@@ -146,8 +146,7 @@ class Inertia:
             else:
                 term = arm[i] * self.moment[j] + arm[j] * self.moment[i] + arm[i] * weight[j]
             second.append(tape.let(self.entry(i, j) + term))
-        xx, yy, zz, xy, xz, yz = second
-        return Inertia(self.mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
+        return Inertia.of([self.mass, *moment, *second])
 
     def response(self, tape: Scalars, direction: int) -> Wrench:
         """𝒮 and ℛ per unit of one acceleration: a column of the Hessian of the Gibbs function.

@@ -30,8 +30,8 @@ class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, their rates, their accelerations
-    and the inputs, in the order of `coordinates`. `parents` holds, for each link of the arm, the
-    index of the segment that it is on: 0 for the base, i for link i.
+    and the inputs, in the orders of `robot/coordinates`. `parents` holds, for each link of the arm,
+    the index of the segment that it is on: 0 for the base, i for link i.
     """
 
     robot: Robot
@@ -169,6 +169,11 @@ class SymbolicRobot:
 
     def _arm_on(self, root: Segment) -> SegmentTree:
         """The links of the arm on a root segment."""
+        return tree_of_links(self.tape, root, self.root.segment_angle, self.arm_links)
+
+    @property
+    def arm_links(self) -> list[JointedLink]:
+        """The links of the arm, each with its own inertia."""
         _, coordinates = self.places.split(self.q)
         links = []
         for i, (link, parent) in enumerate(zip(self.robot.links, self.parents, strict=True), 1):
@@ -187,4 +192,4 @@ class SymbolicRobot:
                     joint_name=f"joint {self.robot.rotors + i}",
                 )
             )
-        return tree_of_links(self.tape, root, self.root.segment_angle, links)
+        return links

@@ -6,7 +6,7 @@ where a sibling is twisted, the parent works in its own frame, so there all sibl
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -17,7 +17,7 @@ from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.symbolic.exact_angles import radians
 from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import Rotation
+from gibbs_codegen.symbolic.vectors import Rotation, X, Z
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,16 @@ class JointedLink:
     joint_name: str
 
 
+# Rotation about an axis by an angle in degrees, which the robot file fixes.
+FixedRotation = Callable[[int, Fraction], Rotation]
+
+
 def tree_of_links(
-    tape: Scalars, root: Segment, root_angle: sp.Expr, links: Sequence[JointedLink]
+    tape: Scalars,
+    root: Segment,
+    root_angle: sp.Expr,
+    links: Sequence[JointedLink],
+    fixed_rotation: FixedRotation = Rotation.degrees,
 ) -> SegmentTree:
     """The tree of a root segment and of links, each after its parent.
 
@@ -50,6 +58,7 @@ def tree_of_links(
         root: Segment 0.
         root_angle: Angle of the root segment against its group frame (rad).
         links: What segments 1 … n are made of.
+        fixed_rotation: Makes the rotations by fixed angles.
 
     Returns:
         The tree, every link with its own inertia.
@@ -73,13 +82,13 @@ def tree_of_links(
         with tape.group("angles and places of the joints", Stage.PARAMETER):
             segment = Segment(
                 inertia=inertia,
-                rotation=_rotation(tape, angle, fixed),
+                rotation=joint_rotation(tape, angle, fixed, fixed_rotation),
                 parent=link.parent,
                 joint=link.joint,
                 a=tape.let(link.a),
                 d=tape.let(d),
-                twist=Rotation.degrees(0, link.alpha_deg),
-                offset=Rotation.degrees(2, link.theta_deg),
+                twist=fixed_rotation(X, link.alpha_deg),
+                offset=fixed_rotation(Z, link.theta_deg),
                 starts_group=starts_group,
                 name=link.name,
                 joint_name=link.joint_name,
@@ -88,16 +97,19 @@ def tree_of_links(
     return SegmentTree(tuple(segments))
 
 
-def _rotation(tape: Scalars, angle: sp.Expr, fixed: Fraction) -> Rotation:
+def joint_rotation(
+    tape: Scalars, angle: sp.Expr, fixed: Fraction, fixed_rotation: FixedRotation
+) -> Rotation:
     """Rotation about z by two angles.
 
     Args:
         angle: The one that varies (rad), or zero.
         fixed: The one that the robot file fixes, in degrees.
+        fixed_rotation: Makes the rotation where nothing varies.
 
     Returns:
         The rotation by their sum.
     """
     if angle == 0:
-        return Rotation.degrees(2, fixed)
-    return Rotation.angle(tape, 2, angle + radians(fixed % 360))
+        return fixed_rotation(Z, fixed)
+    return Rotation.angle(tape, Z, angle + radians(fixed % 360))

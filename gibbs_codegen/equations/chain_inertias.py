@@ -76,16 +76,15 @@ def named_inertia(
         return same
 
     mass = named("B_0", "", inertia.mass, "mass of item {} (kg)")
-    b_x, b_y, b_z = (
+    moment = [
         named("b", axis, value, "first moment of mass of item {}, whose skew matrix is B_1 (kg m)")
         for axis, value in zip("xyz", inertia.moment, strict=True)
-    )
+    ]
     e_xx, e_yy, e_zz, e_xy, e_xz, e_yz = inertia.second
     entries = (e_yy + e_zz, e_xx + e_zz, e_xx + e_yy, -e_xy, -e_xz, -e_yz)
     joint_inertia = (
         named("J", axes, value, "inertia matrix B_2 + B_3 of item {} about its joint (kg m²)")
         for axes, value in zip(AXIS_PAIRS, entries, strict=True)
     )
-    s_xx, s_yy, s_zz, s_xy, s_xz, s_yz = map(tape.let, second_moments(*joint_inertia))
-    named_inertia = Inertia(mass, (b_x, b_y, b_z), (s_xx, s_yy, s_zz, s_xy, s_xz, s_yz))
-    return named_inertia, definitions
+    second = map(tape.let, second_moments(*joint_inertia))
+    return Inertia.of([mass, *moment, *second]), definitions

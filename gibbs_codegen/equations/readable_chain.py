@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.tree_builder import joint_rotation, tree_of_links
 from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.equations.chain_inertias import defined_inertia, named_inertia
 from gibbs_codegen.equations.chain_names import FIXED, chain_names
@@ -24,7 +26,6 @@ from gibbs_codegen.equations.notation import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.model import AXES, Robot
-from gibbs_codegen.symbolic.exact_angles import radians
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import (
@@ -99,7 +100,8 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
         angle = tape.symbol(joint, Stage.CONFIGURATION)
         links = [_readable_arm(symbolic, links[0], angle)]
     else:
-        links = _readable_links(symbolic, tuple(links))
+        angle, fixed = symbolic.root.segment_angle, partial(_fixed, tape)
+        _, *links = tree_of_links(tape, root, angle, symbolic.arm_links, fixed).segments
     segments, inertias = [], []
     for k, (segment, arm) in enumerate(zip((root, *links), chain.links[2:], strict=True)):
         inertia = defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
@@ -131,12 +133,10 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
         rotation = Rotation.angle(symbolic.tape, Z, sp.Symbol(joint))
         segments.append(replace(serial.segments[1], rotation=rotation, starts_group=True))
     else:
-        _, joints = symbolic.places.split(symbolic.q)
-        for link, joint, segment in zip(
-            symbolic.robot.links, joints, serial.segments[1:], strict=True
-        ):
-            angle = joint if link.joint == "revolute" else sp.S.Zero
-            rotation = _turned(symbolic.tape, angle, link.theta_deg)
+        tape, fixed = symbolic.tape, partial(_fixed, symbolic.tape)
+        for link, segment in zip(symbolic.arm_links, serial.segments[1:], strict=True):
+            angle = link.coordinate if link.joint == "revolute" else sp.S.Zero
+            rotation = joint_rotation(tape, angle, link.theta_deg, fixed)
             segments.append(replace(segment, rotation=rotation, starts_group=True))
     end = Segment(NO_INERTIA, NO_ROTATION, parent=len(segments) - 1)
     return SegmentTree((*segments, end))
@@ -220,29 +220,6 @@ def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -
     root = symbolic.root
     rotation = Rotation.angle(symbolic.tape, Z, root.segment_angle + angle)
     return replace(segment, rotation=rotation, starts_group=not root.spins_about_normal)
-
-
-def _readable_links(symbolic: SymbolicRobot, segments: tuple[Segment, ...]) -> list[Segment]:
-    """The arm's links, with fixed angles as exact multiples of π."""
-    angle, fixed = symbolic.root.segment_angle, Fraction(0)
-    readable = []
-    _, joints = symbolic.places.split(symbolic.q)
-    for link, joint, segment in zip(symbolic.robot.links, joints, segments, strict=True):
-        if segment.starts_group:
-            angle, fixed = sp.S.Zero, Fraction(0)
-        angle += joint if link.joint == "revolute" else 0
-        fixed += link.theta_deg
-        rotation = _turned(symbolic.tape, angle, fixed)
-        twist = _fixed(symbolic.tape, X, link.alpha_deg)
-        readable.append(replace(segment, rotation=rotation, twist=twist))
-    return readable
-
-
-def _turned(tape: Scalars, angle: sp.Expr, fixed: Fraction) -> Rotation:
-    """Rotation about z by a varying angle and a fixed one in degrees."""
-    if angle == 0:
-        return _fixed(tape, Z, fixed)
-    return Rotation.angle(tape, Z, angle + radians(fixed % 360))
 
 
 def _fixed(tape: Scalars, axis: int, degrees: Fraction) -> Rotation:

@@ -32,11 +32,20 @@ class LinkText:
     rigid: list[str]
 
 
+# How a file opens that is to be edited.
+_SCHEMA_LINES = [
+    "#:schema ./robot.schema.json",
+    "# Editors complete and check keys by this schema, once it has been made beside this file:",
+    "# gibbs-codegen schema robot > robot.schema.json",
+    "",
+]
+
+
 @dataclass(frozen=True)
 class RobotText:
     """What the template is given; `rigid_arm` are comments."""
 
-    names_schema: bool
+    schema_lines: list[str]
     name: str
     gravity: str
     rotors: int
@@ -65,7 +74,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
     arms = [_inline_table(arm) for arm in base.arms]
     last = len(robot.links) if to_start_from else None
     context = RobotText(
-        names_schema=to_start_from,
+        schema_lines=_SCHEMA_LINES if to_start_from else [],
         name=name or robot.name,
         gravity=repr(robot.gravity),
         rotors=base.rotors,

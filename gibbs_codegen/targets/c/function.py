@@ -36,14 +36,6 @@ Lines = list[str]
 
 
 @dataclass(frozen=True)
-class InputText:
-    """An argument of a function, and how many entries a state has in it."""
-
-    name: str
-    width: int
-
-
-@dataclass(frozen=True)
 class OutputText:
     """An output as a matrix, and the entries of the outputs before it."""
 
@@ -62,15 +54,16 @@ class OutputText:
 class FunctionText:
     """What the C templates are given of a function.
 
-    `parameters` are those of the definition, `declared` those in the header. `one` and `block` are
-    the bodies of the functions for one state and for a block of states, `whole_block` and
-    `last_block` the arguments with which the second is called in a batch.
+    `inputs` has the number of entries of one state in each argument. `parameters` are those of the
+    definition, `declared` those in the header. `one` and `block` are the bodies of the functions
+    for one state and for a block of states, `whole_block` and `last_block` the arguments with which
+    the second is called in a batch.
     """
 
     name: str
     public_name: str
     documentation: Lines
-    inputs: list[InputText]
+    inputs: dict[str, int]
     outputs: list[OutputText]
     entries: int
     casadi_outputs: Lines
@@ -111,7 +104,7 @@ class CFunction:
         self._function = function
         self._statements = StatementPrinter(printer)
         self._gathered = gather_angles(function)
-        self._inputs = [InputText(a, len(model.program.inputs[a])) for a in function.arguments]
+        self._inputs = {a: len(model.program.inputs[a]) for a in function.arguments}
         self._outputs = _output_texts(function)
         self._cleared = [_is_sparse(output) for output in function.outputs]
         gathered = self._gathered
@@ -127,11 +120,12 @@ class CFunction:
     def text(self) -> FunctionText:
         """What the templates need of the function."""
         prefix = f"{self._model.robot.name}_"
-        inputs = [array.name for array in self._inputs]
-        outputs = [array.name for array in self._outputs]
+        inputs = list(self._inputs)
+        widths = {array.name: array.width for array in self._outputs}
+        outputs = list(widths)
         starts = [from_entry("w", array.start) for array in self._outputs]
-        advanced = [from_block(array.name, array.width, "whole") for array in self._outputs]
-        arrays: list[InputText | OutputText] = [*self._inputs, *self._outputs]
+        advanced = [from_block(name, width, "whole") for name, width in widths.items()]
+        arrays = self._inputs | widths
         real = f"{prefix}real"
         return FunctionText(
             name=self._function.name,
@@ -139,14 +133,14 @@ class CFunction:
             documentation=doxygen(self._model, self._function),
             inputs=self._inputs,
             outputs=self._outputs,
-            entries=sum(array.width for array in self._outputs),
+            entries=sum(widths.values()),
             casadi_outputs=starts,
             parameters=read_arrays(inputs) + written_arrays(outputs),
             declared=read_arrays(inputs, real, "") + written_arrays(outputs, real, ""),
             helpers=self._helpers(),
             one=self._body(self._one, lanes=False),
             block=self._body(self._block, lanes=True),
-            whole_block=[from_block(array.name, array.width, "block") for array in arrays],
+            whole_block=[from_block(name, width, "block") for name, width in arrays.items()],
             last_block=[*(f"last_{name}" for name in inputs), *advanced],
         )
 
@@ -173,8 +167,7 @@ class CFunction:
             Lines.
         """
         angles, slots = len(self._gathered.angles), sections.allocation.slots
-        inputs = [array.name for array in self._inputs]
-        arrays = [*inputs, *(array.name for array in self._outputs)]
+        arrays = [*self._inputs, *(array.name for array in self._outputs)]
         lines = []
         if angles:
             lines.append(local_arrays([ANGLE, SINE, COSINE], array_size(angles, lanes)))
@@ -187,7 +180,7 @@ class CFunction:
             arrays = [SCRATCH, *arrays]
         if angles:
             arrays = [SINE, COSINE, *arrays]
-            lines += call_helper(f"{self._function.name}_angles", [*inputs, ANGLE], lanes)
+            lines += call_helper(f"{self._function.name}_angles", [*self._inputs, ANGLE], lanes)
             lines += _sine_cosine(angles, lanes)
         for name in sections.names:
             lines += call_helper(name, arrays, lanes)

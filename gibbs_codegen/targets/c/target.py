@@ -35,18 +35,11 @@ class ParameterText:
 
 
 @dataclass(frozen=True)
-class PlacesText:
-    """The enumerators of the places in an argument."""
-
-    of: str
-    macros: Lines
-
-
-@dataclass(frozen=True)
 class ModuleText:
     """Everything in header, source and CasADi adapter that depends on the robot.
 
-    `support` and `column_major` are the source that does not; `widest` is the width of the widest
+    `places` has the enumerators of the places in arguments, by the words for these. `support` and
+    `column_major` are the source that depends on no robot; `widest` is the width of the widest
     argument.
     """
 
@@ -62,7 +55,7 @@ class ModuleText:
     sizes: list[tuple[str, int]]
     folded_lines: Lines
     parameters: list[ParameterText]
-    places: list[PlacesText]
+    places: dict[str, Lines]
     constants: Lines
     default_constants: Lines
     parameter_loads: Lines
@@ -137,17 +130,16 @@ def _parameters(model: Model, printer: InfixPrinter) -> list[ParameterText]:
     ]
 
 
-def _places(robot: Robot) -> list[PlacesText]:
+def _places(robot: Robot) -> dict[str, Lines]:
     """Enumerators of the places in each argument; no parameter's begins with a single letter."""
-    coordinates, controls = reduced_coordinates(robot), inputs(robot)
-    return [
-        PlacesText(of, [f"{robot.name}_{letter}_{c.name}".upper() for c in listed])
-        for letter, of, listed in (
-            ("q", "q", coordinates),
-            ("v", "v, and in a", coordinates),
-            ("u", "u", controls),
+    return {
+        words: [f"{robot.name}_{words[0]}_{c.name}".upper() for c in listed]
+        for words, listed in (
+            ("q", reduced_coordinates(robot)),
+            ("v, and in a", reduced_coordinates(robot)),
+            ("u", inputs(robot)),
         )
-    ]
+    }
 
 
 def _convention_lines(robot: Robot) -> Lines:

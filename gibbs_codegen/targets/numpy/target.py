@@ -33,19 +33,14 @@ class ParameterText:
 
 
 @dataclass(frozen=True)
-class ArgumentText:
-    """An argument of a function, and how many entries a state has in it."""
-
-    name: str
-    width: int
-
-
-@dataclass(frozen=True)
 class FunctionText:
-    """A function: its head, its documentation, and the lines of its kernel."""
+    """A function: its head, its documentation, and the lines of its kernel.
+
+    `arguments` has the number of entries of one state in each argument.
+    """
 
     name: str
-    arguments: list[ArgumentText]
+    arguments: dict[str, int]
     returns: str
     documentation: Lines
     result: str
@@ -139,7 +134,7 @@ def _function_text(model: Model, function: Function, statements: StatementPrinte
         loads += [load(name, argument, i) for i, name in enumerate(names) if name in used]
     return FunctionText(
         name=function.name,
-        arguments=[ArgumentText(a, len(program.inputs[a])) for a in function.arguments],
+        arguments={a: len(program.inputs[a]) for a in function.arguments},
         returns=result_type(function.outputs),
         documentation=docstring(model, function),
         result=result(function.outputs),
