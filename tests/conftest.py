@@ -28,7 +28,7 @@ settings.load_profile("project")
 ROOT = Path(__file__).parent.parent
 
 # Tests that repeat themselves with other numbers, and how many of their cases the default run has,
-# so that it stays within minutes. The rest is slow.
+# so that it stays within minutes. The rest is for `pytest -m exhaustive`.
 CASES_BY_DEFAULT = {
     "test_a_lost_flight_ends_with_its_reason": 4,
     "test_a_million_angles": 8,
@@ -67,17 +67,15 @@ CASES_IN_CI = {
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the cases that the default run and CI leave out, evenly spread over all of a test."""
-    for kept, were_slow, mark in (
-        (CASES_BY_DEFAULT, False, pytest.mark.slow),
-        (CASES_IN_CI, True, pytest.mark.exhaustive),
-    ):
+    for kept, were_slow in ((CASES_BY_DEFAULT, False), (CASES_IN_CI, True)):
         for name, count in kept.items():
             cases = [item for item in items if item.name.startswith(f"{name}[")]
             cases = [i for i in cases if bool(i.get_closest_marker("slow")) == were_slow]
             chosen = {round(k * len(cases) / count) for k in range(count)}
             for place, item in enumerate(cases):
                 if place not in chosen:
-                    item.add_marker(mark)
+                    item.add_marker(pytest.mark.slow)
+                    item.add_marker(pytest.mark.exhaustive)
 
 
 @pytest.fixture(scope="session", autouse=True)
