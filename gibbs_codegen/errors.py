@@ -16,8 +16,8 @@ def printable(text: object, most: int = _LONGEST) -> str:
     """A text from outside, such as a path, in a form that is safe in a message.
 
     Args:
-        text: the text, or what has it as its text.
-        most: the largest length, in characters.
+        text: The text, or what has it as its text.
+        most: The largest length, in characters.
 
     Returns:
         The text on one line, abbreviated in its middle if it is too long, with control characters
@@ -60,7 +60,7 @@ class Fault(NamedTuple):
         """The fault in one line.
 
         Args:
-            source: name of the file.
+            source: Name of the file.
 
         Returns:
             `source:line: key: message`.

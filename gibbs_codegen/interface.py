@@ -59,7 +59,7 @@ class Output:
         """The shape in numbers.
 
         Args:
-            lengths: the length that each letter stands for.
+            lengths: The length that each letter stands for.
 
         Returns:
             The size of each axis.
@@ -243,7 +243,7 @@ def module_signatures(module: Any) -> list[Signature]:
     """Signatures of the functions of a module.
 
     Args:
-        module: a generated module, or what lists the same constants.
+        module: A generated module, or what lists the same constants.
 
     Returns:
         The signatures, in the order of the table.
@@ -256,10 +256,10 @@ def signatures(coordinates: int, hybrid: int, inputs: int, points: int) -> list[
     """Signatures of all functions, given the lengths of what a module lists.
 
     Args:
-        coordinates: number of COORDINATES.
-        hybrid: number of HYBRID_COORDINATES.
-        inputs: number of INPUTS.
-        points: number of POINTS.
+        coordinates: Number of COORDINATES.
+        hybrid: Number of HYBRID_COORDINATES.
+        inputs: Number of INPUTS.
+        points: Number of POINTS.
 
     Returns:
         The signatures, in the order of the table.

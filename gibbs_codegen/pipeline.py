@@ -46,24 +46,24 @@ def generate(
     """Generate the module of a robot file, or of a robot that ships: all of it, or nothing.
 
     Args:
-        robot_file: path of a robot file, or the name of a robot that ships.
-        out: folder of modules; the module is `out`/<name>.
-        targets: what to emit.
-        keep_zeros: whether parameters that are zero in the file stay parameters.
-        verify: whether to check the functions first, in a moment, against Newton–Euler equations
+        robot_file: Path of a robot file, or the name of a robot that ships.
+        out: Folder of modules; the module is `out`/<name>.
+        targets: What to emit.
+        keep_zeros: Whether parameters that are zero in the file stay parameters.
+        verify: Whether to check the functions first, in a moment, against Newton–Euler equations
             that share no code with the derivation, and with each other.
-        force: whether a module's folder with files that were not generated, or were changed since,
+        force: Whether a module's folder with files that were not generated, or were changed since,
             is kept under another name, which the log `gibbs_codegen` tells, instead of refused.
 
     Returns:
         The module's folder.
 
     Raises:
-        RobotFileError: if the file is faulty.
-        SingularRobotError: if the robot has a massless degree of freedom.
-        UsageError: if there is no such robot or target, or the folder is refused.
-        WrongModuleError: if a check fails.
-        OutputError: if the module cannot be written.
+        RobotFileError: If the file is faulty.
+        SingularRobotError: If the robot has a massless degree of freedom.
+        UsageError: If there is no such robot or target, or the folder is refused.
+        WrongModuleError: If a check fails.
+        OutputError: If the module cannot be written.
     """
     robot, text = read_robot(os.fspath(robot_file))
     return generate_robot(robot, text, out, targets, keep_zeros, verify=verify, force=force)[1]
@@ -82,16 +82,16 @@ def generate_robot(
     """Generate the module of a robot that has been read.
 
     Args:
-        robot: the robot.
-        text: its robot file, which the module keeps.
-        out, targets, keep_zeros, verify, force: as of `generate`.
-        progress: told in a word what is done next.
+        robot: The robot.
+        text: Its robot file, which the module keeps.
+        out, targets, keep_zeros, verify, force: As of `generate`.
+        progress: Told in a word what is done next.
 
     Returns:
         The derived model, and the module's folder.
 
     Raises:
-        SingularRobotError, UsageError, WrongModuleError, OutputError: as `generate`.
+        SingularRobotError, UsageError, WrongModuleError, OutputError: As `generate`.
     """
     check_output_folder(out)
     folder = Path(out) / robot.name
@@ -119,16 +119,16 @@ def check_robot(
     """Compare a module on disk with what would be written.
 
     Args:
-        robot: the robot.
-        text: its robot file.
-        out, targets, keep_zeros: as of `generate`.
-        progress: told in a word what is done next.
+        robot: The robot.
+        text: Its robot file.
+        out, targets, keep_zeros: As of `generate`.
+        progress: Told in a word what is done next.
 
     Returns:
         The module's folder, and the names of the files that differ.
 
     Raises:
-        SingularRobotError, UsageError: as `generate`.
+        SingularRobotError, UsageError: As `generate`.
     """
     check_output_folder(out)
     folder = Path(out) / robot.name
@@ -142,18 +142,18 @@ def module_files(
     """Derive a robot and render its module.
 
     Args:
-        robot: the robot.
-        text: its robot file.
-        targets: what to emit.
-        keep_zeros: whether parameters that are zero in the file stay parameters.
-        progress: told in a word what is done next.
+        robot: The robot.
+        text: Its robot file.
+        targets: What to emit.
+        keep_zeros: Whether parameters that are zero in the file stay parameters.
+        progress: Told in a word what is done next.
 
     Returns:
         The derived model, and the text of each file of the module by its name.
 
     Raises:
-        SingularRobotError: if the robot has a massless degree of freedom.
-        UsageError: if there is no such target.
+        SingularRobotError: If the robot has a massless degree of freedom.
+        UsageError: If there is no such target.
     """
     found = find_targets(targets)
     model = derive(robot, keep_zeros, progress)

@@ -46,7 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command.
 
     Args:
-        arguments: the words after `gibbs-codegen`; without them, those of the process.
+        arguments: The words after `gibbs-codegen`; without them, those of the process.
 
     Returns:
         The exit code: 0 if the command succeeded, 1 if it failed, 2 for wrong usage or a rejected

@@ -31,7 +31,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     """Add the command to the parser.
 
     Args:
-        commands: where the parser keeps its commands.
+        commands: Where the parser keeps its commands.
     """
     generate = commands.add_parser(
         "generate",

@@ -30,7 +30,7 @@ def report(model: Model) -> dict[str, Any]:
     """Everything that `info` shows.
 
     Args:
-        model: the derived robot.
+        model: The derived robot.
 
     Returns:
         Values that JSON can hold.
@@ -98,8 +98,8 @@ def print_report(model: Model, console: Console) -> None:
     """Print the report in a readable layout.
 
     Args:
-        model: the derived robot.
-        console: where to print.
+        model: The derived robot.
+        console: Where to print.
     """
     data = _facts(model)
     console.print(

@@ -27,7 +27,7 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     """Add ROBOT, or --rotors and --links, to a command that derives.
 
     Args:
-        parser: the parser of the command.
+        parser: The parser of the command.
     """
     parser.add_argument(
         "robot", nargs="?", metavar="ROBOT", help=f"{_ROBOT}the robot that ships is taken"
@@ -51,7 +51,7 @@ def add_module(parser: argparse.ArgumentParser) -> None:
     """Add ROBOT to a command that runs a module.
 
     Args:
-        parser: the parser of the command.
+        parser: The parser of the command.
     """
     parser.add_argument(
         "robot",
@@ -64,7 +64,7 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
     """The robot that the options ask for.
 
     Args:
-        options: the options of a command with `add_robot`.
+        options: The options of a command with `add_robot`.
 
     Returns:
         The robot and the text of its file.
@@ -92,7 +92,7 @@ def find_robot(word: str) -> tuple[Robot, str]:
     generated/.
 
     Args:
-        word: the word.
+        word: The word.
 
     Returns:
         The robot and the text of its file.
@@ -138,8 +138,8 @@ def found_module(
     left of one. For any other robot a module is generated, and removed on leaving.
 
     Args:
-        word: the word, as of `find_robot`, which raises errors for words that name nothing.
-        progress: shows the steps while a module is generated.
+        word: The word, as of `find_robot`, which raises errors for words that name nothing.
+        progress: Shows the steps while a module is generated.
 
     Yields:
         The folder of the module, and whether it is kept.

@@ -12,7 +12,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     """Add the command to the parser.
 
     Args:
-        commands: where the parser keeps its commands.
+        commands: Where the parser keeps its commands.
     """
     show = commands.add_parser(
         "show",

@@ -28,7 +28,7 @@ class Parser(argparse.ArgumentParser):
         """Print the usage and the message, and exit with 2.
 
         Args:
-            message: what is wrong with the command line.
+            message: What is wrong with the command line.
         """
         super().error(printable(message, 400))
 
@@ -42,9 +42,9 @@ def plain_table(title: str, *columns: str, **style: Any) -> Table:
     """A table without lines, its title on the left.
 
     Args:
-        title: the title.
-        columns: headings of its first columns.
-        **style: rich's properties of a table.
+        title: The title.
+        columns: Headings of its first columns.
+        **style: Rich's properties of a table.
 
     Returns:
         The table, without rows.

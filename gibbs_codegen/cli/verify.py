@@ -21,7 +21,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     """Add the command to the parser.
 
     Args:
-        commands: where the parser keeps its commands.
+        commands: Where the parser keeps its commands.
     """
     verify = commands.add_parser(
         "verify",
@@ -58,9 +58,9 @@ def _verify_folder(options: argparse.Namespace, folder: Path, kept: bool) -> int
     """Verify a module, print what was found, and return the exit code.
 
     Args:
-        options: the options of the command.
-        folder: the module.
-        kept: whether the module stays when the command has ended.
+        options: The options of the command.
+        folder: The module.
+        kept: Whether the module stays when the command has ended.
 
     Returns:
         The exit code.
@@ -98,9 +98,9 @@ def _print_found(found: Verification, passed: bool, folder: Path | None) -> None
     """Print the tables, and a line if all is well.
 
     Args:
-        found: the verification.
-        passed: whether it passed, and was made of all back ends that were asked for.
-        folder: the module, or None if it was generated for this and is not kept.
+        found: The verification.
+        passed: Whether it passed, and was made of all back ends that were asked for.
+        folder: The module, or None if it was generated for this and is not kept.
     """
     from rich.console import Console
 

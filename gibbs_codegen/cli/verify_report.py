@@ -24,7 +24,7 @@ def as_data(verification: Verification) -> dict[str, Any]:
     """Everything that `verify` found.
 
     Args:
-        verification: what was found.
+        verification: What was found.
 
     Returns:
         Values that JSON can hold; what is not a number is null.
@@ -51,8 +51,8 @@ def print_verification(verification: Verification, console: Console) -> None:
     """Print the largest errors: for each back end functions by formulations, then the rest.
 
     Args:
-        verification: what was found.
-        console: where to print.
+        verification: What was found.
+        console: Where to print.
     """
     for backend, comparisons in verification.comparisons.items():
         by_formulation, others = _sorted(comparisons)
@@ -72,7 +72,7 @@ def failure_lines(verification: Verification) -> list[str]:
     """The comparisons that failed.
 
     Args:
-        verification: what was found.
+        verification: What was found.
 
     Returns:
         A line for each, the worst first, and one that counts those that are left out.

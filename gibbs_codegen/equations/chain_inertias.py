@@ -20,7 +20,7 @@ def second_moments(
     """Second moments of mass, as the derivation has them, of an inertia matrix.
 
     Args:
-        xx, yy, zz, xy, xz, yz: entries of the inertia matrix (kg m²).
+        xx, yy, zz, xy, xz, yz: Entries of the inertia matrix (kg m²).
 
     Returns:
         ∫x², ∫y², ∫z², ∫xy, ∫xz, ∫yz over the mass (kg m²).
@@ -32,8 +32,8 @@ def defined_inertia(symbolic: SymbolicRobot, arm: int) -> Inertia:
     """Inertia of an arm about its joint.
 
     Args:
-        symbolic: the robot in symbols.
-        arm: number of the arm: base arms from 1, then the links.
+        symbolic: The robot in symbols.
+        arm: Number of the arm: base arms from 1, then the links.
 
     Returns:
         The inertia, in the parameters.
@@ -52,11 +52,11 @@ def named_inertia(
     """Name the entries of an inertia.
 
     Args:
-        tape: the tape.
-        chain: number of the chain.
-        item: number of the item in it, counted from 1.
-        inertia: the item's inertia about its joint, in the parameters.
-        names: takes the names of the symbols.
+        tape: The tape.
+        chain: Number of the chain.
+        item: Number of the item in it, counted from 1.
+        inertia: The item's inertia about its joint, in the parameters.
+        names: Takes the names of the symbols.
 
     Returns:
         The inertia in symbols, those that are zero left out, and what the symbols stand for.

@@ -36,8 +36,8 @@ def chain_names(symbolic: SymbolicRobot, chain: Chain) -> dict[sp.Symbol, Name]:
     """Names of everything that occurs in a chain.
 
     Args:
-        symbolic: the robot in symbols.
-        chain: one of its chains.
+        symbolic: The robot in symbols.
+        chain: One of its chains.
 
     Returns:
         Names of coordinates, inputs, parameters and fixed angles, by symbol.

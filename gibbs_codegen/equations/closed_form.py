@@ -38,14 +38,14 @@ def chain_closed_form(robot: Robot, number: int) -> ChainClosedForm:
     """Closed form of an open chain (eqs. 2, 3 and 5), which grows about threefold with every link.
 
     Args:
-        robot: the robot.
-        number: of the chain, 1 to N.
+        robot: The robot.
+        number: Of the chain, 1 to N.
 
     Returns:
         The closed form. A constrained joint keeps its acceleration as a symbol; its rate is zero.
 
     Raises:
-        UsageError: if there is no such chain.
+        UsageError: If there is no such chain.
     """
     check_chain(robot, number)
     tape = InlineTape()
@@ -65,15 +65,15 @@ def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.
     """I_j and R_j (eq. 15) in symbols that read well, collected by products of rates.
 
     Args:
-        robot: the robot.
-        chain: number of the chain, 1 to N.
-        most: terms that both may have together.
+        robot: The robot.
+        chain: Number of the chain, 1 to N.
+        most: Terms that both may have together.
 
     Returns:
         The mass matrix, and the residual.
 
     Raises:
-        TooLongError: if they have more terms.
+        TooLongError: If they have more terms.
     """
     readable = readable_chain(robot, chain)
     tape, root, serial = readable.symbolic.tape, readable.symbolic.root, readable.serial

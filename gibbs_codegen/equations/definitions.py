@@ -40,8 +40,8 @@ class Definitions:
         """Define `symbol` as what the tape has for `value`, and read it in its place from now on.
 
         Args:
-            symbol: the symbol.
-            value: an expression of the tape. One that is a number, a symbol or already has a name
+            symbol: The symbol.
+            value: An expression of the tape. One that is a number, a symbol or already has a name
                 is defined, but read by that.
         """
         sign, original = signed(value)
@@ -57,7 +57,7 @@ class Definitions:
         """Write a value in the names that are defined so far.
 
         Args:
-            value: an expression of the tape.
+            value: An expression of the tape.
 
         Returns:
             The same in numbered quantities, which are defined as need be, and names.
@@ -118,7 +118,7 @@ def step_names(lines: Iterable[Definition]) -> dict[sp.Symbol, Name]:
     """Names of the quantities that definitions number.
 
     Args:
-        lines: definitions, those of other quantities among them.
+        lines: Definitions, those of other quantities among them.
 
     Returns:
         Names by symbol.

@@ -20,9 +20,9 @@ def gibbs_function(robot: Robot, chain: int, most: int) -> ChainEquation:
     """S_j, up to terms free of accelerations where it is closed: ½θ̈ᵀI_jθ̈ − R_jᵀθ̈.
 
     Args:
-        robot: the robot.
-        chain: number of the chain, 1 to N.
-        most: terms of I_j and R_j together, at most, in a closed form.
+        robot: The robot.
+        chain: Number of the chain, 1 to N.
+        most: Terms of I_j and R_j together, at most, in a closed form.
 
     Returns:
         Eq. 2, as definitions if it has more terms: S_j is then the sum of the items' own.
@@ -63,9 +63,9 @@ def gibbs_partials(robot: Robot, chain: int, most: int) -> ChainEquation:
     """∂S_j/∂θ̈_{j,i} = I_jθ̈_j − R_j, row by row.
 
     Args:
-        robot: the robot.
-        chain: number of the chain, 1 to N.
-        most: terms of I_j and R_j together, at most, in a closed form.
+        robot: The robot.
+        chain: Number of the chain, 1 to N.
+        most: Terms of I_j and R_j together, at most, in a closed form.
 
     Returns:
         Eq. 5, as definitions if it has more terms.

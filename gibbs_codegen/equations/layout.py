@@ -18,14 +18,14 @@ def as_text(*equations: ChainEquation, width: int = LEAST_WIDTH) -> str:
     """Equations of one chain as plain text, with a legend.
 
     Args:
-        equations: one or more, all of one chain of one robot.
-        width: letters in a line, at most.
+        equations: One or more, all of one chain of one robot.
+        width: Letters in a line, at most.
 
     Returns:
         The text.
 
     Raises:
-        UsageError: if there is no equation, or there are several chains.
+        UsageError: If there is no equation, or there are several chains.
     """
     return TextPage(equations, width).document()
 
@@ -34,13 +34,13 @@ def as_latex(*equations: ChainEquation) -> str:
     """Equations of one chain as LaTeX to paste into a document with amsmath, with a legend.
 
     Args:
-        equations: one or more, all of one chain of one robot.
+        equations: One or more, all of one chain of one robot.
 
     Returns:
         The LaTeX source.
 
     Raises:
-        UsageError: as `as_text`.
+        UsageError: As `as_text`.
     """
     return LatexPage(equations).document()
 
@@ -49,12 +49,12 @@ def as_markdown(*equations: ChainEquation) -> str:
     """Equations of one chain as Markdown with MathJax, for notebooks, with a legend.
 
     Args:
-        equations: one or more, all of one chain of one robot.
+        equations: One or more, all of one chain of one robot.
 
     Returns:
         The Markdown source.
 
     Raises:
-        UsageError: as `as_text`.
+        UsageError: As `as_text`.
     """
     return MarkdownPage(equations).document()

@@ -20,9 +20,9 @@ def equations_of_motion(robot: Robot, chain: int, most: int) -> ChainEquation:
     """I_jθ̈_j − ζ_{j,4}τ'_j = R_j + F_j with ζᵀθ̈_j = 0, or without τ'_j in the last chain.
 
     Args:
-        robot: the robot.
-        chain: number of the chain, 1 to N.
-        most: terms of I_j and R_j together, at most, in a closed form.
+        robot: The robot.
+        chain: Number of the chain, 1 to N.
+        most: Terms of I_j and R_j together, at most, in a closed form.
 
     Returns:
         Eq. 15, with I_j and R_j as definitions if they have more terms.
@@ -74,8 +74,8 @@ class _NamedEntries:
 
         Args:
             letter: I, R or F.
-            places: its row, or its row and column, counted from 0.
-            value: what it is.
+            places: Its row, or its row and column, counted from 0.
+            value: What it is.
 
         Returns:
             Its symbol, or zero.

@@ -27,16 +27,16 @@ def collected(expression: sp.Expr, keys: Sequence[sp.Symbol], most: int) -> sp.E
     """The expression multiplied out and collected by products of `keys`.
 
     Args:
-        expression: rational numbers and their square roots, symbols, sines and cosines, sums,
+        expression: Rational numbers and their square roots, symbols, sines and cosines, sums,
             products and positive powers.
-        keys: the symbols by whose products to collect.
-        most: terms in any step, at most.
+        keys: The symbols by whose products to collect.
+        most: Terms in any step, at most.
 
     Returns:
         An equal expression; in each coefficient common factors stand before the sum.
 
     Raises:
-        TooLongError: if a step has more terms.
+        TooLongError: If a step has more terms.
     """
     found = _leaves(expression)
     if not found:
@@ -63,7 +63,7 @@ def count_terms(expression: sp.Expr) -> int:
     """Count the terms of an expression.
 
     Args:
-        expression: the expression.
+        expression: The expression.
 
     Returns:
         How many terms are added anywhere in it, one at least.
@@ -208,9 +208,9 @@ def _square_replaced(terms: Terms, place: int, value: list[tuple[int | None, int
     """Replace the square of a leaf.
 
     Args:
-        terms: a polynomial.
-        place: of the leaf.
-        value: what the square is: a sum of numbers (None) and numbers times squares of leaves.
+        terms: A polynomial.
+        place: Of the leaf.
+        value: What the square is: a sum of numbers (None) and numbers times squares of leaves.
 
     Returns:
         An equal polynomial in which that leaf has no power above one.
@@ -235,9 +235,9 @@ def _folded(terms: Terms, kept: int, folded: int) -> Terms:
     """Write p·(1 − x²) as p·y², where x and y are cosine and sine or the other way round.
 
     Args:
-        terms: a polynomial.
-        kept: place of x.
-        folded: place of y.
+        terms: A polynomial.
+        kept: Place of x.
+        folded: Place of y.
 
     Returns:
         An equal polynomial.
@@ -261,9 +261,9 @@ def _merged(terms: Terms, cos_a: int, sin_a: int, cos_b: int, sin_b: int, c: int
     """Write cos a·cos b + sin a·sin b as cos(a − b), sin a·cos b − cos a·sin b as sin(a − b).
 
     Args:
-        terms: a polynomial.
-        cos_a, sin_a, cos_b, sin_b: places of the functions of a and b.
-        c, s: places of cos(a − b) and sin(a − b).
+        terms: A polynomial.
+        cos_a, sin_a, cos_b, sin_b: Places of the functions of a and b.
+        c, s: Places of cos(a − b) and sin(a − b).
 
     Returns:
         An equal polynomial.

@@ -67,12 +67,12 @@ def name(
     """Compose a name.
 
     Args:
-        letter: such as theta or l; one with a digit, such as B_0, keeps it apart from the index.
-        index: the subscript, or "".
-        kind: what the symbol stands for.
-        meaning: for the legend, with the unit.
-        mark: what stands above the letter: dot, ddot, bar or nothing.
-        prime: whether a prime follows the letter.
+        letter: Such as theta or l; one with a digit, such as B_0, keeps it apart from the index.
+        index: The subscript, or "".
+        kind: What the symbol stands for.
+        meaning: For the legend, with the unit.
+        mark: What stands above the letter: dot, ddot, bar or nothing.
+        prime: Whether a prime follows the letter.
 
     Returns:
         The name.
@@ -96,7 +96,7 @@ def latex_index(index: str) -> str:
     """A subscript in LaTeX.
 
     Args:
-        index: its text, or "".
+        index: Its text, or "".
 
     Returns:
         The subscript, or "".
@@ -109,7 +109,7 @@ def text_index(index: str) -> str:
     """A subscript in plain text.
 
     Args:
-        index: its text, or "".
+        index: Its text, or "".
 
     Returns:
         The subscript, or "".
@@ -132,8 +132,8 @@ def coordinate_names(
     """Names of the coordinates of a chain, with their rates and accelerations.
 
     Args:
-        chain: number of the chain.
-        coordinates: of each the derivation's name, the meaning and the unit, in order.
+        chain: Number of the chain.
+        coordinates: Of each the derivation's name, the meaning and the unit, in order.
 
     Yields:
         Each symbol and its name.
@@ -165,16 +165,16 @@ def parameter_name(internal: str, rotors: int, default: float, unit: str) -> Nam
     """Name of a parameter: g, l_k, μ_k, m_k … by the number k of its arm.
 
     Args:
-        internal: the derivation's name.
+        internal: The derivation's name.
         rotors: N; the arm's first link is arm N + 1.
-        default: value in the robot file.
-        unit: of the value, with ^2 for squares.
+        default: Value in the robot file.
+        unit: Of the value, with ^2 for squares.
 
     Returns:
         The name.
 
     Raises:
-        ValueError: if there is no such parameter.
+        ValueError: If there is no such parameter.
     """
     value = f" ({default:.6g} {unit.replace('^2', '²')})"
     if internal == "gravity":
@@ -200,8 +200,8 @@ def hybrid_name(internal: str, meaning: str) -> Name:
     """Name of a hybrid unknown or an input, by its single index: θ_{-1}, d_7, x, τ'_k, F_k, τ_k.
 
     Args:
-        internal: the derivation's name.
-        meaning: for the legend, with the unit.
+        internal: The derivation's name.
+        meaning: For the legend, with the unit.
 
     Returns:
         The name.
@@ -219,7 +219,7 @@ def accelerated(unknown: Name) -> Name:
     """The hybrid unknown that belongs to a hybrid coordinate.
 
     Args:
-        unknown: a coordinate, or a constraint torque.
+        unknown: A coordinate, or a constraint torque.
 
     Returns:
         The coordinate with two dots, or the torque as it is.

@@ -67,11 +67,11 @@ def check_chain(robot: Robot, number: int) -> None:
     """Check that a robot has a chain.
 
     Args:
-        robot: the robot.
-        number: of the chain.
+        robot: The robot.
+        number: Of the chain.
 
     Raises:
-        UsageError: if there is no such chain.
+        UsageError: If there is no such chain.
     """
     if not 1 <= number <= robot.rotors:
         raise UsageError(f"chain {number}: {robot.name} has chains 1 to {robot.rotors}")
@@ -81,9 +81,9 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     """An open chain in symbols that read well.
 
     Args:
-        robot: the robot.
-        number: of the chain, 1 to N.
-        tape: the tape; without one, on a tape that names nothing.
+        robot: The robot.
+        number: Of the chain, 1 to N.
+        tape: The tape; without one, on a tape that names nothing.
 
     Returns:
         The chain.
@@ -121,7 +121,7 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
     parent, which saves operations and takes explaining.
 
     Args:
-        readable: the chain.
+        readable: The chain.
 
     Returns:
         The chain of n segments as n + 1.
@@ -152,7 +152,7 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     """F_j: Ψ of every motor that acts in the chain times its thrust, and joint torques (eq. 13).
 
     Args:
-        readable: the chain.
+        readable: The chain.
 
     Returns:
         An entry for each of its coordinates.
@@ -210,8 +210,8 @@ def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -
     links.
 
     Args:
-        symbolic: the robot in symbols.
-        segment: the arm as the derivation has it.
+        symbolic: The robot in symbols.
+        segment: The arm as the derivation has it.
         angle: θ_{j,4}.
 
     Returns:
@@ -235,8 +235,8 @@ def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:
     """The state of an open chain in symbols.
 
     Args:
-        symbolic: the robot in symbols.
-        chain: one of its chains.
+        symbolic: The robot in symbols.
+        chain: One of its chains.
 
     Returns:
         Rates, zero where a joint is constrained, and accelerations, which constrained joints keep.

@@ -49,17 +49,17 @@ def chain_equation(
     """One of the paper's equations for one chain of a robot.
 
     Args:
-        robot: the robot.
-        chain: number of the chain, 1 to N.
-        equation: its number in the paper: 2, 5, 6, 15 or 18.
-        most_terms: of the chain's mass matrix and residual together; where they have more,
+        robot: The robot.
+        chain: Number of the chain, 1 to N.
+        equation: Its number in the paper: 2, 5, 6, 15 or 18.
+        most_terms: Of the chain's mass matrix and residual together; where they have more,
             equations 2, 5 and 15 are definitions instead of closed forms.
 
     Returns:
         The equation.
 
     Raises:
-        UsageError: if there is no such chain or equation.
+        UsageError: If there is no such chain or equation.
     """
     if equation not in EQUATIONS:
         known = ", ".join(map(str, EQUATIONS))

@@ -48,7 +48,7 @@ def text_width(text: str) -> int:
     """Width of plain text.
 
     Args:
-        text: the text.
+        text: The text.
 
     Returns:
         As many letters as are seen: dots above take no room.
@@ -95,7 +95,7 @@ class Writer:
         """An expression on one line.
 
         Args:
-            expression: the expression.
+            expression: The expression.
 
         Returns:
             The line.
@@ -106,7 +106,7 @@ class Writer:
         """An expression cut where a line may end.
 
         Args:
-            expression: the expression.
+            expression: The expression.
 
         Returns:
             Its pieces, each but the first beginning with the sign of a term.
@@ -117,7 +117,7 @@ class Writer:
         """Terms of an expression.
 
         Args:
-            expression: the expression.
+            expression: The expression.
 
         Returns:
             The terms in order, each cut where a line may end within it.
@@ -183,7 +183,7 @@ class Writer:
         """The index of s and c.
 
         Args:
-            angle: a sum of coordinates and a fixed angle.
+            angle: A sum of coordinates and a fixed angle.
 
         Returns:
             The index of the angle; that of a sum as j,3+4, a fixed part in degrees.
@@ -203,7 +203,7 @@ class Writer:
         """An angle itself, for a legend.
 
         Args:
-            angle: a sum of coordinates and a fixed angle.
+            angle: A sum of coordinates and a fixed angle.
 
         Returns:
             The sum, with the fixed angle as a multiple of π.
@@ -258,10 +258,10 @@ def filled(
     piece no line ends.
 
     Args:
-        terms: each in pieces.
-        first: letters on the first line, at most.
-        width: letters on the others, at most.
-        visible: tells how many letters of a text are seen.
+        terms: Each in pieces.
+        first: Letters on the first line, at most.
+        width: Letters on the others, at most.
+        visible: Tells how many letters of a text are seen.
 
     Returns:
         The lines, each with its depth: 0 if it begins a term, 1 if it goes on within one.

@@ -11,8 +11,8 @@ def render(template: str, context: object) -> str:
     """Text of one template.
 
     Args:
-        template: name of its file
-        context: a value whose attributes the template reads by their names, such as a dataclass
+        template: Name of its file.
+        context: A value whose attributes the template reads by their names, such as a dataclass.
 
     Returns:
         The text; a name that the context lacks is an error of Jinja's.

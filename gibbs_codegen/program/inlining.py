@@ -39,8 +39,8 @@ def inline_single_uses(statements: list[Statement], outputs: list[Output]) -> li
     """Write what is used once where it is used, as long as the line stays short.
 
     Args:
-        statements: statements of a function, in order.
-        outputs: its outputs; their entries stay as they are.
+        statements: Statements of a function, in order.
+        outputs: Its outputs; their entries stay as they are.
 
     Returns:
         The statements that are left, in order.
@@ -82,9 +82,9 @@ def _restored(
     """Restore, in place, the definitions of pending names that found no room.
 
     Args:
-        kept: the statements that are left.
-        pending: definitions of names that were to be inlined.
-        statements: all statements, in order.
+        kept: The statements that are left.
+        pending: Definitions of names that were to be inlined.
+        statements: All statements, in order.
 
     Returns:
         The statements that are left and those restored, in order.
@@ -106,8 +106,8 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
     """Substitute nodes for names, and open up sums in sums and products in products.
 
     Args:
-        node: the node.
-        values: what to put in place of a name; other names stay.
+        node: The node.
+        values: What to put in place of a name; other names stay.
 
     Returns:
         The node that takes the same operations as both together, or fewer.

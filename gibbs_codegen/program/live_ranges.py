@@ -66,7 +66,7 @@ class LiveRanges:
         """Whether a section is a loop.
 
         Args:
-            section: its number.
+            section: Its number.
 
         Returns:
             True for a loop, False for straight-line steps.
@@ -77,7 +77,7 @@ class LiveRanges:
         """Whether two names can have one slot: one is no longer used when the other is defined.
 
         Args:
-            first, second: the names, in any order.
+            first, second: The names, in any order.
 
         Returns:
             True if their live ranges do not overlap.

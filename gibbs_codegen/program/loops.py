@@ -38,7 +38,7 @@ def reroll(steps: Sequence[Step]) -> tuple[list[Item], dict[str, int]]:
     """Turn repeated blocks into loops.
 
     Args:
-        steps: a schedule without loops.
+        steps: A schedule without loops.
 
     Returns:
         The schedule with loops, and the sign of each name, +1 or −1. What a loop reads and writes
@@ -109,9 +109,9 @@ def _consistent(steps: Sequence[Step], repeated: RepeatedBlocks, signs: _Signs) 
     """Count the iterations, up to the last block, that can have the same signs.
 
     Args:
-        steps: the schedule.
-        repeated: repeated blocks in it.
-        signs: takes the equations of these iterations.
+        steps: The schedule.
+        repeated: Repeated blocks in it.
+        signs: Takes the equations of these iterations.
 
     Returns:
         How many iterations at the end are consistent with each other and with loops before.
@@ -140,11 +140,11 @@ def _loop(
     """Make the loop of repeated blocks; its names are those of the last block.
 
     Args:
-        steps: the schedule.
-        repeated: repeated blocks in it.
-        iterations: how many of the last blocks the loop is for.
-        signs: of all names.
-        last_use: the last step that uses a name.
+        steps: The schedule.
+        repeated: Repeated blocks in it.
+        iterations: How many of the last blocks the loop is for.
+        signs: Of all names.
+        last_use: The last step that uses a name.
 
     Returns:
         The loop.
@@ -192,10 +192,10 @@ def _node(
     """A factor of the body.
 
     Args:
-        column: that factor in each block.
-        defined: names that the last block defines.
-        shared: names that all blocks read.
-        operands: takes the row of names, if they differ from block to block.
+        column: That factor in each block.
+        defined: Names that the last block defines.
+        shared: Names that all blocks read.
+        operands: Takes the row of names, if they differ from block to block.
 
     Returns:
         A number, or a name of the body.

@@ -58,10 +58,10 @@ def lower(
     """Lower every slice of the tape into one program.
 
     Args:
-        tape: the tape.
-        inputs: names of the scalars in each argument.
-        parameters: names of all parameters, in order.
-        slices: the functions.
+        tape: The tape.
+        inputs: Names of the scalars in each argument.
+        parameters: Names of all parameters, in order.
+        slices: The functions.
 
     Returns:
         The program. Of `parameters` it has those that a function depends on.
@@ -102,8 +102,8 @@ def operations(tape: Tape, entries: Sequence[sp.Expr]) -> int:
     """Operations that a function with certain entries takes.
 
     Args:
-        tape: the tape.
-        entries: what the function returns.
+        tape: The tape.
+        entries: What the function returns.
 
     Returns:
         All operations but the sine–cosine pairs.

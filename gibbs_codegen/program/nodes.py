@@ -120,7 +120,7 @@ class Program:
         """The function of a name.
 
         Args:
-            name: one of the program's functions.
+            name: One of the program's functions.
 
         Returns:
             The function.
@@ -131,7 +131,7 @@ class Program:
         """Interpret `prepare`.
 
         Args:
-            parameters: a value for each parameter of the program.
+            parameters: A value for each parameter of the program.
 
         Returns:
             Values by name: the parameters, and all that `prepare` computes from them.
@@ -150,9 +150,9 @@ class Program:
         """Interpret a function.
 
         Args:
-            name: one of the program's functions.
-            parameters: a value for each parameter of the program.
-            arguments: the entries of each argument of the function.
+            name: One of the program's functions.
+            parameters: A value for each parameter of the program.
+            arguments: The entries of each argument of the function.
 
         Returns:
             The entries of each output, in C order.
@@ -172,7 +172,7 @@ def total_mass(program: Program) -> Node:
     """Mass of the whole robot.
 
     Args:
-        program: a program with the function `mass_matrix`.
+        program: A program with the function `mass_matrix`.
 
     Returns:
         The last entry of the mass matrix, which is the mass whatever the attitude.
@@ -184,8 +184,8 @@ def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
     """Replace nodes within a node, outermost first.
 
     Args:
-        node: the node.
-        values: what to put in place of a node.
+        node: The node.
+        values: What to put in place of a node.
 
     Returns:
         The node with every node that `values` maps replaced.
@@ -209,7 +209,7 @@ def operands(node: Node) -> tuple[Node, ...]:
     """Nodes that a node is directly made of.
 
     Args:
-        node: the node.
+        node: The node.
 
     Returns:
         Its terms, factors or argument, from left to right.
@@ -229,7 +229,7 @@ def walk(node: Node) -> Iterator[Node]:
     """Go through a node.
 
     Args:
-        node: the node.
+        node: The node.
 
     Yields:
         The node, and all that it is made of, from left to right.
@@ -244,7 +244,7 @@ def calls_in(node: Node) -> list[Call]:
     """Calls in a node.
 
     Args:
-        node: the node.
+        node: The node.
 
     Returns:
         Calls from left to right, as often as they stand there.
@@ -256,7 +256,7 @@ def names_in(node: Node) -> list[str]:
     """Names in a node.
 
     Args:
-        node: the node.
+        node: The node.
 
     Returns:
         Names from left to right, as often as they stand there.
@@ -268,8 +268,8 @@ def node_value(node: Node, values: Mapping[str, float]) -> float:
     """Evaluate a node.
 
     Args:
-        node: the node.
-        values: values of the names in it.
+        node: The node.
+        values: Values of the names in it.
 
     Returns:
         Its value.

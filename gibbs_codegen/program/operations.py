@@ -43,7 +43,7 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
     """Operations that it takes to compute each of some nodes once.
 
     Args:
-        nodes: the nodes; what they have in common counts as often as it occurs, but for sine–cosine
+        nodes: The nodes; what they have in common counts as often as it occurs, but for sine–cosine
             pairs, which are counted once per angle.
 
     Returns:

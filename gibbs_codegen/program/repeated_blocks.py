@@ -51,8 +51,8 @@ def is_profitable(count: int, length: int) -> bool:
     """Whether blocks are worth a loop.
 
     Args:
-        count: number of blocks.
-        length: steps in a block.
+        count: Number of blocks.
+        length: Steps in a block.
 
     Returns:
         True if there are enough blocks, and enough steps in all.
@@ -64,7 +64,7 @@ def find_repeated_blocks(steps: Sequence[Step]) -> list[RepeatedBlocks]:
     """Find repeated blocks that do not overlap; candidates that cover most are tried first.
 
     Args:
-        steps: a schedule without loops.
+        steps: A schedule without loops.
 
     Returns:
         The repeated blocks that are worth a loop, in order.
@@ -95,9 +95,9 @@ def _free_stretches(free: Sequence[bool], start: int, length: int) -> list[tuple
     """Stretches of free blocks.
 
     Args:
-        free: of each block, whether none of its steps is taken.
-        start: first step of the first block.
-        length: steps in a block.
+        free: Of each block, whether none of its steps is taken.
+        start: First step of the first block.
+        length: Steps in a block.
 
     Returns:
         Of each stretch, its first step and its number of blocks.
@@ -143,9 +143,9 @@ class _Matcher:
         This is quickly told, and mostly false.
 
         Args:
-            first: first step of one block.
-            last: first step of the last block.
-            shared: of each step of a block, the names that all blocks read.
+            first: First step of one block.
+            last: First step of the last block.
+            shared: Of each step of a block, the names that all blocks read.
 
         Returns:
             False if the blocks cannot match.
@@ -161,9 +161,9 @@ class _Matcher:
         """Match the last blocks of a candidate, as many as do the same independently.
 
         Args:
-            start: first step of the candidate.
-            length: steps in a block.
-            count: number of blocks, all of one signature.
+            start: First step of the candidate.
+            length: Steps in a block.
+            count: Number of blocks, all of one signature.
 
         Returns:
             The blocks that match, or None if they are not worth a loop.
@@ -232,10 +232,10 @@ def _canonical(
     Names that are others in each block go by age, which is a guess, and any order is right.
 
     Args:
-        parts: terms of a step.
-        defined: the step that defines a name.
-        first: first step of the block.
-        shared: names that all blocks read in this step.
+        parts: Terms of a step.
+        defined: The step that defines a name.
+        first: First step of the block.
+        shared: Names that all blocks read in this step.
 
     Returns:
         What has to be equal in all blocks, and the terms in order.

@@ -35,7 +35,7 @@ class SlotTuples:
         """Put a name into a tuple of its own, unless it is in one.
 
         Args:
-            name: the name.
+            name: The name.
         """
         if name not in self._places:
             number = len(self._places)
@@ -46,7 +46,7 @@ class SlotTuples:
         """Forget all names but some.
 
         Args:
-            names: those that stay.
+            names: Those that stay.
         """
         for number, members in self.members.items():
             kept = {offset: [n for n in there if n in names] for offset, there in members.items()}
@@ -59,9 +59,9 @@ class SlotTuples:
         """Join the tuples of two names, unless that puts names together that cannot share a slot.
 
         Args:
-            first, second: the names; each is in a tuple.
-            distance: slots from the first to the second.
-            can_share: tells of two names whether they can have one slot.
+            first, second: The names; each is in a tuple.
+            distance: Slots from the first to the second.
+            can_share: Tells of two names whether they can have one slot.
 
         Returns:
             Whether the two names are now at that distance.
@@ -86,8 +86,8 @@ def insert_copies(items: Sequence[Item], tuples: SlotTuples) -> tuple[list[Item]
     """Put copies before the loops whose operands do not lie side by side, or unroll the loops.
 
     Args:
-        items: steps and loops in order.
-        tuples: takes the rows of all loops that are kept.
+        items: Steps and loops in order.
+        tuples: Takes the rows of all loops that are kept.
 
     Returns:
         The items with the copies, and what each copy is a copy of.
@@ -122,11 +122,11 @@ def _place_row(
     """Put a row into one tuple, with copies of those names that cannot lie in it.
 
     Args:
-        row: names, one an iteration.
-        prefix: how the names of copies begin.
-        defined: those names of the row that are defined by steps and therefore can have slots.
-        copies: takes the copies, each with what it is a copy of.
-        tuples: takes the row.
+        row: Names, one an iteration.
+        prefix: How the names of copies begin.
+        defined: Those names of the row that are defined by steps and therefore can have slots.
+        copies: Takes the copies, each with what it is a copy of.
+        tuples: Takes the row.
 
     Returns:
         The row with copies in it, or nothing if the place of a copy is not free.

@@ -51,7 +51,7 @@ class Allocation:
         """Sign between a name and what its slot holds.
 
         Args:
-            name: a name that is not the row of a loop.
+            name: A name that is not the row of a loop.
 
         Returns:
             "-" or "".
@@ -63,10 +63,10 @@ def allocate_scratch(items: Sequence[Item], signs: Mapping[str, int], limit: int
     """Split a schedule into sections, and give slots to the values that they hand on.
 
     Args:
-        items: steps and loops in order.
-        signs: of each name, +1 or −1; the rows of loops hold the names times their signs. Empty if
+        items: Steps and loops in order.
+        signs: Of each name, +1 or −1; the rows of loops hold the names times their signs. Empty if
             there are no loops.
-        limit: memory references in a section, at most.
+        limit: Memory references in a section, at most.
 
     Returns:
         The sections with their slots.
@@ -126,10 +126,10 @@ def _section(
     """A section with its slots.
 
     Args:
-        number: of the section, counted from 0.
-        items: its steps, or its loop.
-        slots: of all names that have one.
-        live: the live ranges of names.
+        number: Of the section, counted from 0.
+        items: Its steps, or its loop.
+        slots: Of all names that have one.
+        live: The live ranges of names.
 
     Returns:
         The section.

@@ -30,7 +30,7 @@ def stack_bytes(function: GatheredFunction) -> int:
     """Stack that a call for one state takes, compiled with optimisation.
 
     Args:
-        function: the function.
+        function: The function.
 
     Returns:
         Bytes, for doubles; half of it serves for floats. What the library's sine and cosine take

@@ -78,7 +78,7 @@ def used_names(item: Item) -> list[str]:
     """Names that a step or a loop uses.
 
     Args:
-        item: the step, or the loop, which does not count what it defines itself.
+        item: The step, or the loop, which does not count what it defines itself.
 
     Returns:
         The names, as often as they are read.
@@ -92,7 +92,7 @@ def defined_names(item: Item) -> list[str]:
     """Names that a step or a loop defines for others.
 
     Args:
-        item: a step or a loop.
+        item: A step or a loop.
 
     Returns:
         The names; none for a store.
@@ -108,9 +108,9 @@ def schedule_stores(
     """Store each entry right after the statement that completes it.
 
     Args:
-        statements: the statements of a function, in order.
-        outputs: its outputs.
-        zeros_stored: for each output, whether its zero entries are stored too.
+        statements: The statements of a function, in order.
+        outputs: Its outputs.
+        zeros_stored: For each output, whether its zero entries are stored too.
 
     Returns:
         The statements in the same order, with the stores among them.
@@ -133,7 +133,7 @@ def headed(steps: Iterable[AnyStep]) -> Iterator[tuple[str, AnyStep]]:
     """Put the words of each group at the step with which the group begins.
 
     Args:
-        steps: steps in order; a store belongs to the group of the statement before it.
+        steps: Steps in order; a store belongs to the group of the statement before it.
 
     Yields:
         The words, or "" within a group, and the step.
@@ -149,8 +149,8 @@ def split_into_sections(items: Sequence[Item], limit: int) -> list[tuple[Item, .
     """Split a schedule into sections, each as long as the limit permits.
 
     Args:
-        items: steps and loops in order.
-        limit: memory references in a section, at most: names read that no step in it defines,
+        items: Steps and loops in order.
+        limit: Memory references in a section, at most: names read that no step in it defines,
             inputs and constants too; names that a later section reads; entries stored. A step that
             exceeds it is a section of its own.
 

@@ -43,7 +43,7 @@ def sine_name(i: int) -> str:
     """Name of the sine of an angle.
 
     Args:
-        i: number of the angle, counted from 0.
+        i: Number of the angle, counted from 0.
 
     Returns:
         The name.
@@ -55,7 +55,7 @@ def cosine_name(i: int) -> str:
     """Name of the cosine of an angle.
 
     Args:
-        i: number of the angle, counted from 0.
+        i: Number of the angle, counted from 0.
 
     Returns:
         The name.
@@ -67,7 +67,7 @@ def gather_angles(function: Function) -> GatheredFunction:
     """Gather the sines and cosines of a function.
 
     Args:
-        function: the function.
+        function: The function.
 
     Returns:
         Its angles in the order of their first use, and the rest of it without calls.

@@ -15,7 +15,7 @@ def inertia_matrix(inertia: Sequence[float]) -> NDArray[np.float64]:
     """The matrix of an inertia.
 
     Args:
-        inertia: xx, yy, zz, xy, xz, yz, with xy = −∫ xy dm.
+        inertia: Xx, yy, zz, xy, xz, yz, with xy = −∫ xy dm.
 
     Returns:
         The matrix (3, 3), in the unit of its entries.
@@ -33,7 +33,7 @@ def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
 
     Args:
         mass: Mass of the body, kg.
-        inertia: xx, yy, zz, xy, xz, yz about its centre of mass, kg m².
+        inertia: Xx, yy, zz, xy, xz, yz about its centre of mass, kg m².
 
     Returns:
         What is wrong with the inertia, or None if a body has it.

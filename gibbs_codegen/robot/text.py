@@ -93,9 +93,9 @@ def _link(robot: Robot, i: int, in_both_forms: bool) -> LinkText:
     """The text of a link.
 
     Args:
-        robot: whose link it is
-        i: number of the link, from 1
-        in_both_forms: whether comments give its body as a rigid one too
+        robot: Whose link it is.
+        i: Number of the link, from 1.
+        in_both_forms: Whether comments give its body as a rigid one too.
 
     Returns:
         What the template is given.

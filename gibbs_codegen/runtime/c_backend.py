@@ -27,17 +27,17 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     """The functions and constants of a module, computed by its compiled C source.
 
     Args:
-        module: the NumPy module
-        folder: where its C files are
-        compiler: what compiles them
-        threads: how many threads share large batches
+        module: The NumPy module.
+        folder: Where its C files are.
+        compiler: What compiles them.
+        threads: How many threads share large batches.
 
     Returns:
         A module with the names of `module`, whose `__file__` is the shared library.
 
     Raises:
-        CompilerError: it cannot be compiled or loaded
-        CacheError: the library cannot be kept
+        CompilerError: It cannot be compiled or loaded.
+        CacheError: The library cannot be kept.
     """
     path = compiled_library(folder, module.NAME, compiler)
     try:
@@ -66,12 +66,12 @@ def _check_symbols(library: ctypes.CDLL, prefix: str, functions: Sequence[Signat
     """Refuse a library that lacks a function.
 
     Args:
-        library: what was compiled
-        prefix: name of the robot
-        functions: those that it must have
+        library: What was compiled.
+        prefix: Name of the robot.
+        functions: Those that it must have.
 
     Raises:
-        CompilerError: it lacks one
+        CompilerError: It lacks one.
     """
     names = [f"{prefix}_{f.name}{form}" for f in functions for form in ("", "_batch")]
     for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", "gibbs_codegen_lost", *names):

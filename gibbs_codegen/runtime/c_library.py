@@ -24,10 +24,10 @@ def compiled_library(
     """The shared library of a generated module, from the cache or compiled now.
 
     Args:
-        folder: where the module's C files are
-        name: of the robot
-        compiler: what compiles them
-        extra: flags that come after the compiler's
+        folder: Where the module's C files are.
+        name: Of the robot.
+        compiler: What compiles them.
+        extra: Flags that come after the compiler's.
 
     Returns:
         Path of the library, which exports the module's C functions, those of its CasADi adapter,
@@ -84,7 +84,7 @@ def c_files(name: str) -> list[str]:
     """The files that the C target of a module consists of.
 
     Args:
-        name: of the robot
+        name: Of the robot.
 
     Returns:
         Names of the files.

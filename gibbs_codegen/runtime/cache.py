@@ -27,14 +27,14 @@ def cached_library(key: str, make: Callable[[Path], None]) -> Path:
     """The library of a key, made where the cache has none.
 
     Args:
-        key: text that differs where libraries do
-        make: writes the library to the path that it is given; what it raises is passed on
+        key: Text that differs where libraries do.
+        make: Writes the library to the path that it is given; what it raises is passed on.
 
     Returns:
         Path of the library.
 
     Raises:
-        CacheError: the cache cannot be used
+        CacheError: The cache cannot be used.
     """
     try:
         root = _private_folder()

@@ -31,7 +31,7 @@ def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
     """The extension type `Caller`.
 
     Args:
-        compiler: what makes it where the cache has none
+        compiler: What makes it where the cache has none.
 
     Returns:
         Caller(address, widths, shapes, default constants, general function), or None where Python's

@@ -42,13 +42,13 @@ class CompiledConstants:
         """Constants of the functions for given parameters.
 
         Args:
-            parameters: values that differ from the defaults, by name
+            parameters: Values that differ from the defaults, by name.
 
         Returns:
             Bytes of the C module's struct.
 
         Raises:
-            ValueError: they leave an acceleration undetermined, or the NumPy module refuses them
+            ValueError: They leave an acceleration undetermined, or the NumPy module refuses them.
         """
         self._check(parameters)
         values = {**self._parameters, **parameters}
@@ -62,13 +62,13 @@ class CompiledConstants:
         """Constants of a call.
 
         Args:
-            constants: what `prepare` returned, or None for the default
+            constants: What `prepare` returned, or None for the default.
 
         Returns:
             Bytes of the C module's struct.
 
         Raises:
-            TypeError: they are not this module's
+            TypeError: They are not this module's.
         """
         if constants is None:
             return self.default
@@ -120,8 +120,8 @@ class CompiledFunction:
         """The function with a short way for one state in plain arrays.
 
         Args:
-            caller: what `caller_type` returns
-            general: the function for any arguments, which takes the calls for all others
+            caller: What `caller_type` returns.
+            general: The function for any arguments, which takes the calls for all others.
 
         Returns:
             What is called as `general` is.
@@ -134,8 +134,8 @@ class CompiledFunction:
         """The function for any arguments.
 
         Args:
-            given: anything that NumPy makes an array (..., width) of, by the arguments' names, and
-                what `CompiledConstants.prepare` returned as `constants`, or None
+            given: Anything that NumPy makes an array (..., width) of, by the arguments' names, and
+                what `CompiledConstants.prepare` returned as `constants`, or None.
 
         Returns:
             An array (..., *shape), or a tuple of them.
@@ -167,9 +167,9 @@ class CompiledFunction:
         """Report results that are not finite though arguments are, as the NumPy back end does.
 
         Args:
-            arrays: arguments (..., width)
-            outputs: results (*batch, *shape)
-            batch: the shape that the leading axes broadcast to
+            arrays: Arguments (..., width).
+            outputs: Results (*batch, *shape).
+            batch: The shape that the leading axes broadcast to.
         """
         signature = self._signature
         finite = np.ones(batch, dtype=bool)
@@ -182,10 +182,10 @@ class CompiledFunction:
         """Compute all rows, on several threads where they are many.
 
         Args:
-            constants: bytes of the C module's constants
-            count: number of rows
-            inputs: arrays (*batch, width) in C order
-            outputs: arrays (*batch, *shape), which are filled
+            constants: Bytes of the C module's constants.
+            count: Number of rows.
+            inputs: Arrays (*batch, width) in C order.
+            outputs: Arrays (*batch, *shape), which are filled.
 
         Returns:
             Whether finite inputs may have given what is not finite.
@@ -209,10 +209,10 @@ class CompiledFunction:
         """Compute rows that follow each other, on this thread.
 
         Args:
-            constants: bytes of the C module's constants
-            flat: inputs and outputs, flattened
-            start: number of the first row
-            count: how many rows
+            constants: Bytes of the C module's constants.
+            flat: Inputs and outputs, flattened.
+            start: Number of the first row.
+            count: How many rows.
 
         Returns:
             Whether finite inputs may have given what is not finite.

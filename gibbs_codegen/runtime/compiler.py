@@ -46,12 +46,12 @@ class Compiler:
         """Make a shared library.
 
         Args:
-            sources: C files
-            output: path of the library
-            extra: flags that come after the compiler's
+            sources: C files.
+            output: Path of the library.
+            extra: Flags that come after the compiler's.
 
         Raises:
-            CompilerError: the compiler fails or hangs
+            CompilerError: The compiler fails or hangs.
         """
         # Without knowing the processor a library in the cache might meet another one.
         if _processor():
@@ -64,12 +64,12 @@ class Compiler:
         """Make a shared library.
 
         Args:
-            sources: C files
-            output: path of the library
-            flags: all but the user's own
+            sources: C files.
+            output: Path of the library.
+            flags: All but the user's own.
 
         Raises:
-            CompilerError: the compiler fails or hangs
+            CompilerError: The compiler fails or hangs.
         """
         # Words before the first flag may be a launcher and its compiler, such as `ccache gcc`.
         programs = list(itertools.takewhile(lambda word: not word.startswith("-"), self.command))
@@ -91,14 +91,14 @@ def find_compiler(chosen: str | None) -> Compiler:
     """The compiler that the user has chosen, or else cc, gcc or clang of the search path.
 
     Args:
-        chosen: the value of CC, which may be a launcher and a compiler, and flags after it, as
-            `ccache gcc -O2`; None where it is not set
+        chosen: The value of CC, which may be a launcher and a compiler, and flags after it, as
+            `ccache gcc -O2`; None where it is not set.
 
     Returns:
         The compiler.
 
     Raises:
-        CompilerError: there is none
+        CompilerError: There is none.
     """
     if os.name == "nt":
         raise CompilerError("compiling on Windows is not supported yet")
@@ -125,15 +125,15 @@ def _run(command: Sequence[str], seconds: float, folder: Path) -> tuple[int | No
     """Run a command to its end, or end it.
 
     Args:
-        command: program and arguments
-        seconds: how long it may take
-        folder: where it is run
+        command: Program and arguments.
+        seconds: How long it may take.
+        folder: Where it is run.
 
     Returns:
         Exit code, None if the command hung and was ended, and what it printed.
 
     Raises:
-        CompilerError: it cannot be started
+        CompilerError: It cannot be started.
     """
     try:
         process = subprocess.Popen(  # noqa: S603 - a compiler that the user has chosen

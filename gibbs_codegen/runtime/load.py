@@ -31,11 +31,11 @@ def load(
     """Load a generated module.
 
     Args:
-        name_or_path: the module's folder, or a name, which is looked for in `generated/` of the
-            working directory
+        name_or_path: The module's folder, or a name, which is looked for in `generated/` of the
+            working directory.
         backend: "numpy", or "c", which compiles the module's C source once, with CC or the
-            machine's compiler, and keeps it in a cache
-        threads: how many threads of the C back end share large batches
+            machine's compiler, and keeps it in a cache.
+        threads: How many threads of the C back end share large batches.
 
     Returns:
         An object with the module's functions and constants. With the C back end `__file__` is the
@@ -43,7 +43,7 @@ def load(
         `gibbs_codegen` says so in a line.
 
     Raises:
-        UsageError: there is no such module, C source or back end
+        UsageError: There is no such module, C source or back end.
     """
     if backend not in BACKENDS:
         raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
@@ -59,15 +59,15 @@ def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:
     """A module with the C back end, or with NumPy where that cannot be had.
 
     Args:
-        module: the NumPy module
-        folder: where its C files are
-        threads: how many threads share large batches
+        module: The NumPy module.
+        folder: Where its C files are.
+        threads: How many threads share large batches.
 
     Returns:
         The module with the back end.
 
     Raises:
-        UsageError: a C file is missing, or is of another make
+        UsageError: a C file is missing, or is of another make.
     """
     from gibbs_codegen.runtime.c_backend import c_module
     from gibbs_codegen.runtime.c_library import c_files
@@ -125,13 +125,13 @@ def find_module(path: Path) -> Path:
     """Folder of a generated module.
 
     Args:
-        path: of the folder, or the module's name
+        path: Of the folder, or the module's name.
 
     Returns:
         The absolute path.
 
     Raises:
-        UsageError: there is no generated module
+        UsageError: There is no generated module.
     """
     folders = (path, Path("generated") / path)
     try:

@@ -104,9 +104,9 @@ class AdaptiveIntegrator:
         """Why a flight takes too many evaluations, and what to do about it.
 
         Args:
-            time: time that was reached, s.
-            step: size of the last step, s.
-            state: state (size) that was reached.
+            time: Time that was reached, s.
+            step: Size of the last step, s.
+            state: State (size) that was reached.
 
         Returns:
             The reason.
@@ -129,10 +129,10 @@ def _first_violation(
     """The first time in a step at which the flight cannot go on, to a millionth of the step.
 
     Args:
-        envelope: where control counts as lost.
-        path: state (size) at a time of the step.
-        good: begin of the step, s, where the flight can go on.
-        bad: end of the step, s, where it cannot.
+        envelope: Where control counts as lost.
+        path: State (size) at a time of the step.
+        good: Begin of the step, s, where the flight can go on.
+        bad: End of the step, s, where it cannot.
 
     Returns:
         A time, s, at which the flight cannot go on.

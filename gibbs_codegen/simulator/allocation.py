@@ -64,10 +64,10 @@ class Allocation:
         """Raise an error unless the rotors can produce every wrench.
 
         Args:
-            purpose: what requires that, as a clause.
+            purpose: What requires that, as a clause.
 
         Raises:
-            AllocationError: with the directions that the rotors cannot command.
+            AllocationError: With the directions that the rotors cannot command.
         """
         if self.missing:
             raise AllocationError(
@@ -81,13 +81,13 @@ class Allocation:
         """Thrusts that produce wrenches, or within limits come nearest to them.
 
         Args:
-            wrenches: desired wrenches (…, 6).
+            wrenches: Desired wrenches (…, 6).
 
         Returns:
             Thrusts (…, N), N.
 
         Raises:
-            AllocationError: for a wrench in a direction that the rotors cannot command.
+            AllocationError: For a wrench in a direction that the rotors cannot command.
         """
         found = np.asarray(wrenches @ self.inverse.T, dtype=np.float64)
         if self.missing:
@@ -107,7 +107,7 @@ class Allocation:
         """The part of wrenches that no thrusts produce, whatever the limits.
 
         Args:
-            wrenches: desired wrenches (…, 6).
+            wrenches: Desired wrenches (…, 6).
 
         Returns:
             Its norm (…), N and N m; 0 where thrusts are exact but for rounding.

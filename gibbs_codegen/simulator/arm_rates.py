@@ -42,11 +42,11 @@ def arm_rates(
     """Rates and accelerations of the arm that move the tip as desired.
 
     Args:
-        vehicle: the robot.
-        state: coordinates, rates and accelerations, each (nq), of base and arm; rates and
+        vehicle: The robot.
+        state: Coordinates, rates and accelerations, each (nq), of base and arm; rates and
             accelerations of the arm are not looked at.
-        target: desired position, velocity, acceleration (≥ 3, 3) of the tip, world axes, m and s.
-        limits: joint limits; a joint at its limit does not go beyond it.
+        target: Desired position, velocity, acceleration (≥ 3, 3) of the tip, world axes, m and s.
+        limits: Joint limits; a joint at its limit does not go beyond it.
 
     Returns:
         Those of least norm, or where the arm cannot give what is desired, the nearest to it.
@@ -82,10 +82,10 @@ def _rates_within_limits(
     """Rates of least norm that move the tip, with joints held that would leave their limits.
 
     Args:
-        joints: joint coordinates (n), rad or m.
+        joints: Joint coordinates (n), rad or m.
         jacobian: J (3, n) of the tip's position with respect to the joints.
-        speed: what the joints have to add to the tip's velocity (3), m/s.
-        limits: joint limits.
+        speed: What the joints have to add to the tip's velocity (3), m/s.
+        limits: Joint limits.
 
     Returns:
         Rates (n), rad/s or m/s, and the joints that are free to move (n).

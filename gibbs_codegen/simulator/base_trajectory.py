@@ -40,18 +40,18 @@ def desired_base(
     """Motion of the base with its centre on a path, and the arm's coordinates at 0.
 
     Args:
-        vehicle: the robot.
-        time: knots (s), evenly spaced, s. Where pieces between them do not follow the motion, 2,
+        vehicle: The robot.
+        time: Knots (s), evenly spaced, s. Where pieces between them do not follow the motion, 2,
             4 … times as many are taken.
-        centre: path of the base centre.
-        orientation: attitude of the base.
-        progress: is told the share that is done, 0 to 1.
+        centre: Path of the base centre.
+        orientation: Attitude of the base.
+        progress: Is told the share that is done, 0 to 1.
 
     Returns:
         The motion at the knots.
 
     Raises:
-        UsageError: with the time where the attitude is singular or not defined, and where the
+        UsageError: With the time where the attitude is singular or not defined, and where the
             motion is so fast, or turns so sharply, that not even the most knots follow it.
     """
     pieces, refinement = len(time) - 1, 1
@@ -75,17 +75,17 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
     """Motion of attitude and position, with the arm's coordinates at rest at 0.
 
     Args:
-        vehicle: the robot.
-        time: times (s), s.
-        centre: position, velocity and acceleration of the base centre (s, ≥ 3, 3), world axes, m
+        vehicle: The robot.
+        time: Times (s), s.
+        centre: Position, velocity and acceleration of the base centre (s, ≥ 3, 3), world axes, m
             and s.
-        turning: rotation of arm 1 in time, with s instants.
+        turning: Rotation of arm 1 in time, with s instants.
 
     Returns:
         The motion at the times.
 
     Raises:
-        SingularAttitudeError: near the singularity of the attitude sequence.
+        SingularAttitudeError: Near the singularity of the attitude sequence.
     """
     q, v, a = (np.zeros((len(time), len(vehicle.coordinates))) for _ in range(3))
     attitude, position = vehicle.layout.attitude, vehicle.layout.position
@@ -106,16 +106,16 @@ def _part(
     """Motion of the base at some knots, and where pieces between them leave it.
 
     Args:
-        vehicle: the robot.
-        time: knots (s), evenly spaced, s.
-        centre: path of the base centre.
-        orientation: attitude of the base.
+        vehicle: The robot.
+        time: Knots (s), evenly spaced, s.
+        centre: Path of the base centre.
+        orientation: Attitude of the base.
 
     Returns:
         The motion at the knots, and its greatest deviation; None if that is within the tolerance.
 
     Raises:
-        SingularAttitudeError: with the time where the attitude is singular.
+        SingularAttitudeError: With the time where the attitude is singular.
     """
     every = check_times(time)
     places = bounded_path(every, centre, "path of the base")
@@ -147,9 +147,9 @@ def _joined(time: Array, parts: list[Motion], attitude: slice) -> Motion:
     """One motion of parts, each of which begins where the one before ends.
 
     Args:
-        time: all knots (s), s.
-        parts: motions at successive knots; the last knot of each is the first of the next.
-        attitude: where the attitude angles are among the coordinates.
+        time: All knots (s), s.
+        parts: Motions at successive knots; the last knot of each is the first of the next.
+        attitude: Where the attitude angles are among the coordinates.
 
     Returns:
         The motion at all knots, with attitude angles that go on beyond ±π.

@@ -41,7 +41,7 @@ class ClosedLoop:
         """The state at time 0, with motors that have settled at the first commanded thrusts.
 
         Args:
-            q, v: coordinates and rates (nq).
+            q, v: Coordinates and rates (nq).
 
         Returns:
             The state (size).
@@ -53,7 +53,7 @@ class ClosedLoop:
         """What states consist of.
 
         Args:
-            states: states (…, size).
+            states: States (…, size).
 
         Returns:
             Coordinates and rates (…, nq), work (…), J, and thrusts (…, N), N; (…, 0) without lag.
@@ -70,8 +70,8 @@ class ClosedLoop:
         """Inputs that act: those commanded, with thrusts as the motors give them.
 
         Args:
-            commanded: inputs (…, nu) that the controller commands.
-            thrusts: thrusts (…, N) of the state, N; not looked at if the motors do not lag.
+            commanded: Inputs (…, nu) that the controller commands.
+            thrusts: Thrusts (…, N) of the state, N; not looked at if the motors do not lag.
 
         Returns:
             Inputs u (…, nu).
@@ -90,8 +90,8 @@ class ClosedLoop:
         """Rotors of which the greatest or the least thrust is commanded.
 
         Args:
-            time: time, s.
-            state: state (size).
+            time: Time, s.
+            state: State (size).
 
         Returns:
             Their numbers, from 0.
@@ -112,9 +112,9 @@ class ClosedLoop:
         """Accelerations of states and inputs, by the forward dynamics.
 
         Args:
-            q, v: coordinates and rates (…, nq).
-            inputs: inputs u (…, nu) that act.
-            tip_force: whether the force on the tip acts (…).
+            q, v: Coordinates and rates (…, nq).
+            inputs: Inputs u (…, nu) that act.
+            tip_force: Whether the force on the tip acts (…).
 
         Returns:
             Accelerations (…, nq).
@@ -130,7 +130,7 @@ class ClosedLoop:
         """Whether the force on the tip acts.
 
         Args:
-            time: times (…), s.
+            time: Times (…), s.
 
         Returns:
             Whether it acts at those times (…).
@@ -144,9 +144,9 @@ class ClosedLoop:
         """Time derivative of a state.
 
         Args:
-            time: time, s.
-            state: state (size).
-            tip_force: whether the force on the tip acts. This is given, since an integrator may
+            time: Time, s.
+            state: State (size).
+            tip_force: Whether the force on the tip acts. This is given, since an integrator may
                 ask for the end of an interval without force, which is when the force begins.
 
         Returns:
@@ -169,7 +169,7 @@ class ClosedLoop:
         """The intervals of a flight between which the force on the tip jumps.
 
         Args:
-            duration: duration of the flight, s.
+            duration: Duration of the flight, s.
 
         Returns:
             Intervals from 0 to `duration`, each beginning where the one before ends.

@@ -90,11 +90,11 @@ class CompiledLoop:
         """The compiled loop of a closed loop, if there is one.
 
         Args:
-            closed: the closed loop.
-            step: size of the steps, s.
-            bounds: errors of coordinates, then of rates (2 nq), beyond which control is lost; one
+            closed: The closed loop.
+            step: Size of the steps, s.
+            bounds: Errors of coordinates, then of rates (2 nq), beyond which control is lost; one
                 number serves for all.
-            tip_force: whether the force on the tip acts.
+            tip_force: Whether the force on the tip acts.
 
         Returns:
             The loop; None where the module or the loop is not compiled, and under control by
@@ -140,11 +140,11 @@ class CompiledLoop:
         """Take steps, fewer where a thrust would be saturated or the flight cannot go on.
 
         Args:
-            time: time before the first step, s.
-            state: state (size) before the first step.
-            count: greatest number of steps.
-            every: each `every`-th step is a sample, counted from `number`.
-            number: number of steps before the first.
+            time: Time before the first step, s.
+            state: State (size) before the first step.
+            count: Greatest number of steps.
+            every: Each `every`-th step is a sample, counted from `number`.
+            number: Number of steps before the first.
 
         Returns:
             The number of steps taken, the samples (s, size), and the last state (size).

@@ -61,20 +61,20 @@ def arm_motion(
     """Motion of base and arm, with the tip on its path.
 
     Args:
-        vehicle: the robot.
-        base: motion of the base at knots, with the arm's coordinates at 0.
-        tip: path of the tip.
-        limits: joint limits.
-        guess: joints (n) to begin with, rad or m; None tries many postures.
-        progress: is told the number of knots done and of all knots.
+        vehicle: The robot.
+        base: Motion of the base at knots, with the arm's coordinates at 0.
+        tip: Path of the tip.
+        limits: Joint limits.
+        guess: Joints (n) to begin with, rad or m; None tries many postures.
+        progress: Is told the number of knots done and of all knots.
 
     Returns:
         The motion at the knots of `base`.
 
     Raises:
-        UnreachableError: for the knots that the tip does not reach. After the first of them only
+        UnreachableError: For the knots that the tip does not reach. After the first of them only
             some are tried, over the whole path.
-        SingularArmError: where the arm cannot move as the path wants.
+        SingularArmError: Where the arm cannot move as the path wants.
     """
     arm = _Continuation(vehicle, base, tip(base.time), limits)
     arm.start(guess)
@@ -214,11 +214,11 @@ def _reach_holding(
     be driven into it again.
 
     Args:
-        vehicle: the robot.
-        q: coordinates (nq) to begin with.
-        target: desired position (3) of the tip, world axes, m.
-        limits: joint limits.
-        held: the joints (n) to leave where they are.
+        vehicle: The robot.
+        q: Coordinates (nq) to begin with.
+        target: Desired position (3) of the tip, world axes, m.
+        limits: Joint limits.
+        held: The joints (n) to leave where they are.
 
     Returns:
         The coordinates (nq), and the distance (m) of the tip from the target.
@@ -236,14 +236,14 @@ def _check_reached(vehicle: Vehicle, time: Array, q: Array, distances: Array) ->
     """Raise an error if the tip does not reach its path.
 
     Args:
-        vehicle: the robot.
-        time: knots (s), s.
-        q: coordinates (s, nq).
-        distances: of the tip from its path (s), m.
+        vehicle: The robot.
+        time: Knots (s), s.
+        q: Coordinates (s, nq).
+        distances: Of the tip from its path (s), m.
 
     Raises:
-        SingularArmError: if the path is so near that the arm could reach it from another side.
-        UnreachableError: if the path is out of reach.
+        SingularArmError: If the path is so near that the arm could reach it from another side.
+        UnreachableError: If the path is out of reach.
     """
     far = distances > REACHED
     if not np.any(far):

@@ -29,9 +29,9 @@ class Gains:
         """Gains of the errors' natural frequencies and damping ratios.
 
         Args:
-            frequency: natural frequency, rad/s, one for all or one per coordinate (nq).
-            damping_ratio: damping ratio, one for all or one per coordinate (nq).
-            coordinates: number of coordinates nq.
+            frequency: Natural frequency, rad/s, one for all or one per coordinate (nq).
+            damping_ratio: Damping ratio, one for all or one per coordinate (nq).
+            coordinates: Number of coordinates nq.
 
         Returns:
             The gains.
@@ -58,7 +58,7 @@ class Controller:
         """Inputs u (…, nu) at times (…), s, and states q, v (…, nq).
 
         Raises:
-            AllocationError: if the rotors cannot produce the wrench, whatever their thrusts.
+            AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
         """
         if self.law == "off":
             return np.zeros((*np.shape(time), len(self.vehicle.inputs)))

@@ -46,8 +46,8 @@ class Envelope:
         """Which states are finite and within the bounds.
 
         Args:
-            time: times (s), s.
-            states: states (s, size).
+            time: Times (s), s.
+            states: States (s, size).
 
         Returns:
             Whether each of them is (s).
@@ -60,8 +60,8 @@ class Envelope:
         """Why a flight cannot go on from a state.
 
         Args:
-            time: time, s.
-            state: state (size).
+            time: Time, s.
+            state: State (size).
 
         Returns:
             The reason, with the time and a remedy; "" if it can go on.

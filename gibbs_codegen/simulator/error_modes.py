@@ -34,7 +34,7 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     """Modes that decay: those of lagging thrusts, and of errors under computed torque.
 
     Args:
-        loop: the closed loop.
+        loop: The closed loop.
 
     Returns:
         The modes, fastest first.
@@ -65,10 +65,10 @@ def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: b
     """What makes integration hard besides the vehicle itself.
 
     Args:
-        loop: the closed loop.
-        time: time, s.
-        state: state (size).
-        lag: whether to mention the lag of the motors.
+        loop: The closed loop.
+        time: Time, s.
+        state: State (size).
+        lag: Whether to mention the lag of the motors.
 
     Returns:
         Clauses that begin with "; ", on saturated thrusts and on lag; "" if there are none.

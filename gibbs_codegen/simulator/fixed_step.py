@@ -84,11 +84,11 @@ def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, tip_force
     """One step of the classical method of Runge and Kutta.
 
     Args:
-        loop: the closed loop.
-        time: time before the step, s.
-        state: state (size) before the step.
-        size: size of the step, s.
-        tip_force: whether the force on the tip acts.
+        loop: The closed loop.
+        time: Time before the step, s.
+        state: State (size) before the step.
+        size: Size of the step, s.
+        tip_force: Whether the force on the tip acts.
 
     Returns:
         The state (size) after the step.

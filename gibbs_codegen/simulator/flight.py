@@ -95,13 +95,13 @@ class Flight:
         """Positions of a point.
 
         Args:
-            name: name of the point, one of `points`.
+            name: Name of the point, one of `points`.
 
         Returns:
             Positions (s, 3), world axes, m.
 
         Raises:
-            UsageError: if there is no such point.
+            UsageError: If there is no such point.
         """
         if name not in self.points:
             raise UsageError(f"{name}: no such point; there are {', '.join(self.points)}")
@@ -169,10 +169,10 @@ class Flight:
         """Write every series as comma-separated values, `name [unit]` in the header.
 
         Args:
-            path: the file. Its numbers are the shortest that read back exactly.
+            path: The file. Its numbers are the shortest that read back exactly.
 
         Raises:
-            OutputError: if it cannot be written.
+            OutputError: If it cannot be written.
         """
         columns = list(self.columns())
         try:
@@ -190,10 +190,10 @@ class Flight:
         """Write all fields to one `.npz` file, which `read_flight` reads.
 
         Args:
-            path: the file.
+            path: The file.
 
         Raises:
-            OutputError: if it cannot be written.
+            OutputError: If it cannot be written.
         """
         fields = {each.name: getattr(self, each.name) for each in dataclasses.fields(self)}
         try:
@@ -206,13 +206,13 @@ def read_flight(path: StrPath) -> Flight:
     """The flight of an `.npz` file that `write_npz` wrote.
 
     Args:
-        path: the file.
+        path: The file.
 
     Returns:
         The flight.
 
     Raises:
-        UsageError: if the file is not such a one.
+        UsageError: If the file is not such a one.
     """
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
@@ -233,7 +233,7 @@ def is_flight(path: StrPath) -> bool:
     """Whether a file is one that `write_npz` wrote, by the names of what it holds.
 
     Args:
-        path: the file.
+        path: The file.
 
     Returns:
         Whether it is; False if it cannot be read.

@@ -32,8 +32,8 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
     the vertical; or where limits leave out 0, as near to it as they allow.
 
     Args:
-        vehicle: the robot.
-        limits: joint limits.
+        vehicle: The robot.
+        limits: Joint limits.
 
     Returns:
         Joint coordinates (n), rad or m.
@@ -88,10 +88,10 @@ def _energy_minima(
     saddles; of each step the best of some shares is taken.
 
     Args:
-        energy: potential energy (…), J, of angles (…, n).
-        gradient: its gradient (…, n), N m.
-        angles: the starts (s, n), rad.
-        low, high: limits (n), rad.
+        energy: Potential energy (…), J, of angles (…, n).
+        gradient: Its gradient (…, n), N m.
+        angles: The starts (s, n), rad.
+        low, high: Limits (n), rad.
 
     Returns:
         The angles (s, n), rad.
@@ -121,9 +121,9 @@ def _derivatives(
     """First and second derivatives of the energy with respect to the joints that can move.
 
     Args:
-        gradient: gradient (…, n) of the energy, N m, at angles (…, n).
-        angles: angles (…, n), rad.
-        low, high: limits (n), rad.
+        gradient: Gradient (…, n) of the energy, N m, at angles (…, n).
+        angles: Angles (…, n), rad.
+        low, high: Limits (n), rad.
 
     Returns:
         Gradient (…, n) and Hessian (…, n, n), 0 for joints that gravity holds against a limit, and
@@ -146,9 +146,9 @@ def _equilibrium(
     """The equilibrium near some angles, by Newton's method for a root of the gradient.
 
     Args:
-        gradient: gradient (n) of the energy, N m, at angles (n).
-        angles: angles (n) to begin with, rad.
-        low, high: limits (n), rad.
+        gradient: Gradient (n) of the energy, N m, at angles (n).
+        angles: Angles (n) to begin with, rad.
+        low, high: Limits (n), rad.
 
     Returns:
         Angles (n), rad, at which gravity moves no joint except against its limit.

@@ -27,17 +27,17 @@ def integrate(
     than can be waited for.
 
     Args:
-        loop: the closed loop.
-        start: state (size) at time 0.
-        duration: time to integrate, s.
-        settings: method, tolerances or step, and rate of samples.
-        progress: is told the time reached and the duration, s.
+        loop: The closed loop.
+        start: State (size) at time 0.
+        duration: Time to integrate, s.
+        settings: Method, tolerances or step, and rate of samples.
+        progress: Is told the time reached and the duration, s.
 
     Returns:
         Samples of the state at multiples of 1 / rate, and at the last instant.
 
     Raises:
-        UsageError: for steps of "rk4" that are so long that errors under control, or of lagging
+        UsageError: For steps of "rk4" that are so long that errors under control, or of lagging
             motors, would grow.
     """
     envelope = Envelope(loop, settings.divergence, duration)

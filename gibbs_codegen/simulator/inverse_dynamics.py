@@ -19,15 +19,15 @@ def required_inputs(
     """Inputs that a motion needs.
 
     Args:
-        vehicle: the robot.
-        allocation: control allocation of its rotors.
-        q, v, a: coordinates, rates and accelerations (…, nq).
+        vehicle: The robot.
+        allocation: Control allocation of its rotors.
+        q, v, a: Coordinates, rates and accelerations (…, nq).
 
     Returns:
         Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
 
     Raises:
-        AllocationError: if the rotors cannot produce the wrench, whatever their thrusts.
+        AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
     """
     force = vehicle.inverse_dynamics(q, v, a)
     thrusts = allocation.thrusts(vehicle.base_wrench(q, force))
@@ -40,16 +40,16 @@ def inputs_and_constraint_torques(
     """Inputs that a motion needs, and the constraint torques that hold the base arms.
 
     Args:
-        vehicle: the robot.
-        allocation: control allocation of its rotors.
-        q, v, a: coordinates, rates and accelerations (…, nq).
+        vehicle: The robot.
+        allocation: Control allocation of its rotors.
+        q, v, a: Coordinates, rates and accelerations (…, nq).
 
     Returns:
         Inputs u (…, nu), as `required_inputs` has them, and the torques τ' (…, N − 1) of base arms
         2 … N (eqs. 14–17), N m.
 
     Raises:
-        AllocationError: if the rotors cannot produce the wrench, whatever their thrusts.
+        AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
     """
     inputs = required_inputs(vehicle, allocation, q, v, a)
     return inputs, vehicle.constraint_torques(q, v, a, inputs)

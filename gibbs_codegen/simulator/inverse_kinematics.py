@@ -30,10 +30,10 @@ def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Ar
     """Move the joints until the tip is at a point, or as near to it as it comes.
 
     Args:
-        vehicle: the robot.
-        q: coordinates (nq) to begin with; attitude and position are kept.
-        target: desired position (3) of the tip, world axes, m.
-        limits: joint limits.
+        vehicle: The robot.
+        q: Coordinates (nq) to begin with; attitude and position are kept.
+        target: Desired position (3) of the tip, world axes, m.
+        limits: Joint limits.
 
     Returns:
         The coordinates (nq), and the distance (m) of the tip from the target.
@@ -68,7 +68,7 @@ def _damped_step(jacobian: Array, error: Array, damping: float, room: Limits) ->
         jacobian: J (3, n) of the tip's position with respect to the joints.
         error: e (3), from the tip to its target, m.
         damping: λ as a share of the mean square of J's singular values.
-        room: lower and upper bounds of the step (n): how far the joints are from their limits.
+        room: Lower and upper bounds of the step (n): how far the joints are from their limits.
 
     Returns:
         δ (n), rad or m.
@@ -96,11 +96,11 @@ def first_posture(
     the one with the joints nearest to 0.
 
     Args:
-        vehicle: the robot.
-        q: coordinates (nq), of which attitude and position are kept.
-        target: desired position (3) of the tip, world axes, m.
-        limits: joint limits.
-        guess: joints (n) to begin with, rad or m; None tries many postures.
+        vehicle: The robot.
+        q: Coordinates (nq), of which attitude and position are kept.
+        target: Desired position (3) of the tip, world axes, m.
+        limits: Joint limits.
+        guess: Joints (n) to begin with, rad or m; None tries many postures.
 
     Returns:
         The coordinates (nq), and the distance (m) of the tip from the target.
@@ -140,9 +140,9 @@ def _without_turns(vehicle: Vehicle, joints: Array, limits: Limits) -> Array:
     """Joints less the whole turns of those that turn without limits.
 
     Args:
-        vehicle: the robot.
-        joints: joint coordinates (n), rad or m.
-        limits: joint limits.
+        vehicle: The robot.
+        joints: Joint coordinates (n), rad or m.
+        limits: Joint limits.
 
     Returns:
         Joint coordinates (n), angles without limits within [−π, π).
@@ -156,8 +156,8 @@ def arm_length(vehicle: Vehicle, q: Array) -> float:
     """The largest singular value of the tip's Jacobian, which is about the arm's length.
 
     Args:
-        vehicle: the robot.
-        q: coordinates (nq).
+        vehicle: The robot.
+        q: Coordinates (nq).
 
     Returns:
         The value, m per rad.
@@ -170,8 +170,8 @@ def is_singular(vehicle: Vehicle, q: Array) -> bool:
     """Whether there is a direction in which the joints all but cannot move the tip.
 
     Args:
-        vehicle: the robot.
-        q: coordinates (nq).
+        vehicle: The robot.
+        q: Coordinates (nq).
 
     Returns:
         Whether the arm is singular or nearly so.

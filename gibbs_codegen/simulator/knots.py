@@ -45,8 +45,8 @@ def knots(duration: float, spacing: float = KNOT_SPACING) -> Array:
     """Times of knots, equally spaced.
 
     Args:
-        duration: time of the last knot, s; the first is at 0.
-        spacing: greatest distance between two knots, s.
+        duration: Time of the last knot, s; the first is at 0.
+        spacing: Greatest distance between two knots, s.
 
     Returns:
         Times (s), s.
@@ -58,8 +58,8 @@ def refined(time: Array, refinement: int) -> Array:
     """Times over the same span with `refinement` as many equal steps.
 
     Args:
-        time: equally spaced times (s), s.
-        refinement: number of new steps for each old one; 1 returns `time` itself.
+        time: Equally spaced times (s), s.
+        refinement: Number of new steps for each old one; 1 returns `time` itself.
 
     Returns:
         Times (refinement · (s − 1) + 1), s.
@@ -73,7 +73,7 @@ def check_times(time: Array) -> Array:
     """Knots, and between them the instants at which pieces are checked.
 
     Args:
-        time: knots (s), s.
+        time: Knots (s), s.
 
     Returns:
         Times (CHECKS · (s − 1) + 1), s, of which every CHECKS-th is exactly a knot.
@@ -87,7 +87,7 @@ def tolerance(size: float | Array) -> float | Array:
     """How far pieces may be from the motion between knots.
 
     Args:
-        size: largest magnitude of the coordinate or position, rad or m.
+        size: Largest magnitude of the coordinate or position, rad or m.
 
     Returns:
         The distance, of the shape and unit of `size`.
@@ -99,17 +99,17 @@ def refine(refinement: int, time: Array, deviation: Deviation, cause: str, remed
     """Twice the refinement of knots, because pieces between them leave the motion.
 
     Args:
-        refinement: refinement at which the deviation was found.
-        time: knots (s) before any refinement, s.
-        deviation: what the message tells if knots cannot be nearer.
-        cause: what makes nearer knots necessary, as a clause.
-        remedy: what to change in the scenario.
+        refinement: Refinement at which the deviation was found.
+        time: Knots (s) before any refinement, s.
+        deviation: What the message tells if knots cannot be nearer.
+        cause: What makes nearer knots necessary, as a clause.
+        remedy: What to change in the scenario.
 
     Returns:
         The new refinement.
 
     Raises:
-        UsageError: if knots as near as that are not allowed.
+        UsageError: If knots as near as that are not allowed.
     """
     pieces = len(time) - 1
     if 2 * refinement <= _FINEST and 2 * refinement * pieces <= _MOST_PIECES:
@@ -126,15 +126,15 @@ def bounded_path(time: Array, path: Path, name: str) -> Array:
     """Position and derivatives of a path, if they are finite and of a size that can be flown.
 
     Args:
-        time: times (s), s.
-        path: the path.
-        name: what the message calls it.
+        time: Times (s), s.
+        path: The path.
+        name: What the message calls it.
 
     Returns:
         Position, velocity, acceleration and jerk (s, 4, 3), world axes, m and s.
 
     Raises:
-        UsageError: with the first time at which they are not.
+        UsageError: With the first time at which they are not.
     """
     with np.errstate(all="ignore"):
         values = path(time)
@@ -147,12 +147,12 @@ def check_none(time: Array, wrong: NDArray[np.bool_], fault: str) -> None:
     """Raise an error with the first time at which something is wrong.
 
     Args:
-        time: times (s), s.
-        wrong: at which of them (s) it is wrong.
-        fault: what is wrong, as a clause.
+        time: Times (s), s.
+        wrong: At which of them (s) it is wrong.
+        fault: What is wrong, as a clause.
 
     Raises:
-        UsageError: if any of them is.
+        UsageError: If any of them is.
     """
     if np.any(wrong):
         raise UsageError(f"at t = {time[wrong][0]:.6g} s {fault}; choose a gentler motion")

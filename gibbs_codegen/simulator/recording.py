@@ -16,9 +16,9 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     """All time series of a flight.
 
     Args:
-        loop: the closed loop that was integrated.
-        scenario: what was flown.
-        history: samples of the state.
+        loop: The closed loop that was integrated.
+        scenario: What was flown.
+        history: Samples of the state.
 
     Returns:
         The flight, with a row per sample.
@@ -73,10 +73,10 @@ def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: A
     """Desired position of the tip.
 
     Args:
-        vehicle: the robot.
-        scenario: what was flown.
-        time: times (s), s.
-        q_desired: desired coordinates (s, nq).
+        vehicle: The robot.
+        scenario: What was flown.
+        time: Times (s), s.
+        q_desired: Desired coordinates (s, nq).
 
     Returns:
         Positions (s, 3), world axes, m: on the tip's path, or where a held posture puts the tip.
@@ -90,10 +90,10 @@ def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, rotation:
     """Angle between the base arm that follows the path, and the tangent of the path.
 
     Args:
-        vehicle: the robot.
-        scenario: what was flown.
-        time: times (s), s.
-        rotation: from the frame of arm 1 to the world (s, 3, 3).
+        vehicle: The robot.
+        scenario: What was flown.
+        time: Times (s), s.
+        rotation: From the frame of arm 1 to the world (s, 3, 3).
 
     Returns:
         Angles (s), rad; 0 where no arm follows the path.
@@ -109,9 +109,9 @@ def _measured_arm_angles(vehicle: Vehicle, positions: Array, rotation: Array) ->
     """Angles of base arms 2 … N against arm 1, from where the motors are.
 
     Args:
-        vehicle: the robot.
-        positions: of its points (s, k, 3), world axes, m.
-        rotation: from the frame of arm 1 to the world (s, 3, 3).
+        vehicle: The robot.
+        positions: Of its points (s, k, 3), world axes, m.
+        rotation: From the frame of arm 1 to the world (s, 3, 3).
 
     Returns:
         Angles (s, N − 1), rad.

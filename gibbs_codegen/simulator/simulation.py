@@ -47,15 +47,15 @@ def simulate(
     """Fly a scenario with the robot of a generated module, of either back end.
 
     Args:
-        robot: a generated module, or the name or path of one, which is loaded with the C back end.
-        scenario: a scenario, or the name or path of one, which is read.
-        progress: is told what is being done, and the share of it that is done, 0 to 1.
+        robot: A generated module, or the name or path of one, which is loaded with the C back end.
+        scenario: A scenario, or the name or path of one, which is read.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
     Returns:
         The flight. If it had to end early, its `stopped` says why.
 
     Raises:
-        UsageError: or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
+        UsageError: Or one of its kinds (`UnreachableError`, `SingularAttitudeError`,
             `AllocationError`), for a flight that cannot begin.
     """
     if isinstance(scenario, str):
@@ -82,9 +82,9 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
     """Vehicle, controller and motors of a scenario.
 
     Args:
-        vehicle: the robot.
-        scenario: what is flown.
-        progress: is told what is being done, and the share of it that is done, 0 to 1.
+        vehicle: The robot.
+        scenario: What is flown.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
     Returns:
         The closed loop.
@@ -127,12 +127,12 @@ def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Refere
     """Raise an error if the desired motion needs wrenches that the rotors cannot produce.
 
     Args:
-        vehicle: the robot.
-        allocation: control allocation of its rotors.
-        reference: the desired motion.
+        vehicle: The robot.
+        allocation: Control allocation of its rotors.
+        reference: The desired motion.
 
     Raises:
-        AllocationError: with the first time, of those of the knots.
+        AllocationError: With the first time, of those of the knots.
     """
     time = np.linspace(reference.begin, reference.end, len(reference.coefficients) + 1)
     q, v, a = reference(time)

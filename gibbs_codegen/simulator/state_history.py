@@ -34,7 +34,7 @@ class SmoothInterval:
         """Times of the samples in the interval.
 
         Args:
-            rate: samples a second, 1/s.
+            rate: Samples a second, 1/s.
 
         Returns:
             Multiples of 1 / rate (s) after the begin of the interval, up to its end.

@@ -41,22 +41,22 @@ def desired_with_tip(
     """Motion of base and arm, with the tip on a path.
 
     Args:
-        vehicle: the robot.
-        time: knots (s), evenly spaced, s. Where the tip leaves its path between them, 2, 4 …
+        vehicle: The robot.
+        time: Knots (s), evenly spaced, s. Where the tip leaves its path between them, 2, 4 …
             times as many are taken.
-        base_at: motion of the base for knots, as `desired_base` gives it.
-        tip: path of the tip.
-        limits: joint limits.
-        guess: joints (n) to begin with, rad or m; None tries many postures.
-        progress: is told the number of knots done and of all knots.
+        base_at: Motion of the base for knots, as `desired_base` gives it.
+        tip: Path of the tip.
+        limits: Joint limits.
+        guess: Joints (n) to begin with, rad or m; None tries many postures.
+        progress: Is told the number of knots done and of all knots.
 
     Returns:
         The motion at the knots.
 
     Raises:
-        UnreachableError: for points out of reach.
-        SingularArmError: where the arm cannot move as the path wants.
-        UsageError: for a robot without an arm, and where not even the most knots keep the tip on
+        UnreachableError: For points out of reach.
+        SingularArmError: Where the arm cannot move as the path wants.
+        UsageError: For a robot without an arm, and where not even the most knots keep the tip on
             its path.
     """
     if vehicle.joints == 0:
@@ -86,9 +86,9 @@ def _deviation(vehicle: Vehicle, motion: Motion, tip: Path) -> Deviation | None:
     """Where the tip is farthest from its path between knots.
 
     Args:
-        vehicle: the robot.
-        motion: motion of base and arm at knots.
-        tip: path of the tip.
+        vehicle: The robot.
+        motion: Motion of base and arm at knots.
+        tip: Path of the tip.
 
     Returns:
         The greatest deviation, m; None if it is within the tolerance.

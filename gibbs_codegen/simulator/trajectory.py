@@ -33,15 +33,15 @@ def desired_motion(
     """Desired coordinates, rates and accelerations of a scenario, as functions of time.
 
     Args:
-        vehicle: the robot.
-        scenario: what is flown.
-        progress: is told what is being done, and the share of it that is done, 0 to 1.
+        vehicle: The robot.
+        scenario: What is flown.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
 
     Returns:
         The reference of the flight.
 
     Raises:
-        UsageError: or one of its kinds, where there is no such motion, and for a posture or guess
+        UsageError: Or one of its kinds, where there is no such motion, and for a posture or guess
             outside the limits of its joints.
     """
     task = scenario.arm
@@ -81,9 +81,9 @@ def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Moti
     """Motion of base and arm, with the arm held in a posture.
 
     Args:
-        vehicle: the robot.
-        base: motion of the base at knots.
-        posture: joint coordinates (n), rad or m.
+        vehicle: The robot.
+        base: Motion of the base at knots.
+        posture: Joint coordinates (n), rad or m.
 
     Returns:
         The motion at the knots of `base`.
@@ -99,15 +99,15 @@ def starting_state(
     """The desired state at the start of a flight, moved and turned by the start offset.
 
     Args:
-        vehicle: the robot.
-        reference: the desired motion.
-        offset: how far base centre and attitude are off.
+        vehicle: The robot.
+        reference: The desired motion.
+        offset: How far base centre and attitude are off.
 
     Returns:
         Coordinates and rates, each (nq).
 
     Raises:
-        SingularAttitudeError: if the offset turns the base to the singularity.
+        SingularAttitudeError: If the offset turns the base to the singularity.
     """
     q, v, _ = reference(reference.begin)
     if not any(offset.position) and not any(offset.rotation):
@@ -152,14 +152,14 @@ def _check_limits(
     """Raise an error for the first of some joints whose value is outside its limits.
 
     Args:
-        vehicle: the robot.
-        key: key of the scenario file's arm table that gives the values.
-        values: joint coordinates (n), rad or m.
-        limits: joint limits.
-        joints: names of the joints to check.
+        vehicle: The robot.
+        key: Key of the scenario file's arm table that gives the values.
+        values: Joint coordinates (n), rad or m.
+        limits: Joint limits.
+        joints: Names of the joints to check.
 
     Raises:
-        UsageError: with joint, value and limits.
+        UsageError: With joint, value and limits.
     """
     for name in joints:
         joint = _joint(vehicle, name)

@@ -82,7 +82,7 @@ class Vehicle:
         """Rotation of the base.
 
         Args:
-            q: coordinates (…, nq).
+            q: Coordinates (…, nq).
 
         Returns:
             R (…, 3, 3), from the frame of arm 1 to the world.
@@ -93,7 +93,7 @@ class Vehicle:
         """Vector from the point whose position is x, y, z to the base centre.
 
         Args:
-            q: coordinates (…, nq).
+            q: Coordinates (…, nq).
 
         Returns:
             The vector (…, 3), world axes, m.
@@ -117,8 +117,8 @@ class Vehicle:
         The inverse of ψ = Jᵀw for the rows of attitude and position (eq. 13).
 
         Args:
-            q: coordinates (…, nq).
-            generalised_force: generalised force (…, nq).
+            q: Coordinates (…, nq).
+            generalised_force: Generalised force (…, nq).
 
         Returns:
             Force, N, and torque about the base centre, N m, (…, 6) in arm 1's frame.

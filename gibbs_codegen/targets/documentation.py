@@ -30,8 +30,8 @@ def docstring(model: Model, function: Function) -> list[str]:
     """Documentation of a Python function, as it stands between quotes.
 
     Args:
-        model: the derived robot
-        function: one of its program's
+        model: The derived robot.
+        function: One of its program's.
 
     Returns:
         Lines without indentation.
@@ -56,8 +56,8 @@ def doxygen(model: Model, function: Function) -> list[str]:
     """Documentation of a C function, as it stands in a comment.
 
     Args:
-        model: the derived robot
-        function: one of its program's
+        model: The derived robot.
+        function: One of its program's.
 
     Returns:
         Lines without what a comment begins with.
@@ -96,9 +96,9 @@ def _wrapped(items: list[str], width: int, hanging: str) -> list[str]:
     """Lines of items, each on lines of its own.
 
     Args:
-        items: text
-        width: characters in a line
-        hanging: what the lines of an item after its first begin with
+        items: Text.
+        width: Characters in a line.
+        hanging: What the lines of an item after its first begin with.
 
     Returns:
         Lines.
@@ -112,8 +112,8 @@ def argument_text(robot: Robot, argument: str) -> str:
     """Entries of an argument with their units, in order.
 
     Args:
-        robot: whose entries they are
-        argument: q, v, a or u
+        robot: Whose entries they are.
+        argument: q, v, a or u.
 
     Returns:
         Names with units, as "theta_m1 [rad], theta_0 [rad]".
@@ -127,8 +127,8 @@ def output_text(robot: Robot, output: Output) -> str:
     """What the entries of a function's output are, with their units.
 
     Args:
-        robot: whose function it is
-        output: one of the function's row
+        robot: Whose function it is.
+        output: One of the function's row.
 
     Returns:
         Names with units, or the units alone.
@@ -155,7 +155,7 @@ def attitude_text(robot: Robot) -> str:
     """The attitude as a product of rotations, such as R_x(theta_m1) R_y(theta_0) R_z(theta_1).
 
     Args:
-        robot: whose attitude it is
+        robot: Whose attitude it is.
 
     Returns:
         The product as text.
@@ -168,7 +168,7 @@ def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
     """Lines that explain coordinates one by one.
 
     Args:
-        coordinates: in order
+        coordinates: In order.
 
     Returns:
         A line each: name, unit, meaning.

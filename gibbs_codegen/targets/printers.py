@@ -17,7 +17,7 @@ class InfixPrinter:
         """A literal of the language.
 
         Args:
-            value: its value
+            value: Its value.
 
         Returns:
             Text that reads back as the same double.
@@ -28,8 +28,8 @@ class InfixPrinter:
         """A call of sine or cosine.
 
         Args:
-            function: "sin" or "cos"
-            argument: the angle in rad, as text
+            function: "sin" or "cos".
+            argument: The angle in rad, as text.
 
         Returns:
             The call as text.
@@ -40,7 +40,7 @@ class InfixPrinter:
         """A node as an expression.
 
         Args:
-            node: what is computed
+            node: What is computed.
 
         Returns:
             Text without outer parentheses.
@@ -90,7 +90,7 @@ class CPrinter(InfixPrinter):
         """A literal within the macro that gives it its type.
 
         Args:
-            value: its value
+            value: Its value.
 
         Returns:
             Text of 17 digits at most.
@@ -102,7 +102,7 @@ def c_literal(value: float) -> str:
     """A floating literal of C.
 
     Args:
-        value: its value
+        value: Its value.
 
     Returns:
         Text of 17 digits at most, which reads back as the same double.

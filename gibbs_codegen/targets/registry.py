@@ -54,13 +54,13 @@ def find_targets(names: Sequence[str]) -> dict[str, Target]:
     """Targets by their names.
 
     Args:
-        names: of targets
+        names: Of targets.
 
     Returns:
         Rows of `TARGETS`, in the order of the names.
 
     Raises:
-        UsageError: a name is unknown
+        UsageError: A name is unknown.
     """
     for name in names:
         if name not in TARGETS:
@@ -74,9 +74,9 @@ def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) 
     """Text of every file of a generated module; the robot file is one of them.
 
     Args:
-        model: the derived robot
-        robot_text: its robot file
-        targets: what is emitted
+        model: The derived robot.
+        robot_text: Its robot file.
+        targets: What is emitted.
 
     Returns:
         Texts by file name.
@@ -94,9 +94,9 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     """Lines that open every emitted file: what it is, what it was made from, whose it is.
 
     Args:
-        model: the derived robot
-        robot_text: its robot file
-        targets: what is emitted
+        model: The derived robot.
+        robot_text: Its robot file.
+        targets: What is emitted.
 
     Returns:
         Lines without the signs of a comment.

@@ -23,7 +23,7 @@ def python_source(name: str) -> PythonSource:
     """A Python file of the folder.
 
     Args:
-        name: of the file
+        name: Of the file.
 
     Returns:
         Its parts.
@@ -38,7 +38,7 @@ def c_source(name: str) -> str:
     """A C file of the folder, with the files of the folder that it includes in their places.
 
     Args:
-        name: of the file
+        name: Of the file.
 
     Returns:
         Its text.

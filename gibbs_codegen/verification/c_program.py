@@ -47,10 +47,10 @@ class CProgram(Evaluation):
         """Load a library.
 
         Args:
-            path: the library.
-            module: the C back end, for the names and numbers of things.
-            batches: numbers of states in which batches are computed, one after the other.
-            single: whether the library was compiled for single precision.
+            path: The library.
+            module: The C back end, for the names and numbers of things.
+            batches: Numbers of states in which batches are computed, one after the other.
+            single: Whether the library was compiled for single precision.
         """
         super().__init__(module)
         self._library = ctypes.CDLL(path)
@@ -66,7 +66,7 @@ class CProgram(Evaluation):
         """Compute with other parameters from now on.
 
         Args:
-            parameters: all parameters, in the order of PARAMETERS.
+            parameters: All parameters, in the order of PARAMETERS.
 
         Raises:
             ValueError: If `init_constants` rejects them.
@@ -95,7 +95,7 @@ class CProgram(Evaluation):
 
         Args:
             blocks: (blocks, width, LANES).
-            count: number of states.
+            count: Number of states.
 
         Returns:
             (count, width).
@@ -119,9 +119,9 @@ class CProgram(Evaluation):
         """One function for one batch.
 
         Args:
-            name: the function.
-            count: number of states.
-            rows: its arguments, each (count, width).
+            name: The function.
+            count: Number of states.
+            rows: Its arguments, each (count, width).
 
         Returns:
             Its results, each (count, …).
@@ -142,9 +142,9 @@ class CProgram(Evaluation):
         """What a function of the library writes.
 
         Args:
-            name: the function, without the robot's name.
-            given: its arguments before the outputs.
-            shapes: the shapes of its outputs.
+            name: The function, without the robot's name.
+            given: Its arguments before the outputs.
+            shapes: The shapes of its outputs.
 
         Returns:
             The outputs.
@@ -199,7 +199,7 @@ def from_blocks(blocks: Array, count: int) -> Array:
 
     Args:
         blocks: (blocks, width, LANES).
-        count: number of states.
+        count: Number of states.
 
     Returns:
         (count, width).
@@ -212,10 +212,10 @@ def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) ->
     """Compare batches whose last block is not full, and `pack` and `unpack`.
 
     Args:
-        path: the library.
-        module: the C back end.
-        robot: its robot.
-        seed: of the states.
+        path: The library.
+        module: The C back end.
+        robot: Its robot.
+        seed: Of the states.
 
     Returns:
         The comparisons.
@@ -255,10 +255,10 @@ def compare_single_precision(
     In batches, with default constants; and state by state, with those of other parameters.
 
     Args:
-        path: the library, compiled for single precision.
-        module: the C back end.
-        robot: its robot.
-        seed: of states and parameters.
+        path: The library, compiled for single precision.
+        module: The C back end.
+        robot: Its robot.
+        seed: Of states and parameters.
 
     Returns:
         The comparisons, or why the robot cannot be computed in single precision.

@@ -41,9 +41,9 @@ def failed(what: str, against: str, fault: str | BaseException) -> Comparison:
     """A comparison that could not be made, or of something that is not a number.
 
     Args:
-        what: what was to be compared.
-        against: what it was to be compared with.
-        fault: what is wrong, in words or as an error.
+        what: What was to be compared.
+        against: What it was to be compared with.
+        fault: What is wrong, in words or as an error.
 
     Returns:
         A comparison that fails.
@@ -58,12 +58,12 @@ def compared(
     """Compare arrays, each with one entry for each state along its first axis.
 
     Args:
-        what: what is compared.
-        against: what it is compared with.
-        ours: the array to check.
-        theirs: the array that it should be.
-        size: the natural sizes of the entries, which broadcast against the arrays.
-        limit: the largest error that passes.
+        what: What is compared.
+        against: What it is compared with.
+        ours: The array to check.
+        theirs: The array that it should be.
+        size: The natural sizes of the entries, which broadcast against the arrays.
+        limit: The largest error that passes.
 
     Returns:
         The comparison; what is not a number, or of another shape, is infinitely far off.
@@ -83,7 +83,7 @@ def merged(comparisons: Iterable[Comparison]) -> list[Comparison]:
     """Comparisons of the same things, at several states and parameters, as one each.
 
     Args:
-        comparisons: comparisons in any order.
+        comparisons: Comparisons in any order.
 
     Returns:
         For each thing compared with each other the worst comparison, over the states of all.
@@ -103,8 +103,8 @@ def explained(comparisons: Iterable[Comparison], faults: Mapping[str, str]) -> l
     """Comparisons with the reason why a function returned nothing that could be compared.
 
     Args:
-        comparisons: comparisons of functions.
-        faults: the reasons, by function.
+        comparisons: Comparisons of functions.
+        faults: The reasons, by function.
 
     Returns:
         The comparisons in the same order.
@@ -121,7 +121,7 @@ def failure_text(comparison: Comparison) -> str:
     """One failure in words.
 
     Args:
-        comparison: a comparison that failed.
+        comparison: A comparison that failed.
 
     Returns:
         What failed against what, and why.

@@ -26,8 +26,8 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
     """Compare names and parameters of a module with the robot that it was made from.
 
     Args:
-        module: the module.
-        robot: the robot.
+        module: The module.
+        robot: The robot.
 
     Returns:
         A comparison of each constant.
@@ -49,8 +49,8 @@ def compare_robot_file(text: bytes, source: str) -> Comparison:
     """Compare the robot file beside a module with the digest in the module's header.
 
     Args:
-        text: the robot file.
-        source: the NumPy source of the module.
+        text: The robot file.
+        source: The NumPy source of the module.
 
     Returns:
         The comparison.
@@ -64,8 +64,8 @@ def compare_c_defaults(module: ModuleType, robot: Robot) -> list[Comparison]:
     """Compare what a C program has for the default parameters with the robot file.
 
     Args:
-        module: the C back end; its `__file__` is the library, and its constants are bytes.
-        robot: its robot.
+        module: The C back end; its `__file__` is the library, and its constants are bytes.
+        robot: Its robot.
 
     Returns:
         A comparison of the parameters, and of the constants computed from them.
@@ -91,9 +91,9 @@ def _alike(name: str, found: object, expected: object) -> Comparison:
     """Compare a constant of a module.
 
     Args:
-        name: its name.
-        found: what the module has.
-        expected: what it should have.
+        name: Its name.
+        found: What the module has.
+        expected: What it should have.
 
     Returns:
         The comparison.
@@ -140,9 +140,9 @@ def _verdict(what: str, against: str, fault: str) -> Comparison:
     """A comparison that passes unless there is a fault in words.
 
     Args:
-        what: what was compared.
-        against: what it was compared with.
-        fault: what is wrong, or nothing.
+        what: What was compared.
+        against: What it was compared with.
+        fault: What is wrong, or nothing.
 
     Returns:
         The comparison.

@@ -15,8 +15,8 @@ def derivative(function: Callable[[Array], Array], steps: Array) -> Array:
     """Derivative of a function of time, at time 0.
 
     Args:
-        function: takes times (s, 1), one for each state, and returns (s, …).
-        steps: the step of time for each state, (s,).
+        function: Takes times (s, 1), one for each state, and returns (s, …).
+        steps: The step of time for each state, (s,).
 
     Returns:
         The derivative, (s, …).

@@ -33,9 +33,9 @@ class Expected:
         """Compute what is expected.
 
         Args:
-            formulation: the formulation.
-            states: the states to compute at.
-            single: whether the module computes in single precision.
+            formulation: The formulation.
+            states: The states to compute at.
+            single: Whether the module computes in single precision.
         """
         tree, found = formulation.tree, formulation.at(states)
         self.sizes = Sizes(tree, states)
@@ -60,10 +60,10 @@ class Expected:
         """Compare all functions of a module with what is expected.
 
         Args:
-            evaluation: the module.
-            states: the same states, or the first of them.
-            against: what to name instead of the formulation.
-            singly: whether to compute state by state rather than in a batch.
+            evaluation: The module.
+            states: The same states, or the first of them.
+            against: What to name instead of the formulation.
+            singly: Whether to compute state by state rather than in a batch.
 
         Returns:
             A comparison of each array, with the reason where a function returned none.
@@ -75,9 +75,9 @@ class Expected:
         """Compare results of a module's functions with what is expected.
 
         Args:
-            values: results for the same states, or with fewer or more at the end, under the names
+            values: Results for the same states, or with fewer or more at the end, under the names
                 of `Evaluation.results`.
-            against: what to name instead of the formulation.
+            against: What to name instead of the formulation.
 
         Returns:
             A comparison of each array; errors are relative to the natural sizes.
@@ -102,8 +102,8 @@ def input_matrix(tree: Tree, found: Quantities) -> Array:
     """Generalised forces of unit inputs: thrusts, then the arm's own efforts.
 
     Args:
-        tree: the tree of a formulation.
-        found: what the formulation gives.
+        tree: The tree of a formulation.
+        found: What the formulation gives.
 
     Returns:
         Input matrix of all joints, (s, size, nu).
@@ -123,11 +123,11 @@ def _system(
     """The equations of motion M a = R + B u, the torques of the constraints, and the energies.
 
     Args:
-        tree: the tree of the formulation.
-        found: what the formulation gives at the states.
-        inputs: input matrix of all joints, (s, size, nu).
-        states: the states.
-        sizes: the natural sizes there.
+        tree: The tree of the formulation.
+        found: What the formulation gives at the states.
+        inputs: Input matrix of all joints, (s, size, nu).
+        states: The states.
+        sizes: The natural sizes there.
 
     Yields:
         For each array that a function returns its name, its value, and the sizes of its entries.
@@ -156,10 +156,10 @@ def _hybrid(tree: Tree, found: Quantities, inputs: Array, sizes: Sizes) -> Itera
     """The hybrid system: all joints, the torques of the constraints, and θ̈ = 0 for those.
 
     Args:
-        tree: the tree of the formulation.
-        found: what the formulation gives at the states.
-        inputs: input matrix of all joints, (s, size, nu).
-        sizes: the natural sizes at the states.
+        tree: The tree of the formulation.
+        found: What the formulation gives at the states.
+        inputs: Input matrix of all joints, (s, size, nu).
+        sizes: The natural sizes at the states.
 
     Yields:
         For each array that a function returns its name, its value, and the sizes of its entries.
@@ -189,9 +189,9 @@ def _geometry(tree: Tree, found: Quantities, sizes: Sizes) -> Iterator[Row]:
     """Points, and the motion of the tip.
 
     Args:
-        tree: the tree of the formulation.
-        found: what the formulation gives at the states.
-        sizes: the natural sizes there.
+        tree: The tree of the formulation.
+        found: What the formulation gives at the states.
+        sizes: The natural sizes there.
 
     Yields:
         For each array that a function returns its name, its value, and the sizes of its entries.

@@ -31,8 +31,8 @@ class Evaluation:
         """Results of all functions.
 
         Args:
-            states: the states to compute at.
-            singly: whether to compute state by state rather than in a batch.
+            states: The states to compute at.
+            singly: Whether to compute state by state rather than in a batch.
 
         Returns:
             Arrays by name, as of `results`; `gibbs` is counted from its value at rest, since it is
@@ -49,9 +49,9 @@ class Evaluation:
         """Results of one function.
 
         Args:
-            name: the function.
-            states: the states to compute at.
-            singly: whether to compute state by state rather than in a batch.
+            name: The function.
+            states: The states to compute at.
+            singly: Whether to compute state by state rather than in a batch.
 
         Returns:
             One array under the function's name; several under that name, a point, and their own.

@@ -63,7 +63,7 @@ class Formulation(Protocol):
         """Everything that the formulation computes.
 
         Args:
-            states: the states to compute at.
+            states: The states to compute at.
 
         Returns:
             The quantities at those states.
@@ -77,11 +77,11 @@ def state_by_state(
     """What a library gives that computes one state at a time, with joints in an order of its own.
 
     Args:
-        at: what the library gives for coordinates, rates and accelerations of all joints, each
+        at: What the library gives for coordinates, rates and accelerations of all joints, each
             (size,), in its order.
-        tree: the tree that the library was given.
-        states: the states to compute at.
-        places: for each joint of the library, its place among the tree's coordinates.
+        tree: The tree that the library was given.
+        states: The states to compute at.
+        places: For each joint of the library, its place among the tree's coordinates.
 
     Returns:
         The quantities at all states, in the tree's order.

@@ -33,11 +33,11 @@ def compare_invariants(
     """Compare a module's functions with each other.
 
     Args:
-        evaluation: the module.
-        values: what all its functions return at the states.
-        states: the states.
-        sizes: the natural sizes there.
-        tree: the robot, of which only the layout and the places of the free and the constrained
+        evaluation: The module.
+        values: What all its functions return at the states.
+        states: The states.
+        sizes: The natural sizes there.
+        tree: The robot, of which only the layout and the places of the free and the constrained
             joints are used.
 
     Returns:

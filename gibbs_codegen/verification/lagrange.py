@@ -36,7 +36,7 @@ class Lagrange:
         """Everything that the formulation computes.
 
         Args:
-            states: the states to compute at.
+            states: The states to compute at.
 
         Returns:
             The quantities at those states.
@@ -101,9 +101,9 @@ class Lagrange:
         The latter are ω = ½Σ e × ė over a frame's axes e, whose ends stand the robot's reach away.
 
         Args:
-            q: coordinates of all joints, (…, size).
-            v: their rates, (…, size).
-            points: the points.
+            q: Coordinates of all joints, (…, size).
+            v: Their rates, (…, size).
+            points: The points.
 
         Returns:
             In m/s and rad/s, linear entries first, (…, points, 6).
@@ -125,9 +125,9 @@ class Lagrange:
         """How fast a function of the state changes while the rates stay the same.
 
         Args:
-            function: takes coordinates and rates of all joints.
-            q: coordinates, (s, size).
-            v: their rates, (s, size).
+            function: Takes coordinates and rates of all joints.
+            q: Coordinates, (s, size).
+            v: Their rates, (s, size).
 
         Returns:
             The rate of change, (s, …).
@@ -142,9 +142,9 @@ def _along(function: Callable[[Array], Array], q: Array, direction: Array) -> Ar
     """Derivative of a function of the coordinates along a direction.
 
     Args:
-        function: takes coordinates (…, size), which may be complex.
-        q: where to differentiate, (…, size).
-        direction: rates of the coordinates, (…, size).
+        function: Takes coordinates (…, size), which may be complex.
+        q: Where to differentiate, (…, size).
+        direction: Rates of the coordinates, (…, size).
 
     Returns:
         The derivative, of the function's shape.

@@ -58,11 +58,11 @@ def verify(
     """Compare a generated module with formulations that share no code with its derivation.
 
     Args:
-        name_or_path: folder of the module, or its name in `generated/`, as for `load`.
-        states: number of random states, 1 to 10 000.
-        seed: of the states and of other parameters.
+        name_or_path: Folder of the module, or its name in `generated/`, as for `load`.
+        states: Number of random states, 1 to 10 000.
+        seed: Of the states and of other parameters.
         backends: "numpy", "c" or both.
-        progress: called with the name of each step.
+        progress: Called with the name of each step.
 
     Returns:
         All comparisons, with what is wrong with the module.
@@ -108,9 +108,9 @@ def _check_arguments(states: int, seed: int, backends: Sequence[str]) -> None:
     """Refuse arguments of `verify` that it cannot use.
 
     Args:
-        states: number of states.
-        seed: of the states.
-        backends: names of back ends.
+        states: Number of states.
+        seed: Of the states.
+        backends: Names of back ends.
 
     Raises:
         UsageError: If one of them is wrong.
@@ -128,8 +128,8 @@ def _loaded(folder: Path, robot: Robot, backend: str) -> ModuleType:
     """A back end of a module.
 
     Args:
-        folder: the module.
-        robot: its robot.
+        folder: The module.
+        robot: Its robot.
         backend: "numpy" or "c".
 
     Returns:
@@ -188,10 +188,10 @@ def _compare_c(
     """Compare what only a C program uses of the C source.
 
     Args:
-        module: the C back end.
-        folder: the module.
-        robot: its robot.
-        verification: gets the reason where single precision cannot be compared.
+        module: The C back end.
+        folder: The module.
+        robot: Its robot.
+        verification: Gets the reason where single precision cannot be compared.
 
     Returns:
         The comparisons.
@@ -226,9 +226,9 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
     """Verify emitted NumPy functions quickly, before they are written.
 
     Args:
-        robot: the robot.
-        numpy_source: the text of its NumPy module.
-        progress: called with the name of the step.
+        robot: The robot.
+        numpy_source: The text of its NumPy module.
+        progress: Called with the name of the step.
 
     Raises:
         WrongModuleError: If a comparison fails.

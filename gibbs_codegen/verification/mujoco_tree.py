@@ -48,7 +48,7 @@ class MuJoCo:
         """Everything that the formulation computes.
 
         Args:
-            states: the states to compute at.
+            states: The states to compute at.
 
         Returns:
             The quantities at those states.
@@ -60,9 +60,9 @@ class MuJoCo:
         """By MuJoCo's functions for one state, nothing touching anything.
 
         Args:
-            q: coordinates in MuJoCo's order, (size,).
-            v: their rates, (size,).
-            a: their accelerations, (size,).
+            q: Coordinates in MuJoCo's order, (size,).
+            v: Their rates, (size,).
+            a: Their accelerations, (size,).
 
         Returns:
             The quantities at that state, in MuJoCo's order.
@@ -144,9 +144,9 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
     """A body and all that hangs on it, in MJCF.
 
     Args:
-        tree: the tree.
-        children: for each joint, the joints that hang on it.
-        number: the joint that the body hangs on.
+        tree: The tree.
+        children: For each joint, the joints that hang on it.
+        number: The joint that the body hangs on.
 
     Returns:
         The text of the element.

@@ -49,7 +49,7 @@ class NewtonEuler:
         """Everything that the formulation computes.
 
         Args:
-            states: the states to compute at.
+            states: The states to compute at.
 
         Returns:
             The quantities at those states.
@@ -76,7 +76,7 @@ class NewtonEuler:
         """Efforts of unit accelerations, one by one, at rest and without gravity.
 
         Args:
-            q: reduced coordinates, (s, nq).
+            q: Reduced coordinates, (s, nq).
 
         Returns:
             Mass matrix of all joints, (s, size, size).
@@ -112,9 +112,9 @@ class NewtonEuler:
         """Efforts of the joints against inertia and gravity.
 
         Args:
-            motions: the motion of each joint's frame.
-            frames: the joints' frames.
-            gravity: acceleration of free fall in m/s².
+            motions: The motion of each joint's frame.
+            frames: The joints' frames.
+            gravity: Acceleration of free fall in m/s².
 
         Returns:
             Torques in N m and forces in N, (…, size).
@@ -149,9 +149,9 @@ class NewtonEuler:
         """Motions of the joints' frames, from the world outwards.
 
         Args:
-            v: rates of all joints in rad/s and m/s, (…, size).
-            a: their accelerations, (…, size).
-            frames: the joints' frames; their leading axes broadcast against those of the rates.
+            v: Rates of all joints in rad/s and m/s, (…, size).
+            a: Their accelerations, (…, size).
+            frames: The joints' frames; their leading axes broadcast against those of the rates.
 
         Returns:
             The motion of each frame, in the joints' order.

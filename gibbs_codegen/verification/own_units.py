@@ -35,7 +35,7 @@ class InOwnUnits:
         """Everything that the formulation computes, in SI units.
 
         Args:
-            states: the states to compute at, in SI units.
+            states: The states to compute at, in SI units.
 
         Returns:
             The quantities at those states.

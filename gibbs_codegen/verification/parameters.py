@@ -14,7 +14,7 @@ def parameter_values(robot: Robot) -> dict[str, float]:
     """Every number of the robot that can be a parameter, zeros included.
 
     Args:
-        robot: the robot.
+        robot: The robot.
 
     Returns:
         The numbers under the names of parameters, in SI units.
@@ -35,8 +35,8 @@ def prepared(module: ModuleType, robot: Robot) -> Any:
     """Constants of a module for the numbers of a robot.
 
     Args:
-        module: the module.
-        robot: the robot that has these numbers.
+        module: The module.
+        robot: The robot that has these numbers.
 
     Returns:
         What the module's `prepare` returns.
@@ -49,8 +49,8 @@ def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
     """Numbers of a body.
 
     Args:
-        prefix: what the names of its parameters begin with.
-        body: the body.
+        prefix: What the names of its parameters begin with.
+        body: The body.
 
     Yields:
         Names and numbers: length, mass, and the others in order.
@@ -73,8 +73,8 @@ def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     """The robot with other numbers.
 
     Args:
-        robot: the robot.
-        values: the other numbers, under names of `parameter_values`.
+        robot: The robot.
+        values: The other numbers, under names of `parameter_values`.
 
     Returns:
         The robot with these numbers, and its own for what has none there.
@@ -109,10 +109,10 @@ def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
     """The same robot, its numbers in other units.
 
     Args:
-        robot: the robot, in SI units.
-        length: unit of length, in m.
-        mass: unit of mass, in kg.
-        time: unit of time, in s.
+        robot: The robot, in SI units.
+        length: Unit of length, in m.
+        mass: Unit of mass, in kg.
+        time: Unit of time, in s.
 
     Returns:
         The robot whose numbers are multiples of those units.
@@ -134,7 +134,7 @@ def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
     """Every body that has parameters of its own.
 
     Args:
-        robot: the robot.
+        robot: The robot.
 
     Yields:
         What the names of its parameters begin with, and the body.

@@ -45,7 +45,7 @@ class Pinocchio:
         """Everything that the formulation computes.
 
         Args:
-            states: the states to compute at.
+            states: The states to compute at.
 
         Returns:
             The quantities at those states.
@@ -56,9 +56,9 @@ class Pinocchio:
         """By Pinocchio's functions for one state.
 
         Args:
-            q: coordinates in Pinocchio's order, (size,).
-            v: their rates, (size,).
-            a: their accelerations, (size,).
+            q: Coordinates in Pinocchio's order, (size,).
+            v: Their rates, (size,).
+            a: Their accelerations, (size,).
 
         Returns:
             The quantities at that state, in Pinocchio's order.

@@ -29,8 +29,8 @@ def without_formulation(comparisons: Sequence[Comparison], formulation: str) -> 
     """Functions of the table that no formulation gives.
 
     Args:
-        comparisons: the comparisons that were made.
-        formulation: name of the formulation that all functions are compared with if they can be.
+        comparisons: The comparisons that were made.
+        formulation: Name of the formulation that all functions are compared with if they can be.
 
     Returns:
         Names of the functions that were not compared with it.
@@ -43,7 +43,7 @@ def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str
     """What was compared with itself only, and why.
 
     Args:
-        comparisons: the comparisons that were made.
+        comparisons: The comparisons that were made.
 
     Returns:
         The reason, for each function that was compared as in this module.
@@ -62,11 +62,11 @@ def compare_with_itself(
     """Compare functions for a batch with the same one by one, and with those of another back end.
 
     Args:
-        evaluation: the back end to verify, with the constants of some parameters.
-        numpy: the NumPy back end with the same parameters, where `evaluation` is of another.
-        functions: names of functions, by the table.
-        states: the states to compare at.
-        circumstance: what to add to the names of what is compared with.
+        evaluation: The back end to verify, with the constants of some parameters.
+        numpy: The NumPy back end with the same parameters, where `evaluation` is of another.
+        functions: Names of functions, by the table.
+        states: The states to compare at.
+        circumstance: What to add to the names of what is compared with.
 
     Returns:
         A comparison of each array that they return with each other way of computing it.
@@ -87,9 +87,9 @@ def _alike(
     """Compare the arrays that a function returns.
 
     Args:
-        ours: the arrays to check.
-        theirs: the same arrays, computed in another way.
-        against: what to call that way.
+        ours: The arrays to check.
+        theirs: The same arrays, computed in another way.
+        against: What to call that way.
 
     Yields:
         A comparison of each array.

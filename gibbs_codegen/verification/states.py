@@ -43,9 +43,9 @@ class States:
         """Random states.
 
         Args:
-            tree: the tree of the robot.
-            count: number of states.
-            seed: what the states are drawn from.
+            tree: The tree of the robot.
+            count: Number of states.
+            seed: What the states are drawn from.
 
         Returns:
             The states, the same for the same seed.
@@ -67,10 +67,10 @@ class States:
         """States next to the singular attitude, with angles of many turns, and with far angles.
 
         Args:
-            tree: the tree of the robot.
-            count: number of states, of the three kinds by turns.
-            seed: what the states are drawn from.
-            far: the largest of the far angles in rad; the others are nearly as large.
+            tree: The tree of the robot.
+            count: Number of states, of the three kinds by turns.
+            seed: What the states are drawn from.
+            far: The largest of the far angles in rad; the others are nearly as large.
 
         Returns:
             The states, the same for the same seed.
@@ -100,7 +100,7 @@ class States:
         """The first of the states.
 
         Args:
-            count: how many.
+            count: How many.
 
         Returns:
             As many states, or all if there are fewer.
@@ -177,7 +177,7 @@ class Sizes:
 
         Args:
             efforts: (s, nq) or (s, size).
-            units: units of the same coordinates.
+            units: Units of the same coordinates.
 
         Returns:
             Efforts of the same shape.

@@ -184,7 +184,7 @@ class Tree:
         """Frames of all joints.
 
         Args:
-            q: coordinates of all joints in rad and m, (…, size), which may be complex.
+            q: Coordinates of all joints in rad and m, (…, size), which may be complex.
 
         Returns:
             The frames, in the joints' order.
@@ -213,8 +213,8 @@ class Tree:
         """World positions of points.
 
         Args:
-            frames: the joints' frames.
-            points: the points.
+            frames: The joints' frames.
+            points: The points.
 
         Returns:
             Positions in m, (…, points, 3).
@@ -228,7 +228,7 @@ class Tree:
         """Homogeneous transforms of the seats, with the axes of their joints.
 
         Args:
-            frames: the joints' frames.
+            frames: The joints' frames.
 
         Returns:
             Transforms to the world, (…, seats, 4, 4).

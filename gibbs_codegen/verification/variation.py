@@ -33,10 +33,10 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
     axes of the body did.
 
     Args:
-        robot: the robot.
-        names: the parameters to change.
-        seed: what the numbers are drawn from.
-        number: number of the variation; it decides what is larger and what is negative.
+        robot: The robot.
+        names: The parameters to change.
+        seed: What the numbers are drawn from.
+        number: Number of the variation; it decides what is larger and what is negative.
 
     Returns:
         The varied robot.
@@ -55,11 +55,11 @@ def variations(
     """Several variations, with parameters that are zero if asked for.
 
     Args:
-        robot: the robot.
-        names: the parameters to change.
-        seed: what the numbers are drawn from.
-        count: how many variations without zeros.
-        zeros: whether to add as many again and more, in which each parameter is zero once. What
+        robot: The robot.
+        names: The parameters to change.
+        seed: What the numbers are drawn from.
+        count: How many variations without zeros.
+        zeros: Whether to add as many again and more, in which each parameter is zero once. What
             would leave an acceleration undetermined at zero, alone or with others, keeps its value.
 
     Yields:
@@ -108,8 +108,8 @@ def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     """Whether something resists every acceleration by more than rounding would.
 
     Args:
-        robot: the robot.
-        least: smallest eigenvalue that its mass matrix may have once its diagonal is 1.
+        robot: The robot.
+        least: Smallest eigenvalue that its mass matrix may have once its diagonal is 1.
 
     Returns:
         Whether all accelerations are determined.
@@ -159,10 +159,10 @@ def _varied_body(body: Body, draw: _Draw, reach: float, mass: float) -> Body:
     """A body with other numbers.
 
     Args:
-        body: the body.
-        draw: where the factors come from.
-        reach: a natural length of the robot, in m.
-        mass: a natural mass, in kg.
+        body: The body.
+        draw: Where the factors come from.
+        reach: A natural length of the robot, in m.
+        mass: A natural mass, in kg.
 
     Returns:
         A body of the same kind.

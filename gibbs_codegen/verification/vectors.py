@@ -15,8 +15,8 @@ def about(axis: int, angle: Array) -> Array:
     """Rotations about a coordinate axis.
 
     Args:
-        axis: number of the axis.
-        angle: angles in rad, (…), which may be complex.
+        axis: Number of the axis.
+        angle: Angles in rad, (…), which may be complex.
 
     Returns:
         Rotation matrices, (…, 3, 3).

@@ -103,7 +103,7 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
     """Every formulation that can be had for a robot.
 
     Args:
-        robot: the robot.
+        robot: The robot.
 
     Returns:
         The formulations, Newton and Euler's first; and for each of the others why it cannot be had.
@@ -135,14 +135,14 @@ def compare_module(
     """Compare everything about one back end.
 
     Args:
-        module: the back end.
-        robot: the robot that it is to be a module of.
-        against: formulations of the robot, of which the first is Newton and Euler's.
-        count: number of random states.
-        seed: of the random states and parameters.
-        progress: called with the name of each step.
-        extent: how far to go beyond the random states.
-        numpy: the NumPy back end, if `module` is another: what no formulation gives is compared
+        module: The back end.
+        robot: The robot that it is to be a module of.
+        against: Formulations of the robot, of which the first is Newton and Euler's.
+        count: Number of random states.
+        seed: Of the random states and parameters.
+        progress: Called with the name of each step.
+        extent: How far to go beyond the random states.
+        numpy: The NumPy back end, if `module` is another: what no formulation gives is compared
             with it.
 
     Returns:
@@ -179,7 +179,7 @@ def most_states(tree: Tree) -> int:
     """How many states at once keep the memory that they take within bounds.
 
     Args:
-        tree: the tree of the robot.
+        tree: The tree of the robot.
 
     Returns:
         At least 1.
@@ -198,12 +198,12 @@ def _compare_functions(
     """Compare all functions with every formulation and with each other.
 
     Args:
-        module: the back end.
-        against: the formulations, Newton and Euler's first.
-        count: number of random states.
-        seed: of the states.
-        singly: how many of them to compute one by one as well.
-        progress: called with the name of each step.
+        module: The back end.
+        against: The formulations, Newton and Euler's first.
+        count: Number of random states.
+        seed: Of the states.
+        singly: How many of them to compute one by one as well.
+        progress: Called with the name of each step.
 
     Returns:
         The comparisons, in an order that does not depend on count and seed.
@@ -234,11 +234,11 @@ def _compare_again(
     """Compare all functions with Newton and Euler's equations in other circumstances.
 
     Args:
-        evaluation: the back end, with the constants of the tree's parameters.
-        tree: the tree to compare with.
-        states: the states, which are computed all together.
-        few: how many of them to compute one by one as well.
-        against: what to call the circumstances.
+        evaluation: The back end, with the constants of the tree's parameters.
+        tree: The tree to compare with.
+        states: The states, which are computed all together.
+        few: How many of them to compute one by one as well.
+        against: What to call the circumstances.
 
     Returns:
         The comparisons of both.
@@ -260,13 +260,13 @@ def _with_other_parameters(
     """Compare once more, with every parameter changed at run time, and zero by turns.
 
     Args:
-        module: the back end.
-        numpy: the NumPy back end, if `module` is another.
-        robot: the robot.
-        unknown: functions that no formulation gives, which are compared with themselves.
-        count: number of states for each set of parameters.
-        seed: of states and parameters.
-        extent: how many sets of parameters, and how many states one by one.
+        module: The back end.
+        numpy: The NumPy back end, if `module` is another.
+        robot: The robot.
+        unknown: Functions that no formulation gives, which are compared with themselves.
+        count: Number of states for each set of parameters.
+        seed: Of states and parameters.
+        extent: How many sets of parameters, and how many states one by one.
 
     Yields:
         The comparisons for one set of parameters after the other.

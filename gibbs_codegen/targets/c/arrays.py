@@ -12,10 +12,10 @@ def load(name: str, array: str, place: int | str, sign: str = "") -> str:
     """A local constant that is an entry of an array.
 
     Args:
-        name: of the constant
-        array: name of the array
-        place: number of the entry, or what `place_in_loop` returns
-        sign: "-" where the array has minus the constant
+        name: Of the constant.
+        array: Name of the array.
+        place: Number of the entry, or what `place_in_loop` returns.
+        sign: "-" where the array has minus the constant.
 
     Returns:
         A line.
@@ -27,10 +27,10 @@ def spill(array: str, place: int | str, name: str, sign: str = "") -> str:
     """An assignment of a local constant to an entry of an array, from which `load` reads it.
 
     Args:
-        array: name of the array
-        place: number of the entry, or what `place_in_loop` returns
-        name: of the constant
-        sign: "-" where minus the constant is stored
+        array: Name of the array.
+        place: Number of the entry, or what `place_in_loop` returns.
+        name: Of the constant.
+        sign: "-" where minus the constant is stored.
 
     Returns:
         A line.
@@ -42,8 +42,8 @@ def place_in_loop(first: int, step: int = 0) -> str:
     """Number of an entry in round `i` of a loop.
 
     Args:
-        first: the number in round 0
-        step: how far it moves in a round; without it by one
+        first: The number in round 0.
+        step: How far it moves in a round; without it by one.
 
     Returns:
         An expression in parentheses.
@@ -55,8 +55,8 @@ def array_size(entries: int, lanes: bool) -> str:
     """Reals in an array.
 
     Args:
-        entries: of one state
-        lanes: whether it holds a block of states
+        entries: Of one state.
+        lanes: Whether it holds a block of states.
 
     Returns:
         An expression.
@@ -68,8 +68,8 @@ def local_arrays(names: Sequence[str], size: str) -> str:
     """A declaration of local arrays.
 
     Args:
-        names: of the arrays
-        size: what `array_size` returns, the same for all
+        names: Of the arrays.
+        size: What `array_size` returns, the same for all.
 
     Returns:
         A line.
@@ -81,8 +81,8 @@ def from_entry(array: str, entry: int) -> str:
     """An array without its first entries, as an argument of a call for one state.
 
     Args:
-        array: name of the array
-        entry: how many entries are left out
+        array: Name of the array.
+        entry: How many entries are left out.
 
     Returns:
         An expression.
@@ -94,9 +94,9 @@ def from_block(array: str, width: int, block: str) -> str:
     """An array without its first blocks of states, as an argument of a call.
 
     Args:
-        array: name of the array
-        width: entries of one state
-        block: the variable that says how many blocks are left out
+        array: Name of the array.
+        width: Entries of one state.
+        block: The variable that says how many blocks are left out.
 
     Returns:
         An expression.
@@ -110,9 +110,9 @@ def read_arrays(
     """Parameters that are arrays from which a function reads.
 
     Args:
-        names: of the parameters
-        real: the type of an entry
-        qualifier: what stands before a name
+        names: Of the parameters.
+        real: The type of an entry.
+        qualifier: What stands before a name.
 
     Returns:
         A declaration each.
@@ -126,9 +126,9 @@ def written_arrays(
     """Parameters that are arrays to which a function writes.
 
     Args:
-        names: of the parameters
-        real: the type of an entry
-        qualifier: what stands before a name
+        names: Of the parameters.
+        real: The type of an entry.
+        qualifier: What stands before a name.
 
     Returns:
         A declaration each.

@@ -160,8 +160,8 @@ class CFunction:
         """Body of the function.
 
         Args:
-            sections: the helpers that it calls
-            lanes: whether it is for a block of states, one a lane, or for one state
+            sections: The helpers that it calls.
+            lanes: Whether it is for a block of states, one a lane, or for one state.
 
         Returns:
             Lines.

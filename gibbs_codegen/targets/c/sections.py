@@ -44,7 +44,7 @@ class HelperPrinter:
         """The helper that computes all angles whose sines and cosines are needed.
 
         Args:
-            name: of the helper
+            name: Of the helper.
 
         Returns:
             Lines.
@@ -62,9 +62,9 @@ class HelperPrinter:
         """The helper that computes one section of the function.
 
         Args:
-            name: of the helper
-            section: what it computes
-            allocation: where the sections keep what they hand on
+            name: Of the helper.
+            section: What it computes.
+            allocation: Where the sections keep what they hand on.
 
         Returns:
             Lines.
@@ -96,9 +96,9 @@ class HelperPrinter:
         """Lines of steps that are done once.
 
         Args:
-            steps: those of the section
-            section: what it reloads and spills
-            allocation: the signs of what is spilled
+            steps: Those of the section.
+            section: What it reloads and spills.
+            allocation: The signs of what is spilled.
 
         Returns:
             Lines.
@@ -122,9 +122,9 @@ class HelperPrinter:
         """Lines of a loop.
 
         Args:
-            loop: that of the section
-            section: what it reloads and spills
-            allocation: the signs of what is reloaded before the loop
+            loop: That of the section.
+            section: What it reloads and spills.
+            allocation: The signs of what is reloaded before the loop.
 
         Returns:
             Lines.
@@ -150,9 +150,9 @@ class HelperPrinter:
         """Arrays of angles and scratch that a section is given and does not use.
 
         Args:
-            section: what it reloads and spills
-            read: the names that it reads
-            allocation: whether there is any scratch
+            section: What it reloads and spills.
+            read: The names that it reads.
+            allocation: Whether there is any scratch.
 
         Returns:
             Names of the arrays.

@@ -37,8 +37,8 @@ class StatementPrinter:
         """A local constant.
 
         Args:
-            name: of the constant
-            value: its value
+            name: Of the constant.
+            value: Its value.
 
         Returns:
             Lines without their indentation, as everywhere here.
@@ -49,7 +49,7 @@ class StatementPrinter:
         """Local constants, with a comment above each group.
 
         Args:
-            statements: in order
+            statements: In order.
 
         Returns:
             Lines.
@@ -64,9 +64,9 @@ class StatementPrinter:
         """An assignment to an entry of an array.
 
         Args:
-            array: name of the array
-            place: number of the entry, or what `arrays.place_in_loop` returns
-            value: what is stored
+            array: Name of the array.
+            place: Number of the entry, or what `arrays.place_in_loop` returns.
+            value: What is stored.
 
         Returns:
             Lines.
@@ -77,8 +77,8 @@ class StatementPrinter:
         """A loop that makes all entries of an array zero.
 
         Args:
-            array: name of the array
-            size: what `arrays.array_size` returns
+            array: Name of the array.
+            size: What `arrays.array_size` returns.
 
         Returns:
             Lines.
@@ -89,8 +89,8 @@ class StatementPrinter:
         """An assignment, broken where it is too long for a line.
 
         Args:
-            target: its left-hand side
-            value: its right-hand side
+            target: Its left-hand side.
+            value: Its right-hand side.
 
         Returns:
             Lines.
@@ -112,7 +112,7 @@ def comment(words: str) -> list[str]:
     """A comment above a group of statements.
 
     Args:
-        words: what the group computes; "" where no group begins
+        words: What the group computes; "" where no group begins.
 
     Returns:
         Lines, of which the first is empty.
@@ -124,7 +124,7 @@ def load_constant(name: str) -> str:
     """A local constant that is one of the struct that `constants` points to.
 
     Args:
-        name: of both
+        name: Of both.
 
     Returns:
         A line.
@@ -136,8 +136,8 @@ def load_parameter(name: str, place: int) -> str:
     """A local constant that is one of the parameters.
 
     Args:
-        name: of the constant
-        place: of the parameter
+        name: Of the constant.
+        place: Of the parameter.
 
     Returns:
         A line.
@@ -149,7 +149,7 @@ def unused(name: str) -> str:
     """What tells compilers that a parameter is not used on purpose.
 
     Args:
-        name: of the parameter
+        name: Of the parameter.
 
     Returns:
         A line.
@@ -161,8 +161,8 @@ def call(name: str, arguments: Sequence[str]) -> list[str]:
     """A call of a function that returns nothing; it may stand in a loop.
 
     Args:
-        name: of the function
-        arguments: expressions
+        name: Of the function.
+        arguments: Expressions.
 
     Returns:
         Lines.
@@ -175,9 +175,9 @@ def call_helper(name: str, arrays: Sequence[str], lanes: bool) -> list[str]:
     """A call of what `helper` defines.
 
     Args:
-        name: of the helper
-        arrays: names of arrays
-        lanes: whether it is called for each lane of a block of states, or for one state
+        name: Of the helper.
+        arrays: Names of arrays.
+        lanes: Whether it is called for each lane of a block of states, or for one state.
 
     Returns:
         Lines.
@@ -192,9 +192,9 @@ def loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
     """A loop over an index from 0.
 
     Args:
-        index: its name
-        count: how many rounds there are
-        body: lines of a round
+        index: Its name.
+        count: How many rounds there are.
+        body: Lines of a round.
 
     Returns:
         Lines.
@@ -207,9 +207,9 @@ def vector_loop(index: str, count: int | str, body: Sequence[str]) -> list[str]:
     """A loop whose rounds do not depend on each other, which compilers are told to vectorise.
 
     Args:
-        index: its name
-        count: how many rounds there are
-        body: lines of a round
+        index: Its name.
+        count: How many rounds there are.
+        body: Lines of a round.
 
     Returns:
         Lines.
@@ -221,9 +221,9 @@ def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[st
     """Definition of a function that computes a part of another one, for one state of several.
 
     Args:
-        name: of the helper
-        parameters: those between the constants and the stride
-        body: its lines
+        name: Of the helper.
+        parameters: Those between the constants and the stride.
+        body: Its lines.
 
     Returns:
         Lines.

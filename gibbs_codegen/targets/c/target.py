@@ -71,9 +71,9 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     """Context of the C templates.
 
     Args:
-        model: the derived robot
-        printer: of expressions
-        header: lines that open every file
+        model: The derived robot.
+        printer: Of expressions.
+        header: Lines that open every file.
 
     Returns:
         The context.

@@ -24,8 +24,8 @@ class StatementPrinter:
         """A local variable, its value in parentheses where it takes more than a line.
 
         Args:
-            name: of the variable
-            value: its value
+            name: Of the variable.
+            value: Its value.
 
         Returns:
             Lines without their indentation, as everywhere here.
@@ -39,7 +39,7 @@ class StatementPrinter:
         """Local variables, with a comment above each group.
 
         Args:
-            statements: in order
+            statements: In order.
 
         Returns:
             Lines.
@@ -54,7 +54,7 @@ class StatementPrinter:
         """What stands in the parentheses of a tuple of all entries of outputs.
 
         Args:
-            outputs: one after the other
+            outputs: One after the other.
 
         Returns:
             Lines.
@@ -67,7 +67,7 @@ def comment(words: str) -> list[str]:
     """A comment above a group of statements.
 
     Args:
-        words: what the group computes; "" where no group begins
+        words: What the group computes; "" where no group begins.
 
     Returns:
         Lines, of which the first is empty.
@@ -79,9 +79,9 @@ def load(name: str, array: str, place: int | str) -> str:
     """A local variable that is an entry of a sequence, or of a dictionary.
 
     Args:
-        name: of the variable
-        array: what it is an entry of
-        place: its index, or its key
+        name: Of the variable.
+        array: What it is an entry of.
+        place: Its index, or its key.
 
     Returns:
         A line.
@@ -94,7 +94,7 @@ def elements(texts: Sequence[str]) -> list[str]:
     """What stands in the parentheses of a tuple.
 
     Args:
-        texts: expressions
+        texts: Expressions.
 
     Returns:
         Lines.
@@ -106,7 +106,7 @@ def strings(texts: Iterable[str]) -> list[str]:
     """What stands in the parentheses of a tuple of strings; nothing where there are none.
 
     Args:
-        texts: strings without quotes
+        texts: Strings without quotes.
 
     Returns:
         Lines.
@@ -119,7 +119,7 @@ def result(outputs: Sequence[Output]) -> str:
     """What a function returns, given `entries` of all its outputs and `batch`.
 
     Args:
-        outputs: in order
+        outputs: In order.
 
     Returns:
         An expression.
@@ -137,7 +137,7 @@ def result_type(outputs: Sequence[Output]) -> str:
     """The type of what a function returns.
 
     Args:
-        outputs: in order
+        outputs: In order.
 
     Returns:
         An annotation.

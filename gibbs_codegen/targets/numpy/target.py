@@ -78,9 +78,9 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     """Context of the NumPy templates.
 
     Args:
-        model: the derived robot
-        printer: of expressions
-        header: lines that open every file
+        model: The derived robot.
+        printer: Of expressions.
+        header: Lines that open every file.
 
     Returns:
         The context.
@@ -119,9 +119,9 @@ def _function_text(model: Model, function: Function, statements: StatementPrinte
     """The text of one function.
 
     Args:
-        model: the derived robot
-        function: one of its program's
-        statements: the printer
+        model: The derived robot.
+        function: One of its program's.
+        statements: The printer.
 
     Returns:
         What the template is given.
