@@ -221,17 +221,17 @@ def prepared(
     """Constants of a module for given parameters.
 
     Args:
-        compute: constants of all parameters; ZeroDivisionError where there are none
-        defaults: all parameters with their defaults
-        folded: names that are no parameters, since they are zero in the robot file
-        parameters: values that differ from the defaults, by name
+        compute: Constants of all parameters; ZeroDivisionError where there are none.
+        defaults: All parameters with their defaults.
+        folded: Names that are no parameters, since they are zero in the robot file.
+        parameters: Values that differ from the defaults, by name.
 
     Returns:
         The constants, all of them finite.
 
     Raises:
-        TypeError: what is given is no number
-        ValueError: a name is unknown, a value is not finite, or the constants are not
+        TypeError: What is given is no number.
+        ValueError: A name is unknown, a value is not finite, or the constants are not.
     """
     given = {**defaults, **parameters}
     unknown = [name for name in given if name not in defaults]
@@ -248,7 +248,10 @@ def prepared(
     try:
         constants = compute(values)
     except ZeroDivisionError:
-        raise ValueError("these parameters leave an acceleration undetermined") from None
+        raise ValueError(
+            "these parameters leave an acceleration undetermined: "
+            "look for masses and inertias that are zero or negative"
+        ) from None
     if not all(map(math.isfinite, constants)):
         raise ValueError("these parameters are too large or too small to compute with")
     return constants
@@ -258,7 +261,7 @@ def _unknown(name: str, defaults: Mapping[str, float], folded: Sequence[str]) ->
     """What an error says of a name that is no parameter.
 
     Args:
-        name, defaults, folded: as of `prepared`
+        name, defaults, folded: As of `prepared`.
 
     Returns:
         A sentence.
@@ -277,15 +280,15 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     """Real numbers as an array of float64; what only looks like numbers is refused by name.
 
     Args:
-        name: what an error calls the values
-        values: numbers, or nested sequences of them
+        name: What an error calls the values.
+        values: Numbers, or nested sequences of them.
 
     Returns:
         An array of the shape that NumPy gives the values; not a copy where none is needed.
 
     Raises:
-        TypeError: an entry is not a real number
-        ValueError: an entry does not fit into a float or is masked, or rows differ in length
+        TypeError: An entry is not a real number.
+        ValueError: An entry does not fit into a float or is masked, or rows differ in length.
     """
     try:
         array = np.asarray(values)
@@ -309,16 +312,16 @@ def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]
     """An argument of a function as an array, once its axes have been checked.
 
     Args:
-        name: what an error calls the argument
-        values: one state or a batch of states, as NumPy takes them
-        width: entries of one state
+        name: What an error calls the argument.
+        values: One state or a batch of states, as NumPy takes them.
+        width: Entries of one state.
 
     Returns:
         Array (..., width).
 
     Raises:
-        TypeError, ValueError: as of `real_numbers`
-        ValueError: the last axis has another length, or there are too many axes
+        TypeError, ValueError: As of `real_numbers`.
+        ValueError: The last axis has another length, or there are too many axes.
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT:
         array = values
@@ -337,13 +340,13 @@ def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
     """Shape of the batch that the leading axes of arguments broadcast to.
 
     Args:
-        arrays: arguments (..., width), each with a width of its own
+        arrays: Arguments (..., width), each with a width of its own.
 
     Returns:
         The common shape without the last axis.
 
     Raises:
-        ValueError: the leading axes do not broadcast
+        ValueError: The leading axes do not broadcast.
     """
     shapes = [array.shape[:-1] for array in arrays]
     try:
@@ -379,16 +382,16 @@ class Evaluator:
         """Evaluate a kernel, and warn where finite arguments give what is not finite.
 
         Args:
-            kernel: what computes the entries
-            constants: what `prepare` returned, or None for the default
-            arguments: arrays (..., width) in the order of the kernel
+            kernel: What computes the entries.
+            constants: What `prepare` returned, or None for the default.
+            arguments: Arrays (..., width) in the order of the kernel.
 
         Returns:
             The entries of the outputs, numbers or arrays over the batch, and the batch's shape.
 
         Raises:
-            TypeError: the constants are not this module's
-            ValueError: the leading axes do not broadcast
+            TypeError: The constants are not this module's.
+            ValueError: The leading axes do not broadcast.
         """
         k = self._default if constants is None else constants
         if k is not self._default:
@@ -426,10 +429,10 @@ class Evaluator:
         """Entries of a kernel's output, whatever they are, once what is not finite is reported.
 
         Args:
-            kernel, k: what computes the entries, and its constants
-            columns: arguments (width, ...), entry by entry
-            arguments: the same (..., width), as they were given
-            batch: the shape that leading axes broadcast to
+            kernel, k: What computes the entries, and its constants.
+            columns: Arguments (width, ...), entry by entry.
+            arguments: The same (..., width), as they were given.
+            batch: The shape that leading axes broadcast to.
 
         Returns:
             The entries.
@@ -461,13 +464,13 @@ class NotFiniteReport:
         """Report, as np.errstate(invalid=...) has it, states that are lost.
 
         Args:
-            function: name of the function
-            arguments: arrays (..., width) by the names q, v, a and u
-            finite: whether all results of a state are finite, of the shape of the batch
-            level: how far up the stack the caller is, for the warning's place
+            function: Name of the function.
+            arguments: Arrays (..., width) by the names q, v, a and u.
+            finite: Whether all results of a state are finite, of the shape of the batch.
+            level: How far up the stack the caller is, for the warning's place.
 
         Raises:
-            FloatingPointError: a state is lost, and np.errstate says "raise"
+            FloatingPointError: A state is lost, and np.errstate says "raise".
         """
         lost = ~finite
         for argument in arguments.values():
@@ -499,9 +502,9 @@ def shaped(
     """An output of a function, from its entries.
 
     Args:
-        entries: numbers, or arrays of the shape of the batch; a number is the same for all states
-        shape: shape of the output for one state
-        batch: shape of the batch, () for one state
+        entries: Numbers, or arrays of the shape of the batch; a number is the same for all states.
+        shape: Shape of the output for one state.
+        batch: Shape of the batch, () for one state.
 
     Returns:
         Array (*batch, *shape).

@@ -23,10 +23,12 @@ def _joint_name(kind: JointKind) -> AfterValidator:
     def check(name: str) -> str:
         if joint_kind(name) == kind:
             return name
-        other = "without _deg" if kind == "revolute" else "that ends in _deg"
+        other, where = "prismatic", "without _deg"
+        if kind == "prismatic":
+            other, where = "revolute", "that ends in _deg"
         raise fault(
-            f"must be the name of a joint, {JOINT_TERMS[kind].letter}_…, here; the other kind of "
-            f"joint belongs in the table {other}",
+            f"no name of a {kind} joint, which is {JOINT_TERMS[kind].letter}_…; {other} joints "
+            f"belong in the table {where}",
             IN_NAME,
         )
 
