@@ -28,7 +28,7 @@ from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
 from gibbs_codegen.robot.coordinates import points
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.posture import Array, Frame, MachineFrames, machine_frames
+from gibbs_codegen.robot.posture import Array, Frame, RobotFrames, robot_frames
 
 _ARROWS = {
     THRUST: "thrust $F_k$",
@@ -76,7 +76,7 @@ def default_posture(robot: Robot) -> Array:
         values = angles if link.joint == "revolute" else [longest / 2.0]
         scores = []
         for q[place] in values:
-            frames = machine_frames(robot, q)
+            frames = robot_frames(robot, q)
             scores.append(frames.tip[2] - float(np.linalg.norm(frames.tip - frames.centre)))
         q[place] = values[int(np.argmin(np.round(scores, 9)))]
     return q
@@ -98,7 +98,7 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
     Raises:
         UsageError: q has the wrong length.
     """
-    frames = machine_frames(robot, default_posture(robot) if q is None else q)
+    frames = robot_frames(robot, default_posture(robot) if q is None else q)
     with style():
         figure = Figure(figsize=(FULL if robot.links else 0.6 * FULL, 3.9))
         figure.suptitle(robot.name, color="0.35", parse_math=False)
@@ -119,7 +119,7 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
         return figure
 
 
-def _draw_whole(axes: Any, robot: Robot, frames: MachineFrames) -> None:
+def _draw_whole(axes: Any, robot: Robot, frames: RobotFrames) -> None:
     """Draw the whole robot, with the frames of the arm's links.
 
     Args:
@@ -147,7 +147,7 @@ def _draw_whole(axes: Any, robot: Robot, frames: MachineFrames) -> None:
             draw_number(axes, str(number), project(axes, (frame.origin + after) / 2.0))
 
 
-def _draw_base(axes: Any, robot: Robot, frames: MachineFrames) -> None:
+def _draw_base(axes: Any, robot: Robot, frames: RobotFrames) -> None:
     """Draw the base, with numbers of its arms, their frames, and the thrusts.
 
     Args:
@@ -179,7 +179,7 @@ def _draw_base(axes: Any, robot: Robot, frames: MachineFrames) -> None:
         _name(axes, name, place, -frames.arm_1.axes[:, 2])
 
 
-def _still(robot: Robot, frames: MachineFrames, names: tuple[str, ...]) -> _Still:
+def _still(robot: Robot, frames: RobotFrames, names: tuple[str, ...]) -> _Still:
     """Take the points that are named.
 
     Args:

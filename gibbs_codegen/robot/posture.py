@@ -41,7 +41,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class MachineFrames:
+class RobotFrames:
     """Frames of arm 1, of base arms 2 … N and of the arm's links, in world axes.
 
     `motors` (N, 3) are the seats of the motors in m, `thrusts` (N, 3) the unit vectors of their
@@ -64,7 +64,7 @@ class MachineFrames:
         return np.array([self.motors[0], self.centre, *self.motors, *joints, self.tip])
 
 
-def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
+def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
     """Frames of a robot at one configuration.
 
     Args:
@@ -94,7 +94,7 @@ def machine_frames(robot: Robot, q: Sequence[float] | Array) -> MachineFrames:
     links = _links(robot, Frame(centre, attitude), q[layout.joints])
     tip = links[-1].point(robot.links[-1].body.length) if links else centre
     thrusts = (attitude @ wrench_matrix(robot)[:3]).T
-    return MachineFrames(arm_1, arms, links, np.array(motors), thrusts, centre, tip)
+    return RobotFrames(arm_1, arms, links, np.array(motors), thrusts, centre, tip)
 
 
 def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tuple[Frame, ...]:

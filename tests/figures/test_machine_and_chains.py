@@ -27,7 +27,7 @@ from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Link, Robot, Rod
-from gibbs_codegen.robot.posture import machine_frames
+from gibbs_codegen.robot.posture import robot_frames
 
 SHIPPED = ("hexarotor_3link", "quadrotor_2link", "octorotor_7link", "decarotor_3link", "hexarotor")
 PAPER = read_robot("hexarotor_3link")[0]
@@ -53,7 +53,7 @@ def arrows(axes: Axes, colour: str) -> int:
 def test_frames_are_where_the_emitted_functions_put_them(robot: Robot) -> None:
     module = emitted_module(robot)
     q = np.random.default_rng(2).normal(size=len(module.COORDINATES))
-    frames = machine_frames(robot, q)
+    frames = robot_frames(robot, q)
     assert np.allclose(frames.points, module.positions(q), atol=1e-12)
     last = frames.links[-1] if frames.links else frames.arm_1
     assert np.allclose(last.axes, module.tip_pose(q)[:3, :3], atol=1e-12)
@@ -103,7 +103,7 @@ def test_arm_has_the_frame_of_every_link() -> None:
 def test_posture_is_the_one_that_is_asked_for() -> None:
     q = np.array([0.1, -0.2, 0.3, 0.4, -1.0, 0.5, 1.0, 2.0, 3.0])
     (gold,) = gold_lines(machine_figure(PAPER, q).axes[0])
-    frames = machine_frames(PAPER, q)
+    frames = robot_frames(PAPER, q)
     assert np.allclose(np.transpose(gold.get_data_3d()), [frames.centre, frames.motors[1]])
 
 
