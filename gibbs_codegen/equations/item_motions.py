@@ -91,7 +91,7 @@ class ItemMotions:
         """∂S_j/∂θ̈_{j,i} in the order of the coordinates, and definitions (eq. 5)."""
         return self._rows(self._inertia_forces())
 
-    def system(self) -> tuple[Matrix, list[sp.Expr], list[Definition]]:
+    def linear_system(self) -> tuple[Matrix, list[sp.Expr], list[Definition]]:
         """I_j, R_j and definitions (eq. 15), of motions without accelerations."""
         root = self.readable.symbolic.root
         matrix = self._without_last(mass_matrix(self._tape, root, self._serial))

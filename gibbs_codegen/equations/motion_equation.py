@@ -36,7 +36,7 @@ def equations_of_motion(robot: Robot, chain: int, most: int) -> ChainEquation:
     except TooLongError:
         motions = ItemMotions(robot, chain, accelerated=False)
         closed, names = False, motions.names
-        matrix, residual, steps = motions.system()
+        matrix, residual, steps = motions.linear_system()
     named = _NamedEntries(chain, dict(names), [*readable.inertias, *steps])
     places = range(len(residual))
     symbols = {

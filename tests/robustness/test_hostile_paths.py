@@ -174,7 +174,7 @@ def test_output_goes_nowhere_else(
         assert (code, said) == (2, ""), (out, err)
     code, said, err = outcome(capsys, *words, "--out=--")
     assert (code, said) == (2, "")
-    assert "a path of that name is ./--" in err
+    assert "write ./-- for a path of that name" in err
     code, said, err = outcome(capsys, *words, "--out=/proc/nowhere")
     assert (code, said) == (1, "")
     assert "cannot be written" in err

@@ -67,6 +67,11 @@ PLANTS = {
 def violation(event: str, arguments: tuple[Any, ...], frame: FrameType | None) -> str | None:
     """What is wrong about an audit event that our code has led to, if something is."""
     source = ""
+    # MuJoCo's bindings look up this built-in function so before they take a callback.
+    if event == "compile" and arguments[0] == b"callable":
+        return None
+    if event == "exec" and arguments[0].co_names == ("callable",):
+        return None
     if event == "subprocess.Popen" and Path(arguments[1][0]).name in PROGRAMS:
         return None
     if event == "exec":
