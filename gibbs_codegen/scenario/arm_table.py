@@ -27,7 +27,7 @@ def _joint_name(kind: JointKind) -> AfterValidator:
         if kind == "prismatic":
             other, where = "revolute", "that ends in _deg"
         raise fault(
-            f"no name of a {kind} joint, which is {JOINT_TERMS[kind].letter}_…; {other} joints "
+            f"must be the name of a {kind} joint, {JOINT_TERMS[kind].letter}_…; {other} joints "
             f"belong in the table {where}",
             IN_NAME,
         )

@@ -289,7 +289,7 @@ mass = nan
         "s.toml:7: base.path.centre: must have 3 numbers, not 2",
         "s.toml:8: base.path.radius: must be at least 0, not -1",
         "s.toml:10: arm.posture_deg.theta_7: must be a number, not a boolean",
-        "s.toml:11: arm.posture_deg.d_8: no name of a revolute joint, which is theta_…; prismatic "
+        "s.toml:11: arm.posture_deg.d_8: must be the name of a revolute joint, theta_…; prismatic "
         "joints belong in the table without _deg",
         "s.toml:13: control.law: must be one of 'computed_torque', 'open_loop', 'off', not "
         "'openloop'; did you mean 'open_loop'?",
@@ -314,7 +314,7 @@ def tables(value: object, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...
 def test_unknown_keys_of_any_table(path: tuple[str, ...]) -> None:
     found = "\n".join(faults(document(with_change((*path, "colour"), 1))))
     named = path and path[-1].removesuffix("_deg") in ("guess", "limits")
-    said = "no name of a" if named else "unknown key"
+    said = "must be the name of a" if named else "unknown key"
     assert f"{'.'.join((*path, 'colour'))}: {said}" in found
 
 
@@ -347,9 +347,9 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("base.attitude", {"kind": "level", "arm": 2}, "arm: unknown key"),
         ("arm.posture_deg", {"theta_7": 0}, "tip already says what the arm does"),
         ("arm.tip_beside_base", {"kind": "fixed", "position": [0] * 3}, "tip already says what"),
-        ("arm.guess", {"theta_7": 1}, "theta_7: no name of a prismatic joint, which is d_…"),
-        ("arm.guess_deg", {"theta_": 1}, "no name of a revolute joint, which is theta_…"),
-        ("arm.guess_deg", {"theta_7\n": 1}, r"'theta_7\n': no name of a revolute joint"),
+        ("arm.guess", {"theta_7": 1}, "theta_7: must be the name of a prismatic joint, d_…"),
+        ("arm.guess_deg", {"theta_": 1}, "must be the name of a revolute joint, theta_…"),
+        ("arm.guess_deg", {"theta_7\n": 1}, r"'theta_7\n': must be the name of a revolute joint"),
         ("arm.guess_deg", {"theta_7": [1]}, "theta_7: must be a number, not a list"),
         ("arm.limits_deg", {"theta_9": [0, 0]}, "the lower limit must be below the upper"),
         ("arm.limits_deg", {"theta_9": [9, -9]}, "the lower limit must be below the upper"),
