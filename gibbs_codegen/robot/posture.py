@@ -97,12 +97,12 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
     return RobotFrames(arm_1, arms, links, np.array(motors), thrusts, centre, tip)
 
 
-def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tuple[Frame, ...]:
+def _links(robot: Robot, parent: Frame, joints: Sequence[float] | Array) -> tuple[Frame, ...]:
     """Frames of the arm's links: Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d), one after another.
 
     Args:
         robot: The robot, with n links.
-        carrier: Frame at the base centre, with arm 1's axes.
+        parent: Frame at the base centre, with arm 1's axes.
         joints: Angle (rad) or travel (m) of each joint (n).
 
     Returns:
@@ -112,12 +112,12 @@ def _links(robot: Robot, carrier: Frame, joints: Sequence[float] | Array) -> tup
     before = 0.0
     for link, joint in zip(robot.links, joints, strict=True):
         turns = link.joint == "revolute"
-        origin = carrier.point(before if link.a is None else link.a)
-        axes = carrier.axes @ turn(0, np.deg2rad(float(link.alpha_deg)))
+        origin = parent.point(before if link.a is None else link.a)
+        axes = parent.axes @ turn(0, np.deg2rad(float(link.alpha_deg)))
         origin = origin + (link.d + (0.0 if turns else joint)) * axes[:, 2]
         axes = axes @ turn(2, np.deg2rad(float(link.theta_deg)) + (joint if turns else 0.0))
-        carrier = Frame(origin, axes)
-        frames.append(carrier)
+        parent = Frame(origin, axes)
+        frames.append(parent)
         before = link.body.length
     return tuple(frames)
 

@@ -207,12 +207,12 @@ def _moved(tree: Tree, frames: Frames) -> tuple[Array, Array]:
         lever = rotations[number] @ body.com
         # No principal moment exceeds half the trace.
         own = 0.5 * np.trace(body.inertia)
-        carrier = number
-        while carrier != WORLD:
-            joint = tree.joints[carrier]
+        ancestor = number
+        while ancestor != WORLD:
+            joint = tree.joints[ancestor]
             turning = body.mass * np.sum(lever**2, axis=-1) + own
             inertias[:, joint.place] += turning if joint.revolute else body.mass
             masses[:, joint.place] += body.mass
-            lever = lever + steps[carrier]
-            carrier = joint.parent
+            lever = lever + steps[ancestor]
+            ancestor = joint.parent
     return inertias, masses
