@@ -42,8 +42,8 @@ def desired_with_tip(
 
     Args:
         vehicle: The robot.
-        time: Knots, shape (s), evenly spaced, in s. Where the tip leaves its path between them, 2, 4 …
-            times as many are taken.
+        time: Knots, shape (s), evenly spaced, in s. Where the tip leaves its path between them,
+            2, 4 … times as many are taken.
         base_at: Motion of the base for knots, as `desired_base` gives it.
         tip: Path of the tip.
         limits: Joint limits.
