@@ -3,22 +3,30 @@
 SI units throughout: kg, m, s; angles in degrees where a name ends in `_deg`. Nothing here knows
 SymPy. Lengths and masses are floats; angles are exact fractions of a degree, since they are
 structural: they decide which terms exist.
+
+Bodies are counted with the base as number 0 and link i as number i: `parent` and `on` are such
+numbers.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import Literal, get_args
 
 Vector3 = tuple[float, float, float]
+Angles3 = tuple[Fraction, Fraction, Fraction]
 JointKind = Literal["revolute", "prismatic"]
-Origin = Literal["motor1", "centre"]
+LinkKind = Literal["revolute", "prismatic", "fixed"]
+Origin = Literal["motor1", "centre", "base"]
 Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
 
 ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
 ORIGINS: tuple[Origin, ...] = get_args(Origin)
 JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
+LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
+BASE = 0
 MAX_ROTORS = 256
 MAX_LINKS = 64
 AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -83,12 +91,52 @@ def as_rigid_body(body: Body) -> RigidBody:
 
 
 @dataclass(frozen=True)
-class Link:
-    """A link of the arm with the joint that carries it (modified Denavit–Hartenberg, Craig).
+class Pose:
+    """Where a frame is in another: `xyz` in m, then R = R_z·R_y·R_x of `rpy_deg`, as in URDF."""
 
-    The link's frame relative to its parent's is Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d); a
-    revolute joint adds its angle to θ, a prismatic one its travel to d. `a` is None where the
-    file leaves it to the length of the link before.
+    xyz: Vector3 = (0.0, 0.0, 0.0)
+    rpy_deg: Angles3 = (Fraction(0), Fraction(0), Fraction(0))
+
+
+@dataclass(frozen=True)
+class Passive:
+    """What acts on a joint by itself: τ − damping·rate − stiffness·(coordinate − rest).
+
+    `damping` in N m s/rad or N s/m, `stiffness` in N m/rad or N/m, `rest` in rad or m. `armature`
+    in kg m² or kg is the inertia of what turns with the joint alone, such as a geared motor.
+    """
+
+    damping: float = 0.0
+    armature: float = 0.0
+    stiffness: float = 0.0
+    rest: float = 0.0
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Bounds for simulators and controllers, which no equation contains; None is no bound.
+
+    `low` and `high` in rad or m, `effort` in N m or N, `velocity` in rad/s or m/s.
+    """
+
+    low: float | None = None
+    high: float | None = None
+    effort: float | None = None
+    velocity: float | None = None
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link with the joint that carries it.
+
+    Where `pose` is None, modified Denavit–Hartenberg parameters (Craig) place it: the link's frame
+    relative to its parent's is Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d); a revolute joint adds its
+    angle to θ, a prismatic one its travel to d. `a` is None where the file leaves it to the length
+    of the link before. Otherwise `pose` is that of the joint in the parent's frame, and the joint
+    turns about or slides along the unit vector `axis` of the link's frame.
+
+    `parent` is None for the link before. A link of kind "fixed" is welded to its parent; where it
+    is `constrained` it is held by a constraint torque about its axis, which the hybrid system has.
     """
 
     body: Body
@@ -96,24 +144,68 @@ class Link:
     a: float | None = None
     d: float = 0.0
     theta_deg: Fraction = Fraction(0)
-    joint: JointKind = "revolute"
+    joint: LinkKind = "revolute"
+    parent: int | None = None
+    pose: Pose | None = None
+    axis: Vector3 = AXES["z"]
+    constrained: bool = False
+    name: str | None = None
+    coordinate: str | None = None
+    passive: Passive = Passive()
+    limits: JointLimits = JointLimits()
+
+    @property
+    def moves(self) -> bool:
+        """Whether its joint has a coordinate."""
+        return self.joint != "fixed"
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """A rotor on a body: `position` in m and unit `direction` in the body's frame.
+
+    `drag` is the reaction torque about the direction per unit of thrust, in m: negative for a rotor
+    that spins counter-clockwise, seen from the tip of its thrust. `limits` of the thrust in N and
+    `time_constant` in s are for simulators and controllers.
+    """
+
+    position: Vector3 = (0.0, 0.0, 0.0)
+    direction: Vector3 = AXES["z"]
+    drag: float = 0.0
+    on: int = BASE
+    name: str | None = None
+    limits: tuple[float, float] | None = None
+    time_constant: float | None = None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A named frame on a body, such as an end effector, a sensor or the place of a payload."""
+
+    name: str
+    on: int = BASE
+    pose: Pose = Pose()
 
 
 @dataclass(frozen=True)
 class Base:
-    """The flying base: N arms, rigid to each other, with a motor at the end of each.
+    """The flying base: a central body, N rods with a motor at the end of each, or both, rigid.
 
-    `thrust` holds a unit direction per motor in its arm's frame, `drag` the reaction torque about
-    that direction per unit of thrust, in m. `arms` has one entry when all arms share one table,
-    else N.
+    `rotors` is the number of rods, each with its motor. `thrust` holds a unit direction per motor
+    in its rod's frame, `drag` the reaction torque about that direction per unit of thrust, in m.
+    `arms` has one entry when all rods share one table, else N. `azimuth_deg` holds the angles of
+    the rods about the base normal, from the x axis of the base; None is the paper's rule, in which
+    rod 1 is seen from its motor.
     """
 
-    rotors: int
-    arms: tuple[Body, ...]
-    thrust: tuple[Vector3, ...]
-    drag: tuple[float, ...]
+    rotors: int = 0
+    arms: tuple[Body, ...] = ()
+    thrust: tuple[Vector3, ...] = ()
+    drag: tuple[float, ...] = ()
     attitude: Attitude = "xyz"
     origin: Origin = "motor1"
+    body: RigidBody | None = None
+    azimuth_deg: tuple[Fraction, ...] | None = None
 
     @property
     def shares_one_arm(self) -> bool:
@@ -132,36 +224,67 @@ class Base:
         return self.arms[0] if self.shares_one_arm else self.arms[k - 1]
 
     def arm_angle_deg(self, k: int) -> Fraction:
-        """Constrained angle θ_k of a base arm against arm 1: −180° + 360°(k−1)/N.
+        """Constrained angle θ_k of a base arm against the base: −180° + 360°(k−1)/N by default.
 
         Args:
-            k: Number of the arm, from 2 to N.
+            k: Number of the arm, from 1 or, by the paper's rule, from 2 to N.
 
         Returns:
             The angle in degrees.
         """
+        if self.azimuth_deg is not None:
+            return self.azimuth_deg[k - 1]
         return Fraction(-180) + Fraction(360 * (k - 1), self.rotors)
 
 
 @dataclass(frozen=True)
 class Robot:
-    """An aerial manipulator: a base with N rotors and a serial arm of n links at its centre."""
+    """An aerial robot: a flying base, and links that branch from it as a tree.
+
+    Its rotors are those at the ends of the base's rods, or the placed ones, `thrusters`.
+    """
 
     name: str
     base: Base
     links: tuple[Link, ...] = ()
     gravity: float = 9.81
+    thrusters: tuple[Rotor, ...] = ()
+    frames: tuple[Frame, ...] = ()
+    allow_impossible_inertia: bool = False
 
     @property
     def rotors(self) -> int:
-        """N, the number of rotors and of open chains."""
-        return self.base.rotors
+        """N, the number of rotors."""
+        return self.base.rotors + len(self.thrusters)
+
+    @cached_property
+    def parents(self) -> tuple[int, ...]:
+        """For each link the number of the body that carries it."""
+        return tuple(
+            before if link.parent is None else link.parent for before, link in enumerate(self.links)
+        )
+
+    @cached_property
+    def moving(self) -> tuple[int, ...]:
+        """Numbers of the links whose joints have coordinates, in order."""
+        return tuple(i for i, link in enumerate(self.links, start=1) if link.moves)
+
+    @cached_property
+    def constrained(self) -> tuple[int, ...]:
+        """Numbers of the links that a constraint torque holds, in order."""
+        return tuple(i for i, link in enumerate(self.links, start=1) if link.constrained)
+
+    @property
+    def is_serial(self) -> bool:
+        """Whether its links are one arm, each on the link before."""
+        return self.parents == tuple(range(len(self.links)))
 
     @property
     def total_mass(self) -> float:
         """Mass of the whole robot in kg."""
-        arms = sum(self.base.arm(k).total_mass for k in range(1, self.rotors + 1))
-        return arms + sum(link.body.total_mass for link in self.links)
+        arms = sum(self.base.arm(k).total_mass for k in range(1, self.base.rotors + 1))
+        body = self.base.body.total_mass if self.base.body else 0.0
+        return arms + body + sum(link.body.total_mass for link in self.links)
 
 
 def alternating_thrust(rotors: int) -> tuple[Vector3, ...]:
