@@ -16,6 +16,7 @@ from typing import NamedTuple, TypeVar
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import JointKind, Robot
+from gibbs_codegen.robot.names import coordinate_of
 
 Entry = TypeVar("Entry")
 
@@ -220,8 +221,7 @@ def layout_of(robot: Robot) -> Layout:
     Returns:
         The layout.
     """
-    joints = [
-        joint_name(link.joint, robot.rotors + i) for i, link in enumerate(robot.links, start=1)
-    ]
+    joints = [coordinate_of(robot, i) for i in robot.moving]
     names = Places.of_joints(len(joints)).joined((*ATTITUDE, *POSITION), joints)
-    return Layout.of(names, robot.rotors - 1)
+    held = max(robot.base.rotors - 1, 0) + len(robot.constrained)
+    return Layout.of(names, held)

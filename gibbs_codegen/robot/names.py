@@ -13,6 +13,7 @@ import keyword
 import re
 
 from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.robot.model import Robot
 
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 
@@ -69,3 +70,103 @@ def name_from(text: str) -> str:
         letters = f"robot_{letters}".rstrip("_")
     name = letters[:64]
     return name if name_fault(name) is None else f"{name[:58]}_robot"
+
+
+def identifier(text: str) -> str:
+    """The form that a name has in code: what is not a letter, digit or _ becomes _.
+
+    Args:
+        text: Any text.
+
+    Returns:
+        The text in letters of ASCII, digits and _, which does not begin with a digit.
+    """
+    letters = re.sub(r"[^A-Za-z0-9_]", "_", text, flags=re.ASCII)
+    return f"_{letters}" if letters[:1].isdigit() else letters
+
+
+def coordinate_of(robot: Robot, i: int) -> str:
+    """Name of the coordinate of a link's joint.
+
+    Args:
+        robot: The robot.
+        i: Number of the link, from 1.
+
+    Returns:
+        The link's `coordinate`, else its name, else θ or d with the number of the joint.
+    """
+    link = robot.links[i - 1]
+    if text := link.coordinate or link.name:
+        return identifier(text)
+    return f"{'d' if link.joint == 'prismatic' else 'theta'}_{robot.rotors + i}"
+
+
+def link_label(robot: Robot, i: int) -> str:
+    """What people call a body.
+
+    Args:
+        robot: The robot.
+        i: Number of the link, or 0 for the base.
+
+    Returns:
+        The link's name, or "link 2".
+    """
+    if i == 0:
+        return "the base"
+    return robot.links[i - 1].name or f"link {i}"
+
+
+def joint_label(robot: Robot, i: int) -> str:
+    """What people call a joint.
+
+    Args:
+        robot: The robot.
+        i: Number of its link, from 1.
+
+    Returns:
+        Words such as "joint 8" or "the joint of forearm".
+    """
+    link = robot.links[i - 1]
+    return f"the joint of {link.name}" if link.name else f"joint {robot.rotors + i}"
+
+
+def rotor_label(robot: Robot, k: int) -> str:
+    """What people call a rotor.
+
+    Args:
+        robot: The robot.
+        k: Number of the rotor, from 1.
+
+    Returns:
+        Its name, or its number.
+    """
+    named = robot.thrusters[k - 1].name if robot.thrusters else None
+    return named or str(k)
+
+
+def rotor_identifier(robot: Robot, k: int) -> str:
+    """What the input of a rotor is called after F_.
+
+    Args:
+        robot: The robot.
+        k: Number of the rotor, from 1.
+
+    Returns:
+        Its name as an identifier, or its number.
+    """
+    named = robot.thrusters[k - 1].name if robot.thrusters else None
+    return identifier(named) if named else str(k)
+
+
+def parameter_prefix(robot: Robot, i: int) -> str:
+    """What the names of a link's parameters begin with.
+
+    Args:
+        robot: The robot.
+        i: Number of the link, from 1.
+
+    Returns:
+        Its name as an identifier, or "link2".
+    """
+    name = robot.links[i - 1].name
+    return identifier(name) if name else f"link{i}"
