@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibbs_codegen.robot.layout import ATTITUDE, JOINT_TERMS, POSITION, joint_name, layout_of
+from gibbs_codegen.robot.layout import ATTITUDE, JOINT_TERMS, POSITION, layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import joint_name
 
 
 @dataclass(frozen=True)
