@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import JointKind, Robot
-from gibbs_codegen.robot.names import coordinate_of
+from gibbs_codegen.robot.names import JOINT_LETTERS, coordinate_of
 
 Entry = TypeVar("Entry")
 
@@ -33,22 +33,9 @@ class JointTerms(NamedTuple):
 
 
 JOINT_TERMS: dict[JointKind, JointTerms] = {
-    "revolute": JointTerms("theta", "rad", "N m"),
-    "prismatic": JointTerms("d", "m", "N"),
+    "revolute": JointTerms(JOINT_LETTERS["revolute"], "rad", "N m"),
+    "prismatic": JointTerms(JOINT_LETTERS["prismatic"], "m", "N"),
 }
-
-
-def joint_name(kind: JointKind, number: int) -> str:
-    """Name of the coordinate of a joint, such as theta_7 or d_8.
-
-    Args:
-        kind: Kind of the joint.
-        number: Its number, N + i for link i.
-
-    Returns:
-        The name.
-    """
-    return f"{JOINT_TERMS[kind].letter}_{number}"
 
 
 def joint_pattern(kind: JointKind) -> str:

@@ -1,9 +1,13 @@
-"""Which robot names may become a Python package and a prefix in C.
+"""Names: which ones robots may have, and what their links, rotors and coordinates are called.
 
-Names in C are `<name>_<function>` and `<NAME>_<SIZE>`, so that words of C, macros of compilers and
-functions of libraries are harmless as names of robots. So are those of headers and of other Python
-modules: emitted sources include their own header by its place, and `load` imports a module by its
-folder. What is left cannot work, and is refused on every platform alike.
+A robot's name becomes a Python package and a prefix in C. Names in C are `<name>_<function>` and
+`<NAME>_<SIZE>`, so that words of C, macros of compilers and functions of libraries are harmless as
+names of robots. So are those of headers and of other Python modules: emitted sources include their
+own header by its place, and `load` imports a module by its folder. What is left cannot work, and is
+refused on every platform alike.
+
+Links, rotors, frames and coordinates may be named with any text. Generated code has the identifier
+form of it.
 """
 
 from __future__ import annotations
@@ -12,9 +16,11 @@ import itertools
 import keyword
 import re
 
+from gibbs_codegen.errors import printable
 from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import LinkKind, Robot
 
+JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fixed": "theta"}
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
@@ -73,75 +79,127 @@ def name_from(text: str) -> str:
 
 
 def identifier(text: str) -> str:
-    """The form that a name has in code: what is not a letter, digit or _ becomes _.
+    """The identifier form of a name: what is not an ASCII letter, a digit or _ becomes _.
 
     Args:
-        text: Any text.
+        text: The name, any text.
 
     Returns:
-        The text in letters of ASCII, digits and _, which does not begin with a digit.
+        The form, which begins with _ where it would begin with a digit.
     """
-    letters = re.sub(r"[^A-Za-z0-9_]", "_", text, flags=re.ASCII)
-    return f"_{letters}" if letters[:1].isdigit() else letters
+    form = re.sub(r"\W", "_", text, flags=re.ASCII)
+    return f"_{form}" if form[:1].isdigit() else form
+
+
+def joint_name(kind: LinkKind, number: int) -> str:
+    """Name of the coordinate of a joint that the robot file does not name, such as theta_7 or d_8.
+
+    Args:
+        kind: Kind of the joint.
+        number: Its number, N + i for link i.
+
+    Returns:
+        The name.
+    """
+    return f"{JOINT_LETTERS[kind]}_{number}"
 
 
 def coordinate_of(robot: Robot, i: int) -> str:
-    """Name of the coordinate of a link's joint.
+    """Name of the coordinate of a link's joint, as an identifier.
+
+    Args:
+        robot: The robot, with N rotors.
+        i: Number of the link, from 1.
+
+    Returns:
+        The identifier form of the link's coordinate or else of its name; without either theta_{N+i}
+        or d_{N+i}.
+    """
+    link = robot.links[i - 1]
+    given = link.coordinate or link.name
+    return identifier(given) if given else joint_name(link.joint, robot.rotors + i)
+
+
+def link_label(robot: Robot, i: int) -> str:
+    """What a link is called in messages.
 
     Args:
         robot: The robot.
         i: Number of the link, from 1.
 
     Returns:
-        The link's `coordinate`, else its name, else θ or d with the number of the joint.
+        Its name in a form that is safe in a message, or such as "link 2".
     """
-    link = robot.links[i - 1]
-    if text := link.coordinate or link.name:
-        return identifier(text)
-    return f"{'d' if link.joint == 'prismatic' else 'theta'}_{robot.rotors + i}"
-
-
-def link_label(robot: Robot, i: int) -> str:
-    """What people call a body.
-
-    Args:
-        robot: The robot.
-        i: Number of the link, or 0 for the base.
-
-    Returns:
-        The link's name, or "link 2".
-    """
-    if i == 0:
-        return "the base"
-    return robot.links[i - 1].name or f"link {i}"
-
-
-def joint_label(robot: Robot, i: int) -> str:
-    """What people call a joint.
-
-    Args:
-        robot: The robot.
-        i: Number of its link, from 1.
-
-    Returns:
-        Words such as "joint 8" or "the joint of forearm".
-    """
-    link = robot.links[i - 1]
-    return f"the joint of {link.name}" if link.name else f"joint {robot.rotors + i}"
+    return printable(robot.links[i - 1].name or f"link {i}")
 
 
 def rotor_label(robot: Robot, k: int) -> str:
-    """What people call a rotor.
+    """What a rotor is called in messages.
 
     Args:
         robot: The robot.
         k: Number of the rotor, from 1.
 
     Returns:
-        Its name, or its number.
+        Its name in a form that is safe in a message, or its number.
     """
-    named = robot.thrusters[k - 1].name if robot.thrusters else None
-    return named or str(k)
+    name = robot.thrusters[k - 1].name if robot.thrusters else None
+    return printable(name or k)
+
+
+def default_prefix(kind: str, number: int) -> str:
+    """What a link or rotor without a name is called in generated code, and in robot files.
+
+    Args:
+        kind: What it is, "link" or "rotor".
+        number: Its number, from 1.
+
+    Returns:
+        Such as link2.
+    """
+    return f"{kind}{number}"
+
+
+def parameter_prefix(robot: Robot, i: int) -> str:
+    """How the parameters of a link begin.
+
+    Args:
+        robot: The robot.
+        i: Number of the link, from 1.
+
+    Returns:
+        The identifier form of its name, or such as link2.
+    """
+    name = robot.links[i - 1].name
+    return identifier(name) if name else default_prefix("link", i)
+
+
+def rotor_prefix(robot: Robot, k: int) -> str:
+    """How the parameters of a placed rotor begin.
+
+    Args:
+        robot: The robot.
+        k: Number of the rotor, from 1.
+
+    Returns:
+        The identifier form of its name, or such as rotor2.
+    """
+    name = robot.thrusters[k - 1].name
+    return identifier(name) if name else default_prefix("rotor", k)
+
+
+def joint_label(robot: Robot, i: int) -> str:
+    """What a joint is called in messages and comments.
+
+    Args:
+        robot: The robot.
+        i: Number of its link, from 1.
+
+    Returns:
+        Such as "joint 8", or "the joint of forearm" with the identifier form of the link's name.
+    """
+    name = robot.links[i - 1].name
+    return f"the joint of {identifier(name)}" if name else f"joint {robot.rotors + i}"
 
 
 def rotor_identifier(robot: Robot, k: int) -> str:
@@ -152,21 +210,7 @@ def rotor_identifier(robot: Robot, k: int) -> str:
         k: Number of the rotor, from 1.
 
     Returns:
-        Its name as an identifier, or its number.
+        The identifier form of its name, or its number.
     """
-    named = robot.thrusters[k - 1].name if robot.thrusters else None
-    return identifier(named) if named else str(k)
-
-
-def parameter_prefix(robot: Robot, i: int) -> str:
-    """What the names of a link's parameters begin with.
-
-    Args:
-        robot: The robot.
-        i: Number of the link, from 1.
-
-    Returns:
-        Its name as an identifier, or "link2".
-    """
-    name = robot.links[i - 1].name
-    return identifier(name) if name else f"link{i}"
+    name = robot.thrusters[k - 1].name if robot.thrusters else None
+    return identifier(name) if name else str(k)

@@ -13,13 +13,18 @@ from gibbs_codegen.robot.model import (
     ATTITUDES,
     AXES,
     JOINT_KINDS,
-    ORIGINS,
+    LINK_KINDS,
     Base,
     Body,
+    Frame,
+    JointLimits,
     Link,
+    Passive,
+    Pose,
     RigidBody,
     Robot,
     Rod,
+    Rotor,
     Vector3,
 )
 from gibbs_codegen.robot.text import robot_text
@@ -88,10 +93,113 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
         tuple(thrust(rng) for _ in range(rotors)),
         drag,
         ATTITUDES[rng.integers(len(ATTITUDES))],
-        ORIGINS[rng.integers(len(ORIGINS))],
+        ("motor1", "centre")[rng.integers(2)],
     )
     gravity = (9.81, 9.81, 0.0, 3.7)[rng.integers(4)]
     return Robot("random_robot", base, tuple(link(rng) for _ in range(links)), gravity)
+
+
+NAMES = (None, "arm {}.{}", "Arm-{}/{}", "link_{}_{}")
+
+
+def random_pose(rng: np.random.Generator) -> Pose:
+    """A place nearby, half the time with angles that are not multiples of 90°."""
+    x, y, z = (float(value) for value in rng.choice((0.0, 0.1, -0.25, 0.3), 3))
+    angles = [Fraction(ANGLES[rng.integers(len(ANGLES))]) for _ in range(3)]
+    return Pose((x, y, z), (angles[0], angles[1], angles[2]))
+
+
+def passive(rng: np.random.Generator) -> Passive:
+    """Some of damping, armature and a spring, or none."""
+    damping, armature, stiffness, rest = (
+        float(value) for value in rng.uniform(0.05, 0.5, 4) * rng.integers(0, 2, 4)
+    )
+    return Passive(damping, armature, stiffness, rest if stiffness else 0.0)
+
+
+def tree_link(rng: np.random.Generator) -> Link:
+    """A link that is welded, held or moves, placed by a pose or by Denavit–Hartenberg numbers."""
+    kind = ("revolute", *LINK_KINDS, "revolute", "prismatic")[rng.integers(6)]
+    found = replace(link(rng), body=rigid_body(rng), joint=kind)
+    if rng.random() < 0.75:
+        x, y, z = thrust(rng)
+        axis = (0.0 - x, 0.0 - y, 0.0 - z) if rng.random() < 0.5 else (x, y, z)
+        found = Link(found.body, joint=kind, pose=random_pose(rng), axis=axis)
+    if not found.moves:
+        return replace(found, constrained=bool(rng.random() < 0.5))
+    low, high = sorted(float(value) for value in rng.uniform(-2.0, 2.0, 2))
+    bounds = (JointLimits(), JointLimits(low, high, 5.0, 2.5), JointLimits(None, high))
+    return replace(found, passive=passive(rng), limits=bounds[rng.integers(3)])
+
+
+def random_tree(seed: int) -> Robot:
+    """A robot with one to three arms that branch, of a seed.
+
+    Half of them have a central body with placed rotors, some on links; the others have rods, some
+    at unequal azimuths. Masses and inertias are those of bodies, and well conditioned.
+    """
+    rng = np.random.default_rng(seed)
+    arms, pattern = int(rng.integers(1, 4)), NAMES[rng.integers(len(NAMES))]
+    links: list[Link] = []
+    for arm in range(1, arms + 1):
+        first = len(links) + 1
+        for place in range(1, int(rng.integers(1, 4)) + 1):
+            before = len(links)
+            on = (
+                0
+                if place == 1
+                else before
+                if rng.random() < 0.7
+                else int(rng.integers(first, before + 1))
+            )
+            name = pattern.format(arm, place) if pattern else None
+            coordinate = f"q{arm}.{place}" if rng.random() < 0.2 else None
+            parent = None if on == before else on
+            new = replace(tree_link(rng), name=name, parent=parent)
+            named = new.moves or new.constrained
+            links.append(replace(new, coordinate=coordinate if named else None))
+    frames = tuple(
+        Frame(f"frame {k}", int(rng.integers(len(links) + 1)), random_pose(rng))
+        for k in range(int(rng.integers(4)))
+    )
+    base, rotors = _tree_base(rng, len(links))
+    gravity = (9.81, 9.81, 3.7)[rng.integers(3)]
+    return Robot(f"tree_{seed}", base, tuple(links), gravity, rotors, frames)
+
+
+def _tree_base(rng: np.random.Generator, links: int) -> tuple[Base, tuple[Rotor, ...]]:
+    """A central body and rotors on it and on links, or rods, with or without a body."""
+    attitude = ATTITUDES[rng.integers(len(ATTITUDES))]
+    if rng.random() < 0.5:
+        count = int(rng.integers(0, 7))
+        return Base(attitude=attitude, origin="base", body=_central_body(rng)), tuple(
+            _rotor(rng, links, k) for k in range(count)
+        )
+    whole = random_robot(int(rng.integers(2**31)), int(rng.integers(2, 6)), 0).base
+    azimuths = sorted(
+        int(angle) for angle in rng.choice(np.arange(-180, 180, 15), whole.rotors, False)
+    )
+    base = replace(whole, attitude=attitude)
+    if rng.random() < 0.6:
+        base = replace(base, azimuth_deg=tuple(map(Fraction, azimuths)))
+    return replace(base, body=_central_body(rng) if rng.random() < 0.4 else None), ()
+
+
+def _central_body(rng: np.random.Generator) -> RigidBody:
+    return replace(rigid_body(rng), length=0.0)
+
+
+def _rotor(rng: np.random.Generator, links: int, k: int) -> Rotor:
+    x, y, z = (float(value) for value in rng.uniform(-0.4, 0.4, 3))
+    return Rotor(
+        (x, y, z),
+        thrust(rng),
+        float(rng.choice((0.0, 0.016, -0.016))),
+        int(rng.integers(links + 1)) if rng.random() < 0.4 else 0,
+        f"rotor {k}" if rng.random() < 0.5 else None,
+        (0.0, 15.0) if rng.random() < 0.5 else None,
+        0.02 if rng.random() < 0.3 else None,
+    )
 
 
 def random_parents(seed: int, links: int) -> tuple[int, ...]:
