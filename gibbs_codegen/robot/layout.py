@@ -162,7 +162,7 @@ class Layout(Places):
         """
         own = (*ATTITUDE, *POSITION)
         places = Places.of_joints(len(names) - len(own))
-        kinds = [joint_kind(name) for name in names[places.joints]]
+        kinds = [joint_kind(name) or "revolute" for name in names[places.joints]]
         known = [kind for kind in kinds if kind is not None]
         if len(names) < len(own) or places.split(names)[0] != [*own] or known != kinds:
             raise UsageError(
