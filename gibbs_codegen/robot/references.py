@@ -122,7 +122,7 @@ def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterat
         (("link", i, "parent"), n) for i, n in enumerate(names)
     ]
     yield from _unknown(named, numbers, right)
-    parents = [numbers.get(name, before) if name else before for before, name in enumerate(names)]
+    parents = [numbers.get(name, BASE) if name else before for before, name in enumerate(names)]
     for i, (parent, name) in enumerate(zip(parents, names, strict=True), start=1):
         if parent < i:
             continue
