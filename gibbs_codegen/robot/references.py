@@ -231,6 +231,9 @@ def _coordinate_clashes(links: Sequence[Entry], rods: int, rotors: int) -> Itera
             if default in taken:
                 yield ("link", place), f"{default} is {taken[default]}: give the link a name"
             taken[default] = label
+    for where, name, _ in (*by_name, *given):
+        if identifier(name).startswith("tau_prime_"):
+            yield where, f"{shown(name)} begins as constraint torques do: give it another name"
     yield from _clashes(list({identifier(n): (p, n, w) for p, n, w in by_name}.values()), taken)
     yield from _clashes(given, taken)
 

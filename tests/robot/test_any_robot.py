@@ -215,6 +215,7 @@ LINK = '[[link]]\nname = "a"\nmass = 1\n'
         ('coordinate = "q.x"\n[[link]]\nmass = 1\ncoordinate = "q_x"', "of link 1 already; give"),
         ("[[link]]\nmass = 1\nname = 'b'\ncoordinate = 'a'", "the coordinate of link 1 already"),
         ("[[link]]\nmass = 1\nname = 'x'", "10: link 2: name: 'x' is the name of a coordinate of"),
+        ('coordinate = "tau_prime_2"', "begins as constraint torques do: give it another name"),
         ("[[link]]\nmass = 1\nname = 'a'", "10: link 2: name: 'a' is the name of link 1 already"),
         ("[[link]]\nmass = 1\nname = 'base'", "10: link 2: name: 'base' is the name of the base"),
         ("[[link]]\nmass = 1\nname = ''", "10: link 2: name: must be 1 to 128 characters, not 0"),
