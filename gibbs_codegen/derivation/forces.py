@@ -128,10 +128,10 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
         symbolic: The robot in symbols.
 
     Returns:
-        Rows in the order of q, columns in that of u.
+        Rows in the order of v, columns in that of u.
     """
     places, rotors = symbolic.places, symbolic.robot.rotors
-    matrix = zeros(len(symbolic.q), len(symbolic.u))
+    matrix = zeros(len(symbolic.v), len(symbolic.u))
     for k in range(1, rotors + 1):
         for row, entry in zip(places.base, motor_column(symbolic, k), strict=True):
             matrix[row][k - 1] = entry

@@ -128,7 +128,7 @@ def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
         symbolic: The robot in symbols.
 
     Returns:
-        6 rows, linear and then angular; columns in the order of q. A joint that does not support
+        6 rows, linear and then angular; columns in the order of v. A joint that does not support
         the tip has a column of zeros.
     """
     tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _frames(symbolic)
@@ -163,7 +163,7 @@ def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     motions = free_motions(tape, root, tree, symbolic.v)
-    _, rates = symbolic.places.split(symbolic.v)
+    base_rates, rates = symbolic.places.split(symbolic.v)
     reach = symbolic.reach
     tip = Acceleration(ZERO, motions[symbolic.tip_segment].omega_dot)
     for k in tree.path(symbolic.tip_segment):
@@ -180,7 +180,9 @@ def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
             tip = tip.rotated(tape, working_to_group).rotated(tape, segment.twist)
         reach = segment.a
     with tape.group("acceleration of the tip in world axes"):
-        return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
+        base = root.frame_motion(tape, base_rates, [sp.S.Zero] * len(base_rates), sp.S.Zero)
+        linear = add(tape, tip.linear, base.acceleration)
+        return [*root.world(tape, linear), *root.world(tape, tip.angular)]
 
 
 def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:

@@ -29,9 +29,10 @@ from gibbs_codegen.symbolic.vectors import Rotation, Vector, axis_vector
 class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
-    `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, their rates, their accelerations
-    and the inputs, in the orders of `robot/coordinates`. `parents` holds, for each link of the arm,
-    the index of the segment that it is on: 0 for the base, i for link i.
+    `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, the velocities, their rates and
+    the inputs, in the orders of `robot/coordinates`, `q0` and `q1` the coordinates of two
+    configurations. `parents` holds, for each link of the arm, the index of the segment that it is
+    on: 0 for the base, i for link i.
     """
 
     robot: Robot
@@ -43,6 +44,8 @@ class SymbolicRobot:
     v: tuple[sp.Symbol, ...]
     a: tuple[sp.Symbol, ...]
     u: tuple[sp.Symbol, ...]
+    q0: tuple[sp.Symbol, ...]
+    q1: tuple[sp.Symbol, ...]
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
@@ -55,17 +58,22 @@ class SymbolicRobot:
         Returns:
             The robot in symbols.
         """
-        names = layout_of(robot).names
-        q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names)
+        layout = layout_of(robot)
+        q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in layout.q.names)
         v, a = (
-            tuple(tape.symbol(f"{letter}_{name}", Stage.MOTION) for name in names)
+            tuple(tape.symbol(f"{letter}_{name}", Stage.MOTION) for name in layout.v.names)
             for letter in "va"
         )
         u = tuple(tape.symbol(entry.name, Stage.MOTION) for entry in inputs(robot))
+        q1, q0 = (  # First what differences are taken of.
+            tuple(tape.symbol(f"{place}_{name}", Stage.CONFIGURATION) for name in layout.q.names)
+            for place in ("q1", "q0")
+        )
         with tape.group("attitude"):
             root = root_of(robot, tape, q)
         parameters = Parameters(robot, tape, keep_zeros)
-        return cls(robot, tape, parameters, root, tuple(range(len(robot.links))), q, v, a, u)
+        parents = tuple(range(len(robot.links)))
+        return cls(robot, tape, parameters, root, parents, q, v, a, u, q0, q1)
 
     @property
     def joints(self) -> int:
@@ -74,7 +82,7 @@ class SymbolicRobot:
 
     @property
     def places(self) -> Places:
-        """Places of the base and the joints in q, v and a."""
+        """Places of the base and the joints in v and a."""
         return self.root.places(self.joints)
 
     @property
@@ -85,8 +93,8 @@ class SymbolicRobot:
     @property
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""
-        base, _ = self.places.split(self.q)
-        return self.root.origin(base)
+        x, y, z = self.q[layout_of(self.robot).q.position]
+        return (x, y, z)
 
     @property
     def centre_offset(self) -> sp.Expr:
@@ -174,7 +182,7 @@ class SymbolicRobot:
     @property
     def arm_links(self) -> list[JointedLink]:
         """The links of the arm, each with its own inertia."""
-        _, coordinates = self.places.split(self.q)
+        coordinates = self.q[layout_of(self.robot).q.joints]
         links = []
         for i, (link, parent) in enumerate(zip(self.robot.links, self.parents, strict=True), 1):
             symbols = self.parameters.link(i)

@@ -15,7 +15,7 @@ from gibbs_codegen.robot.coordinates import (
     constraint_torque,
     hybrid_coordinates,
 )
-from gibbs_codegen.robot.layout import ATTITUDE, POSITION, Places, layout_of
+from gibbs_codegen.robot.layout import Layout, layout_of
 from gibbs_codegen.robot.model import Robot
 
 
@@ -24,8 +24,9 @@ class Chain:
     """One open chain: its links by arm number, its unknowns in order, and what acts in it.
 
     `massive` holds the links that have their mass in this chain, `motors` those that push in it.
-    `unknowns` are the accelerations of the chain's coordinates and, where it is constrained, its
-    constraint torque: the seven coordinates and eight unknowns of eq. 15.
+    `coordinates` are those that velocities and accelerations have, by name. `unknowns` are their
+    accelerations and, where it is constrained, its constraint torque: the seven coordinates and
+    eight unknowns of eq. 15.
     """
 
     number: int
@@ -50,14 +51,14 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
     Returns:
         The N chains, in order.
     """
-    base = tuple(_base_chain(j) for j in range(1, robot.rotors))
+    base = tuple(_base_chain(robot, j) for j in range(1, robot.rotors))
     return (*base, _arm_chain(robot))
 
 
-def _base_chain(j: int) -> Chain:
+def _base_chain(robot: Robot, j: int) -> Chain:
     arm = j + 1
-    own = [constrained_coordinate(arm).name]
-    coordinates = tuple(Places.of_joints(1).joined((*ATTITUDE, *POSITION), own))
+    own = constrained_coordinate(arm)
+    coordinates = Layout.of(robot.base.attitude, [own.name], [own.unit], 0).v.names
     return Chain(
         number=j,
         links=(-1, 0, 1, arm),
@@ -70,7 +71,7 @@ def _base_chain(j: int) -> Chain:
 
 def _arm_chain(robot: Robot) -> Chain:
     arms = tuple(robot.rotors + i for i in range(1, len(robot.links) + 1))
-    coordinates = layout_of(robot).names
+    coordinates = layout_of(robot).v.names
     return Chain(robot.rotors, (-1, 0, 1, *arms), arms, (), coordinates, coordinates)
 
 

@@ -14,9 +14,11 @@ from typing import Literal, get_args
 Vector3 = tuple[float, float, float]
 JointKind = Literal["revolute", "prismatic"]
 Origin = Literal["motor1", "centre"]
-Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
+Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "quaternion"]
 
 ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
+# The intrinsic sequences of Tait–Bryan angles.
+SEQUENCES = ATTITUDES[:-1]
 ORIGINS: tuple[Origin, ...] = get_args(Origin)
 JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
 MAX_ROTORS = 256

@@ -95,7 +95,8 @@ class BaseTable(Table):
         description="the number of rotors and arms, N"
     )
     attitude: Attitude = Field(
-        default="xyz", description="intrinsic sequence of the attitude angles"
+        default="xyz",
+        description="intrinsic sequence of the attitude angles, or quaternion",
     )
     origin: Origin = Field(default="motor1", description="the point whose position is x, y, z")
     thrust: list[Direction] | None = Field(

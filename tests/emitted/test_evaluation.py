@@ -26,7 +26,7 @@ def _kernel(k, sin, cos, q, u):
     return sin(q[0]), k[0] * q[1] * u[0], 1.0 / q[0], 7.0
 
 
-EVALUATE = Evaluator("toy", ("angle", "height"), ("thrust",), (4.0,))
+EVALUATE = Evaluator("toy", ("angle", "height"), ("turn", "climb"), ("thrust",), (4.0,))
 
 
 def inertia(values: dict[str, float]) -> tuple[float, ...]:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, reduced_coordinates
+from gibbs_codegen.robot.coordinates import hybrid_coordinates
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Body, Robot, Rod
 
 Array = np.ndarray
@@ -59,14 +60,8 @@ class Oracle:
         robot, base = self.robot, self.robot.base
         self.model = model = pin.Model()
         model.gravity.linear = np.array([0.0, 0.0, -robot.gravity])
-        parent = 0
-        for joint, name in zip(
-            (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelPZ()), "xyz", strict=True
-        ):
-            parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
-        kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
-        for letter, name in zip(base.attitude, ("theta_m1", "theta_0", "theta_1"), strict=True):
-            parent = model.addJoint(parent, kinds[letter](), pin.SE3.Identity(), name)
+        self.layout = layout_of(robot)
+        parent = self._add_base()
         length = base.arm(1).length
         start, centre = (
             (np.zeros(3), np.array([length, 0, 0]))
@@ -88,10 +83,14 @@ class Oracle:
             self.points[f"motor{k}"] = (joint, np.array([base.arm(k).length, 0, 0]))
         self._add_arm(root, centre)
         self.data = model.createData()
-        reduced = [c.name for c in reduced_coordinates(robot)]
+        reduced = self.layout.v.names
         every = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + robot.rotors - 1]
         names = reduced if self.rigid_base else every
-        self.order = [model.joints[model.getJointId(name)].idx_v for name in names]
+        own = {name: i for i, name in enumerate(reduced[:6]) if self.layout.is_quaternion}
+        self.order = [
+            own[name] if name in own else model.joints[model.getJointId(name)].idx_v
+            for name in names
+        ]
         self.free = [names.index(name) for name in reduced]
         self.held = [i for i, name in enumerate(names) if name not in reduced]
 
@@ -120,25 +119,56 @@ class Oracle:
             tip = (joints[len(robot.links)], np.array([robot.links[-1].body.length, 0, 0]))
         self.points["tip"] = self.tip = tip
 
+    def _add_base(self) -> int:
+        """Put the joints of the base into the tree: the last of them."""
+        model, parent = self.model, 0
+        if self.layout.is_quaternion:
+            return model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+        for joint, name in zip(
+            (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelPZ()), "xyz", strict=True
+        ):
+            parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
+        kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
+        names = ("theta_m1", "theta_0", "theta_1")
+        for letter, name in zip(self.layout.attitude, names, strict=True):
+            parent = model.addJoint(parent, kinds[letter](), pin.SE3.Identity(), name)
+        return parent
+
+    def configuration(self, q: Array) -> Array:
+        """Coordinates as the tree's, zero at the held joints."""
+        if not self.layout.is_quaternion:
+            return self.spread(q)
+        velocities = self.spread(np.concatenate([np.zeros(6), q[7:]]))
+        return np.concatenate([q[:7], velocities[6:]])
+
+    def reduced_configuration(self, tree: Array) -> Array:
+        """Coordinates from the tree's."""
+        if not self.layout.is_quaternion:
+            return tree[[self.order[i] for i in self.free]]
+        joints = [self.order[i] for i in self.free[6:]]
+        return np.concatenate([tree[:7], tree[1:][joints]])
+
     def spread(self, values: Array) -> Array:
-        """Reduced values as the tree's, zero at the held joints."""
+        """Values for the velocities as the tree's, zero at the held joints."""
         tree = np.zeros(self.model.nv)
         tree[[self.order[i] for i in self.free]] = values
         return tree
 
     def mass_matrix(self, q: Array) -> Array:
         """Mass matrix in all coordinates, free and held, in the hybrid order."""
-        return pin.crba(self.model, self.data, self.spread(q))[np.ix_(self.order, self.order)]
+        return pin.crba(self.model, self.data, self.configuration(q))[
+            np.ix_(self.order, self.order)
+        ]
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
         """M a − R in all coordinates, in the hybrid order."""
-        tree = pin.rnea(self.model, self.data, self.spread(q), self.spread(v), self.spread(a))
-        return tree[self.order]
+        motion = self.configuration(q), self.spread(v), self.spread(a)
+        return pin.rnea(self.model, self.data, *motion)[self.order]
 
     def point_jacobian(self, q: Array, point: str) -> tuple[Array, pin.SE3]:
         """World-axes Jacobian of a named point, linear rows first, and its link's placement."""
         joint, local = self.points[point]
-        pin.computeJointJacobians(self.model, self.data, self.spread(q))
+        pin.computeJointJacobians(self.model, self.data, self.configuration(q))
         placement = self.data.oMi[joint] * pin.SE3(np.eye(3), local)
         frame = pin.getJointJacobian(
             self.model, self.data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -150,7 +180,7 @@ class Oracle:
 
     def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
         """World-axes acceleration of the tip at zero accelerations, linear entries first."""
-        tree = self.spread(q), self.spread(v), np.zeros(self.model.nv)
+        tree = self.configuration(q), self.spread(v), np.zeros(self.model.nv)
         pin.forwardKinematics(self.model, self.data, *tree)
         joint, local = self.tip
         return pin.getFrameClassicalAcceleration(
@@ -169,9 +199,8 @@ class Oracle:
             jacobian, placement = self.point_jacobian(q, f"motor{k}")
             thrust = placement.rotation @ np.array(robot.base.thrust[k - 1])
             columns.append(jacobian.T @ np.concatenate([thrust, robot.base.drag[k - 1] * thrust]))
-        size = len(self.order)
-        first = size - 3 - len(robot.links)
-        columns += [np.eye(size)[first + i] for i in range(len(robot.links))]
+        joints = np.array(self.free)[self.layout.v.joints]
+        columns += [*np.eye(len(self.order))[joints]]
         return np.array(columns).T
 
     def positions(self, q: Array) -> Array:
@@ -180,6 +209,24 @@ class Oracle:
 
     def energies(self, q: Array, v: Array) -> tuple[float, float]:
         """Kinetic and potential energy."""
-        tree = self.spread(q)
+        tree = self.configuration(q)
         kinetic = pin.computeKineticEnergy(self.model, self.data, tree, self.spread(v))
         return kinetic, pin.computePotentialEnergy(self.model, self.data, tree)
+
+    def integrated(self, q: Array, v: Array) -> Array:
+        """Coordinates after a displacement."""
+        tree = pin.integrate(self.model, self.configuration(q), self.spread(v))
+        return self.reduced_configuration(tree)
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """Displacement between two configurations."""
+        tree = pin.difference(self.model, self.configuration(q0), self.configuration(q1))
+        return tree[[self.order[i] for i in self.free]]
+
+    def coordinate_rates(self, q: Array, v: Array) -> Array:
+        """Rates of the coordinates."""
+        if not self.layout.is_quaternion:
+            return v
+        attitude = pin.Quaternion(*q[[6, 3, 4, 5]])
+        turning = attitude * pin.Quaternion(0.0, *v[3:6])
+        return np.concatenate([attitude.matrix() @ v[:3], turning.coeffs() / 2.0, v[6:]])

@@ -10,10 +10,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from gibbs_codegen.robot.model import (
-    ATTITUDES,
     AXES,
     JOINT_KINDS,
     ORIGINS,
+    SEQUENCES,
     Base,
     Body,
     Link,
@@ -87,7 +87,7 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
         arms,
         tuple(thrust(rng) for _ in range(rotors)),
         drag,
-        ATTITUDES[rng.integers(len(ATTITUDES))],
+        SEQUENCES[rng.integers(len(SEQUENCES))],
         ORIGINS[rng.integers(len(ORIGINS))],
     )
     gravity = (9.81, 9.81, 0.0, 3.7)[rng.integers(4)]
