@@ -7,8 +7,8 @@
 
 from .numpy_module import (
     ATTITUDE,
-    COORDINATES,
     COORDINATE_UNITS,
+    COORDINATES,
     HYBRID_COORDINATES,
     INPUTS,
     NAME,
@@ -41,8 +41,8 @@ from .numpy_module import (
 
 __all__ = [
     "ATTITUDE",
-    "COORDINATES",
     "COORDINATE_UNITS",
+    "COORDINATES",
     "HYBRID_COORDINATES",
     "INPUTS",
     "NAME",

@@ -184,7 +184,7 @@ _ROWS = (
     Row(
         "coordinate_rates",
         "qv",
-        (Output("rate", "q", "rad/s, m/s or 1/s", "coordinate_rates", "{coordinate_rates}"),),
+        (Output("rate", "q", "rad/s or m/s", "coordinate_rates", "{coordinate_rates}"),),
         "Rates of the coordinates q.",
         "kinematics of the base",
         "With attitude angles v itself; a quaternion turns with the angular velocity of the base.",
@@ -192,7 +192,7 @@ _ROWS = (
     Row(
         "integrate",
         "qv",
-        (Output("coordinates", "q", "rad, m or 1", "integrated", "{coordinates}"),),
+        (Output("coordinates", "q", "rad or m", "integrated", "{coordinates}"),),
         "Coordinates after a displacement v, which is a velocity times the time that it lasts.",
         "sums, or the exponential map of SE(3) for a quaternion with its position",
         "The same as Pinocchio's integrate. The only function that normalises a quaternion.",

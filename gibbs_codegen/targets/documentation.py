@@ -227,11 +227,25 @@ def state_tables(robot: Robot) -> dict[str, list[str]]:
     if not layout_of(robot).is_quaternion:
         title = "Coordinates q, in order (v: their rates, a: their accelerations)"
         return {title: coordinates}
-    moving = coordinate_table(velocities(robot))
     return {
         "Coordinates q, in order": coordinates,
-        "Velocities v, in order (a: their rates)": moving,
+        "Velocities v, in order (a: their rates)": coordinate_table(velocities(robot)),
     }
+
+
+def entry_lines(tables: dict[str, list[str]]) -> list[str]:
+    """Tables one below the other.
+
+    Args:
+        tables: Lines by headings.
+
+    Returns:
+        Headings, each with its lines, and empty lines between.
+    """
+    lines = []
+    for heading, entries in tables.items():
+        lines += ["", f"{heading}:", "", *(f"    {entry}" for entry in entries)]
+    return lines[1:]
 
 
 def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:

@@ -131,4 +131,4 @@ def test_arguments_that_are_not_finite_are_not_reported() -> None:
     entries, _ = EVALUATE(_kernel, None, np.array([math.nan, 1.0]), np.ones(1))
     assert math.isnan(entries[0])
     lost = {"q": np.array([[math.inf, 1.0]])}
-    NotFiniteReport("toy", ("angle", "height"), ())("kernel", lost, np.array([False]), 1)
+    NotFiniteReport("toy", ("angle", "height"), (), ())("kernel", lost, np.array([False]), 1)

@@ -18,7 +18,12 @@ from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.c.function import CFunction, FunctionText
 from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
-from gibbs_codegen.targets.documentation import attitude_text, coordinate_table, state_tables
+from gibbs_codegen.targets.documentation import (
+    attitude_text,
+    coordinate_table,
+    entry_lines,
+    state_tables,
+)
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.targets.verbatim import c_source
 
@@ -39,10 +44,9 @@ class ParameterText:
 class ModuleText:
     """Everything in header, source and CasADi adapter that depends on the robot.
 
-    `lists` has what explains the entries of arguments and results, by its headings. `places` has
-    the enumerators of the places in arguments, by the words for these. `support` and
-    `column_major` are the source that depends on no robot; `widest` is the width of the widest
-    argument.
+    `entry_lines` explain the entries of arguments and results. `places` has the enumerators of the
+    places in arguments, by the words for these. `support` and `column_major` are the source that
+    depends on no robot; `widest` is the width of the widest argument.
     """
 
     header: Lines
@@ -51,7 +55,7 @@ class ModuleText:
     lanes: int
     convention_lines: Lines
     result_lines: Lines
-    lists: dict[str, Lines]
+    entry_lines: Lines
     sizes: list[tuple[str, int]]
     folded_lines: Lines
     parameters: list[ParameterText]
@@ -88,7 +92,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         lanes=LANES,
         convention_lines=_convention_lines(robot),
         result_lines=_result_lines(robot),
-        lists=_lists(robot),
+        entry_lines=entry_lines(_tables(robot)),
         sizes=_sizes(model),
         folded_lines=_folded_lines(model),
         parameters=_parameters(model, printer),
@@ -141,7 +145,7 @@ def _places(robot: Robot) -> dict[str, Lines]:
     }
 
 
-def _lists(robot: Robot) -> dict[str, Lines]:
+def _tables(robot: Robot) -> dict[str, Lines]:
     """What explains the entries of arguments and results, by headings."""
     return {
         **state_tables(robot),

@@ -13,6 +13,7 @@ from gibbs_codegen.targets.documentation import (
     attitude_lines,
     coordinate_table,
     docstring,
+    entry_lines,
     state_tables,
 )
 from gibbs_codegen.targets.numpy.statements import (
@@ -59,7 +60,7 @@ class FunctionText:
 class ModuleText:
     """Everything in the emitted package that depends on the robot, and the source that does not.
 
-    `lists` has what explains the entries of arguments, by its headings.
+    `entry_lines` explain the entries of arguments.
     """
 
     header: Lines
@@ -67,7 +68,7 @@ class ModuleText:
     exports: Lines
     attitude: str
     attitude_lines: Lines
-    lists: dict[str, Lines]
+    entry_lines: Lines
     coordinates: Lines
     coordinate_units: Lines
     velocities: Lines
@@ -98,15 +99,15 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     """
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
-    layout = layout_of(robot)
+    layout, driven = layout_of(robot), coordinate_table(inputs(robot))
     functions = [_function_text(model, function, statements) for function in program.functions]
     return ModuleText(
         header=header,
         name=robot.name,
-        exports=sorted([*DATA, "prepare", *(function.name for function in functions)]),
+        exports=_exports(["prepare", *(function.name for function in functions)]),
         attitude=robot.base.attitude,
         attitude_lines=attitude_lines(robot),
-        lists=state_tables(robot) | {"Inputs u, in order": coordinate_table(inputs(robot))},
+        entry_lines=entry_lines(state_tables(robot) | {"Inputs u, in order": driven}),
         coordinates=strings(layout.q.names),
         coordinate_units=strings(layout.q.units),
         velocities=strings(layout.v.names),
@@ -126,6 +127,11 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         evaluation=python_source("evaluation.py"),
         functions=functions,
     )
+
+
+def _exports(functions: Lines) -> Lines:
+    """Names of constants and functions, in the order that imports are sorted in."""
+    return [*sorted(DATA, key=str.lower), *sorted(functions)]
 
 
 def _function_text(model: Model, function: Function, statements: StatementPrinter) -> FunctionText:
