@@ -23,7 +23,8 @@ Origin = Literal["motor1", "centre", "base"]
 Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
 
 ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
-ORIGINS: tuple[Origin, ...] = get_args(Origin)
+# Those of a base that has rods.
+ROD_ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
 JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
 LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 BASE = 0
