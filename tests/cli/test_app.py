@@ -56,12 +56,12 @@ def test_an_inertia_that_no_body_has_is_warned_of_where_the_file_lets_it_pass(
         "inertia = [1, 1, 5, 0, 0, 0]\n"
     )
     (tmp_path / "odd.toml").write_text(text)
-    done = run("generate", "odd.toml", cwd=tmp_path)
+    done = run("info", "odd.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     warning = "gibbs-codegen: warning: el\\now: its inertia violates the triangle inequality"
     assert done.stderr.startswith(warning)
     (tmp_path / "odd.toml").write_text(text.replace("true", "false"))
-    refused = run("generate", "odd.toml", cwd=tmp_path)
+    refused = run("info", "odd.toml", cwd=tmp_path)
     assert refused.returncode == 2
     assert "allow_impossible_inertia = true lets it pass" in refused.stderr
 
