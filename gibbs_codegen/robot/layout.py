@@ -8,7 +8,6 @@ the hybrid unknowns the constrained angles θ₂ … θ_N come before the joints
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
@@ -46,33 +45,6 @@ def joint_name(kind: JointKind, number: int) -> str:
         The name.
     """
     return f"{JOINT_TERMS[kind].letter}_{number}"
-
-
-def joint_pattern(kind: JointKind) -> str:
-    """Names of the coordinates of a kind of joint.
-
-    Args:
-        kind: The kind.
-
-    Returns:
-        A regular expression that they match as a whole.
-    """
-    return rf"{JOINT_TERMS[kind].letter}_[0-9]{{1,4}}"
-
-
-def joint_kind(name: str) -> JointKind | None:
-    """Kind of the joint that a coordinate belongs to.
-
-    Args:
-        name: Name of the coordinate.
-
-    Returns:
-        The kind, or None for a name that no joint has.
-    """
-    for kind in JOINT_TERMS:
-        if re.fullmatch(joint_pattern(kind), name):
-            return kind
-    return None
 
 
 @dataclass(frozen=True)
