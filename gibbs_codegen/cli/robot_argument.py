@@ -61,7 +61,7 @@ def add_module(parser: argparse.ArgumentParser) -> None:
 
 
 def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
-    """The robot that the options ask for.
+    """The robot that the options ask for; inertias that its file lets pass are warned of.
 
     Args:
         options: The options of a command with `add_robot`.
@@ -75,7 +75,9 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
     if options.robot is not None:
         if options.rotors is not None or options.links is not None:
             raise UsageError("give ROBOT, or --rotors and --links, not both")
-        return find_robot(options.robot)
+        robot, text = find_robot(options.robot)
+        _warn(robot)
+        return robot, text
     if options.rotors is None or options.links is None:
         raise UsageError("give ROBOT, or both --rotors and --links")
     from gibbs_codegen.robot.family import paper_family
@@ -83,6 +85,16 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
 
     robot = paper_family(options.rotors, options.links)
     return robot, robot_text(robot)
+
+
+def _warn(robot: Robot) -> None:
+    if robot.allow_impossible_inertia:
+        import sys
+
+        from gibbs_codegen.robot.rigid_body import impossible_inertias
+
+        for warning in impossible_inertias(robot):
+            print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
 
 
 def find_robot(word: str) -> tuple[Robot, str]:

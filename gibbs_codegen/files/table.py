@@ -21,6 +21,7 @@ from gibbs_codegen.files.faults import FAULT, IN_NAME, Place, kind_of, not_one_o
 _MOST_SUGGESTIONS = 20
 _LONGEST_KEY = 64
 _NOUNS = {
+    "bool_type": "true or false",
     "dict_type": "a table",
     "float_type": "a number",
     "int_type": "a whole number",
@@ -41,20 +42,20 @@ class Table(BaseModel):
     )
 
     @classmethod
-    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
         """Faults that are told even where entries of the table have faults of their own.
 
         Args:
             values: The table as it stands in the file, unchecked.
 
         Returns:
-            Key and words of each fault.
+            Key, or place inside the table, and words of each fault.
         """
         return iter(())
 
     @classmethod
     def read(cls, values: Mapping[str, Any]) -> tuple[Self | None, list[tuple[Place, str]]]:
-        """Check a whole document.
+        """Check a whole document, which is the context of its tables' validators.
 
         Args:
             values: The document as `tomllib` gives it.
@@ -63,7 +64,7 @@ class Table(BaseModel):
             The table, or None; and place and words of every fault.
         """
         try:
-            return cls.model_validate(values), []
+            return cls.model_validate(values, context=values), []
         except ValidationError as error:
             details = error.errors(include_url=False)
             return None, [(found["loc"], found["ctx"]["words"]) for found in details]
@@ -81,7 +82,8 @@ class Table(BaseModel):
     def _checked(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
         faults: list[tuple[Place, str]] = []
         if isinstance(values, dict):
-            faults += [((key,), words) for key, words in cls.key_faults(values)]
+            for key, words in cls.key_faults(values):
+                faults.append(((key,) if isinstance(key, str) else key, words))
         try:
             table = handler(values)
         except ValidationError as error:
@@ -116,6 +118,8 @@ class Table(BaseModel):
             return f"missing: {cls.model_fields[str(found['loc'][-1])].description}"
         if kind == "literal_error":
             choices = get_args(cls.model_fields[str(found["loc"][-1])].annotation)
+            if type(None) in choices:  # The key may be left out.
+                choices = get_args(choices[0])
             return not_one_of(value, choices)
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
         if kind == "finite_number" or (kind == "float_type" and is_number):

@@ -68,8 +68,8 @@ def _syntax_fault(text: str, error: ValueError) -> Fault:
     else:  # Of all numbers it is Python that refuses those of very many digits.
         reason = f"a number has more than {_MOST_DIGITS} digits"
         line = _line_of_longest_number(text)
-    if "Cannot declare ('link',)" in reason:
-        reason += "; each link of the arm is [[link]], in two brackets"
+    if array := re.search(r"Cannot declare \('(rotor|link|frame)',\)", reason):
+        reason += f"; each {array[1]} is [[{array[1]}]], in two brackets"
     elif reason.startswith("Cannot overwrite a value"):
         reason += "; the key or table stands further up already: give it once"
     return Fault("", f"not valid TOML: {printable(reason)}", line)

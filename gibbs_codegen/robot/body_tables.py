@@ -1,63 +1,84 @@
-"""The tables of a robot file's bodies: base arms and links, each a rod or any rigid body."""
+"""The tables of a robot file's bodies: the base, its arms and links, rods or any rigid bodies."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from fractions import Fraction
-from typing import Annotated, Any, Self
+from typing import Any, Self
 
-from pydantic import AfterValidator, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, model_validator
+from pydantic.config import JsonDict
 
-from gibbs_codegen.files.faults import fault, refusal
-from gibbs_codegen.files.fields import Bounds, listed
+from gibbs_codegen.files.faults import refusal
 from gibbs_codegen.files.table import Table
-from gibbs_codegen.robot.magnitude import size_fault
-from gibbs_codegen.robot.model import Body, JointKind, Link, RigidBody, Rod
-from gibbs_codegen.robot.rigid_body import inertia_fault
+from gibbs_codegen.robot.model import Body, RigidBody, Rod
+from gibbs_codegen.robot.quantities import NotNegative, Sizes3, Sizes6
+from gibbs_codegen.robot.rigid_body import body_fault
+
+# Key of the robot file that lets inertias pass that no body has.
+ALLOWED = "allow_impossible_inertia"
+RIGID_NEEDS_MASS: JsonDict = {"com": ["mass"], "inertia": ["mass"]}
+NOT_BOTH_BODIES: JsonDict = {
+    "mass": {"properties": {"mass_per_length": False, "section_inertia": False}},
+}
 
 
-def _sized(number: float) -> float:
-    if words := size_fault(number):
-        raise fault(words)
-    return number
+class RigidTable(Table):
+    """Mass, centre of mass and inertia of a rigid body."""
 
-
-Size = Annotated[float, AfterValidator(_sized)]
-NotNegative = Annotated[Size, Bounds(0.0)]
-# In radians huge angles lose the part of a turn that they end in.
-Angle = Annotated[float, Bounds(-360.0, 360.0, " degrees", "; leave out whole turns")]
-Sizes3 = Annotated[tuple[Size, Size, Size], listed(3)]
-Sizes6 = Annotated[tuple[Size, Size, Size, Size, Size, Size], listed(6)]
-
-
-class PlaceTable(Table):
-    """Where a link's joint is, by modified Denavit–Hartenberg parameters, and what it does."""
-
-    alpha_deg: Angle = Field(default=0.0, description="twist about x of the frame before, degrees")
-    a: Size | None = Field(
+    mass: NotNegative | None = Field(default=None, description="mass of a rigid body, kg")
+    com: Sizes3 | None = Field(
         default=None,
-        description="distance along x of the frame before, m; default: the length of the link "
-        "before, 0 for the first link",
+        description="centre of mass of a rigid body, in the axes of its link or of the base, m; "
+        "default 0",
     )
-    d: Size = Field(default=0.0, description="offset along the joint's axis z, m")
-    theta_deg: Angle = Field(default=0.0, description="offset of the joint angle, degrees")
-    joint: JointKind = Field(
-        default="revolute",
-        description="what the joint does: it turns about its axis z, or slides along it",
+    inertia: Sizes6 | None = Field(
+        default=None,
+        description="inertia xx, yy, zz, xy, xz, yz of a rigid body about its centre of mass, in "
+        "the same axes, with xy = −∫ xy dm, kg m²; default 0",
     )
 
+    @classmethod
+    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+        """Fault of a rigid body without a mass.
 
-class BodyTable(Table):
-    """A rod, with mass_per_length and section_inertia, or any rigid body, with mass."""
+        Args:
+            values: The table as it stands in the file.
 
-    model_config = ConfigDict(
-        json_schema_extra={
-            "dependentRequired": {"com": ["mass"], "inertia": ["mass"]},
-            "dependentSchemas": {
-                "mass": {"properties": {"mass_per_length": False, "section_inertia": False}}
-            },
-        }
-    )
+        Yields:
+            Key and words of the fault.
+        """
+        if ("com" in values or "inertia" in values) and "mass" not in values:
+            yield "mass", "missing: a rigid body needs its mass in kg"
+
+    @model_validator(mode="after")
+    def _is_possible(self, info: ValidationInfo) -> Self:
+        body = self.body()
+        allowed = (info.context or {}).get(ALLOWED) is True
+        if body is None or allowed or not (words := body_fault(body)):
+            return self
+        key = "section_inertia" if isinstance(body, Rod) else "inertia"
+        raise refusal([((key,), f"{words}; {ALLOWED} = true lets it pass")])
+
+    def body(self) -> Body | None:
+        """The body that the table describes, or None where it gives no mass."""
+        return self.rigid_body(0.0)
+
+    def rigid_body(self, length: float) -> RigidBody | None:
+        """The rigid body that the table describes.
+
+        Args:
+            length: The distance along x to what comes next, m.
+
+        Returns:
+            The body, or None where the table gives no mass.
+        """
+        if self.mass is None:
+            return None
+        return RigidBody(length, self.mass, self.com or (0.0,) * 3, self.inertia or (0.0,) * 6)
+
+
+class RodTable(Table):
+    """What is known of a rod, or of any body, along x."""
 
     length: NotNegative = Field(
         default=0.0,
@@ -71,14 +92,16 @@ class BodyTable(Table):
         description="inertia xx, yy, zz of a whole rod, added about its centre of mass, kg m²; "
         "default 0",
     )
-    mass: NotNegative | None = Field(default=None, description="mass of a rigid body, kg")
-    com: Sizes3 | None = Field(
-        default=None, description="centre of mass of a rigid body, link axes, m; default 0"
-    )
-    inertia: Sizes6 | None = Field(
-        default=None,
-        description="inertia xx, yy, zz, xy, xz, yz of a rigid body about its centre of mass, link "
-        "axes, with xy = −∫ xy dm, kg m²; default 0",
+
+
+class BodyTable(RigidTable, RodTable):
+    """A rod, with mass_per_length and section_inertia, or any rigid body, with mass."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "dependentRequired": RIGID_NEEDS_MASS,
+            "dependentSchemas": NOT_BOTH_BODIES,
+        }
     )
 
     @classmethod
@@ -99,39 +122,15 @@ class BodyTable(Table):
                 f"belongs to a rod, but {rigid[0]} describes a rigid body: give mass_per_length "
                 "and section_inertia, or mass, com and inertia",
             )
-        if rigid and "mass" not in values:
-            yield "mass", "missing: a rigid body needs its mass in kg"
-
-    @model_validator(mode="after")
-    def _is_possible(self) -> Self:
-        body = self.body()
-        if isinstance(body, Rod):
-            key, inertia = "section_inertia", (*body.section_inertia, 0.0, 0.0, 0.0)
-        else:
-            key, inertia = "inertia", body.inertia
-        if words := inertia_fault(body.total_mass, inertia):
-            raise refusal([((key,), words)])
-        return self
+        yield from super().key_faults(values)
 
     def body(self) -> Body:
         """The body that the table describes."""
-        if self.mass is None:
-            return Rod(self.length, self.mass_per_length or 0.0, self.section_inertia or (0.0,) * 3)
-        com, inertia = self.com or (0.0,) * 3, self.inertia or (0.0,) * 6
-        return RigidBody(self.length, self.mass, com, inertia)
+        rod = Rod(self.length, self.mass_per_length or 0.0, self.section_inertia or (0.0,) * 3)
+        return self.rigid_body(self.length) or rod
 
 
 class ArmTable(BodyTable):
     """An arm of the base, with a motor at its end."""
 
     length: NotNegative = Field(description="the distance from the base centre to the motor, in m")
-
-
-class LinkTable(BodyTable, PlaceTable):
-    """A link of the arm, with the joint that carries it."""
-
-    def link(self) -> Link:
-        """The link that the table describes."""
-        # Of an angle its shortest decimal: what the file says.
-        alpha, theta = (Fraction(repr(angle)) for angle in (self.alpha_deg, self.theta_deg))
-        return Link(self.body(), alpha, self.a, self.d, theta, self.joint)

@@ -29,6 +29,7 @@ LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 BASE = 0
 MAX_ROTORS = 256
 MAX_LINKS = 64
+MAX_FRAMES = 256
 AXES: dict[str, Vector3] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -132,11 +133,12 @@ class Link:
     Where `pose` is None, modified Denavit–Hartenberg parameters (Craig) place it: the link's frame
     relative to its parent's is Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d); a revolute joint adds its
     angle to θ, a prismatic one its travel to d. `a` is None where the file leaves it to the length
-    of the link before. Otherwise `pose` is that of the joint in the parent's frame, and the joint
-    turns about or slides along the unit vector `axis` of the link's frame.
+    of its parent, 0 where that is the base. Otherwise `pose` is that of the joint in the parent's
+    frame, and the joint turns about or slides along the unit vector `axis` of the link's frame.
 
-    `parent` is None for the link before. A link of kind "fixed" is welded to its parent; where it
-    is `constrained` it is held by a constraint torque about its axis, which the hybrid system has.
+    `parent` is always None for the link before. A link of kind "fixed" is welded to its parent;
+    where it is `constrained` it is held by a constraint torque about its axis, which the hybrid
+    system has.
     """
 
     body: Body

@@ -1,4 +1,4 @@
-"""Inertias of rigid bodies: as a matrix, and which of them a body can have."""
+"""Inertias of bodies: as a matrix, and which of them a body can have."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gibbs_codegen.robot.model import Body, Robot, Rod
+from gibbs_codegen.robot.names import link_label
 
 # Rounding of decimal input: 21.2e-8 + 190.8e-8 may exceed 212e-8 by a unit in the last place.
 _TOLERANCE = 1e-9
@@ -53,3 +56,34 @@ def inertia_fault(mass: float, inertia: Sequence[float]) -> str | None:
             "other two"
         )
     return None
+
+
+def body_fault(body: Body) -> str | None:
+    """Why no body has the inertia that a rod or rigid body is given.
+
+    Args:
+        body: The body.
+
+    Returns:
+        What is wrong, or None where nothing is.
+    """
+    if isinstance(body, Rod):
+        return inertia_fault(body.total_mass, (*body.section_inertia, 0.0, 0.0, 0.0))
+    return inertia_fault(body.mass, body.inertia)
+
+
+def impossible_inertias(robot: Robot) -> tuple[str, ...]:
+    """Warnings of inertias that no body has and that the robot file lets pass.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        A line for each, which names the body.
+    """
+    bodies: list[tuple[str, Body]] = []
+    bodies += [("the base", robot.base.body)] if robot.base.body else []
+    bodies += [(f"base arm {k}", arm) for k, arm in enumerate(robot.base.arms, start=1)]
+    bodies += [(link_label(robot, i), link.body) for i, link in enumerate(robot.links, start=1)]
+    faults = [(label, body_fault(body)) for label, body in bodies]
+    return tuple(f"{label}: its inertia {fault}" for label, fault in faults if fault)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
-from support.random_robots import robots
+from support.random_robots import random_tree, robots
 
 from gibbs_codegen.errors import RobotFileError, UsageError
 from gibbs_codegen.files.shipped import MAX_BYTES
@@ -83,6 +83,11 @@ def test_text_of_any_robot_reads_back_as_it(robot: Robot) -> None:
     assert parse_robot(robot_text(robot)) == robot
 
 
+@pytest.mark.parametrize("seed", range(100))
+def test_text_of_any_tree_reads_back_as_it(seed: int) -> None:
+    assert parse_robot(robot_text(random_tree(seed))) == random_tree(seed)
+
+
 def test_directions_are_normalised() -> None:
     thrust = 'thrust = ["z", [3.0, 0.0, 4.0], [0, 1e-300, 0]]'
     robot = parse_robot(BASE.replace("rotors = 3", f"rotors = 3\n{thrust}"))
@@ -115,7 +120,7 @@ lenght = 1.0
         "robot.toml:6: base.arm.length: must be at least 0, not -1.0",
         "robot.toml:6: base.arm.mass: must be a number, not a boolean",
         "robot.toml:10: link 1: inertia: violates the triangle inequality: no principal moment "
-        "may exceed the sum of the other two",
+        "may exceed the sum of the other two; allow_impossible_inertia = true lets it pass",
         "robot.toml:13: link 2: lenght: unknown key; did you mean length?",
     ]
 
@@ -129,7 +134,7 @@ def test_an_unknown_key_gets_its_suggestion_among_many_other_faults() -> None:
 
 def test_a_dotted_key_has_a_line() -> None:
     assert faults('name = "x"\nbase.rotors = 4\nbase.arm.length = 1\n') == [
-        "robot.toml:3: base.arm: the robot has no mass; give its arms or links some"
+        "robot.toml:3: base.arm: the robot has no mass; give its base or links some"
     ]
 
 
@@ -165,8 +170,10 @@ def test_places_count_from_one_and_keys_in_quotes_stay_as_they_are() -> None:
     assert [line.partition(": ")[2] for line in lines] == [
         "base.arm 2: com 3: must be a finite number, not nan",
         "base.arm 3: length: missing: the distance from the base centre to the motor, in m",
-        "link 1: 'x[1].y': unknown key; known keys: alpha_deg, a, d, theta_deg, joint, length, "
-        "mass_per_length, section_inertia, mass, com, inertia",
+        "link 1: 'x[1].y': unknown key; known keys: xyz, rpy_deg, name, parent, alpha_deg, a, d, "
+        "theta_deg, axis, joint, constrained, coordinate, damping, armature, stiffness, rest, "
+        "limits, limits_deg, effort, velocity, length, mass_per_length, section_inertia, mass, "
+        "com, inertia",
     ]
 
 

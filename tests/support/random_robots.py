@@ -162,18 +162,19 @@ def random_tree(seed: int) -> Robot:
         Frame(f"frame {k}", int(rng.integers(len(links) + 1)), random_pose(rng))
         for k in range(int(rng.integers(4)))
     )
-    base, rotors = _tree_base(rng, len(links))
+    base, rotors = _tree_base(rng, links)
     gravity = (9.81, 9.81, 3.7)[rng.integers(3)]
     return Robot(f"tree_{seed}", base, tuple(links), gravity, rotors, frames)
 
 
-def _tree_base(rng: np.random.Generator, links: int) -> tuple[Base, tuple[Rotor, ...]]:
+def _tree_base(rng: np.random.Generator, links: list[Link]) -> tuple[Base, tuple[Rotor, ...]]:
     """A central body and rotors on it and on links, or rods, with or without a body."""
     attitude = ATTITUDES[rng.integers(len(ATTITUDES))]
     if rng.random() < 0.5:
-        count = int(rng.integers(0, 7))
+        # Without rotors the joint of a link without a name would be called theta_1, as the base's.
+        count = int(rng.integers(0 if links[0].name else 1, 7))
         return Base(attitude=attitude, origin="base", body=_central_body(rng)), tuple(
-            _rotor(rng, links, k) for k in range(count)
+            _rotor(rng, len(links), k) for k in range(count)
         )
     whole = random_robot(int(rng.integers(2**31)), int(rng.integers(2, 6)), 0).base
     azimuths = sorted(

@@ -1,0 +1,104 @@
+"""The tables of what is placed on bodies in a robot file: rotors and named frames."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from gibbs_codegen.files.table import Table
+from gibbs_codegen.robot.model import AXES, Frame, Pose, Rotor
+from gibbs_codegen.robot.quantities import (
+    Direction,
+    Label,
+    NotNegative,
+    Range,
+    Size,
+    Sizes3,
+    Turns3,
+    exact3,
+)
+
+_ON = 'what carries it: "base" or the name of a link'
+
+
+class PoseTable(Table):
+    """A pose in the frame of a body."""
+
+    xyz: Sizes3 | None = Field(
+        default=None, description="place in the frame of what carries it, m; default [0, 0, 0]"
+    )
+    rpy_deg: Turns3 | None = Field(
+        default=None,
+        description="roll, pitch and yaw in that frame, R = R_z·R_y·R_x as in URDF, degrees; "
+        "default [0, 0, 0]",
+    )
+
+    def pose(self) -> Pose:
+        """The pose that the table describes."""
+        return Pose(self.xyz or (0.0,) * 3, exact3(self.rpy_deg or (0.0,) * 3))
+
+
+class RotorTable(Table):
+    """A rotor on the base or on a link."""
+
+    name: Label | None = Field(
+        default=None, description="name of the rotor, any text; without it its number counts"
+    )
+    on: Label = Field(default="base", description=_ON)
+    position: Sizes3 = Field(
+        default=(0.0, 0.0, 0.0), description="place in the frame of what carries it, m"
+    )
+    direction: Direction = Field(
+        default=AXES["z"],
+        description='direction of its thrust in that frame: an axis such as "x" or "-y", or '
+        "[x, y, z]",
+        json_schema_extra={"default": "z"},
+    )
+    drag: Size = Field(
+        default=0.0,
+        description="reaction torque about its direction per unit of thrust, m: negative for a "
+        "rotor that spins counter-clockwise, seen from the tip of its thrust",
+    )
+    limits: Range | None = Field(
+        default=None,
+        description="least and greatest thrust, for simulators and controllers, N; default: none",
+    )
+    time_constant: NotNegative | None = Field(
+        default=None, description="time constant of its thrust, for simulators, s; default: none"
+    )
+
+    def rotor(self, on: int) -> Rotor:
+        """The rotor that the table describes.
+
+        Args:
+            on: Number of the body that carries it.
+
+        Returns:
+            The rotor.
+        """
+        return Rotor(
+            self.position,
+            self.direction,
+            self.drag,
+            on,
+            self.name,
+            self.limits,
+            self.time_constant,
+        )
+
+
+class FrameTable(PoseTable):
+    """A named frame, such as an end effector or a sensor."""
+
+    name: Label = Field(description="name of the frame, any text")
+    on: Label = Field(default="base", description=_ON)
+
+    def frame(self, on: int) -> Frame:
+        """The frame that the table describes.
+
+        Args:
+            on: Number of the body that carries it.
+
+        Returns:
+            The frame.
+        """
+        return Frame(self.name, on, self.pose())

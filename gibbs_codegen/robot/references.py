@@ -1,0 +1,256 @@
+"""Names inside a robot file: what they refer to, and which of them clash.
+
+All of it reads the tables as they stand in the file, before they are checked, so that these faults
+are told beside those of single values.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from gibbs_codegen.files.faults import Place, shown
+from gibbs_codegen.robot.model import BASE, MAX_FRAMES, MAX_LINKS, MAX_ROTORS
+from gibbs_codegen.robot.names import default_prefix, identifier, joint_name
+
+Entry = Mapping[str, Any]
+PlacedFault = tuple[Place, str]
+
+# To look for what a name may have been meant to be takes time, and a flood of names is no slip.
+_MOST_SUGGESTIONS = 20
+# With these ends the parameters of one body could have the names of another's, such as arm_com_x.
+_ENDS = ("_com", "_mass_per")
+_BASE_COORDINATES = (
+    *("theta_m1", "theta_0", "theta_1", "x", "y", "z", "qx", "qy", "qz", "qw"),
+    *("vx", "vy", "vz", "wx", "wy", "wz"),
+)
+
+
+def body_numbers(names: Sequence[str | None]) -> dict[str, int]:
+    """Numbers of the bodies that names refer to.
+
+    Args:
+        names: Those of the links, in order; None where one has no name.
+
+    Returns:
+        Number of the base, 0, and of each link by name; link 2 without a name is link2.
+    """
+    numbers = {"base": BASE}
+    for i, name in enumerate(names, start=1):
+        numbers.setdefault(name or default_prefix("link", i), i)
+    return numbers
+
+
+def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
+    """Faults of the names in a robot file, and of what refers to them.
+
+    Args:
+        document: The file as it stands, unchecked.
+
+    Yields:
+        Place and words of each fault.
+    """
+    links = _tables(document, "link", MAX_LINKS)
+    rotors = _tables(document, "rotor", MAX_ROTORS)
+    frames = _tables(document, "frame", MAX_FRAMES)
+    numbers = body_numbers([_text(link, "name") for link in links])
+    yield from _parent_faults(links, numbers)
+    placed: list[tuple[Place, str | None]] = [
+        ((kind, place, "on"), _text(table, "on"))
+        for kind, tables in (("rotor", rotors), ("frame", frames))
+        for place, table in enumerate(tables)
+    ]
+    yield from _unknown(placed, numbers, 'must be "base" or the name of a link')
+    base = document.get("base")
+    arms: Entry = base if isinstance(base, dict) else {}
+    rods = arms.get("rotors", 0)
+    rods = rods if isinstance(rods, int) and rods <= MAX_ROTORS else 0
+    yield from _body_clashes(links, rotors, rods)
+    yield from _frame_clashes(frames)
+    if rods or "arm" not in arms:  # Otherwise it is not known from which number joints count.
+        yield from _coordinate_clashes(links, rods, rods + len(rotors))
+
+
+def _tables(document: Mapping[str, Any], key: str, most: int) -> list[Entry]:
+    """The tables of an array.
+
+    Args:
+        document: The file as it stands.
+        key: Key of the array.
+        most: Greatest number of its tables.
+
+    Returns:
+        The tables, or none where the array is faulty as a whole.
+    """
+    found = document.get(key)
+    if not isinstance(found, list) or len(found) > most:
+        return []
+    return [entry if isinstance(entry, dict) else {} for entry in found]
+
+
+def _text(entry: Entry, key: str) -> str | None:
+    found = entry.get(key)
+    return found if isinstance(found, str) else None
+
+
+def _unknown(
+    references: Sequence[tuple[Place, str | None]], numbers: Mapping[str, int], right: str
+) -> Iterator[PlacedFault]:
+    """Faults of references that refer to no body.
+
+    Args:
+        references: Place and text of each.
+        numbers: Numbers of the bodies by name.
+        right: What would be right.
+
+    Yields:
+        Place and words of each fault.
+    """
+    unknown = [(place, name) for place, name in references if name and name not in numbers]
+    for place, name in unknown:
+        few = len(unknown) <= _MOST_SUGGESTIONS
+        near = difflib.get_close_matches(name, numbers, n=1) if few else []
+        hint = f"; did you mean {shown(near[0])}?" if near else ""
+        yield place, f"{right}, not {shown(name)}{hint}"
+
+
+def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterator[PlacedFault]:
+    right = 'must be "base" or the name of a link given earlier'
+    names = [_text(link, "parent") for link in links]
+    named: list[tuple[Place, str | None]] = [
+        (("link", i, "parent"), n) for i, n in enumerate(names)
+    ]
+    yield from _unknown(named, numbers, right)
+    parents = [numbers.get(name, before) if name else before for before, name in enumerate(names)]
+    for i, (parent, name) in enumerate(zip(parents, names, strict=True), start=1):
+        if parent < i:
+            continue
+        if parent == i:
+            why = "a link cannot carry itself"
+        elif _carries(parents, i, parent):
+            why = f"{shown(name)} is itself carried by this link, which makes a cycle"
+        else:
+            why = f"{shown(name)} comes later; move this link below it"
+        yield ("link", i - 1, "parent"), f"{right}: {why}"
+
+
+def _carries(parents: Sequence[int], carrier: int, carried: int) -> bool:
+    """Whether a link carries another, directly or over others.
+
+    Args:
+        parents: For each link the number of what carries it, whatever order they are in.
+        carrier, carried: Numbers of the links.
+
+    Returns:
+        Whether it does.
+    """
+    passed: set[int] = set()
+    while carried != BASE and carried not in passed:
+        if carried == carrier:
+            return True
+        passed.add(carried)
+        carried = parents[carried - 1]
+    return False
+
+
+def _body_clashes(
+    links: Sequence[Entry], rotors: Sequence[Entry], rods: int
+) -> Iterator[PlacedFault]:
+    """Names of links and rotors that clash in their identifier forms.
+
+    Args:
+        links, rotors: Their tables.
+        rods: Number of the base's arms.
+
+    Yields:
+        Place and words of each fault.
+    """
+    taken = {"base": "the base"}
+    if rods:
+        taken |= {f"base_arm{k}": "the base's arms" for k in ("", *range(1, rods + 1))}
+    named: list[tuple[Place, str, str]] = []
+    for kind, tables in (("link", links), ("rotor", rotors)):
+        for number, table in enumerate(tables, start=1):
+            if name := _text(table, "name"):
+                named.append(((kind, number - 1, "name"), name, f"{kind} {number}"))
+                continue
+            taken[default_prefix(kind, number)] = f"{kind} {number}"
+            if kind == "rotor":  # Its thrust is called by its number.
+                taken[identifier(str(number))] = f"{kind} {number}"
+    yield from _clashes(named, taken)
+    for place, name, _ in named:
+        form = identifier(name)
+        for stem in (form.removesuffix(end) for end in _ENDS if form.endswith(end)):
+            if stem in taken:
+                yield (
+                    place,
+                    f"{shown(name)} gives parameters the names of those of {taken[stem]}, such as "
+                    f"{form}_x: give it another name",
+                )
+
+
+def _frame_clashes(frames: Sequence[Entry]) -> Iterator[PlacedFault]:
+    named: list[tuple[Place, str, str]] = [
+        (("frame", number - 1, "name"), name, f"frame {number}")
+        for number, frame in enumerate(frames, start=1)
+        if (name := _text(frame, "name"))
+    ]
+    yield from _clashes(named, {"base": "the base's own frame"})
+
+
+def _coordinate_clashes(links: Sequence[Entry], rods: int, rotors: int) -> Iterator[PlacedFault]:
+    """Coordinates that clash with each other or with the base's own.
+
+    Names of links that clash are told already.
+
+    Args:
+        links: Their tables.
+        rods: Number of the base's arms.
+        rotors: Number of all rotors, N.
+
+    Yields:
+        Place and words of each fault.
+    """
+    taken = dict.fromkeys(_BASE_COORDINATES, "a coordinate of the base")
+    taken |= {joint_name("fixed", k): f"the angle of base arm {k}" for k in range(2, rods + 1)}
+    by_name: list[tuple[Place, str, str]] = []
+    given: list[tuple[Place, str, str]] = []
+    for place, link in enumerate(links):
+        kind, label = link.get("joint", "revolute"), f"the coordinate of link {place + 1}"
+        if kind == "fixed" and link.get("constrained") is not True:
+            continue
+        if text := _text(link, "coordinate"):
+            given.append((("link", place, "coordinate"), text, label))
+        elif text := _text(link, "name"):
+            by_name.append((("link", place, "name"), text, label))
+        else:
+            default = joint_name(
+                "prismatic" if kind == "prismatic" else "fixed", rotors + place + 1
+            )
+            if default in taken:
+                yield ("link", place), f"{default} is {taken[default]}: give the link a name"
+            taken[default] = label
+    yield from _clashes(list({identifier(n): (p, n, w) for p, n, w in by_name}.values()), taken)
+    yield from _clashes(given, taken)
+
+
+def _clashes(
+    named: Sequence[tuple[Place, str, str]], taken: dict[str, str]
+) -> Iterator[PlacedFault]:
+    """Names that clash in their identifier forms.
+
+    Args:
+        named: Place and text of each name, and whose it is.
+        taken: Whose each form is; those that are not taken yet are added.
+
+    Yields:
+        Place and words of each fault.
+    """
+    for place, name, whose in named:
+        form = identifier(name)
+        if form in taken:
+            called = shown(name) if form == name else f"{shown(name)}, in generated code {form},"
+            yield place, f"{called} is the name of {taken[form]} already; give another"
+        else:
+            taken[form] = whose
