@@ -56,7 +56,7 @@ def mjcf_rotors(
                 float(model.actuator_dynprm[k, 0]) or None
                 if model.actuator_dyntype[k] in _FILTERS
                 else None,
-                found_by="MJCF motor at a site",
+                found_by="motor at a site",
             )
         )
     return tuple(rotors), told

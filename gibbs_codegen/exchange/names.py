@@ -70,10 +70,17 @@ class Namer:
             The name.
         """
         free, number = name or what, 1
-        while identifier(free) in taken:
+        while _clashes(identifier(free), taken):
             free = f"{name}_{what}" if number == 1 else f"{name}_{number}"
             number += 1
         taken.add(identifier(free))
         if free != name:
             self.told.append(Told("note", name or "without a name", f"{what} called {free}"))
         return free
+
+
+def _clashes(form: str, taken: set[str]) -> bool:
+    """Whether a form is taken, or parameters of it and of another body would have one name."""
+    ends = ("_com", "_mass_per")
+    longer = any(form + end in taken for end in ends)
+    return form in taken or longer or any(form.removesuffix(end) in taken for end in ends)

@@ -21,25 +21,14 @@ from gibbs_codegen.exchange.xml_file import read_bytes
 from gibbs_codegen.files.fields import Tables
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.files.toml import checked
-from gibbs_codegen.robot.body_tables import NotNegative, Size, Sizes3
 from gibbs_codegen.robot.model import MAX_ROTORS
-from gibbs_codegen.robot.tables import Direction
-
-
-class _RotorTable(Table):
-    on: str | None = Field(default=None, description="link of the source")
-    name: str | None = Field(default=None, description="name of the rotor")
-    position: Sizes3 = Field(default=(0.0, 0.0, 0.0), description="in the link's frame, m")
-    direction: Direction = Field(default=(0.0, 0.0, 1.0), description="of the thrust")
-    drag: Size = Field(default=0.0, description="reaction torque per unit of thrust, m")
-    limits: list[Size] | None = Field(default=None, description="of the thrust, N")
-    time_constant: NotNegative | None = Field(default=None, description="s")
+from gibbs_codegen.robot.placed_tables import RotorTable
 
 
 class RotorFileTable(Table):
     """A file of rotors."""
 
-    rotor: Annotated[list[_RotorTable], Tables("rotor", MAX_ROTORS, "rotors")] = Field(
+    rotor: Annotated[list[RotorTable], Tables("rotor", MAX_ROTORS, "rotors")] = Field(
         description="the rotors, in the order of their thrusts"
     )
 
@@ -94,7 +83,7 @@ def _of_toml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
             rotor.position,
             rotor.direction,
             rotor.drag,
-            None if rotor.limits is None else (rotor.limits[0], rotor.limits[1]),
+            rotor.limits,
             rotor.time_constant,
             found_by=path.name,
         )
@@ -102,9 +91,9 @@ def _of_toml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
     )
 
 
-def _link(name: str | None, tree: SourceTree) -> str:
+def _link(name: str, tree: SourceTree) -> str:
     """The link that is meant; "base" is the root, unless there is a link of that name."""
-    return tree.root if name is None or (name == "base" and name not in tree.source.links) else name
+    return tree.root if name == "base" and name not in tree.source.links else name
 
 
 def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:

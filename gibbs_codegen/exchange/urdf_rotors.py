@@ -56,7 +56,7 @@ def _gazebo(plugin: Element, values: Values) -> tuple[float, SourceRotor]:
         limits=(0.0, most) if most > 0.0 else None,
         time_constant=number("timeConstantUp") or None,
         joint=joint,
-        found_by="Gazebo motor plugin",
+        found_by="Gazebo",
     )
     return number("motorNumber"), rotor
 
@@ -85,7 +85,7 @@ def _jsk(root: Element, values: Values) -> list[SourceRotor]:
         z = values.vector(child(joint, "axis"), "xyz", (0.0, 0.0, 1.0))[2]
         limit = child(joint, "limit")
         low, high = values.bound(limit, "lower"), values.bound(limit, "upper")
-        rotor = SourceRotor(name, on, joint=name, found_by="joint rotor<i>, JSK's convention")
+        rotor = SourceRotor(name, on, joint=name, found_by="JSK")
         drag = (z > 0.0) * rate - (z < 0.0) * rate
         limits = None if low is None or high is None or low >= high else (low, high)
         rotors.append(replace(rotor, drag=drag, limits=limits))

@@ -165,7 +165,7 @@ def _link(body: _Body, snap: bool, namer: Namer) -> Link:
     return Link(
         _rigid(body.parts, snap),
         joint="prismatic" if joint.kind == "prismatic" else "revolute",
-        parent=body.parent,
+        parent=None if body.parent == body.number - 1 else body.parent,
         pose=_placed(body.pose, snap).pose,
         axis=joint.axis,
         name=namer.body(body.name, "link"),
