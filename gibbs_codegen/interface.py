@@ -249,7 +249,8 @@ def module_signatures(module: Any) -> list[Signature]:
         The signatures, in the order of the table.
     """
     lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-    return signatures(*map(len, lists))
+    found = signatures(*map(len, lists))
+    return [s for s in found if "tip" in module.POINTS or not s.name.startswith("tip_")]
 
 
 def signatures(coordinates: int, hybrid: int, inputs: int, points: int) -> list[Signature]:

@@ -87,9 +87,9 @@ def test_c_program(tmp_path: Path) -> None:
 
 def test_files_in_toml_are_accepted() -> None:
     assert pages_with("toml") == ["docs/robot-file.md", "docs/scenario-file.md"]
-    (text,) = blocks("docs/robot-file.md", "toml")
-    robot = parse_robot(text)
-    assert (robot.rotors, len(robot.links)) == (6, 1)
+    rods, placed = map(parse_robot, blocks("docs/robot-file.md", "toml"))
+    assert (rods.base.rotors, len(rods.links)) == (6, 1)
+    assert (len(placed.thrusters), placed.parents, len(placed.frames)) == (3, (0, 1), 1)
     (text,) = blocks("docs/scenario-file.md", "toml")
     scenario = parse_scenario(text)
     assert scenario.arm.tip is not None

@@ -9,8 +9,9 @@ outwards each joint's. It is the recursion of Featherstone, Rigid Body Dynamics 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import sympy as sp
 
@@ -23,6 +24,7 @@ from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     NO_WRENCH,
+    ZERO,
     Rotation,
     Transform,
     Vector,
@@ -50,11 +52,16 @@ class _Body:
 
 @dataclass(frozen=True)
 class _Joint:
-    """A joint's equation, solved for its own component of a: a_d = share − Σ ratios·(the rest)."""
+    """A joint's equation, solved for its own component of a: a_d = share − Σ ratios·(the rest).
+
+    Where the joint has armature, which the parent does not turn, it is solved for θ̈: share −
+    Σ ratios·a, with a that of the parent.
+    """
 
     direction: int
     ratios: tuple[sp.Expr, ...]
     share: sp.Expr
+    has_armature: bool = False
 
     def accelerated(self, tape: Scalars, parent: Acceleration) -> tuple[sp.Expr, Acceleration]:
         """The accelerations of the joint and of its segment, from that of the parent.
@@ -66,6 +73,12 @@ class _Joint:
             θ̈ (rad/s² or m/s²), and the segment's acceleration in the same frame.
         """
         entries = parent.entries
+        if self.has_armature:
+            pairs = zip(self.ratios, entries, strict=True)
+            given = sp.Add(*(tape.let(ratio * entry) for ratio, entry in pairs))
+            relative = tape.let(self.share - given)
+            entries[self.direction] = tape.let(entries[self.direction] + relative)
+            return relative, Acceleration.of(entries)
         rest = [
             tape.let(ratio * entry)
             for i, (ratio, entry) in enumerate(zip(self.ratios, entries, strict=True))
@@ -83,6 +96,8 @@ def articulated_accelerations(
     motions: Sequence[Motion],
     thrust: Wrench,
     efforts: Sequence[sp.Expr],
+    armatures: Sequence[sp.Expr],
+    loads: Mapping[int, Wrench] = MappingProxyType({}),
 ) -> tuple[list[sp.Expr], Acceleration]:
     """Accelerations of the joints and of the root.
 
@@ -91,6 +106,9 @@ def articulated_accelerations(
             working frame.
         thrust: About the root, in its own frame (N, N m).
         efforts: The joints' torques or forces (N m or N).
+        armatures: Inertia of what turns with each joint alone (kg m² or kg).
+        loads: Wrenches on segments after the root, by their index, about the joint, in the
+            segment's own frame (N, N m).
 
     Returns:
         θ̈ of each joint after the root, and the root's acceleration in its group frame.
@@ -105,9 +123,10 @@ def articulated_accelerations(
     for k in range(tree.joints, 0, -1):
         segment = tree.segments[k]
         with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(k)}"):
-            body = received[k].plus(tape, _link(tape, tree, k, motions[k]))
+            load = tree.to_working_frame(tape, k, loads[k]) if k in loads else NO_WRENCH
+            body = received[k].plus(tape, _link(tape, tree, k, motions[k], load))
         with tape.group(f"equation of {segment.joint_name}, its acceleration eliminated"):
-            joint, freed = _freed(tape, tree, k, body, efforts[k - 1])
+            joint, freed = _freed(tape, tree, k, body, efforts[k - 1], armatures[k - 1])
         joints.append(joint)
         parent = segment.parent
         with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(parent)}"):
@@ -159,7 +178,7 @@ def _root_acceleration(
 
 
 def _freed(
-    tape: Scalars, tree: SegmentTree, k: int, body: _Body, effort: sp.Expr
+    tape: Scalars, tree: SegmentTree, k: int, body: _Body, effort: sp.Expr, armature: sp.Expr
 ) -> tuple[_Joint, _Body]:
     """Solve a joint's equation, ∂S/∂θ̈ = τ, and eliminate its acceleration.
 
@@ -167,22 +186,29 @@ def _freed(
         tree, k: The segment of the joint, by its index.
         body: Its subtree about the joint, in its working frame.
         effort: Torque or force of the joint (N m or N).
+        armature: Inertia of what turns with the joint alone (kg m² or kg).
 
     Returns:
         The solved equation, and what the parent feels of the body: in the joint's direction nothing
-        but the effort.
+        but the effort, where there is no armature.
 
     Raises:
         ZeroPivotError: Where the acceleration has no inertia to it.
     """
     direction = tree.segments[k].direction
     column = body.inertia.rows[direction]
-    if column[direction] == 0:
+    if column[direction] == 0 and armature == 0:
         raise ZeroPivotError(k - 1)
-    inverse = tape.let(1 / column[direction])
+    inverse = tape.let(1 / tape.let(column[direction] + armature))
     load = body.load.entries
     share = tape.let(tape.let(effort + load[direction]) * inverse)
     ratios = tuple(tape.let(entry * inverse) for entry in column)
+    if armature != 0:
+        left = Wrench.of(
+            tape.let(entry - tape.let(u * share)) for entry, u in zip(load, column, strict=True)
+        )
+        felt = body.inertia.less(tape, direction, ratios)
+        return _Joint(direction, ratios, share, has_armature=True), _Body(felt, left)
     left = Wrench.of(
         -effort if i == direction else tape.let(entry - tape.let(column[i] * share))
         for i, entry in enumerate(load)
@@ -218,7 +244,7 @@ def _root_turn(tree: SegmentTree) -> Rotation:
     """
     if len(tree.children[0]) == 1 and tree.works_in_own_frame(1):
         first = tree.segments[1]
-        if not first.starts_group and first.a == 0:
+        if not first.starts_group and first.step == ZERO:
             return first.rotation
     return NO_ROTATION
 

@@ -97,6 +97,22 @@ class ArticulatedInertia:
 
         return self.of_entries(entry)
 
+    def less(
+        self, tape: Scalars, direction: int, ratios: tuple[sp.Expr, ...]
+    ) -> ArticulatedInertia:
+        """Â − U·Uᵀ/D where the pivot D has armature besides: nothing vanishes.
+
+        Args:
+            direction: Row and column U of the joint, 0 … 5.
+            ratios: U/D.
+
+        Returns:
+            What the parent feels.
+        """
+        rows = self.rows
+        column = rows[direction]
+        return self.of_entries(lambda i, j: tape.let(rows[i][j] - tape.let(ratios[i] * column[j])))
+
     def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedInertia:
         """Â in another frame: each block M is RMRᵀ there.
 

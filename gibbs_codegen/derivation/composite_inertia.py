@@ -7,8 +7,8 @@ the column of the mass matrix. All other joints have a zero there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
@@ -63,6 +63,24 @@ class JointSpaceInertia:
     composite: Inertia
     wrenches: list[Wrench]
     entries: dict[tuple[int, int], sp.Expr]
+
+
+def with_armatures(
+    tape: Scalars, inertia: JointSpaceInertia, armatures: Sequence[sp.Expr]
+) -> JointSpaceInertia:
+    """The mass matrix with the inertia of what turns with the joints alone.
+
+    Args:
+        inertia: The mass matrix without.
+        armatures: One for each joint (kg m² or kg).
+
+    Returns:
+        The mass matrix with its diagonal.
+    """
+    entries = dict(inertia.entries)
+    for j, armature in enumerate(armatures):
+        entries[j, j] = tape.let(entries[j, j] + armature)
+    return replace(inertia, entries=entries)
 
 
 def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:

@@ -17,7 +17,7 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.model import Model, Progress
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, points
+from gibbs_codegen.robot.coordinates import frame_names, hybrid_coordinates, points
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.tape import Tape
 
@@ -90,6 +90,8 @@ def _slices(tape: Tape, symbolic: SymbolicRobot, progress: Progress) -> list[Sli
     lists = (symbolic.q, hybrid_coordinates(symbolic.robot), symbolic.u, points(symbolic.robot))
     slices = []
     for signature in signatures(*map(len, lists)):
+        if signature.name.startswith("tip_") and "tip" not in frame_names(symbolic.robot):
+            continue
         progress(signature.name.replace("_", " "))
         slices.append(_slice(systems, signature))
     return slices

@@ -1,20 +1,28 @@
 """Generalised forces of thrusts and joint torques (Fig. 3, eqs. 7–13).
 
 A thrust F at o_{j,i} along a direction ε gives Ψ·F with Ψ = Jᵀ·R·ε. The transposed Jacobian is
-applied by moving the thrust, as a wrench, to the root and to the joints it passes: a motor's wrench
-about the origin is constant in arm 1's frame.
+applied by moving the thrust, as a wrench, to the root and to the joints it passes. The wrench of a
+rotor about the joint of the link that it is on is constant in the link's own frame, that of a rotor
+on the base in the base's.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import sympy as sp
 
+from gibbs_codegen.derivation.jointed_bodies import JointedBodies
+from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.robot.model import Vector3
+from gibbs_codegen.robot.names import rotor_identifier
 from gibbs_codegen.symbolic.exact_angles import structural_number
+from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
     Matrix,
-    Rotation,
     Vector,
     Wrench,
     add,
@@ -25,100 +33,151 @@ from gibbs_codegen.symbolic.vectors import (
 )
 
 
-def thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
-    """Unit direction ε of a motor's thrust.
+@dataclass(frozen=True)
+class MountedWrench:
+    """A wrench on a segment, about its joint and in its own frame; of segment 0 the origin's."""
 
-    Args:
-        symbolic, k: The motor, by its number 1 … N.
+    segment: int
+    wrench: Wrench
 
-    Returns:
-        Components in the frame of the motor's base arm.
-    """
-    x, y, z = (structural_number(sp.Float(e)) for e in symbolic.robot.base.thrust[k - 1])
+
+def _structural(direction: Vector3) -> Vector:
+    x, y, z = (structural_number(sp.Float(entry)) for entry in direction)
     return (x, y, z)
 
 
-def motor_position(symbolic: SymbolicRobot, k: int) -> Vector:
-    """Seat of a motor.
+def rod_thrust_direction(symbolic: SymbolicRobot, k: int) -> Vector:
+    """Unit direction ε of the thrust of a motor on a base rod.
 
     Args:
         symbolic, k: The motor, by its number 1 … N.
 
     Returns:
-        Position from the origin of the coordinates, in arm 1's frame (m).
+        Components in the frame of the rod.
     """
-    tape, base = symbolic.tape, symbolic.robot.base
-    centre = axis_vector(0, symbolic.centre_offset)
-    if k == 1:
-        return add(tape, centre, axis_vector(0, -symbolic.parameters.arm(1).length))
-    arm = Rotation.degrees(2, base.arm_angle_deg(k))
-    reach = axis_vector(0, symbolic.parameters.arm(k).length)
-    return add(tape, centre, arm.vector(tape, reach))
+    return _structural(symbolic.robot.base.thrust[k - 1])
 
 
-def motor_wrench(symbolic: SymbolicRobot, k: int) -> Wrench:
-    """Wrench of a motor per unit of thrust; the drag torque acts about the thrust's own direction.
+def rotor_position(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> tuple[int, Vector]:
+    """Seat of a rotor.
 
     Args:
-        symbolic, k: The motor, by its number 1 … N.
+        symbolic, k: The rotor, by its number 1 … N.
+        bodies: Which joints count.
 
     Returns:
-        Wrench about the origin, in arm 1's frame (1 and m).
+        The segment that it is on, and its position from the segment's joint, or from the origin of
+        the coordinates, in the segment's own frame (m).
     """
     tape = symbolic.tape
-    direction = thrust_direction(symbolic, k)
-    if k > 1:
-        arm = Rotation.degrees(2, symbolic.robot.base.arm_angle_deg(k))
-        direction = arm.vector(tape, direction)
-    lever = cross(tape, motor_position(symbolic, k), direction)
-    drag = scale(tape, symbolic.parameters.drag(k), direction)
-    return Wrench(direction, add(tape, lever, drag))
+    if symbolic.robot.thrusters:
+        frame = bodies.frames[symbolic.robot.thrusters[k - 1].on]
+        position, _ = symbolic.parameters.rotor(k)
+        return frame.segment, frame.point(tape, position)
+    reach = axis_vector(0, symbolic.rod_reach(k))
+    return 0, add(tape, symbolic.centre, symbolic.rod_frame(k).vector(tape, reach))
 
 
-def motor_torque_about_arm_joint(symbolic: SymbolicRobot, k: int) -> sp.Expr:
-    """Row of the constrained joint of a base arm in Ψ of the arm's motor.
+def rotor_wrench(symbolic: SymbolicRobot, bodies: JointedBodies, k: int) -> MountedWrench:
+    """Wrench of a rotor per unit of thrust; the drag torque acts about the thrust's own direction.
 
     Args:
-        symbolic, k: The motor and the arm, by their number 2 … N.
+        symbolic, k: The rotor, by its number 1 … N.
+        bodies: Which joints count.
+
+    Returns:
+        The wrench (1 and m).
+    """
+    tape = symbolic.tape
+    if symbolic.robot.thrusters:
+        rotor = symbolic.robot.thrusters[k - 1]
+        direction = bodies.frames[rotor.on].direction(_structural(rotor.direction))
+        _, ratio = symbolic.parameters.rotor(k)
+    else:
+        direction = symbolic.rod_frame(k).vector(tape, rod_thrust_direction(symbolic, k))
+        ratio = symbolic.parameters.drag(k)
+    segment, position = rotor_position(symbolic, bodies, k)
+    lever = cross(tape, position, direction)
+    drag = scale(tape, ratio, direction)
+    return MountedWrench(segment, Wrench(direction, add(tape, lever, drag)))
+
+
+def motor_torque_about_rod(symbolic: SymbolicRobot, k: int) -> sp.Expr:
+    """Row of the constrained joint of a base rod in Ψ of the rod's motor.
+
+    Args:
+        symbolic, k: The motor and the rod, by their number 2 … N.
 
     Returns:
         Torque about z at O₂ per unit of thrust (m).
     """
-    _, y, z = thrust_direction(symbolic, k)
+    _, y, z = rod_thrust_direction(symbolic, k)
     tape, parameters = symbolic.tape, symbolic.parameters
     with tape.group(f"torque of motor {k} about joint {k}"):
         return tape.let(parameters.arm(k).length * y + parameters.drag(k) * z)
 
 
-def motor_column(symbolic: SymbolicRobot, k: int) -> tuple[sp.Expr, ...]:
-    """Generalised forces of a motor per unit of thrust (eq. 13).
+def carried_in(
+    tape: Scalars, tree: SegmentTree, mounted: MountedWrench
+) -> tuple[Wrench, dict[int, sp.Expr]]:
+    """A wrench carried in from its segment to the root.
 
     Args:
-        symbolic, k: The motor, by its number 1 … N.
+        tree: The tree.
+        mounted: The wrench.
 
     Returns:
-        One for each coordinate of the base, those of the attitude first.
+        The wrench about the root in its group frame; and for the index of each segment on the way
+        the row of its joint.
+    """
+    wrench = tree.to_working_frame(tape, mounted.segment, mounted.wrench)
+    rows = {}
+    for k in tree.path(mounted.segment):
+        wrench = tree.to_group_frame(tape, k, wrench)
+        if k > 0:
+            rows[k] = tree.segments[k].row(wrench)
+            wrench = tree.passed_in(tape, k, wrench)
+    return wrench, rows
+
+
+def rotor_column(
+    symbolic: SymbolicRobot, tree: SegmentTree, bodies: JointedBodies, k: int
+) -> list[sp.Expr]:
+    """Generalised forces of a rotor per unit of thrust (eq. 13).
+
+    Args:
+        symbolic, k: The rotor, by its number 1 … N.
+        tree, bodies: The tree, and which joints it has.
+
+    Returns:
+        One for each coordinate of the tree, in order.
     """
     tape, root = symbolic.tape, symbolic.root
-    with tape.group(f"thrust direction and generalised forces of motor {k}"):
-        return root.rows(tape, motor_wrench(symbolic, k).rotated(tape, root.segment_rotation))
+    label = rotor_identifier(symbolic.robot, k)
+    with tape.group(f"thrust direction and generalised forces of motor {label}"):
+        wrench, rows = carried_in(tape, tree, rotor_wrench(symbolic, bodies, k))
+        joints = [rows.get(i, sp.S.Zero) for i in range(1, tree.joints + 1)]
+        return root.places(tree.joints).joined(root.rows(tape, wrench), joints)
 
 
-def total_thrust_wrench(symbolic: SymbolicRobot) -> Wrench:
-    """Wrench of all motors for the inputs u.
+def thrust_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
+    """Wrenches of all rotors for the inputs u.
 
     Args:
         symbolic: The robot in symbols.
 
     Returns:
-        Wrench about the origin, in arm 1's frame (N, N m).
+        For the index of each segment with rotors, and for the root, the wrench about its joint, or
+        about the origin, in its own frame (N, N m).
     """
-    tape, total = symbolic.tape, NO_WRENCH
+    tape, totals = symbolic.tape, {0: NO_WRENCH}
     with tape.group("force and moment of all thrusts"):
         for k, thrust in enumerate(symbolic.u[: symbolic.robot.rotors], start=1):
-            unit = motor_wrench(symbolic, k)
-            total = total.plus(tape, Wrench.of(tape.let(thrust * e) for e in unit.entries))
-    return total
+            unit = rotor_wrench(symbolic, symbolic.bodies, k)
+            scaled = Wrench.of(tape.let(thrust * e) for e in unit.wrench.entries)
+            total = totals.get(unit.segment, NO_WRENCH)
+            totals[unit.segment] = total.plus(tape, scaled)
+    return totals
 
 
 def input_matrix(symbolic: SymbolicRobot) -> Matrix:
@@ -131,10 +190,14 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
         Rows in the order of q, columns in that of u.
     """
     places, rotors = symbolic.places, symbolic.robot.rotors
-    matrix = zeros(len(symbolic.q), len(symbolic.u))
-    for k in range(1, rotors + 1):
-        for row, entry in zip(places.base, motor_column(symbolic, k), strict=True):
-            matrix[row][k - 1] = entry
+    tree, bodies = symbolic.reduced_tree, symbolic.bodies
+    columns: list[Sequence[sp.Expr]] = [
+        rotor_column(symbolic, tree, bodies, k) for k in range(1, rotors + 1)
+    ]
+    matrix = zeros(places.size, len(symbolic.u))
+    for j, column in enumerate(columns):
+        for i, entry in enumerate(column):
+            matrix[i][j] = entry
     for i, row in enumerate(places.joint_places):
         matrix[row][rotors + i] = sp.S.One
     return matrix

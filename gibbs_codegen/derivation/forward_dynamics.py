@@ -16,11 +16,16 @@ from dataclasses import replace
 import sympy as sp
 
 from gibbs_codegen.derivation.articulated import articulated_accelerations
-from gibbs_codegen.derivation.composite_inertia import JointSpaceInertia, joint_space_inertia
-from gibbs_codegen.derivation.forces import total_thrust_wrench
+from gibbs_codegen.derivation.composite_inertia import (
+    JointSpaceInertia,
+    joint_space_inertia,
+    with_armatures,
+)
+from gibbs_codegen.derivation.forces import thrust_wrenches
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.motion import Acceleration, Motion
+from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.errors import SingularRobotError
@@ -73,12 +78,15 @@ def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """
     centred = _about_base_centre(symbolic)
     with _refused_as_singular(symbolic):
+        thrust, loads = _thrusts(centred)
         joints, root = articulated_accelerations(
             symbolic.tape,
             centred.reduced_tree,
             _free_motions(centred),
-            total_thrust_wrench(centred),
+            thrust,
             _efforts(symbolic),
+            armatures(symbolic),
+            loads,
         )
     return _in_coordinates(symbolic, joints, root)
 
@@ -100,7 +108,9 @@ def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | N
     """
     tape, n = symbolic.tape, symbolic.joints
     centred = _about_base_centre(symbolic)
-    inertia = joint_space_inertia(tape, centred.reduced_tree)
+    inertia = with_armatures(
+        tape, joint_space_inertia(tape, centred.reduced_tree), armatures(symbolic)
+    )
     composite = inertia.composite
     with tape.group("mass matrix with the translation eliminated"):
         lightness = tape.let(1 / composite.mass)
@@ -171,7 +181,7 @@ def _refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
 
 def _about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
     base = symbolic.robot.base
-    if base.origin == "centre":
+    if base.origin != "motor1":
         return symbolic
     return replace(symbolic, robot=replace(symbolic.robot, base=replace(base, origin="centre")))
 
@@ -204,7 +214,8 @@ def _at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
     still = still.spun(tape, root.segment_spin(rates), sp.S.Zero)
     omega_dot = add(tape, still.omega_dot, centre.angular)
     base = Motion.of(tape, still.omega, omega_dot, centre.linear)
-    return base.displaced_along(tape, root.segment_rotation, -symbolic.centre_offset).acceleration
+    x, y, z = symbolic.centre
+    return base.stepped(tape, root.segment_rotation, (-x, -y, -z)).acceleration
 
 
 def _free_motions(symbolic: SymbolicRobot) -> list[Motion]:
@@ -212,16 +223,24 @@ def _free_motions(symbolic: SymbolicRobot) -> list[Motion]:
     return free_motions(symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.v)
 
 
-def _efforts(symbolic: SymbolicRobot) -> tuple[sp.Symbol, ...]:
-    """Torques and forces of the joints."""
-    return symbolic.u[symbolic.robot.rotors :]
+def _efforts(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    """Torques and forces of the joints, less those of dampers and springs."""
+    driven = symbolic.u[symbolic.robot.rotors :]
+    pairs = zip(driven, passive_forces(symbolic), strict=True)
+    return [symbolic.tape.let(effort + passive) for effort, passive in pairs]
+
+
+def _thrusts(symbolic: SymbolicRobot) -> tuple[Wrench, dict[int, Wrench]]:
+    """Wrenches of the thrusts on the root, and on other segments by their index."""
+    loads = thrust_wrenches(symbolic)
+    return loads.pop(0), loads
 
 
 def _driving_forces(symbolic: SymbolicRobot) -> tuple[Wrench, list[sp.Expr]]:
     """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
     tape = symbolic.tape
-    bias, joints = inward(tape, symbolic.reduced_tree, _free_motions(symbolic))
-    thrust = total_thrust_wrench(symbolic)
+    thrust, loads = _thrusts(symbolic)
+    bias, joints = inward(tape, symbolic.reduced_tree, _free_motions(symbolic), loads)
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, symbolic.root.segment_rotation)
         efforts = [tape.let(u - row) for u, row in zip(_efforts(symbolic), joints, strict=True)]

@@ -1,4 +1,4 @@
-"""Where the robot's points are and how the tip moves, in world axes."""
+"""Where the robot's points are and how its frames move, in world axes."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
-from gibbs_codegen.derivation.forces import motor_position
+from gibbs_codegen.derivation.forces import rotor_position
 from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import free_motions
-from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.robot.coordinates import frames_of
+from gibbs_codegen.robot.model import BASE
+from gibbs_codegen.robot.names import identifier
+from gibbs_codegen.symbolic.structural import Turn, product, turned_by_rpy
+from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
     ZERO,
@@ -61,9 +65,10 @@ def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[Segment
     for segment in tree.segments[1:]:
         parent = frames[segment.parent]
         with tape.group(f"{segment.joint_name} and the axes of {segment.name}"):
-            position = add(tape, parent.position, scale(tape, segment.a, parent.own[0]))
+            axes = _turned(tape, parent.own, segment.turn)
+            position = add(tape, parent.position, _combined(tape, axes, segment.step))
             starts = segment.starts_group
-            group = _turned(tape, parent.own, segment.twist) if starts else parent.group
+            group = _turned(tape, axes, segment.twist) if starts else parent.group
             position = add(tape, position, scale(tape, segment.d, group[2]))
             frames.append(SegmentFrame(position, group, _turned(tape, group, segment.rotation)))
     return frames
@@ -73,11 +78,51 @@ def _frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
     return segment_frames(symbolic.tape, symbolic.root, symbolic.reduced_tree)
 
 
-def _tip(symbolic: SymbolicRobot, frames: Sequence[SegmentFrame]) -> Vector:
-    """The tip from the origin of the coordinates, in world axes."""
-    tape, last = symbolic.tape, frames[symbolic.tip_segment]
-    with tape.group("tip"):
-        return add(tape, last.position, scale(tape, symbolic.reach, last.own[0]))
+@dataclass(frozen=True)
+class MountedFrame:
+    """A named frame on a segment: `position` from its joint (m) and `turn`, in its own frame."""
+
+    name: str
+    segment: int
+    position: Vector
+    turn: Turn
+
+
+def mounted_frames(symbolic: SymbolicRobot) -> list[MountedFrame]:
+    """The frames of a robot.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        The frames, in the order of FRAMES.
+    """
+    tape, robot = symbolic.tape, symbolic.robot
+    mounted = []
+    for frame in frames_of(robot):
+        body = symbolic.bodies.frames[frame.on]
+        if frame in robot.frames:
+            place = symbolic.parameters.frame(frame.name)
+        elif frame.on != BASE:  # The tip: the end of the last link.
+            place = axis_vector(0, symbolic.parameters.link(frame.on).body.length)
+        else:
+            place = ZERO
+        with tape.group("places of the frames", Stage.PARAMETER):
+            position = body.point(tape, place)
+        turn = product(body.turn, turned_by_rpy(frame.pose.rpy_deg))
+        mounted.append(MountedFrame(identifier(frame.name), body.segment, position, turn))
+    return mounted
+
+
+def _named(symbolic: SymbolicRobot, name: str) -> MountedFrame:
+    return next(frame for frame in mounted_frames(symbolic) if frame.name == name)
+
+
+def _position(tape: Scalars, frames: Sequence[SegmentFrame], mounted: MountedFrame) -> Vector:
+    """A frame's origin from the origin of the coordinates, in world axes."""
+    frame = frames[mounted.segment]
+    with tape.group(f"position of {mounted.name}"):
+        return add(tape, frame.position, _combined(tape, frame.own, mounted.position))
 
 
 def positions(symbolic: SymbolicRobot) -> list[Vector]:
@@ -87,23 +132,133 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
         symbolic: The robot in symbols.
 
     Returns:
-        Positions (m) of O1, O2, the motors, the joints and the tip.
+        Positions (m) of POINTS: the base, the rotors, the joints and the frames.
+    """
+    tape, frames, robot = symbolic.tape, _frames(symbolic), symbolic.robot
+    named = [
+        _position(tape, frames, mounted)
+        for mounted in mounted_frames(symbolic)
+        if mounted.name != "base"
+    ]
+    with tape.group("base centre and rotors"):
+        centre = _combined(tape, frames[0].own, symbolic.centre)
+        rotors = []
+        for k in range(1, robot.rotors + 1):
+            segment, place = rotor_position(symbolic, symbolic.bodies, k)
+            point = _combined(tape, frames[segment].own, place)
+            rotors.append(add(tape, frames[segment].position, point) if segment else point)
+    joints = [_joint_position(tape, symbolic, frames, i) for i in robot.moving]
+    base = [rotors[0], centre] if robot.base.rotors else [centre]
+    with tape.group("positions in the world"):
+        return [add(tape, symbolic.origin, point) for point in [*base, *rotors, *joints, *named]]
+
+
+def _joint_position(
+    tape: Scalars, symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], i: int
+) -> Vector:
+    """The joint of a link from the origin of the coordinates, in world axes.
+
+    Args:
+        symbolic: The robot in symbols.
+        frames: Those of the segments.
+        i: Number of the link.
+
+    Returns:
+        The origin of the frame that the robot file gives the link (m).
+    """
+    body = symbolic.bodies.frames[i]
+    frame = frames[body.segment]
+    with tape.group(f"position of {symbolic.reduced_tree.segments[body.segment].joint_name}"):
+        return add(tape, frame.position, _combined(tape, frame.own, body.origin))
+
+
+def frame_pose(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[list[sp.Expr]]:
+    """Homogeneous transform of a frame.
+
+    Args:
+        symbolic, mounted: The robot and the frame.
+
+    Returns:
+        4×4 matrix, by rows; the position is in m.
     """
     tape, frames = symbolic.tape, _frames(symbolic)
-    tip = _tip(symbolic, frames)
-    with tape.group("base centre and motors"):
-        base = [axis_vector(0, symbolic.centre_offset)]
-        base += [motor_position(symbolic, k) for k in range(1, symbolic.robot.rotors + 1)]
-        on_base = [_combined(tape, frames[0].own, point) for point in base]
-    motor_1 = on_base[1]
-    origin = symbolic.origin
-    relative = [motor_1, *on_base, *(frame.position for frame in frames[1:]), tip]
-    with tape.group("positions in the world"):
-        return [add(tape, origin, point) for point in relative]
+    with tape.group(f"position of {mounted.name}"):
+        position = add(tape, symbolic.origin, _position(tape, frames, mounted))
+    own = frames[mounted.segment].own
+    with tape.group(f"axes of {mounted.name}"):
+        columns = zip(*mounted.turn, strict=True)
+        axes = [_combined(tape, own, (x, y, z)) for x, y, z in columns]
+    rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
+    zero = sp.S.Zero
+    return [*rows, [zero, zero, zero, sp.S.One]]
+
+
+def frame_jacobian(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[list[sp.Expr]]:
+    """Jacobian of a frame, in world axes.
+
+    Args:
+        symbolic, mounted: The robot and the frame.
+
+    Returns:
+        6 rows, linear and then angular; columns in the order of v. A joint that does not support
+        the frame has a column of zeros.
+    """
+    tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _frames(symbolic)
+    point = _position(tape, frames, mounted)
+    with tape.group("columns of the base"):
+        base = symbolic.root.velocities_at(tape, point)
+    joints = [(ZERO, ZERO)] * tree.joints
+    for k in reversed(tree.path(mounted.segment)[:-1]):
+        segment, frame = tree.segments[k], frames[k]
+        axis = frame.group[2]
+        if segment.joint == "revolute":
+            with tape.group(f"column of {segment.joint_name}"):
+                arm = add(tape, point, minus(frame.position))
+                joints[k - 1] = (cross(tape, axis, arm), axis)
+        else:
+            joints[k - 1] = (axis, ZERO)
+    columns = symbolic.places.joined(base, joints)
+    return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
+
+
+def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[sp.Expr]:
+    """J̇ v of a frame's Jacobian: how the frame accelerates where a = 0.
+
+    What each segment on the path to the frame adds is summed from there inwards and turned towards
+    the world on the way: passed outwards, the sum would be turned twice.
+
+    Args:
+        symbolic, mounted: The robot and the frame.
+
+    Returns:
+        Linear and then angular acceleration (m/s², rad/s²), in world axes.
+    """
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
+    motions = free_motions(tape, root, tree, symbolic.v)
+    _, rates = symbolic.places.split(symbolic.v)
+    reach = mounted.position
+    end = Acceleration(ZERO, motions[mounted.segment].omega_dot)
+    for k in tree.path(mounted.segment):
+        segment = tree.segments[k]
+        own_to_working, working_to_group = segment.rotation, NO_ROTATION
+        if tree.works_in_own_frame(k):
+            own_to_working, working_to_group = working_to_group, own_to_working
+        with tape.group(f"acceleration of {mounted.name} that {segment.name} adds"):
+            x, y, z = own_to_working.vector(tape, reach)
+            step = (x, y, tape.let(z + segment.d))
+            motion = replace(motions[k], acceleration=end.linear).displaced(tape, step)
+            if segment.joint == "prismatic":
+                motion = motion.slid(tape, rates[k - 1], sp.S.Zero)
+            end = Acceleration(motion.acceleration, end.angular)
+            end = end.rotated(tape, working_to_group).rotated(tape, segment.twist)
+            end = end.rotated(tape, segment.turn)
+            reach = segment.turn.vector(tape, segment.step)
+    with tape.group(f"acceleration of {mounted.name} in world axes"):
+        return [*root.world(tape, end.linear), *root.world(tape, end.angular)]
 
 
 def tip_pose(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
-    """Homogeneous transform of the tip: the axes of its segment and its position.
+    """Homogeneous transform of the tip.
 
     Args:
         symbolic: The robot in symbols.
@@ -111,14 +266,7 @@ def tip_pose(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
     Returns:
         4×4 matrix, by rows; the position is in m.
     """
-    frames = _frames(symbolic)
-    tip = _tip(symbolic, frames)
-    with symbolic.tape.group("position of the tip"):
-        position = add(symbolic.tape, symbolic.origin, tip)
-    axes = frames[symbolic.tip_segment].own
-    rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
-    zero = sp.S.Zero
-    return [*rows, [zero, zero, zero, sp.S.One]]
+    return frame_pose(symbolic, _named(symbolic, "tip"))
 
 
 def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
@@ -128,32 +276,13 @@ def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
         symbolic: The robot in symbols.
 
     Returns:
-        6 rows, linear and then angular; columns in the order of q. A joint that does not support
-        the tip has a column of zeros.
+        6 rows, linear and then angular; columns in the order of v.
     """
-    tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _frames(symbolic)
-    tip = _tip(symbolic, frames)
-    with tape.group("columns of the attitude angles"):
-        base = symbolic.root.velocities_at(tape, tip)
-    joints = [(ZERO, ZERO)] * tree.joints
-    for k in reversed(tree.path(symbolic.tip_segment)[:-1]):
-        segment, frame = tree.segments[k], frames[k]
-        axis = frame.group[2]
-        if segment.joint == "revolute":
-            with tape.group(f"column of {segment.joint_name}"):
-                arm = add(tape, tip, minus(frame.position))
-                joints[k - 1] = (cross(tape, axis, arm), axis)
-        else:
-            joints[k - 1] = (axis, ZERO)
-    columns = symbolic.places.joined(base, joints)
-    return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
+    return frame_jacobian(symbolic, _named(symbolic, "tip"))
 
 
 def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """J̇ v of the tip Jacobian: how the tip accelerates where θ̈ = 0.
-
-    What each segment on the path to the tip adds is summed from the tip inwards and turned towards
-    the world on the way: passed outwards, the sum would be turned twice.
+    """J̇ v of the tip Jacobian.
 
     Args:
         symbolic: The robot in symbols.
@@ -161,26 +290,7 @@ def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
     Returns:
         Linear and then angular acceleration (m/s², rad/s²), in world axes.
     """
-    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
-    motions = free_motions(tape, root, tree, symbolic.v)
-    _, rates = symbolic.places.split(symbolic.v)
-    reach = symbolic.reach
-    tip = Acceleration(ZERO, motions[symbolic.tip_segment].omega_dot)
-    for k in tree.path(symbolic.tip_segment):
-        segment = tree.segments[k]
-        own_to_working, working_to_group = segment.rotation, NO_ROTATION
-        if tree.works_in_own_frame(k):
-            own_to_working, working_to_group = working_to_group, own_to_working
-        with tape.group(f"acceleration of the tip that {segment.name} adds"):
-            x, y, _ = own_to_working.vector(tape, axis_vector(0, reach))
-            motion = replace(motions[k], acceleration=tip.linear).displaced(tape, (x, y, segment.d))
-            if segment.joint == "prismatic":
-                motion = motion.slid(tape, rates[k - 1], sp.S.Zero)
-            tip = Acceleration(motion.acceleration, tip.angular)
-            tip = tip.rotated(tape, working_to_group).rotated(tape, segment.twist)
-        reach = segment.a
-    with tape.group("acceleration of the tip in world axes"):
-        return [*root.world(tape, tip.linear), *root.world(tape, tip.angular)]
+    return frame_bias_acceleration(symbolic, _named(symbolic, "tip"))
 
 
 def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:

@@ -17,6 +17,13 @@ from gibbs_codegen.derivation.forward_kinematics import (
     tip_pose,
 )
 from gibbs_codegen.derivation.hybrid import LinearSystem, constraint_torques
+from gibbs_codegen.derivation.passive import (
+    armature_energy,
+    armatures,
+    passive_forces,
+    passive_gibbs_function,
+    spring_energy,
+)
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
     State,
@@ -41,20 +48,27 @@ class Systems:
 
 def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     """M a − R = ∂S/∂θ̈ at the given accelerations."""
-    root, tree = systems.symbolic.root, systems.symbolic.reduced_tree
-    return generalised_inertia_forces(systems.tape, root, tree, systems.symbolic.state)
+    symbolic, tape = systems.symbolic, systems.tape
+    forces = generalised_inertia_forces(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
+    base, joints = symbolic.places.split(forces)
+    _, accelerations = symbolic.places.split(symbolic.a)
+    given = zip(joints, armatures(symbolic), accelerations, passive_forces(symbolic), strict=True)
+    own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
+    return symbolic.places.joined(base, own)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
-    root, tree = systems.symbolic.root, systems.symbolic.reduced_tree
-    return gibbs_function(systems.tape, root, tree, systems.symbolic.state)
+    symbolic, tape = systems.symbolic, systems.tape
+    links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
+    return tape.let(sp.Add(links, *passive_gibbs_function(symbolic)))
 
 
 def _kinetic_energy(systems: Systems) -> sp.Expr:
     """The Gibbs function of a robot at rest, weightless, whose accelerations are the rates."""
     symbolic, zero = systems.symbolic, sp.S.Zero
     state = State([zero] * len(symbolic.q), symbolic.v, zero)
-    return gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
+    links = gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
+    return symbolic.tape.let(sp.Add(links, *armature_energy(symbolic)))
 
 
 def _potential_energy(systems: Systems) -> sp.Expr:
@@ -64,7 +78,8 @@ def _potential_energy(systems: Systems) -> sp.Expr:
     with tape.group("first moment of mass above Z = 0, and its weight"):
         height = symbolic.root.world(tape, composite.moment)[2]
         moment = tape.let(composite.mass * symbolic.origin[2] + height)
-        return tape.let(symbolic.parameters.gravity * moment)
+        weight = tape.let(symbolic.parameters.gravity * moment)
+    return tape.let(sp.Add(weight, *spring_energy(symbolic)))
 
 
 DERIVATIONS: dict[str, Callable[[Systems], Array]] = {

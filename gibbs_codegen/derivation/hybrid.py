@@ -9,14 +9,19 @@ row.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
 from gibbs_codegen.derivation.composite_inertia import joint_space_inertia
-from gibbs_codegen.derivation.forces import input_matrix, motor_column, motor_torque_about_arm_joint
+from gibbs_codegen.derivation.forces import (
+    input_matrix,
+    motor_torque_about_rod,
+    rotor_column,
+)
 from gibbs_codegen.derivation.inertia_forces import link_wrench
+from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
@@ -26,8 +31,9 @@ from gibbs_codegen.derivation.tree_dynamics import (
     tree_motions,
 )
 from gibbs_codegen.robot.chains import Chain, coupling_map
-from gibbs_codegen.robot.coordinates import hybrid_coordinates
+from gibbs_codegen.robot.coordinates import held_coordinate, hybrid_coordinates
 from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.symbolic.vectors import Matrix, zeros
 
 
@@ -64,9 +70,28 @@ def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     minus_r = generalised_inertia_forces(tape, root, tree, symbolic.state.unaccelerated)
-    return LinearSystem(
-        mass_matrix(tape, root, tree), [-row for row in minus_r], input_matrix(symbolic)
-    )
+    matrix = mass_matrix(tape, root, tree)
+    residual = [-row for row in minus_r]
+    _add_passive(symbolic, symbolic.places.joint_places, matrix, residual)
+    return LinearSystem(matrix, residual, input_matrix(symbolic))
+
+
+def _add_passive(
+    symbolic: SymbolicRobot, places: Sequence[int | None], matrix: Matrix, residual: list[sp.Expr]
+) -> None:
+    """Add armature to a mass matrix, and dampers and springs to a residual.
+
+    Args:
+        symbolic: The robot in symbols.
+        places: For each joint that moves, its row, or None where it is left out.
+        matrix, residual: What is added to.
+    """
+    tape = symbolic.tape
+    given = zip(places, armatures(symbolic), passive_forces(symbolic), strict=True)
+    for row, armature, force in given:
+        if row is not None:
+            matrix[row][row] = tape.let(matrix[row][row] + armature)
+            residual[row] = tape.let(residual[row] + force)
 
 
 def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
@@ -93,10 +118,7 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
 
 
 def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSystem:
-    """I_H a_H = R_H + B_H u (eqs. 18–19): free rows from the reduced system, the rest by chain.
-
-    Where a chain's own joint, its constraint torque and its root coordinates stand among the hybrid
-    unknowns is what the coupling map says.
+    """I_H a_H = R_H + B_H u (eqs. 18–19): free rows from the reduced system, the rest by joint.
 
     Args:
         symbolic: The robot in symbols.
@@ -113,12 +135,31 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
             matrix[row][column] = reduced.matrix[i][j]
         system.residual[row] = reduced.residual[i]
         system.inputs[row] = list(reduced.inputs[i])
-    state = symbolic.state.unaccelerated
+    held = range(size)[layout_of(symbolic.robot).constrained]
+    for here, torque in zip(held, range(size - len(held), size), strict=True):
+        matrix[here][torque], matrix[torque][here] = -sp.S.One, sp.S.One
+    _fill_rods(symbolic, system)
+    if symbolic.robot.constrained:
+        _fill_held_links(symbolic, system)
+    return system
+
+
+def _fill_rods(symbolic: SymbolicRobot, system: LinearSystem) -> None:
+    """Fill the rows of the base rods' joints, each from its own chain.
+
+    Where a chain's joint and its root coordinates stand among the hybrid unknowns is what the
+    coupling map says.
+
+    Args:
+        symbolic: The robot in symbols.
+        system: The hybrid system.
+    """
+    matrix, state = system.matrix, symbolic.state.unaccelerated
     maps = coupling_map(symbolic.robot)
     for (chain, serial), places in zip(symbolic.open_chains, maps, strict=True):
-        if not chain.is_constrained:
+        if chain.rod is None:
             continue
-        *coordinates, torque = places
+        *coordinates, _ = places
         base, (here,) = symbolic.root.places(serial.joints).split(coordinates)
         inertia = joint_space_inertia(symbolic.tape, serial)
         with symbolic.tape.group(f"mass matrix, column of {serial.segments[1].joint_name}"):
@@ -126,31 +167,98 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
         for row, entry in zip(base, entries, strict=True):
             matrix[row][here] = matrix[here][row] = entry
         matrix[here][here] = inertia.entries[0, 0]
-        matrix[here][torque], matrix[torque][here] = -sp.S.One, sp.S.One
         system.residual[here] = -constrained_joint_row(symbolic, serial, state)
-        arm = chain.links[-1]
-        system.inputs[here][arm - 1] = motor_torque_about_arm_joint(symbolic, arm)
-    return system
+        system.inputs[here][chain.rod - 1] = motor_torque_about_rod(symbolic, chain.rod)
+
+
+def _fill_held_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
+    """Fill the rows of the joints that hold links, from the tree that has these joints.
+
+    Args:
+        symbolic: The robot in symbols.
+        system: The hybrid system.
+    """
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
+    matrix = mass_matrix(tape, root, tree)
+    minus_r = generalised_inertia_forces(tape, root, tree, _held_state(symbolic).unaccelerated)
+    rotors = range(1, symbolic.robot.rotors + 1)
+    columns = [rotor_column(symbolic, tree, symbolic.held_bodies, k) for k in rotors]
+    everywhere = _places_of_held_tree(symbolic)
+    for i in _held_places(symbolic):
+        row = everywhere[i]
+        for j, column in enumerate(everywhere):
+            system.matrix[row][column] = system.matrix[column][row] = matrix[i][j]
+        system.residual[row] = -minus_r[i]
+        for k, thrust in enumerate(columns):
+            system.inputs[row][k] = thrust[i]
+
+
+def _held_places(symbolic: SymbolicRobot) -> list[int]:
+    """Places of the held joints among the coordinates of the tree that has them."""
+    tree, robot = symbolic.held_tree, symbolic.robot
+    joints = symbolic.root.places(tree.joints).joint_places
+    numbers = symbolic.held_bodies.numbers
+    return [place for place, i in zip(joints, numbers, strict=True) if i in robot.constrained]
+
+
+def _places_of_held_tree(symbolic: SymbolicRobot) -> list[int]:
+    """Where the coordinates of the tree with held joints stand among the hybrid unknowns."""
+    robot, layout = symbolic.robot, layout_of(symbolic.robot)
+    names = [coordinate.name for coordinate in hybrid_coordinates(robot)]
+    joints = [names.index(coordinate_of(robot, i)) for i in symbolic.held_bodies.numbers]
+    base, _ = symbolic.places.split(layout.free)
+    return symbolic.root.places(len(joints)).joined(base, joints)
+
+
+def _held_state(symbolic: SymbolicRobot) -> State:
+    """The state of the tree with held joints, whose rates and accelerations are zero."""
+    numbers = symbolic.held_bodies.numbers
+
+    def spread(values: Sequence[sp.Expr]) -> list[sp.Expr]:
+        base, joints = symbolic.places.split(values)
+        moving = dict(zip(symbolic.robot.moving, joints, strict=True))
+        own = [moving.get(i, sp.S.Zero) for i in numbers]
+        return symbolic.root.places(len(numbers)).joined(base, own)
+
+    state = symbolic.state
+    return State(spread(state.rates), spread(state.accelerations), state.gravity)
 
 
 def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """τ'_k for k = 2 … N, given the free coordinates' accelerations and the inputs (eq. 14).
+    """τ'_k of the held joints, given the free accelerations and the inputs (eq. 14).
 
     Args:
         symbolic: The robot in symbols.
 
     Returns:
-        One torque for each constrained joint (N m).
+        One torque for each held joint (N m), the base rods' first.
     """
     torques = []
     for chain, serial in symbolic.open_chains:
-        if chain.is_constrained:
-            arm = chain.links[-1]
+        if chain.rod is not None:
             inertia_force = constrained_joint_row(symbolic, serial, symbolic.state)
-            with symbolic.tape.group(f"constraint torque on base arm {arm}"):
-                lever = motor_torque_about_arm_joint(symbolic, arm)
-                active = symbolic.tape.let(lever * symbolic.u[arm - 1])
+            with symbolic.tape.group(f"constraint torque on base arm {chain.rod}"):
+                lever = motor_torque_about_rod(symbolic, chain.rod)
+                active = symbolic.tape.let(lever * symbolic.u[chain.rod - 1])
                 torques.append(symbolic.tape.let(inertia_force - active))
+    return [*torques, *_torques_of_held_links(symbolic)] if symbolic.robot.constrained else torques
+
+
+def _torques_of_held_links(symbolic: SymbolicRobot) -> list[sp.Expr]:
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
+    forces = generalised_inertia_forces(tape, root, tree, _held_state(symbolic))
+    columns = [
+        rotor_column(symbolic, tree, symbolic.held_bodies, k)
+        for k in range(1, symbolic.robot.rotors + 1)
+    ]
+    torques = []
+    for i in _held_places(symbolic):
+        with tape.group("constraint torques of links"):
+            active = [
+                tape.let(column[i] * thrust)
+                for column, thrust in zip(columns, symbolic.u, strict=False)
+            ]
+            torques.append(tape.let(forces[i] - sp.Add(*active)))
     return torques
 
 
@@ -158,48 +266,61 @@ def chain_matrix(symbolic: SymbolicRobot, number: int) -> Matrix:
     """Mass matrix I_j of a chain, bordered with ±ζ where the chain is constrained (eq. 15).
 
     Args:
-        symbolic, number: The chain, by its number 1 … N.
+        symbolic, number: The chain, by its number from 1.
 
     Returns:
         The matrix in the order of the chain's unknowns.
     """
-    chain, serial = symbolic.open_chains[number - 1]
-    matrix = mass_matrix(symbolic.tape, symbolic.root, serial)
-    if not chain.is_constrained:
-        return matrix
-    zero, one = sp.S.Zero, sp.S.One
-    places = symbolic.root.places(serial.joints)
-    zeta = places.joined([zero] * len(places.base), [one])
-    return [*([*row, -z] for row, z in zip(matrix, zeta, strict=True)), [*zeta, zero]]
+    _, tree = symbolic.open_chains[number - 1]
+    return _bordered(symbolic, number, mass_matrix(symbolic.tape, symbolic.root, tree))
 
 
 def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
     """A chain in forward form (eqs. 11–17): I_jθ̈_j = R_j + F_j, bordered where constrained.
 
-    A constrained chain has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
+    The chain of a base rod has the eight unknowns of eq. 15: its seven accelerations and τ'_j.
 
     Args:
-        symbolic, number: The chain, by its number 1 … N.
+        symbolic, number: The chain, by its number from 1.
 
     Returns:
         Rows in the order of the chain's unknowns; all inputs u.
     """
     tape, root = symbolic.tape, symbolic.root
     chain, serial = symbolic.open_chains[number - 1]
-    matrix = chain_matrix(symbolic, number)
-    by_name = dict(zip((symbol.name for symbol in symbolic.q), symbolic.v, strict=True))
+    by_name = dict(zip(layout_of(symbolic.robot).names, symbolic.v, strict=True))
     rates = [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
     state = State(rates, (), symbolic.parameters.gravity).unaccelerated
+    matrix = mass_matrix(tape, root, serial)
     residual = [-row for row in generalised_inertia_forces(tape, root, serial, state)]
-    thrust = _chain_inputs(symbolic, chain, serial)
-    if chain.is_constrained:  # The last row is ζᵀθ̈_j = 0.
+    rows = {
+        i: chain.coordinates.index(coordinate_of(symbolic.robot, i))
+        for i in chain.own
+        if i in symbolic.robot.moving
+    }
+    _add_passive(symbolic, [rows.get(i) for i in symbolic.robot.moving], matrix, residual)
+    thrust = _chain_inputs(symbolic, chain, serial, rows)
+    for _ in chain.held:  # The last rows are ζᵀθ̈_j = 0.
         residual.append(sp.S.Zero)
         thrust.append([sp.S.Zero] * len(symbolic.u))
-    return LinearSystem(matrix, residual, thrust)
+    return LinearSystem(_bordered(symbolic, number, matrix), residual, thrust)
+
+
+def _bordered(symbolic: SymbolicRobot, number: int, matrix: Matrix) -> Matrix:
+    """A chain's matrix with ±ζ for each joint that is held."""
+    chain, _ = symbolic.open_chains[number - 1]
+    robot, zero, one = symbolic.robot, sp.S.Zero, sp.S.One
+    names = [held_coordinate(robot, arm).name for arm in chain.held]
+    held = [chain.coordinates.index(name) for name in names]
+    border = [[one if i == place else zero for place in held] for i in range(len(matrix))]
+    rows = [[*row, *(-z for z in zeta)] for row, zeta in zip(matrix, border, strict=True)]
+    return [*rows, *([*column, *[zero] * len(held)] for column in zip(*border, strict=True))]
 
 
 def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
     """The hybrid system by adding up the chains' systems where the coupling map places them.
+
+    What holds a joint that several chains share is written by the first of them.
 
     Args:
         symbolic: The robot in symbols.
@@ -213,34 +334,43 @@ def hybrid_from_chains(symbolic: SymbolicRobot) -> LinearSystem:
     let = symbolic.tape.let
     for number, places in enumerate(coupling_map(symbolic.robot), start=1):
         chain = chain_system(symbolic, number)
+        torques = len(symbolic.open_chains[number - 1][0].held)
+        inner = len(places) - torques
         for i, row in enumerate(places):
             residual[row] = let(residual[row] + chain.residual[i])
             for j, column in enumerate(places):
-                matrix[row][column] = let(matrix[row][column] + chain.matrix[i][j])
+                if i < inner and j < inner:
+                    matrix[row][column] = let(matrix[row][column] + chain.matrix[i][j])
+                elif chain.matrix[i][j] != 0:
+                    matrix[row][column] = chain.matrix[i][j]
             for j in range(width):
                 thrust[row][j] = let(thrust[row][j] + chain.inputs[i][j])
     return system
 
 
-def _chain_inputs(symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree) -> Matrix:
+def _chain_inputs(
+    symbolic: SymbolicRobot, chain: Chain, serial: SegmentTree, rows: Mapping[int, int]
+) -> Matrix:
     """What the inputs do in a chain (eq. 13).
 
     Args:
         symbolic: The robot in symbols.
         chain, serial: The chain, and its segments.
+        rows: Row of each joint that moves and is counted in this chain, by its link's number.
 
     Returns:
         Rows in the order of the chain's coordinates, columns in that of u.
     """
     matrix = zeros(len(chain.coordinates), len(symbolic.u))
-    places = symbolic.root.places(serial.joints)
+    bodies = symbolic.chain_bodies(chain)
     for motor in chain.motors:
-        for row, entry in zip(places.base, motor_column(symbolic, motor), strict=True):
+        on_rod = chain.rod is not None
+        column = rotor_column(symbolic, serial, bodies, motor)
+        for row, entry in enumerate(column):
             matrix[row][motor - 1] = entry
-        if motor > 1:
-            (here,) = places.joint_places
-            matrix[here][motor - 1] = motor_torque_about_arm_joint(symbolic, motor)
-    if not chain.is_constrained:
-        for i, row in enumerate(places.joint_places, start=symbolic.robot.rotors):
-            matrix[row][i] = sp.S.One
+        if on_rod and motor > 1:
+            (here,) = symbolic.root.places(serial.joints).joint_places
+            matrix[here][motor - 1] = motor_torque_about_rod(symbolic, motor)
+    for i, row in rows.items():
+        matrix[row][symbolic.robot.rotors + symbolic.robot.moving.index(i)] = sp.S.One
     return matrix

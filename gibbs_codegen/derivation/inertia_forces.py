@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import sympy as sp
 
@@ -70,11 +71,12 @@ def _passed_out(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Mot
     """
     segment = tree.segments[k]
     if segment.starts_group:
-        motion = motion.displaced_along(tape, NO_ROTATION, segment.a)
+        motion = motion.rotated(tape, segment.turn.inverse)
+        motion = motion.stepped(tape, NO_ROTATION, segment.step)
         motion = motion.rotated(tape, segment.twist.inverse)
     else:
         parent = tree.segments[segment.parent]
-        motion = motion.displaced_along(tape, parent.rotation, segment.a)
+        motion = motion.stepped(tape, parent.rotation, segment.step)
     return motion.displaced(tape, axis_vector(2, segment.d))
 
 
@@ -110,13 +112,18 @@ def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wre
 
 
 def inward(
-    tape: Scalars, tree: SegmentTree, motions: Sequence[Motion]
+    tape: Scalars,
+    tree: SegmentTree,
+    motions: Sequence[Motion],
+    loads: Mapping[int, Wrench] = MappingProxyType({}),
 ) -> tuple[Wrench, list[sp.Expr]]:
     """∂S/∂θ̈ of the tree (eq. 5): every segment adds its inertia forces to its parent's.
 
     Args:
         tree: The tree.
         motions: That of each segment, in its working frame.
+        loads: Wrenches on segments after the root, by their index, which are subtracted: about the
+            joint, in the segment's own frame (N, N m).
 
     Returns:
         The sum of 𝒮 and ℛ over the tree about the root, in the root's group frame, without the
@@ -128,6 +135,9 @@ def inward(
         segment = tree.segments[k]
         with tape.group(f"inertia forces of {tree.subtree_about_joint(k)}"):
             wrench = link_wrench(tape, tree, k, motions[k]).plus(tape, received[k])
+            if k in loads:
+                load = tree.to_working_frame(tape, k, loads[k])
+                wrench = wrench.plus(tape, load.opposite)
             wrench = received[k] = tree.to_group_frame(tape, k, wrench)
         if k > 0:
             rows.append(segment.row(wrench))

@@ -104,6 +104,21 @@ class Motion:
         step = scale(tape, length, self.along_x(tape, rotation))
         return Motion(self.omega, self.omega_dot, add(tape, self.acceleration, step), self.gradient)
 
+    def stepped(self, tape: Scalars, rotation: Rotation, step: Vector) -> Motion:
+        """Motion of another point of the same link.
+
+        Args:
+            rotation: The frame of `step`, turned about z of the motion's frame.
+            step: To the point (m), in that frame.
+
+        Returns:
+            The motion with that point's r̈, in the same frame.
+        """
+        x, y, z = step
+        if y == z == 0:  # What the kinematics has along x, the inertia force of a rod has too.
+            return self.displaced_along(tape, rotation, x)
+        return self.displaced(tape, rotation.vector(tape, step))
+
     def along_x(self, tape: Scalars, rotation: Rotation) -> Vector:
         """What the acceleration gains per unit of length along a turned x axis.
 

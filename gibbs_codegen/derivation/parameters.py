@@ -12,9 +12,11 @@ from dataclasses import dataclass
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.robot.model import Body, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import BASE, Body, RigidBody, Robot, Rod, Vector3
+from gibbs_codegen.robot.names import identifier, parameter_prefix
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.tape import Scalars, Stage
+from gibbs_codegen.symbolic.vectors import ZERO, Vector
 
 
 @dataclass(frozen=True)
@@ -26,12 +28,31 @@ class BodySymbols:
 
 
 @dataclass(frozen=True)
+class PassiveSymbols:
+    """What acts on a joint by itself, as `robot.model.Passive` has it."""
+
+    damping: sp.Expr
+    armature: sp.Expr
+    stiffness: sp.Expr
+    rest: sp.Expr
+
+
+@dataclass(frozen=True)
 class LinkSymbols:
-    """Denavit–Hartenberg a (by default the length of the link before) and d of a link; its body."""
+    """Where a link is, its body, and what acts on its joint.
+
+    By Denavit–Hartenberg `a` (by default the length of the link before) and `d` place it, otherwise
+    `position`.
+    """
 
     a: sp.Expr
     d: sp.Expr
+    position: Vector
     body: BodySymbols
+    passive: PassiveSymbols
+
+
+NOT_PASSIVE = PassiveSymbols(*(sp.S.Zero,) * 4)
 
 
 class Parameters:
@@ -44,15 +65,21 @@ class Parameters:
         self.defaults: dict[str, float] = {}
         self.units: dict[str, str] = {}
         self.folded: list[str] = []
-        self._robot = robot
+        self.robot = robot
         self._tape = tape
         self._keep_zeros = keep_zeros
         # All at once, in the order of the file, whatever the derivation asks for first.
         self.gravity = self._value("gravity", robot.gravity, "m/s^2")
-        arms = range(1, robot.rotors + 1)
+        arms = range(1, robot.base.rotors + 1)
         self._drags = [self._value(f"base_drag_{k}", robot.base.drag[k - 1], "m") for k in arms]
         self._arms = [self._body(self._arm_prefix(k), robot.base.arm(k)) for k in arms]
+        self._central = self._body("base", robot.base.body) if robot.base.body else None
         self._links = [self._link(i) for i in range(1, len(robot.links) + 1)]
+        self._rotors = [self._rotor(k) for k in range(1, len(robot.thrusters) + 1)]
+        self._frames = {
+            frame.name: self._vector(f"frame_{identifier(frame.name)}", frame.pose.xyz)
+            for frame in robot.frames
+        }
 
     def arm(self, k: int) -> BodySymbols:
         """Symbols of a base arm.
@@ -64,6 +91,33 @@ class Parameters:
             Its length, and its inertia about its start, in its own frame.
         """
         return self._arms[k - 1]
+
+    @property
+    def central_body(self) -> Inertia | None:
+        """Inertia of the central body about the base centre, if there is one."""
+        return self._central.inertia if self._central else None
+
+    def rotor(self, k: int) -> tuple[Vector, sp.Expr]:
+        """Symbols of a placed rotor.
+
+        Args:
+            k: Its number, 1 … N.
+
+        Returns:
+            Its position in the frame of the body that it is on (m), and its drag (m).
+        """
+        return self._rotors[k - 1]
+
+    def frame(self, name: str) -> Vector:
+        """Symbols of a named frame.
+
+        Args:
+            name: Its name.
+
+        Returns:
+            Its position in the frame of the body that it is on (m).
+        """
+        return self._frames[name]
 
     def drag(self, k: int) -> sp.Expr:
         """Reaction torque of a motor per unit of thrust.
@@ -88,7 +142,7 @@ class Parameters:
         return self._links[i - 1]
 
     def _arm_prefix(self, k: int) -> str:
-        return "base_arm" if self._robot.base.shares_one_arm else f"base_arm{k}"
+        return "base_arm" if self.robot.base.shares_one_arm else f"base_arm{k}"
 
     def _value(self, name: str, default: float, unit: str) -> sp.Expr:
         """The symbol of a parameter, or zero where it is structural.
@@ -109,15 +163,49 @@ class Parameters:
         return self._tape.symbol(name, Stage.PARAMETER)
 
     def _link(self, i: int) -> LinkSymbols:
-        link = self._robot.links[i - 1]
-        if link.a is not None:
-            a = self._value(f"link{i}_a", link.a, "m")
-        elif i > 1:
-            a = self._value(f"link{i - 1}_length", self._robot.links[i - 2].body.length, "m")
+        link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
+        a = d = sp.S.Zero
+        position = ZERO
+        if link.pose is not None:
+            position = self._vector(prefix, link.pose.xyz)
         else:
-            a = sp.S.Zero
-        d = self._value(f"link{i}_d", link.d, "m")
-        return LinkSymbols(a, d, self._body(f"link{i}", link.body))
+            a, d = self._step(i), self._value(f"{prefix}_d", link.d, "m")
+        return LinkSymbols(a, d, position, self._body(prefix, link.body), self._passive(i))
+
+    def _step(self, i: int) -> sp.Expr:
+        """Denavit–Hartenberg a of a link: its own, or the length of the link that carries it."""
+        link, parent = self.robot.links[i - 1], self.robot.parents[i - 1]
+        if link.a is not None:
+            return self._value(f"{parameter_prefix(self.robot, i)}_a", link.a, "m")
+        if parent == BASE:
+            return sp.S.Zero
+        before = self.robot.links[parent - 1].body.length
+        return self._value(f"{parameter_prefix(self.robot, parent)}_length", before, "m")
+
+    def _passive(self, i: int) -> PassiveSymbols:
+        link, prefix = self.robot.links[i - 1], parameter_prefix(self.robot, i)
+        if not link.moves:
+            return NOT_PASSIVE
+        given, turns = link.passive, link.joint == "revolute"
+        return PassiveSymbols(
+            self._value(f"{prefix}_damping", given.damping, "N m s/rad" if turns else "N s/m"),
+            self._value(f"{prefix}_armature", given.armature, "kg m^2" if turns else "kg"),
+            self._value(f"{prefix}_stiffness", given.stiffness, "N m/rad" if turns else "N/m"),
+            self._value(f"{prefix}_rest", given.rest, "rad" if turns else "m"),
+        )
+
+    def _rotor(self, k: int) -> tuple[Vector, sp.Expr]:
+        rotor = self.robot.thrusters[k - 1]
+        prefix = identifier(rotor.name) if rotor.name else f"rotor{k}"
+        position = self._vector(prefix, rotor.position)
+        return position, self._value(f"{prefix}_drag", rotor.drag, "m")
+
+    def _vector(self, prefix: str, values: Vector3) -> Vector:
+        x, y, z = (
+            self._value(f"{prefix}_{axis}", value, "m")
+            for axis, value in zip("xyz", values, strict=True)
+        )
+        return (x, y, z)
 
     def _body(self, prefix: str, body: Body) -> BodySymbols:
         length = self._value(f"{prefix}_length", body.length, "m")

@@ -14,7 +14,7 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import axis_vector
+from gibbs_codegen.symbolic.vectors import axis_vector, moved
 
 
 def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:
@@ -42,7 +42,7 @@ def regrouped(tape: Scalars, tree: SegmentTree) -> SegmentTree:
             else:
                 own, given = split_prismatic(segment.inertia)
                 given = given.rotated(tape, segment.offset)
-            given = given.rotated(tape, segment.twist).shifted(tape, axis_vector(0, segment.a))
+            given = moved(tape, given, [segment.twist, segment.step, segment.turn])
             segments[k] = replace(segment, inertia=own)
             segments[segment.parent] = replace(parent, inertia=parent.inertia.plus(tape, given))
     return SegmentTree(tuple(segments))

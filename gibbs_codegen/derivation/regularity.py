@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import deepcopy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,8 @@ from gibbs_codegen.program.nodes import Program
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.robot.layout import ATTITUDE, POSITION, layout_of
 from gibbs_codegen.robot.magnitude import size_fault
-from gibbs_codegen.robot.model import Body, Robot, Rod
-from gibbs_codegen.robot.posture import turn
+from gibbs_codegen.robot.model import Body, Link, Robot, Rod
+from gibbs_codegen.robot.placement import arm_frame, joint_frame, turn_about
 
 Array = NDArray[np.float64]
 Motion = tuple[str, ...]
@@ -188,43 +189,102 @@ def _momenta(robot: Robot, number: int) -> tuple[Array, Array]:
     Columns are the base centre's velocity, the base's angular velocity, and the joints' rates, at
     an arbitrary configuration of the joints. With them go the lengths that rounding is relative to.
     """
-    swarm = _Swarm(_JOINTS + len(robot.links))
-    length = robot.base.arm(1).length
-    for k in range(1, robot.rotors + 1):
-        angle = 0.0 if k == 1 else np.deg2rad(float(robot.base.arm_angle_deg(k)))
-        # Arm 1 is given from its motor, the others from the centre.
-        start = np.array([-length if k == 1 else 0.0, 0.0, 0.0])
-        swarm.add(robot.base.arm(k), turn(2, angle), start)
-    reaches = [size for i in robot.links for size in (i.body.length, abs(i.a or 0.0), abs(i.d))]
-    scale = max([length, *reaches]) or 1.0
-    attitude = np.eye(3)
-    positions = _configuration(len(robot.links), number)
-    before = 0.0
-    for column, (link, position) in enumerate(zip(robot.links, positions, strict=True), _JOINTS):
-        swarm.step(attitude[:, 0] * (before if link.a is None else link.a))
-        before = link.body.length
-        attitude = attitude @ turn(0, np.deg2rad(float(link.alpha_deg)))
-        attitude = attitude @ turn(2, np.deg2rad(float(link.theta_deg)))
-        axis = attitude[:, 2]
-        swarm.step(axis * link.d)
+    joints = len(robot.moving)
+    swarm, base = _Swarm(_JOINTS + joints), _Place(_JOINTS + joints)
+    for k in range(1, robot.base.rotors + 1):
+        axes, start = arm_frame(robot.base, k)
+        swarm.add(robot.base.arm(k), base.turned(axes), start)
+    if robot.base.body:
+        swarm.add(robot.base.body, base)
+    positions = dict(zip(robot.moving, _configuration(joints, number), strict=True))
+    columns = {i: column for column, i in enumerate(robot.moving, start=_JOINTS)}
+    scale = _longest(robot)
+    places = [base]
+    for i, (link, parent) in enumerate(zip(robot.links, robot.parents, strict=True), start=1):
+        axes, step = joint_frame(robot, i)
+        place = places[parent].stepped(step).turned(axes)
+        if i in columns:
+            place = place.moved(link, columns[i], positions[i], scale)
+        places.append(place)
+        swarm.add(link.body, place)
+    momenta = [*swarm.momenta, *_armatures(robot, columns)]
+    return np.vstack(momenta), swarm.levers
+
+
+def _longest(robot: Robot) -> float:
+    """The longest length of a robot, or 1 where it is a point."""
+    rods = [robot.base.arm(k).length for k in range(1, robot.base.rotors + 1)]
+    steps = [float(np.linalg.norm(joint_frame(robot, i + 1)[1])) for i in range(len(robot.links))]
+    return max([*rods, *steps, *(link.body.length for link in robot.links)], default=0.0) or 1.0
+
+
+def _armatures(robot: Robot, columns: Mapping[int, int]) -> list[Array]:
+    """A row for each joint with armature, which resists it whatever it carries."""
+    size = _JOINTS + len(columns)
+    with_armature = [i for i in columns if robot.links[i - 1].passive.armature > 0.0]
+    return [np.eye(size)[[columns[i]]] for i in with_armature]
+
+
+class _Place:
+    """A body's frame: what unit rates make of its origin, and the way that leads there.
+
+    `twists` are the origin's velocity and the angular velocity for unit rates, `attitude` the
+    frame's axes in the base's.
+    """
+
+    def __init__(self, coordinates: int) -> None:
+        self.twists = np.zeros((6, coordinates))
+        self.twists[:, :_JOINTS] = np.eye(6)
+        self.way = np.zeros(coordinates)
+        self.attitude = np.eye(3)
+
+    @property
+    def turning(self) -> NDArray[np.bool_]:
+        """Which coordinates turn the body."""
+        turning: NDArray[np.bool_] = np.linalg.norm(self.twists[_ANGULAR], axis=0) > 0.5
+        return turning
+
+    def stepped(self, step: Array) -> _Place:
+        """Another point of the same body, a step away in its own axes."""
+        place, step = deepcopy(self), self.attitude @ step
+        place.twists[_LINEAR] += np.cross(self.twists[_ANGULAR].T, step).T
+        place.way += self.turning * np.linalg.norm(step)
+        return place
+
+    def turned(self, axes: Array) -> _Place:
+        """The same place in other axes of the body."""
+        place = deepcopy(self)
+        place.attitude = self.attitude @ axes
+        return place
+
+    def moved(self, link: Link, column: int, position: float, scale: float) -> _Place:
+        """The link that a joint turns or slides here.
+
+        Args:
+            link: The link.
+            column: Of its coordinate.
+            position: Angle (rad), or travel as a share of `scale`.
+            scale: A length (m).
+
+        Returns:
+            The link's own frame.
+        """
+        axis = np.array(link.axis)
         if link.joint == "prismatic":
-            swarm.step(axis * (position * scale))
-            swarm.twists[_LINEAR, column] = axis
-        else:
-            attitude = attitude @ turn(2, position)
-            swarm.twists[_ANGULAR, column] = axis
-        swarm.add(link.body, attitude, np.zeros(3))
-    return np.vstack(swarm.momenta), swarm.levers
+            place = self.stepped(axis * (position * scale))
+            place.twists[_LINEAR, column] = self.attitude @ axis
+            return place
+        place = self.turned(turn_about(axis, position))
+        place.twists[_ANGULAR, column] = self.attitude @ axis
+        return place
 
 
 class _Swarm:
-    """Bodies by themselves: momenta so far, and what unit rates make of the point reached."""
+    """Bodies by themselves: their momenta, and the lengths that these are made of."""
 
     def __init__(self, coordinates: int) -> None:
         self.momenta: list[Array] = []
-        self.twists = np.zeros((6, coordinates))
-        self.twists[:, :_JOINTS] = np.eye(6)
-        self._way = np.zeros(coordinates)
+        self._turning = np.zeros(coordinates, bool)
         self._reach = np.zeros(coordinates)
 
     @property
@@ -232,36 +292,28 @@ class _Swarm:
         """Lengths that momenta are made of; of translations 1."""
         return np.where(self._turning, self._reach, 1.0)
 
-    def step(self, step: Array) -> None:
-        """Go on to another point of the same body."""
-        self.twists[_LINEAR] += np.cross(self.twists[_ANGULAR].T, step).T
-        self._way += self._turning * np.linalg.norm(step)
-
-    def add(self, body: Body, attitude: Array, start: Array) -> None:
+    def add(self, body: Body, place: _Place, start: Array | float = 0.0) -> None:
         """Add linear and angular momentum of a body.
 
         Masses are taken out, and of the moments of inertia the roots: what is left are lengths.
 
         Args:
             body: The body.
-            attitude: Its own axes in the base's, by columns.
-            start: Where its own frame begins, from the point reached (m).
+            place: Where it is.
+            start: Where its own frame begins from there, in the base's axes (m).
         """
         mass, com, inertia = _central(body)
-        arm = start + attitude @ com
+        arm = start + place.attitude @ com
         moments, axes = np.linalg.eigh(inertia)
         radii = np.sqrt(np.where(moments < _NO_MOMENT * moments[-1], 0.0, moments))
-        self.momenta.append(radii[:, None] * (attitude @ axes).T @ self.twists[_ANGULAR])
+        spins = (place.attitude @ axes).T @ place.twists[_ANGULAR]
+        self.momenta.append(radii[:, None] * spins)
+        self._turning |= place.turning
         if mass > 0.0:
-            self.momenta.append(self.twists[_LINEAR] + np.cross(self.twists[_ANGULAR].T, arm).T)
-            reach = self._turning * (self._way + np.linalg.norm(arm) + radii[-1])
+            levers = np.cross(place.twists[_ANGULAR].T, arm).T
+            self.momenta.append(place.twists[_LINEAR] + levers)
+            reach = place.turning * (place.way + np.linalg.norm(arm) + radii[-1])
             self._reach = np.maximum(self._reach, reach)
-
-    @property
-    def _turning(self) -> NDArray[np.bool_]:
-        """Which coordinates turn what is reached."""
-        turning: NDArray[np.bool_] = np.linalg.norm(self.twists[_ANGULAR], axis=0) > 0.5
-        return turning
 
 
 def _central(body: Body) -> tuple[float, Array, Array]:

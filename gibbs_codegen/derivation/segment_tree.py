@@ -26,42 +26,52 @@ from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
+    ZERO,
     Moved,
     Rotation,
     Transform,
+    Vector,
     Wrench,
-    X,
     Z,
     axis_vector,
     moved,
 )
 
+# Of more links with names of their own the first is named.
+_MOST_NAMED = 4
 # The parent of the root segment.
 NO_PARENT = -1
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A link and its joint, as modified Denavit–Hartenberg places it.
+    """A link and its joint, placed much as modified Denavit–Hartenberg does it.
 
-    From the parent's frame: `a` along x, `twist` about x, `d` along z (a prismatic joint's travel
-    included), then `rotation` about z, counted from the group frame; `offset` is the fixed part of
-    the segment's own angle. `parent` is the index of the parent segment. `starts_group` marks a
-    segment whose group frame is its own, before its joint turns it. `inertia` is about the joint,
-    in the link's own frame. Comments call the link `name` and its joint `joint_name`.
+    From the parent's frame: `turn` about z, `step` (along x there), `twist` about x, `d` along z (a
+    prismatic joint's travel included), then `rotation` about z, counted from the group frame;
+    `offset` is the fixed part of the segment's own angle. `parent` is the index of the parent
+    segment. `starts_group` marks a segment whose group frame is its own, before its joint turns it.
+    `inertia` is about the joint, in the link's own frame. Comments call the link `name` and its
+    joint `joint_name`.
     """
 
     inertia: Inertia
     rotation: Rotation
     parent: int = NO_PARENT
     joint: JointKind = "revolute"
-    a: sp.Expr = sp.S.Zero
+    turn: Rotation = NO_ROTATION
+    step: Vector = ZERO
     d: sp.Expr = sp.S.Zero
     twist: Rotation = NO_ROTATION
     offset: Rotation = NO_ROTATION
     starts_group: bool = True
     name: str = ""
     joint_name: str = ""
+
+    @property
+    def placed_parallel(self) -> bool:
+        """Whether its joint axis is parallel to its parent's."""
+        return self.twist.is_identity and self.turn.is_identity
 
     @property
     def direction(self) -> int:
@@ -94,7 +104,7 @@ class SegmentTree:
         for k, segment in enumerate(self.segments):
             if not (0 <= segment.parent < k or (k == 0 and segment.parent == NO_PARENT)):
                 raise ValueError(f"segment {k}: its parent {segment.parent} does not come before")
-            if not (segment.starts_group or segment.twist.is_identity):
+            if not (segment.starts_group or segment.placed_parallel):
                 raise ValueError(f"segment {k} is twisted against the group that it belongs to")
         for k, children in enumerate(self.children):
             if len({self.segments[child].starts_group for child in children}) > 1:
@@ -172,7 +182,14 @@ class SegmentTree:
         return f"{self.subtree_words(k)}, about {joint}" if joint else self.subtree_words(k)
 
     def _words(self, links: Sequence[int]) -> str:
-        return f"links {_in_words(links)}" if len(links) > 1 else self.segments[links[0]].name
+        names = [self.segments[k].name for k in links]
+        if len(names) == 1:
+            return names[0]
+        if names == [f"link {k}" for k in links]:
+            return f"links {_in_words(links)}"
+        if len(names) > _MOST_NAMED:
+            return f"{names[0]} and the {len(names) - 1} links that it carries"
+        return f"{', '.join(names[:-1])} and {names[-1]}"
 
     def works_in_own_frame(self, k: int) -> bool:
         """Whether a segment works in its own frame: its children start groups.
@@ -200,11 +217,11 @@ class SegmentTree:
         """
         segment = self.segments[k]
         parent = self.segments[segment.parent]
-        offset, step = axis_vector(Z, segment.d), axis_vector(X, segment.a)
+        offset = axis_vector(Z, segment.d)
         if segment.starts_group:
-            return [offset, segment.twist, step]
+            return [offset, segment.twist, segment.step, segment.turn]
         with tape.group(f"step from {parent.name} to {segment.name}"):
-            return [offset, parent.rotation.vector(tape, step)]
+            return [offset, parent.rotation.vector(tape, segment.step)]
 
     def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
         """Pass a wrench or an inertia of segment k on to its parent.
@@ -217,6 +234,20 @@ class SegmentTree:
             The same about the parent's joint, in the parent's working frame.
         """
         return moved(tape, item, self.transform_in(tape, k))
+
+    def to_working_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
+        """Take a wrench or an inertia of a segment from its own frame to its working frame.
+
+        Args:
+            k: Index of the segment.
+            item: About the segment's joint, in its own frame.
+
+        Returns:
+            The same in the working frame.
+        """
+        if self.works_in_own_frame(k):
+            return item
+        return item.rotated(tape, self.segments[k].rotation)
 
     def to_group_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
         """Take a wrench or an inertia of a segment from its working frame to its group frame.
@@ -242,10 +273,8 @@ class SegmentTree:
             The inertia about its joint, in its working frame.
         """
         segment = self.segments[k]
-        if self.works_in_own_frame(k):
-            return segment.inertia
         with tape.group(f"inertia of {segment.name}, turned by the joints"):
-            return segment.inertia.rotated(tape, segment.rotation)
+            return self.to_working_frame(tape, k, segment.inertia)
 
 
 def _in_words(numbers: Sequence[int]) -> str:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import sympy as sp
 
 from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia, total
+from gibbs_codegen.derivation.jointed_bodies import JointedBodies, jointed_bodies
 from gibbs_codegen.derivation.parameters import Parameters
 from gibbs_codegen.derivation.regrouping import regrouped
 from gibbs_codegen.derivation.root.choice import root_of
 from gibbs_codegen.derivation.root.protocol import Root
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
-from gibbs_codegen.derivation.tree_builder import JointedLink, tree_of_links
+from gibbs_codegen.derivation.tree_builder import tree_of_links
 from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.coordinates import inputs
@@ -22,7 +24,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.exact_angles import gather
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import Rotation, Vector, axis_vector
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Rotation, Vector, axis_vector
 
 
 @dataclass(frozen=True)
@@ -30,15 +32,13 @@ class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, their rates, their accelerations
-    and the inputs, in the orders of `robot/coordinates`. `parents` holds, for each link of the arm,
-    the index of the segment that it is on: 0 for the base, i for link i.
+    and the inputs, in the orders of `robot/coordinates`.
     """
 
     robot: Robot
     tape: Scalars
     parameters: Parameters
     root: Root
-    parents: tuple[int, ...]
     q: tuple[sp.Symbol, ...]
     v: tuple[sp.Symbol, ...]
     a: tuple[sp.Symbol, ...]
@@ -65,12 +65,12 @@ class SymbolicRobot:
         with tape.group("attitude"):
             root = root_of(robot, tape, q)
         parameters = Parameters(robot, tape, keep_zeros)
-        return cls(robot, tape, parameters, root, tuple(range(len(robot.links))), q, v, a, u)
+        return cls(robot, tape, parameters, root, q, v, a, u)
 
     @property
     def joints(self) -> int:
-        """n, the number of the arm's joints."""
-        return len(self.robot.links)
+        """n, the number of joints that move."""
+        return len(self.robot.moving)
 
     @property
     def places(self) -> Places:
@@ -88,55 +88,111 @@ class SymbolicRobot:
         base, _ = self.places.split(self.q)
         return self.root.origin(base)
 
-    @property
-    def centre_offset(self) -> sp.Expr:
-        """Distance from the origin of the coordinates to the base centre O₂, along x₁."""
-        if self.robot.base.origin == "centre":
-            return sp.S.Zero
-        return self.parameters.arm(1).length
+    @cached_property
+    def centre(self) -> Vector:
+        """The base centre from the origin of the coordinates, in the base's axes."""
+        base = self.robot.base
+        if base.origin != "motor1":
+            return ZERO
+        x, y, z = self.rod_frame(1).vector(InlineTape(), axis_vector(0, self.rod_reach(1)))
+        return (-x, -y, -z)
 
-    @property
-    def tip_segment(self) -> int:
-        """Index of the segment that ends in the tip: the last link."""
-        return self.joints
+    def rod_frame(self, k: int) -> Rotation:
+        """Axes of a base rod against those of the base.
 
-    @property
-    def reach(self) -> sp.Expr:
-        """Distance from the tip segment's joint to the tip, along the segment's x axis.
+        By the paper's rule rod 1, which is seen from its motor, has the base's own.
 
-        Without an arm the tip is the base centre.
+        Args:
+            k: Number of the rod, 1 … N.
+
+        Returns:
+            Rotation about the base normal.
         """
-        if self.joints == 0:
-            return self.centre_offset
-        return self.parameters.link(self.joints).body.length
+        base = self.robot.base
+        if k == 1 and base.azimuth_deg is None:
+            return NO_ROTATION
+        return Rotation.degrees(2, base.arm_angle_deg(k))
 
-    def arm_1_inertia(self) -> Inertia:
-        """Inertia of arm 1 about the origin of the coordinates, in its own frame."""
-        inertia = self.parameters.arm(1).inertia
-        if self.robot.base.origin == "motor1":
-            return inertia
-        return inertia.shifted(InlineTape(), axis_vector(0, -self.parameters.arm(1).length))
+    def rod_reach(self, k: int) -> sp.Expr:
+        """How far along x of its frame the motor of a base rod is from the base centre.
+
+        Args:
+            k: Number of the rod, 1 … N.
+
+        Returns:
+            Its length; for rod 1 by the paper's rule its opposite.
+        """
+        length = self.parameters.arm(k).length
+        return -length if k == 1 and self.robot.base.azimuth_deg is None else length
+
+    def core_inertia(self) -> Inertia:
+        """Inertia of what nothing holds against the base, about the origin, in the base's axes.
+
+        That is rod 1 and the central body.
+        """
+        inline, base, parts = InlineTape(), self.robot.base, []
+        if base.rotors:
+            rod = self.parameters.arm(1).inertia
+            if base.azimuth_deg is not None:
+                rod = rod.rotated(inline, self.rod_frame(1)).shifted(inline, self.centre)
+            elif base.origin != "motor1":
+                rod = rod.shifted(inline, axis_vector(0, self.rod_reach(1)))
+            parts.append(rod)
+        if (central := self.parameters.central_body) is not None:
+            parts.append(central.shifted(inline, self.centre))
+        return total(inline, parts) if parts else NO_INERTIA
 
     def base_inertia(self) -> Inertia:
-        """Inertia of the rigid base about the origin in arm 1's frame: the chains' sum at the root.
+        """Inertia of the rigid base about the origin in the base's axes: the chains' sum at the
+        root.
 
-        Arms of one table share their parameters; what vanishes by symmetry vanishes here.
+        Rods of one table share their parameters; what vanishes by symmetry vanishes here.
         """
-        inline, base = InlineTape(), self.robot.base
-        arms = [
-            self.parameters.arm(k).inertia.rotated(
-                inline, Rotation.degrees(2, base.arm_angle_deg(k))
-            )
-            for k in range(2, base.rotors + 1)
+        inline = InlineTape()
+        rods = [
+            self.parameters.arm(k).inertia.rotated(inline, self.rod_frame(k))
+            for k in range(2, self.robot.base.rotors + 1)
         ]
-        outer = total(inline, arms).shifted(inline, axis_vector(0, self.centre_offset))
+        parts = [self.core_inertia()]
+        if rods:
+            parts.insert(0, total(inline, rods).shifted(inline, self.centre))
         with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
-            return total(inline, [outer, self.arm_1_inertia()]).mapped(gather).mapped(self.tape.let)
+            return total(inline, parts).mapped(gather).mapped(self.tape.let)
+
+    @property
+    def coordinates(self) -> dict[int, sp.Symbol]:
+        """Coordinate of each link whose joint moves, by the link's number."""
+        return dict(zip(self.robot.moving, self.places.split(self.q)[1], strict=True))
+
+    @property
+    def held(self) -> dict[int, sp.Expr]:
+        """Coordinates as before, and zeros for the links that constraint torques hold."""
+        held: dict[int, sp.Expr] = dict.fromkeys(self.robot.constrained, sp.S.Zero)
+        return held | self.coordinates
+
+    def _bodies(self, coordinates: Mapping[int, sp.Expr]) -> JointedBodies:
+        every = range(1, len(self.robot.links) + 1)
+        return jointed_bodies(self.tape, self.parameters, self.centre, coordinates, every, every)
+
+    @cached_property
+    def bodies(self) -> JointedBodies:
+        """The links with the joints that move, the others welded to them."""
+        return self._bodies(self.coordinates)
+
+    @cached_property
+    def held_bodies(self) -> JointedBodies:
+        """The links with the joints that move and those that constraint torques hold."""
+        return self._bodies(self.held)
 
     @cached_property
     def reduced_tree(self) -> SegmentTree:
-        """The arm on the rigid base, regrouped: what the reduced system is derived from."""
-        return regrouped(self.tape, self._arm_on(self._root_segment(self.base_inertia())))
+        """The links on the rigid base, regrouped: what the reduced system is derived from."""
+        return regrouped(self.tape, self._tree(self.base_inertia(), self.bodies))
+
+    @cached_property
+    def held_tree(self) -> SegmentTree:
+        """The links on the rigid base, with the joints that constraint torques hold."""
+        return self._tree(self.base_inertia(), self.held_bodies)
 
     @cached_property
     def open_chains(self) -> tuple[tuple[Chain, SegmentTree], ...]:
@@ -144,52 +200,59 @@ class SymbolicRobot:
         return tuple((chain, self._chain_tree(chain)) for chain in decompose(self.robot))
 
     def _chain_tree(self, chain: Chain) -> SegmentTree:
-        with self.tape.group("inertia of base arm 1, about the origin", Stage.PARAMETER):
-            inertia = self.arm_1_inertia() if 1 in chain.massive else NO_INERTIA
-            root = self._root_segment(inertia.mapped(self.tape.let))
-        if chain.is_constrained:
-            return SegmentTree((root, self._base_arm_segment(chain.links[-1])))
-        return self._arm_on(root)
+        with self.tape.group("inertia of the base, about the origin", Stage.PARAMETER):
+            core = self.core_inertia() if chain.has_core else NO_INERTIA
+            core = core.mapped(self.tape.let)
+        if chain.rod is not None:
+            return SegmentTree((self._root_segment(core), self._rod_segment(chain.rod)))
+        return self._tree(core, self.chain_bodies(chain))
+
+    def chain_bodies(self, chain: Chain) -> JointedBodies:
+        """The links of an open chain, each with the mass that it has there.
+
+        Args:
+            chain: The chain.
+
+        Returns:
+            The links with all of its joints.
+        """
+        return jointed_bodies(
+            self.tape,
+            self.parameters,
+            self.centre,
+            {i: coordinate for i, coordinate in self.held.items() if i in chain.path},
+            chain.path,
+            chain.own,
+        )
+
+    def _tree(self, root: Inertia, bodies: JointedBodies) -> SegmentTree:
+        """The tree of the base and the links that joints carry.
+
+        Args:
+            root: Inertia of the base without what is welded to it, about the origin, in its axes.
+            bodies: The links.
+
+        Returns:
+            The tree, every link with its own inertia.
+        """
+        if bodies.on_base is not NO_INERTIA:
+            with self.tape.group("inertia of the base, with what is welded to it", Stage.PARAMETER):
+                root = root.plus(self.tape, bodies.on_base)
+        segment = self._root_segment(root)
+        return tree_of_links(self.tape, segment, self.root.segment_angle, bodies.links)
 
     def _root_segment(self, inertia: Inertia) -> Segment:
         return Segment(inertia, self.root.segment_rotation, name="the base")
 
-    def _base_arm_segment(self, k: int) -> Segment:
-        angle, name = self.robot.base.arm_angle_deg(k), f"base arm {k}"
+    def _rod_segment(self, k: int) -> Segment:
+        name = f"base arm {k}"
         with self.tape.group(f"inertia of {name}", Stage.PARAMETER):
             inertia = self.parameters.arm(k).inertia.mapped(self.tape.let)
         return Segment(
             inertia=inertia,
-            rotation=Rotation.degrees(2, angle),
+            rotation=self.rod_frame(k),
             parent=0,
-            a=self.centre_offset,
+            step=self.centre,
             name=name,
             joint_name=f"joint {k}",
         )
-
-    def _arm_on(self, root: Segment) -> SegmentTree:
-        """The links of the arm on a root segment."""
-        return tree_of_links(self.tape, root, self.root.segment_angle, self.arm_links)
-
-    @property
-    def arm_links(self) -> list[JointedLink]:
-        """The links of the arm, each with its own inertia."""
-        _, coordinates = self.places.split(self.q)
-        links = []
-        for i, (link, parent) in enumerate(zip(self.robot.links, self.parents, strict=True), 1):
-            symbols = self.parameters.link(i)
-            links.append(
-                JointedLink(
-                    parent=parent,
-                    inertia=symbols.body.inertia,
-                    joint=link.joint,
-                    coordinate=coordinates[i - 1],
-                    a=symbols.a + (self.centre_offset if parent == 0 else 0),
-                    d=symbols.d,
-                    alpha_deg=link.alpha_deg,
-                    theta_deg=link.theta_deg,
-                    name=f"link {i}",
-                    joint_name=f"joint {self.robot.rotors + i}",
-                )
-            )
-        return links

@@ -17,25 +17,28 @@ from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.symbolic.exact_angles import radians
 from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import Rotation, X, Z
+from gibbs_codegen.symbolic.vectors import Rotation, Vector, X, Z
 
 
 @dataclass(frozen=True)
 class JointedLink:
-    """A link in symbols, as modified Denavit–Hartenberg places it on its parent.
+    """A link in symbols, with its frame's z along its joint, placed on its parent.
 
-    `parent` is the index of the parent segment: 0 for the root, i for the i-th link. `inertia` is
-    about the joint, in the link's own frame. `coordinate` is the angle or the travel of the joint,
-    which adds to `theta_deg` or to `d`.
+    `parent` is the index of the parent segment: 0 for the root, i for the i-th link. From the
+    parent's frame: a turn about z, `step`, a twist α about x, `d` along z, and a turn θ about z, as
+    modified Denavit–Hartenberg has it with a step a along x. `inertia` is about the joint, in the
+    link's own frame. `coordinate` is the angle or the travel of the joint, which adds to
+    `theta_deg` or to `d`; it is zero for a joint that is held.
     """
 
     parent: int
     inertia: Inertia
     joint: JointKind
-    coordinate: sp.Symbol
-    a: sp.Expr
-    d: sp.Expr
+    coordinate: sp.Expr
+    turn_deg: Fraction
+    step: Vector
     alpha_deg: Fraction
+    d: sp.Expr
     theta_deg: Fraction
     name: str
     joint_name: str
@@ -79,13 +82,15 @@ def tree_of_links(
         turns.append((angle, fixed))
         with tape.group("inertias of the links", Stage.PARAMETER):
             inertia = link.inertia.mapped(tape.let)
+        x, y, z = link.step
         with tape.group("angles and places of the joints", Stage.PARAMETER):
             segment = Segment(
                 inertia=inertia,
                 rotation=joint_rotation(tape, angle, fixed, fixed_rotation),
                 parent=link.parent,
                 joint=link.joint,
-                a=tape.let(link.a),
+                turn=fixed_rotation(Z, link.turn_deg),
+                step=(tape.let(x), tape.let(y), tape.let(z)),
                 d=tape.let(d),
                 twist=fixed_rotation(X, link.alpha_deg),
                 offset=fixed_rotation(Z, link.theta_deg),

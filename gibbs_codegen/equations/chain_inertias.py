@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sympy as sp
 
-from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.inertia import NO_INERTIA, Inertia
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.notation import Kind, Name, name
+from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.symbolic.tape import Scalars, Stage
 
 # Entries of a symmetric matrix, in order.
@@ -28,22 +29,20 @@ def second_moments(
     return ((yy + zz - xx) / 2, (xx + zz - yy) / 2, (xx + yy - zz) / 2, -xy, -xz, -yz)
 
 
-def defined_inertia(symbolic: SymbolicRobot, arm: int) -> Inertia:
-    """Inertia of an arm about its joint.
+def defined_inertias(symbolic: SymbolicRobot, chain: Chain) -> list[Inertia]:
+    """Inertias of the base and of what follows it in a chain, each about its joint.
 
     Args:
         symbolic: The robot in symbols.
-        arm: Number of the arm: base arms from 1, then the links.
+        chain: One of its chains.
 
     Returns:
-        The inertia, in the parameters.
+        The inertias, in the parameters; zero for those that have their mass in another chain.
     """
-    rotors = symbolic.robot.rotors
-    if arm == 1:
-        return symbolic.arm_1_inertia()
-    if arm <= rotors:
-        return symbolic.parameters.arm(arm).inertia
-    return symbolic.parameters.link(arm - rotors).body.inertia
+    core = symbolic.core_inertia() if chain.has_core else NO_INERTIA
+    if chain.rod is not None:
+        return [core, symbolic.parameters.arm(chain.rod).inertia]
+    return [core, *(link.inertia for link in symbolic.chain_bodies(chain).links)]
 
 
 def named_inertia(

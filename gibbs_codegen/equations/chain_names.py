@@ -12,7 +12,7 @@ from gibbs_codegen.equations.notation import Kind, Name, coordinate_names, name,
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
-    constrained_coordinate,
+    held_coordinate,
     hybrid_coordinates,
     inputs,
 )
@@ -25,8 +25,8 @@ FIXED = "fixed_"
 def _explained_unknowns(robot: Robot) -> dict[str, Coordinate]:
     """The hybrid unknowns by name; those that are held have their value in their meaning."""
     unknowns = {c.name: c for c in hybrid_coordinates(robot)}
-    for k in range(2, robot.rotors + 1):
-        held = constrained_coordinate(k)
+    for k in range(2, robot.base.rotors + 1):
+        held = held_coordinate(robot, k)
         value = f"{float(robot.base.arm_angle_deg(k)):.6g}".replace("-", "−")
         unknowns[held.name] = replace(held, meaning=f"{held.meaning}, held at {value}°")
     return unknowns

@@ -14,18 +14,20 @@ from functools import partial
 
 import sympy as sp
 
+from gibbs_codegen.derivation.forces import MountedWrench, carried_in, rotor_wrench
 from gibbs_codegen.derivation.inertia import NO_INERTIA
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_builder import joint_rotation, tree_of_links
 from gibbs_codegen.derivation.tree_dynamics import State
-from gibbs_codegen.equations.chain_inertias import defined_inertia, named_inertia
+from gibbs_codegen.equations.chain_inertias import defined_inertias, named_inertia
 from gibbs_codegen.equations.chain_names import FIXED, chain_names
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.notation import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain
 from gibbs_codegen.robot.model import AXES, Robot
+from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import (
@@ -95,16 +97,17 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     # What the symbols of inertia stand for is written in the parameters themselves.
     plain = SymbolicRobot.of(robot, InlineTape())
     root, *links = serial.segments
-    if chain.is_constrained:
+    if chain.rod is not None:
         (joint,) = _chain_joints(symbolic, chain)
         angle = tape.symbol(joint, Stage.CONFIGURATION)
         links = [_readable_arm(symbolic, links[0], angle)]
     else:
         angle, fixed = symbolic.root.segment_angle, partial(_fixed, tape)
-        _, *links = tree_of_links(tape, root, angle, symbolic.arm_links, fixed).segments
+        jointed = symbolic.chain_bodies(chain).links
+        _, *links = tree_of_links(tape, root, angle, jointed, fixed).segments
     segments, inertias = [], []
-    for k, (segment, arm) in enumerate(zip((root, *links), chain.links[2:], strict=True)):
-        inertia = defined_inertia(plain, arm) if arm in chain.massive else NO_INERTIA
+    pairs = zip((root, *links), defined_inertias(plain, chain), strict=True)
+    for k, (segment, inertia) in enumerate(pairs):
         named, definitions = named_inertia(tape, chain.number, 3 + k, inertia, names)
         segments.append(replace(segment, inertia=named))
         inertias += definitions
@@ -128,13 +131,14 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
     """
     symbolic, serial = readable.symbolic, readable.serial
     segments = [serial.segments[0]]
-    if readable.chain.is_constrained:
+    if readable.chain.rod is not None:
         (joint,) = _chain_joints(symbolic, readable.chain)
         rotation = Rotation.angle(symbolic.tape, Z, sp.Symbol(joint))
         segments.append(replace(serial.segments[1], rotation=rotation, starts_group=True))
     else:
         tape, fixed = symbolic.tape, partial(_fixed, symbolic.tape)
-        for link, segment in zip(symbolic.arm_links, serial.segments[1:], strict=True):
+        jointed = symbolic.chain_bodies(readable.chain).links
+        for link, segment in zip(jointed, serial.segments[1:], strict=True):
             angle = link.coordinate if link.joint == "revolute" else sp.S.Zero
             rotation = joint_rotation(tape, angle, link.theta_deg, fixed)
             segments.append(replace(segment, rotation=rotation, starts_group=True))
@@ -157,38 +161,39 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     Returns:
         An entry for each of its coordinates.
     """
-    chain, root, tape = readable.chain, readable.symbolic.root, readable.symbolic.tape
-    u, segments = readable.symbolic.u, readable.serial.segments
-    places = root.places(readable.serial.joints)
+    chain, symbolic, serial = readable.chain, readable.symbolic, readable.serial
+    tape, u = symbolic.tape, symbolic.u
+    places = symbolic.root.places(serial.joints)
     forces = [sp.S.Zero] * places.size
     for k in chain.motors:
-        wrench = _motor_wrench(readable, k)
-        joints = [sp.S.Zero] * readable.serial.joints
-        if k == 1:
-            wrench = wrench.rotated(tape, root.segment_rotation)
-        else:
-            wrench = wrench.rotated(tape, segments[1].rotation)
-            joints = [segments[1].row(wrench)]
-            wrench = readable.serial.passed_in(tape, 1, wrench)
-            wrench = readable.serial.to_group_frame(tape, 0, wrench)
-        rows = places.joined(root.rows(tape, wrench), joints)
-        forces = [force + row * u[k - 1] for force, row in zip(forces, rows, strict=True)]
-    if not chain.is_constrained:
-        forces[places.joints] = u[readable.robot.rotors :]
+        wrench, rows = carried_in(tape, serial, _motor_wrench(readable, k))
+        joints = [rows.get(i, sp.S.Zero) for i in range(1, serial.joints + 1)]
+        own = places.joined(symbolic.root.rows(tape, wrench), joints)
+        forces = [force + row * u[k - 1] for force, row in zip(forces, own, strict=True)]
+    efforts = dict(zip(symbolic.robot.moving, u[symbolic.robot.rotors :], strict=True))
+    for i in chain.own:
+        if i in efforts:
+            forces[chain.coordinates.index(coordinate_of(symbolic.robot, i))] = efforts[i]
     return forces
 
 
-def _motor_wrench(readable: ReadableChain, k: int) -> Wrench:
-    """Wrench of motor k per unit of thrust in its arm's frame, about the arm's joint.
+def _motor_wrench(readable: ReadableChain, k: int) -> MountedWrench:
+    """Wrench of motor k per unit of thrust, in the frame of what it is on.
 
-    For motor 1 it is about the origin of the coordinates, at its seat or one arm from it.
+    That of a rod's motor is about the rod's joint; for motor 1 it is about the origin of the
+    coordinates, at its seat or one rod from it.
     """
     symbolic, tape = readable.symbolic, readable.symbolic.tape
-    length = symbolic.parameters.arm(k).length
-    lever = axis_vector(X, length if k > 1 else symbolic.centre_offset - length)
+    if symbolic.robot.thrusters:
+        return rotor_wrench(symbolic, symbolic.chain_bodies(readable.chain), k)
+    lever = axis_vector(X, symbolic.rod_reach(k))
     direction = _thrust_direction(readable, k)
+    if k == 1:
+        lever = add(tape, symbolic.centre, symbolic.rod_frame(1).vector(tape, lever))
+        direction = symbolic.rod_frame(1).vector(tape, direction)
     drag = scale(tape, symbolic.parameters.drag(k), direction)
-    return Wrench(direction, add(tape, cross(tape, lever, direction), drag))
+    wrench = Wrench(direction, add(tape, cross(tape, lever, direction), drag))
+    return MountedWrench(0 if k == 1 else 1, wrench)
 
 
 def _thrust_direction(readable: ReadableChain, k: int) -> Vector:

@@ -1,77 +1,148 @@
 """Decomposition into open chains (eq. 1, Fig. 2) and their numbering, as plain data.
 
-The robot with N rotors and n links falls into N open chains, each starting at the virtual links:
-chain j = 1 … N−1 is arm −1 → arm 0 → arm 1 → arm j+1, chain N is arm −1 → arm 0 → arm 1 → arm N+1
-→ … → arm N+n. *Mass once*: arm 1 has its mass in chain 1 only. *Thrust once*: motor 1 acts in
-chain 1 only.
+A robot falls into open chains that start at the virtual links −1 and 0 and the base, arm 1. Each
+rod k = 2 … N of the base is the end of a chain: arm −1 → arm 0 → arm 1 → arm k. So is each link
+that carries no other, with all links on the way to it; link i is arm N + i. *Mass once*: what
+several chains share has its mass in the first of them. *Thrust once*: a rotor acts in the first
+chain that holds the body which it is on.
+
+For the paper's robots these are chains j = 1 … N−1 of the rods, and chain N of the arm.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gibbs_codegen.robot.coordinates import (
-    constrained_coordinate,
     constraint_torque,
+    held_coordinate,
     hybrid_coordinates,
 )
-from gibbs_codegen.robot.layout import ATTITUDE, POSITION, Places, layout_of
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.layout import ATTITUDE, POSITION, Places
+from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.names import coordinate_of
+
+_ROOT_ARMS = (-1, 0, 1)
 
 
 @dataclass(frozen=True)
 class Chain:
-    """One open chain: its links by arm number, its unknowns in order, and what acts in it.
+    """One open chain: its arms by number, its unknowns in order, and what acts in it.
 
-    `massive` holds the links that have their mass in this chain, `motors` those that push in it.
-    `unknowns` are the accelerations of the chain's coordinates and, where it is constrained, its
-    constraint torque: the seven coordinates and eight unknowns of eq. 15.
+    `rod` is the number of the base rod at its end, or None; `path` are the numbers of its links,
+    from the base outwards, and `own` those of the links that have their mass in this chain;
+    `has_core` says whether arm 1 has its own here too. `motors` are the rotors that push in it.
+    `held` are numbers of the arms that constraint torques hold. `unknowns` are the accelerations of
+    the chain's coordinates and those torques: the seven coordinates and eight unknowns of eq. 15.
     """
 
     number: int
     links: tuple[int, ...]
-    massive: tuple[int, ...]
+    rod: int | None
+    path: tuple[int, ...]
+    own: tuple[int, ...]
+    has_core: bool
     motors: tuple[int, ...]
+    held: tuple[int, ...]
     coordinates: tuple[str, ...]
     unknowns: tuple[str, ...]
 
     @property
+    def massive(self) -> tuple[int, ...]:
+        """Numbers of the arms that have their mass in this chain."""
+        *_, last = self.links
+        core = (1,) if self.has_core else ()
+        if self.rod is not None:
+            return (*core, self.rod)
+        first = last - self.path[-1] if self.path else 0
+        return (*core, *(first + i for i in self.own))
+
+    @property
     def is_constrained(self) -> bool:
-        """Whether the chain ends in a base arm that is held against arm 1."""
-        return len(self.unknowns) > len(self.coordinates)
+        """Whether a torque holds a joint of the chain."""
+        return bool(self.held)
 
 
 def decompose(robot: Robot) -> tuple[Chain, ...]:
     """Open chains that a robot falls into (eq. 1).
 
     Args:
-        robot: The robot, of N rotors.
+        robot: The robot.
 
     Returns:
-        The N chains, in order.
+        The chains, in order.
     """
-    base = tuple(_base_chain(j) for j in range(1, robot.rotors))
-    return (*base, _arm_chain(robot))
+    chains = [_rod_chain(robot, k) for k in range(2, robot.base.rotors + 1)]
+    taken: set[int] = {BASE} if chains else set()
+    for path in _paths(robot):
+        chains.append(_link_chain(robot, len(chains) + 1, path, taken))
+        taken.update((BASE, *path))
+    return tuple(chains)
 
 
-def _base_chain(j: int) -> Chain:
-    arm = j + 1
-    own = [constrained_coordinate(arm).name]
+def _rod_chain(robot: Robot, k: int) -> Chain:
+    first = k == 2
+    own = [held_coordinate(robot, k).name]
     coordinates = tuple(Places.of_joints(1).joined((*ATTITUDE, *POSITION), own))
     return Chain(
-        number=j,
-        links=(-1, 0, 1, arm),
-        massive=(1, arm) if j == 1 else (arm,),
-        motors=(1, arm) if j == 1 else (arm,),
+        number=k - 1,
+        links=(*_ROOT_ARMS, k),
+        rod=k,
+        path=(),
+        own=(),
+        has_core=first,
+        motors=(1, k) if first else (k,),
+        held=(k,),
         coordinates=coordinates,
-        unknowns=(*coordinates, constraint_torque(arm).name),
+        unknowns=(*coordinates, constraint_torque(robot, k).name),
     )
 
 
-def _arm_chain(robot: Robot) -> Chain:
-    arms = tuple(robot.rotors + i for i in range(1, len(robot.links) + 1))
-    coordinates = layout_of(robot).names
-    return Chain(robot.rotors, (-1, 0, 1, *arms), arms, (), coordinates, coordinates)
+def _paths(robot: Robot) -> list[tuple[int, ...]]:
+    """Links on the way to each that carries no other; one empty way where there are no links."""
+    paths = []
+    for leaf in range(1, len(robot.links) + 1):
+        if leaf not in robot.parents:
+            path = [leaf]
+            while (before := robot.parents[path[0] - 1]) != BASE:
+                path.insert(0, before)
+            paths.append(tuple(path))
+    return paths or [()]
+
+
+def _link_chain(robot: Robot, number: int, path: Sequence[int], taken: set[int]) -> Chain:
+    """A chain that ends in a link.
+
+    Args:
+        robot: The robot.
+        number: Of the chain.
+        path: Numbers of its links, from the base outwards.
+        taken: Numbers of the bodies that chains before it have.
+
+    Returns:
+        The chain.
+    """
+    rotors = robot.rotors
+    new = {BASE, *path} - taken
+    jointed = [i for i in path if i in robot.moving or i in robot.constrained]
+    names = [coordinate_of(robot, i) for i in jointed]
+    coordinates = tuple(Places.of_joints(len(jointed)).joined((*ATTITUDE, *POSITION), names))
+    held = tuple(rotors + i for i in path if i in robot.constrained)
+    on_rods = [1] if robot.base.rotors and BASE in new else []
+    motors = [k for k, rotor in enumerate(robot.thrusters, start=1) if rotor.on in new]
+    return Chain(
+        number=number,
+        links=(*_ROOT_ARMS, *(rotors + i for i in path)),
+        rod=None,
+        path=tuple(path),
+        own=tuple(i for i in path if i in new),
+        has_core=BASE in new,
+        motors=(*on_rods, *motors),
+        held=held,
+        coordinates=coordinates,
+        unknowns=(*coordinates, *(constraint_torque(robot, arm).name for arm in held)),
+    )
 
 
 def coupling_map(robot: Robot) -> tuple[tuple[int, ...], ...]:

@@ -9,9 +9,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibbs_codegen.robot.layout import ATTITUDE, JOINT_TERMS, POSITION, layout_of
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.names import joint_name
+from gibbs_codegen.robot.layout import ATTITUDE, POSITION, layout_of
+from gibbs_codegen.robot.model import Frame, Pose, Robot
+from gibbs_codegen.robot.names import (
+    coordinate_of,
+    identifier,
+    joint_label,
+    link_label,
+    rotor_identifier,
+)
+
+_ORIGINS = {
+    "motor1": "motor 1 (O1)",
+    "centre": "the base centre (O2)",
+    "base": "the base's frame",
+}
 
 
 @dataclass(frozen=True)
@@ -24,28 +36,31 @@ class Coordinate:
 
 
 def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """Entries of q: attitude angles, the arm's joints, world position of the coordinates' origin.
+    """Entries of q: attitude angles, the joints, world position of the coordinates' origin.
 
     Args:
-        robot: The robot, with n links.
+        robot: The robot, with n joints that move.
 
     Returns:
         The 6 + n coordinates, in order.
     """
-    point = "motor 1 (O1)" if robot.base.origin == "motor1" else "the base centre (O2)"
     attitude = zip(ATTITUDE, ("first", "second", "third"), robot.base.attitude, strict=True)
     base = [
         *(
             Coordinate(n, "rad", f"{place} attitude angle, about {axis}")
             for n, place, axis in attitude
         ),
-        *(Coordinate(name, "m", f"world {name} of {point}") for name in POSITION),
+        *(
+            Coordinate(name, "m", f"world {name} of {_ORIGINS[robot.base.origin]}")
+            for name in POSITION
+        ),
     ]
     joints = []
-    for number, link in enumerate(robot.links, start=robot.rotors + 1):
-        what = "travel" if link.joint == "prismatic" else "angle"
-        name, unit = joint_name(link.joint, number), JOINT_TERMS[link.joint].unit
-        joints.append(Coordinate(name, unit, f"{what} of joint {number}"))
+    for i in robot.moving:
+        kind = robot.links[i - 1].joint
+        what, unit = ("travel", "m") if kind == "prismatic" else ("angle", "rad")
+        name = coordinate_of(robot, i)
+        joints.append(Coordinate(name, unit, f"{what} of {joint_label(robot, i)}"))
     return tuple(layout_of(robot).joined(base, joints))
 
 
@@ -61,49 +76,76 @@ def coordinate_text(robot: Robot, place: int) -> str:
     """
     layout = layout_of(robot)
     name, joints = layout.names[place], layout.joint_places
-    return f"{name} (the joint of link {joints.index(place) + 1})" if place in joints else name
+    if place not in joints:
+        return name
+    return f"{name} (the joint of {link_label(robot, robot.moving[joints.index(place)])})"
 
 
-def constrained_coordinate(k: int) -> Coordinate:
-    """θ_k: the angle of a base arm against base arm 1, held constant.
+def held_coordinate(robot: Robot, arm: int) -> Coordinate:
+    """The angle of a joint that a constraint torque holds, such as θ_k of a base rod.
 
     Args:
-        k: Number of the arm, from 2 to N.
+        robot: The robot, of N rotors.
+        arm: Number of the rod, from 2 to N, or N + i for link i.
 
     Returns:
         The coordinate.
     """
-    return Coordinate(f"theta_{k}", "rad", f"constrained angle of base arm {k}")
+    if arm <= robot.base.rotors:
+        return Coordinate(f"theta_{arm}", "rad", f"constrained angle of base arm {arm}")
+    i = arm - robot.rotors
+    return Coordinate(
+        coordinate_of(robot, i), "rad", f"constrained angle of {joint_label(robot, i)}"
+    )
 
 
-def constraint_torque(k: int) -> Coordinate:
-    """τ'_k: the torque that keeps a base arm from turning against base arm 1.
+def constraint_torque(robot: Robot, arm: int) -> Coordinate:
+    """The torque that holds a joint, such as τ'_k of a base rod.
 
     Args:
-        k: Number of the arm, from 2 to N.
+        robot: The robot, of N rotors.
+        arm: Number of the rod, from 2 to N, or N + i for link i.
 
     Returns:
         The unknown.
     """
-    return Coordinate(f"tau_prime_{k}", "N m", f"constraint torque on base arm {k}")
+    if arm <= robot.base.rotors:
+        return Coordinate(f"tau_prime_{arm}", "N m", f"constraint torque on base arm {arm}")
+    i = arm - robot.rotors
+    name = coordinate_of(robot, i)
+    suffix = name.removeprefix("theta_") if robot.links[i - 1].name is None else name
+    return Coordinate(f"tau_prime_{suffix}", "N m", f"constraint torque of {joint_label(robot, i)}")
+
+
+def held_arms(robot: Robot) -> tuple[int, ...]:
+    """What constraint torques hold: base rods, then links.
+
+    Args:
+        robot: The robot, of N rotors.
+
+    Returns:
+        Numbers of the rods from 2 to N, and N + i for link i.
+    """
+    rods = range(2, robot.base.rotors + 1)
+    return (*rods, *(robot.rotors + i for i in robot.constrained))
 
 
 def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
     """Hybrid unknowns.
 
     Args:
-        robot: The robot, with N rotors and n links.
+        robot: The robot, with n joints that move and c that are held.
 
     Returns:
-        The 6 + n + 2(N − 1) unknowns, in order.
+        The 6 + n + 2c unknowns, in order.
     """
     reduced, first = reduced_coordinates(robot), layout_of(robot).constrained.start
-    arms = range(2, robot.rotors + 1)
+    arms = held_arms(robot)
     return (
         *reduced[:first],
-        *(constrained_coordinate(k) for k in arms),
+        *(held_coordinate(robot, arm) for arm in arms),
         *reduced[first:],
-        *(constraint_torque(k) for k in arms),
+        *(constraint_torque(robot, arm) for arm in arms),
     )
 
 
@@ -111,20 +153,23 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
     """Entries of u.
 
     Args:
-        robot: The robot, with N rotors and n links.
+        robot: The robot, with N rotors and n joints that move.
 
     Returns:
-        Thrusts F₁ … F_N, then n joint torques (forces where prismatic).
+        The N thrusts, then n joint torques (forces where prismatic).
     """
-    thrusts = tuple(
-        Coordinate(f"F_{k}", "N", f"thrust of motor {k}") for k in range(1, robot.rotors + 1)
-    )
+    thrusts = []
+    for k in range(1, robot.rotors + 1):
+        label = rotor_identifier(robot, k)
+        thrusts.append(Coordinate(f"F_{label}", "N", f"thrust of motor {label}"))
     joints = []
-    for i, link in enumerate(robot.links, start=1):
-        kind = "force" if link.joint == "prismatic" else "torque"
-        unit, number = JOINT_TERMS[link.joint].effort_unit, robot.rotors + i
-        joints.append(Coordinate(f"tau_{number}", unit, f"{kind} of joint {number}"))
-    return thrusts + tuple(joints)
+    for i in robot.moving:
+        link, name = robot.links[i - 1], coordinate_of(robot, i)
+        kind, unit = ("force", "N") if link.joint == "prismatic" else ("torque", "N m")
+        named = link.name or link.coordinate
+        suffix = name if named else name.partition("_")[2]
+        joints.append(Coordinate(f"tau_{suffix}", unit, f"{kind} of {joint_label(robot, i)}"))
+    return (*thrusts, *joints)
 
 
 def points(robot: Robot) -> tuple[str, ...]:
@@ -136,6 +181,62 @@ def points(robot: Robot) -> tuple[str, ...]:
     Returns:
         Their names, in the order of `positions`.
     """
-    motors = tuple(f"motor{k}" for k in range(1, robot.rotors + 1))
-    joints = tuple(f"joint{robot.rotors + i}" for i in range(1, len(robot.links) + 1))
-    return ("O1", "O2", *motors, *joints, "tip")
+    base: tuple[str, ...] = ("O1", "O2") if robot.base.rotors else ("base",)
+    rods = (f"motor{k}" for k in range(1, robot.base.rotors + 1))
+    rotors = (
+        identifier(rotor.name) if rotor.name else f"rotor{k}"
+        for k, rotor in enumerate(robot.thrusters, start=1)
+    )
+    joints = (
+        f"joint_{identifier(name)}"
+        if (name := robot.links[i - 1].name)
+        else f"joint{robot.rotors + i}"
+        for i in robot.moving
+    )
+    frames = (identifier(frame.name) for frame in frames_of(robot) if frame.name != "base")
+    return (*base, *rods, *rotors, *joints, *frames)
+
+
+def frames_of(robot: Robot) -> tuple[Frame, ...]:
+    """Frames that the robot has: the base's, the tip where there is one, and those of the file.
+
+    Where the links are one arm, the tip is the end of the last link, along x; the paper's base
+    without an arm has it at its centre.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The frames, in the order of FRAMES.
+    """
+    frames = [Frame("base")]
+    if has_default_tip(robot):
+        links = len(robot.links)
+        length = robot.links[-1].body.length if links else 0.0
+        frames.append(Frame("tip", links, Pose((length, 0.0, 0.0))))
+    return (*frames, *robot.frames)
+
+
+def has_default_tip(robot: Robot) -> bool:
+    """Whether the end of the arm is a frame of its own accord.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Whether there is one arm, or a base of rods without any, and no frame is named "tip".
+    """
+    arm = robot.is_serial and bool(robot.links or robot.base.rotors)
+    return arm and all(frame.name != "tip" for frame in robot.frames)
+
+
+def frame_names(robot: Robot) -> tuple[str, ...]:
+    """Names of the frames, as FRAMES of a generated module has them.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Identifiers.
+    """
+    return tuple(identifier(frame.name) for frame in frames_of(robot))

@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import JointKind, Robot
-from gibbs_codegen.robot.names import JOINT_LETTERS, joint_name
+from gibbs_codegen.robot.names import JOINT_LETTERS, coordinate_of
 
 Entry = TypeVar("Entry")
 
@@ -162,7 +162,7 @@ class Layout(Places):
         """
         own = (*ATTITUDE, *POSITION)
         places = Places.of_joints(len(names) - len(own))
-        kinds = [joint_kind(name) for name in names[places.joints]]
+        kinds = [joint_kind(name) or "revolute" for name in names[places.joints]]
         known = [kind for kind in kinds if kind is not None]
         if len(names) < len(own) or places.split(names)[0] != [*own] or known != kinds:
             raise UsageError(
@@ -208,8 +208,7 @@ def layout_of(robot: Robot) -> Layout:
     Returns:
         The layout.
     """
-    joints = [
-        joint_name(link.joint, robot.rotors + i) for i, link in enumerate(robot.links, start=1)
-    ]
+    joints = [coordinate_of(robot, i) for i in robot.moving]
     names = Places.of_joints(len(joints)).joined((*ATTITUDE, *POSITION), joints)
-    return Layout.of(names, robot.rotors - 1)
+    held = max(robot.base.rotors - 1, 0) + len(robot.constrained)
+    return Layout.of(names, held)

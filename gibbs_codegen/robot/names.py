@@ -186,3 +186,31 @@ def rotor_prefix(robot: Robot, k: int) -> str:
     """
     name = robot.thrusters[k - 1].name
     return identifier(name) if name else default_prefix("rotor", k)
+
+
+def joint_label(robot: Robot, i: int) -> str:
+    """What a joint is called in messages and comments.
+
+    Args:
+        robot: The robot.
+        i: Number of its link, from 1.
+
+    Returns:
+        Such as "joint 8", or "the joint of forearm" with the identifier form of the link's name.
+    """
+    name = robot.links[i - 1].name
+    return f"the joint of {identifier(name)}" if name else f"joint {robot.rotors + i}"
+
+
+def rotor_identifier(robot: Robot, k: int) -> str:
+    """What the input of a rotor is called after F_.
+
+    Args:
+        robot: The robot.
+        k: Number of the rotor, from 1.
+
+    Returns:
+        The identifier form of its name, or its number.
+    """
+    name = robot.thrusters[k - 1].name if robot.thrusters else None
+    return identifier(name) if name else str(k)

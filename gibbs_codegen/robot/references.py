@@ -122,7 +122,7 @@ def _parent_faults(links: Sequence[Entry], numbers: Mapping[str, int]) -> Iterat
         (("link", i, "parent"), n) for i, n in enumerate(names)
     ]
     yield from _unknown(named, numbers, right)
-    parents = [numbers.get(name, before) if name else before for before, name in enumerate(names)]
+    parents = [numbers.get(name, BASE) if name else before for before, name in enumerate(names)]
     for i, (parent, name) in enumerate(zip(parents, names, strict=True), start=1):
         if parent < i:
             continue
@@ -231,6 +231,9 @@ def _coordinate_clashes(links: Sequence[Entry], rods: int, rotors: int) -> Itera
             if default in taken:
                 yield ("link", place), f"{default} is {taken[default]}: give the link a name"
             taken[default] = label
+    for where, name, _ in (*by_name, *given):
+        if identifier(name).startswith("tau_prime_"):
+            yield where, f"{shown(name)} begins as constraint torques do: give it another name"
     yield from _clashes(list({identifier(n): (p, n, w) for p, n, w in by_name}.values()), taken)
     yield from _clashes(given, taken)
 

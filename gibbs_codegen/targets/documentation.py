@@ -13,6 +13,7 @@ from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
     constraint_torque,
+    held_arms,
     hybrid_coordinates,
     inputs,
     points,
@@ -133,7 +134,7 @@ def output_text(robot: Robot, output: Output) -> str:
     Returns:
         Names with units, or the units alone.
     """
-    torques = [constraint_torque(k) for k in range(2, robot.rotors + 1)]
+    torques = [constraint_torque(robot, arm) for arm in held_arms(robot)]
     return output.entries.format(
         unit=output.unit,
         accelerations=argument_text(robot, "a"),

@@ -47,6 +47,25 @@ def test_generate_writes_a_module_that_imports_by_itself(tmp_path: Path) -> None
     assert alone.returncode == 0, alone.stderr
 
 
+def test_an_inertia_that_no_body_has_is_warned_of_where_the_file_lets_it_pass(
+    tmp_path: Path,
+) -> None:
+    text = (
+        "name = 'odd'\nallow_impossible_inertia = true\n[base]\nrotors = 2\n"
+        "arm = { length = 1, mass_per_length = 1 }\n[[link]]\nname = 'el\\now'\nmass = 1\n"
+        "inertia = [1, 1, 5, 0, 0, 0]\n"
+    )
+    (tmp_path / "odd.toml").write_text(text)
+    done = run("generate", "odd.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    warning = "gibbs-codegen: warning: el\\now: its inertia violates the triangle inequality"
+    assert done.stderr.startswith(warning)
+    (tmp_path / "odd.toml").write_text(text.replace("true", "false"))
+    refused = run("generate", "odd.toml", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "allow_impossible_inertia = true lets it pass" in refused.stderr
+
+
 def test_check_tells_whether_the_module_is_up_to_date(tmp_path: Path) -> None:
     assert run("generate", "hexarotor", "--check", cwd=tmp_path).returncode == 1
     assert not (tmp_path / "generated").exists()

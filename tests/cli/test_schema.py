@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator  # nbformat needs it, too
 from support.mutations import mutant
-from support.random_robots import random_robot
+from support.random_robots import random_robot, random_tree
 
 from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import RefusedFileError
@@ -40,7 +40,9 @@ def shipped(kind: str, name: str) -> str:
 TEXTS = {
     "robot": [
         *(shipped("robot", name) for name in shipped_robots()),
+        (Path(__file__).parents[1] / "robots" / "everything.toml").read_text(encoding="utf-8"),
         *(robot_text(random_robot(seed, 2 + seed % 4, seed % 4)) for seed in range(10)),
+        *(robot_text(random_tree(seed)) for seed in range(10)),
     ],
     "scenario": [
         *(shipped("scenario", name) for name in shipped_scenarios()),
@@ -83,8 +85,9 @@ def faulty(document: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """The document with one entry of another type, with one unknown, and without its keys."""
     changed = copy.deepcopy(dict(document))
     for container, key in [*places(changed)]:
-        was, container[key] = container[key], True
-        yield f"{key} is a boolean", changed
+        was = container[key]
+        container[key] = "no" if isinstance(was, bool) else True
+        yield f"{key} is of another type", changed
         container[key] = was
         if isinstance(was, dict) and key != "parameters":
             was["colour"] = 1
@@ -133,6 +136,12 @@ def test_the_schema_refuses_nothing_that_is_read(
         ("robot", "arm = { length = 0.5,", "arm = { length = -0.5,"),
         ("robot", "[2.12e-06, 2.12e-07, 1.908e-06] }", "[2.12e-06, 2.12e-07] }"),
         ("robot", "alpha_deg = 90", "alpha_deg = 361"),
+        ("robot", "alpha_deg = 90", "alpha_deg = 90\nxyz = [0, 0, 1]"),
+        ("robot", "alpha_deg = 90", 'axis = "x"'),
+        ("robot", "alpha_deg = 90", "limits = [0, 1]\nlimits_deg = [0, 1]"),
+        ("robot", "alpha_deg = 90", 'name = ""'),
+        ("robot", "alpha_deg = 90", 'constrained = "yes"'),
+        ("robot", "rotors   = 6", "com = [0, 0, 1]"),
         ("scenario", 'kind = "tangent"', 'kind = "level"'),
         ("scenario", 'kind = "harmonic"', 'kind = "circle"'),
         ("scenario", "amplitude = 2, growth", "growth"),

@@ -5,7 +5,17 @@ from __future__ import annotations
 import pytest
 
 from gibbs_codegen.interface import signatures
-from gibbs_codegen.robot.names import name_fault, name_from
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.robot.names import (
+    coordinate_of,
+    identifier,
+    link_label,
+    name_fault,
+    name_from,
+    parameter_prefix,
+    rotor_label,
+    rotor_prefix,
+)
 
 HOSTILE = [
     "",
@@ -87,3 +97,38 @@ def test_no_two_robots_can_share_a_name_in_c() -> None:
         for other in symbols:
             if symbol.endswith(f"_{other}"):
                 assert name_fault(f"arm_{symbol.removesuffix(f'_{other}')}") is not None, symbol
+
+
+@pytest.mark.parametrize(
+    ("text", "form"),
+    [
+        ("arm 1.2", "arm_1_2"),
+        ("élbow", "_lbow"),
+        ("1st", "_1st"),
+        ("*/ f();", "___f___"),
+        ("a", "a"),
+    ],
+)
+def test_identifier_forms(text: str, form: str) -> None:
+    assert identifier(text) == form
+
+
+@pytest.mark.parametrize("text", [text for text in HOSTILE if text])
+def test_identifier_forms_of_hostile_text_are_identifiers(text: str) -> None:
+    assert identifier(text).isidentifier()
+    assert identifier(text).isascii()
+
+
+def test_what_links_rotors_and_coordinates_are_called() -> None:
+    robot = parse_robot(
+        "name = 'named'\n[base]\nmass = 1\n[[rotor]]\n[[rotor]]\nname = 'left 2'\n"
+        "[[link]]\nmass = 1\n[[link]]\nmass = 1\nname = \"fore\\tarm\"\njoint = 'prismatic'\n"
+        "[[link]]\nmass = 1\nname = 'hand'\ncoordinate = 'wrist-roll'\n"
+        "[[link]]\nmass = 1\njoint = 'prismatic'\n"
+    )
+    links = range(1, 5)
+    assert [coordinate_of(robot, i) for i in links] == ["theta_3", "fore_arm", "wrist_roll", "d_6"]
+    assert [link_label(robot, i) for i in links] == ["link 1", "fore\\tarm", "hand", "link 4"]
+    assert [parameter_prefix(robot, i) for i in links] == ["link1", "fore_arm", "hand", "link4"]
+    assert [rotor_label(robot, k) for k in (1, 2)] == ["1", "left 2"]
+    assert [rotor_prefix(robot, k) for k in (1, 2)] == ["rotor1", "left_2"]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.mutations import mutant
-from support.random_robots import random_robot
+from support.random_robots import random_robot, random_tree
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import (
@@ -29,8 +29,11 @@ from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_s
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.targets.registry import TARGETS, render_module
 
+EVERYTHING = Path(__file__).parents[1] / "robots" / "everything.toml"
 ROBOTS = [read_robot(name)[1] for name in shipped_robots()]
 ROBOTS += [robot_text(random_robot(seed, 2 + seed % 4, seed % 4)) for seed in range(20)]
+TREES = [EVERYTHING.read_text(encoding="utf-8")]
+TREES += [robot_text(random_tree(seed)) for seed in range(12)]
 SCENARIOS = [
     (resources.files("gibbs_codegen") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
     for name in shipped_scenarios()
@@ -40,9 +43,10 @@ SCENARIOS = [
 HELPFUL = re.compile(
     r"missing|must |unknown key; (did you mean|known keys)|not valid TOML: |nested too deeply: at "
     r"most|not UTF-8 text \(byte \d+\); save it as UTF-8|larger than \d+ bytes|give (at most|one)|"
-    r"use a lower-case letter|add a word|a direction of length zero; give|belongs to a rod.*: give|"
-    r"is not zero although the body has no mass|an inertia matrix is positive semidefinite|no "
-    r"principal moment may exceed|lower it|take longer ones|the robot has no mass; give"
+    r"use a lower-case letter|add a word|a direction of length zero; give|(belongs to|needs) .*: "
+    r"give|is not zero although the body has no mass|an inertia matrix is positive semidefinite|no "
+    r"principal moment may exceed|lower it|take longer ones|the robot has no mass; give|give the "
+    r"link a name|already; give another|: give it another name"
 )
 
 
@@ -61,7 +65,17 @@ def assert_helpful(refusal: RefusedFileError, source: str) -> None:
 
 def check_robot_file(number: int, file: Path) -> Robot | None:
     """The robot of a mutant, if it is one."""
-    file.write_bytes(mutant(ROBOTS, number))
+    return read_mutant(mutant(ROBOTS, number), file)
+
+
+def check_tree_file(number: int, file: Path) -> Robot | None:
+    """The robot of a mutant of a tree, if it is one."""
+    return read_mutant(mutant(TREES, number), file)
+
+
+def read_mutant(text: bytes, file: Path) -> Robot | None:
+    """The robot of a text, if it is one, whose own text must give it again."""
+    file.write_bytes(text)
     try:
         robot = read_robot(str(file))[0]
     except RobotFileError as refusal:
@@ -109,13 +123,21 @@ def test_a_thousand_broken_robot_files(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert_both(check_all(range(1000), check_robot_file, monkeypatch, tmp_path))
 
 
+def test_a_thousand_broken_files_of_trees(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert_both(check_all(range(1000), check_tree_file, monkeypatch, tmp_path))
+
+
 @pytest.mark.slow
+@pytest.mark.parametrize("check", [check_robot_file, check_tree_file])
 @pytest.mark.parametrize("thousand", range(1, 10))
 def test_ten_thousand_broken_robot_files(
-    thousand: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    thousand: int,
+    check: Callable[[int, Path], Any],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     numbers = range(1000 * thousand, 1000 * (thousand + 1))
-    assert_both(check_all(numbers, check_robot_file, monkeypatch, tmp_path))
+    assert_both(check_all(numbers, check, monkeypatch, tmp_path))
 
 
 def test_broken_scenario_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -169,6 +191,10 @@ FLOODS: dict[str, Callable[[int], str]] = {
     "escaped quotes": lambda n: 'x = """\\""" ' + '\\"' * (n // 2) + '\n"""',
     "quotes without an end": lambda n: '"""\n' + '\\"""\n' * (n // 5),
     "arms": lambda n: "arm = [" + "{}," * (n // 3) + "]",
+    "placed rotors": lambda n: "[[rotor]]\n" * (n // 10),
+    "names": lambda n: "".join(f"[[link]]\nname = 'n{i}'\n" for i in range(n // 24)),
+    "unknown parents": lambda n: f"[[link]]\nparent = '{'x' * (n // 80)}'\n" * 60,
+    "letters of a name": lambda n: f"[[link]]\nname = '{'x' * n}'\n",
     "links": lambda n: "[[link]]\n" * (n // 9),
     "thrusts": lambda n: "thrust = [" + "1," * (n // 2) + "]",
     "unknown keys": lambda n: "".join(f"length{i} = 1\n" for i in range(n // 20)),

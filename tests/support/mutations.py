@@ -67,18 +67,24 @@ VALUES = (
         '"../evil"',
         '"class"',
     ),
+    *('"base"', '"fixed"', '"-y"', '"a1"', '"link1"', '"rotor1"', '"theta_1"', '"x"', '"1"'),
+    *("[0, -90, 0]", "[1, 0, 0]", "[-inf, 1]", "[2, 1]", '"\\u0000"', '"arm 1.1"', '"arm 1_1"'),
     *('"tangent"', '"circle"', '"rk4"', '{ kind = "fixed", position = [1, 2, 3] }'),
     *('"ﬁeld"', '"а"', '"con"', '"{{7*7}}"', '"a\\nb"', '"*/"', "\"__import__('os')\"", '"%s{0}"'),
 )
 KEYS = (
     *("name", "gravity", "base", "link", "rotors", "thrust", "drag", "arm", "attitude", "origin"),
     *("length", "mass", "com", "inertia", "mass_per_length", "section_inertia", "alpha_deg", "a"),
+    *("rotor", "frame", "on", "parent", "xyz", "rpy_deg", "axis", "constrained", "coordinate"),
+    *("damping", "armature", "stiffness", "rest", "limits_deg", "effort", "velocity"),
+    *("direction", "time_constant", "azimuth_deg", "allow_impossible_inertia"),
     *("kind", "path", "duration", "position", "points", "times", "x", "tip", "posture", "limits"),
     *("theta_deg", "d", "joint", "Mass", "mas", "lenght", "__class__", '""', "''", '"a b"', "a b"),
     *("a.b", "base.arm", "link.mass", "base.arm.com", "x" + ".x" * 15, "x" + ".x" * 16, "é", "1"),
     *("x" + ".x" * 3000, "k" * 5000, '"' + "\\u001b" * 50 + '"', '"[red]"', "'{{7*7}}'", "-", ""),
 )
 HEADERS = (
+    *("[[rotor]]", "[rotor]", "[[frame]]", "[frame]", "[rotor.on]", "[[link.xyz]]"),
     *("[base]", "[[base]]", "[link]", "[[link]]", "[base.arm]", "[[base.arm]]", "[link.arm]"),
     *("[[link.mass]]", "[[thrust]]", "[]", "[[]]", "[name]", "[a.b.c]", "[[a]]", "[ base ]"),
     *("[base.path]", "[arm]", "[start]", "[parameters]", "[arm.limits]", "[[base.path.x]]"),

@@ -8,12 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 import pinocchio as pin
 
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, reduced_coordinates
-from gibbs_codegen.robot.model import Body, Robot, Rod
+from gibbs_codegen.robot.coordinates import (
+    frames_of,
+    held_arms,
+    hybrid_coordinates,
+    reduced_coordinates,
+)
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import Body, Passive, Robot, Rod
+from gibbs_codegen.robot.names import coordinate_of
 
 Array = np.ndarray
 
@@ -21,6 +29,12 @@ Array = np.ndarray
 def rotation(axis: str, degrees: float) -> Array:
     """Rotation matrix about a coordinate axis."""
     return pin.AngleAxis(np.deg2rad(degrees), np.eye(3)["xyz".index(axis)]).toRotationMatrix()
+
+
+def by_rpy(angles: Sequence[Fraction]) -> Array:
+    """Rotation matrix of roll, pitch and yaw in degrees, R_z·R_y·R_x."""
+    x, y, z = (rotation(axis, float(angle)) for axis, angle in zip("xyz", angles, strict=True))
+    return z @ y @ x
 
 
 def spatial_inertia(body: Body) -> pin.Inertia:
@@ -67,58 +81,89 @@ class Oracle:
         kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
         for letter, name in zip(base.attitude, ("theta_m1", "theta_0", "theta_1"), strict=True):
             parent = model.addJoint(parent, kinds[letter](), pin.SE3.Identity(), name)
-        length = base.arm(1).length
-        start, centre = (
-            (np.zeros(3), np.array([length, 0, 0]))
-            if base.origin == "motor1"
-            else (np.array([-length, 0, 0]), np.zeros(3))
-        )
-        at = pin.SE3(np.eye(3), start)
-        root = parent
-        model.appendBodyToJoint(root, spatial_inertia(base.arm(1)), at)
-        self.points = {"O1": (root, start), "O2": (root, centre), "motor1": (root, start)}
-        for k in range(2, robot.rotors + 1):
-            turn = rotation("z", float(base.arm_angle_deg(k)))
-            placement = pin.SE3(turn, centre)
-            if self.rigid_base:
-                model.appendBodyToJoint(root, spatial_inertia(base.arm(k)), placement)
-                continue
-            joint = model.addJoint(root, pin.JointModelRZ(), placement, f"theta_{k}")
-            model.appendBodyToJoint(joint, spatial_inertia(base.arm(k)), pin.SE3.Identity())
-            self.points[f"motor{k}"] = (joint, np.array([base.arm(k).length, 0, 0]))
-        self._add_arm(root, centre)
+        self.root = parent
+        centre = self._centre()
+        self.bodies = {0: (self.root, pin.SE3(np.eye(3), centre))}
+        self.points: dict[str, tuple[int, Array]] = {}
+        if base.body:
+            model.appendBodyToJoint(self.root, spatial_inertia(base.body), self.bodies[0][1])
+        rotors = {k: self._rod(k) for k in range(1, base.rotors + 1)}
+        self._add_links()
+        for k, rotor in enumerate(robot.thrusters, start=1):
+            joint, at = self.bodies[rotor.on]
+            rotors[k] = (joint, at * pin.SE3(np.eye(3), np.array(rotor.position)))
+        thrusts = [(np.array(r.direction), r.drag) for r in robot.thrusters]
+        self.thrusts = thrusts or list(zip(map(np.array, base.thrust), base.drag, strict=True))
+        self.rotors = [rotors[k] for k in range(1, robot.rotors + 1)]
+        self.frames = {}
+        for frame in frames_of(robot):
+            joint, at = self.bodies[frame.on]
+            place = pin.SE3(by_rpy(frame.pose.rpy_deg), np.array(frame.pose.xyz))
+            self.frames[frame.name] = (joint, at * place)
+        places = [(self.root, pin.SE3(np.eye(3), centre))]
+        places = [self.rotors[0], *places] if base.rotors else places
+        joints = [self.bodies[i] for i in robot.moving]
+        named = [at for name, at in self.frames.items() if name != "base"]
+        self.places = [*places, *self.rotors, *joints, *named]
         self.data = model.createData()
         reduced = [c.name for c in reduced_coordinates(robot)]
-        every = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + robot.rotors - 1]
+        every = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + len(held_arms(robot))]
         names = reduced if self.rigid_base else every
         self.order = [model.joints[model.getJointId(name)].idx_v for name in names]
         self.free = [names.index(name) for name in reduced]
         self.held = [i for i, name in enumerate(names) if name not in reduced]
 
-    def _add_arm(self, base: int, centre: Array) -> None:
+    def _centre(self) -> Array:
+        """The base centre from the origin of the coordinates."""
+        base = self.robot.base
+        if base.origin != "motor1":
+            return np.zeros(3)
+        length = base.arm(1).length
+        if base.azimuth_deg is None:
+            return np.array([length, 0.0, 0.0])
+        return rotation("z", float(base.azimuth_deg[0])) @ np.array([-length, 0.0, 0.0])
+
+    def _rod(self, k: int) -> tuple[int, pin.SE3]:
+        """Add a rod of the base; return where its motor is."""
+        base, model = self.robot.base, self.model
+        centre, reach = self._centre(), np.array([base.arm(k).length, 0.0, 0.0])
+        tip = pin.SE3(np.eye(3), reach)
+        if k == 1 and base.azimuth_deg is None:
+            placement = pin.SE3(np.eye(3), centre - reach)
+            model.appendBodyToJoint(self.root, spatial_inertia(base.arm(1)), placement)
+            return self.root, placement
+        placement = pin.SE3(rotation("z", float(base.arm_angle_deg(k))), centre)
+        if k == 1 or self.rigid_base:
+            model.appendBodyToJoint(self.root, spatial_inertia(base.arm(k)), placement)
+            return self.root, placement * tip
+        joint = model.addJoint(self.root, pin.JointModelRZ(), placement, f"theta_{k}")
+        model.appendBodyToJoint(joint, spatial_inertia(base.arm(k)), pin.SE3.Identity())
+        return joint, tip
+
+    def _add_links(self) -> None:
         robot, model = self.robot, self.model
-        tip = (base, centre)
-        joints = {0: base}
-        parents = self.parents or tuple(range(len(robot.links)))
+        parents = self.parents or robot.parents
         for i in _depth_first(parents):
-            link, number = robot.links[i - 1], parents[i - 1]
-            default = robot.links[i - 2].body.length if i > 1 else 0.0
-            twist = rotation("x", float(link.alpha_deg))
-            a = default if link.a is None else link.a
-            step = np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
-            placement = pin.SE3(
-                twist @ rotation("z", float(link.theta_deg)), step if number else centre + step
-            )
-            revolute = link.joint == "revolute"
-            kind = pin.JointModelRZ() if revolute else pin.JointModelPZ()
-            name = f"{'theta' if revolute else 'd'}_{robot.rotors + i}"
-            joints[i] = model.addJoint(joints[number], kind, placement, name)
-            model.appendBodyToJoint(joints[i], spatial_inertia(link.body), pin.SE3.Identity())
-        for i in range(1, len(robot.links) + 1):
-            self.points[f"joint{robot.rotors + i}"] = (joints[i], np.zeros(3))
-        if robot.links:
-            tip = (joints[len(robot.links)], np.array([robot.links[-1].body.length, 0, 0]))
-        self.points["tip"] = self.tip = tip
+            link, (parent, at) = robot.links[i - 1], self.bodies[parents[i - 1]]
+            if link.pose is None:
+                default = robot.links[parents[i - 1] - 1].body.length if parents[i - 1] else 0.0
+                if self.parents is not None:  # As the links were numbered before they branched.
+                    default = robot.links[i - 2].body.length if i > 1 else 0.0
+                twist = rotation("x", float(link.alpha_deg))
+                a = default if link.a is None else link.a
+                step = np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
+                placement = pin.SE3(twist @ rotation("z", float(link.theta_deg)), step)
+            else:
+                placement = pin.SE3(by_rpy(link.pose.rpy_deg), np.array(link.pose.xyz))
+            placement = at * placement
+            axis = np.array(link.axis) / np.linalg.norm(link.axis)
+            if link.moves or (link.constrained and not self.rigid_base):
+                slides = link.joint == "prismatic"
+                kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+                joint = model.addJoint(parent, kind(axis), placement, coordinate_of(robot, i))
+                placement, parent = pin.SE3.Identity(), joint
+            model.appendBodyToJoint(parent, spatial_inertia(link.body), placement)
+            self.bodies[i] = (parent, placement)
 
     def spread(self, values: Array) -> Array:
         """Reduced values as the tree's, zero at the held joints."""
@@ -128,58 +173,76 @@ class Oracle:
 
     def mass_matrix(self, q: Array) -> Array:
         """Mass matrix in all coordinates, free and held, in the hybrid order."""
-        return pin.crba(self.model, self.data, self.spread(q))[np.ix_(self.order, self.order)]
+        matrix = pin.crba(self.model, self.data, self.spread(q))[np.ix_(self.order, self.order)]
+        for place, passive in self._passive:
+            matrix[place, place] += passive.armature
+        return matrix
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
         """M a − R in all coordinates, in the hybrid order."""
         tree = pin.rnea(self.model, self.data, self.spread(q), self.spread(v), self.spread(a))
-        return tree[self.order]
+        forces = tree[self.order]
+        for place, passive in self._passive:
+            here = self.free.index(place)
+            forces[place] += passive.armature * a[here] + passive.damping * v[here]
+            forces[place] += passive.stiffness * (q[here] - passive.rest)
+        return forces
 
-    def point_jacobian(self, q: Array, point: str) -> tuple[Array, pin.SE3]:
-        """World-axes Jacobian of a named point, linear rows first, and its link's placement."""
-        joint, local = self.points[point]
+    @property
+    def _passive(self) -> list[tuple[int, Passive]]:
+        joints = [self.free[place] for place in layout_of(self.robot).joint_places]
+        given = [self.robot.links[i - 1].passive for i in self.robot.moving]
+        return list(zip(joints, given, strict=True))
+
+    def point_jacobian(self, q: Array, place: tuple[int, pin.SE3]) -> tuple[Array, pin.SE3]:
+        """World-axes Jacobian of a place on a body, linear rows first, and its placement."""
+        joint, local = place
         pin.computeJointJacobians(self.model, self.data, self.spread(q))
-        placement = self.data.oMi[joint] * pin.SE3(np.eye(3), local)
+        placement = self.data.oMi[joint] * local
         frame = pin.getJointJacobian(
             self.model, self.data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         )
-        lever = self.data.oMi[joint].rotation @ local
+        lever = self.data.oMi[joint].rotation @ local.translation
         jacobian = frame.copy()
         jacobian[:3] += np.cross(frame[3:].T, lever).T
         return jacobian[:, self.order], placement
 
-    def tip_bias_acceleration(self, q: Array, v: Array) -> Array:
-        """World-axes acceleration of the tip at zero accelerations, linear entries first."""
+    def bias_acceleration(self, q: Array, v: Array, place: tuple[int, pin.SE3]) -> Array:
+        """World-axes acceleration of a place at zero accelerations, linear entries first."""
         tree = self.spread(q), self.spread(v), np.zeros(self.model.nv)
         pin.forwardKinematics(self.model, self.data, *tree)
-        joint, local = self.tip
+        joint, local = place
         return pin.getFrameClassicalAcceleration(
             self.model,
             self.data,
             joint,
-            pin.SE3(np.eye(3), local),
+            pin.SE3(np.eye(3), local.translation),
             pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
         ).vector
 
     def input_matrix(self, q: Array) -> Array:
         """Generalised forces of unit inputs in all coordinates, in the hybrid order."""
-        robot = self.robot
         columns = []
-        for k in range(1, robot.rotors + 1):
-            jacobian, placement = self.point_jacobian(q, f"motor{k}")
-            thrust = placement.rotation @ np.array(robot.base.thrust[k - 1])
-            columns.append(jacobian.T @ np.concatenate([thrust, robot.base.drag[k - 1] * thrust]))
-        size = len(self.order)
-        first = size - 3 - len(robot.links)
-        columns += [np.eye(size)[first + i] for i in range(len(robot.links))]
-        return np.array(columns).T
+        for place, (direction, drag) in zip(self.rotors, self.thrusts, strict=True):
+            jacobian, placement = self.point_jacobian(q, place)
+            thrust = placement.rotation @ direction / np.linalg.norm(direction)
+            columns.append(jacobian.T @ np.concatenate([thrust, drag * thrust]))
+        every = np.eye(len(self.order))
+        joints = [self.free[place] for place in layout_of(self.robot).joint_places]
+        columns += [every[place] for place in joints]
+        return np.array(columns).reshape(-1, len(self.order)).T
 
     def positions(self, q: Array) -> Array:
-        """World positions of the named points, in their order."""
-        return np.array([self.point_jacobian(q, name)[1].translation for name in self.points])
+        """World positions of the points, in their order."""
+        return np.array([self.point_jacobian(q, at)[1].translation for at in self.places])
 
     def energies(self, q: Array, v: Array) -> tuple[float, float]:
         """Kinetic and potential energy."""
         tree = self.spread(q)
         kinetic = pin.computeKineticEnergy(self.model, self.data, tree, self.spread(v))
-        return kinetic, pin.computePotentialEnergy(self.model, self.data, tree)
+        potential = pin.computePotentialEnergy(self.model, self.data, tree)
+        for place, passive in self._passive:
+            here = self.free.index(place)
+            kinetic += passive.armature * v[here] ** 2 / 2
+            potential += passive.stiffness * (q[here] - passive.rest) ** 2 / 2
+        return kinetic, potential

@@ -97,9 +97,9 @@ def elements(texts: Sequence[str]) -> list[str]:
         texts: Expressions.
 
     Returns:
-        Lines.
+        Lines; none where there are no expressions.
     """
-    return _wrapped(f"{', '.join(texts)},")
+    return _wrapped(f"{', '.join(texts)},") if texts else []
 
 
 def strings(texts: Iterable[str]) -> list[str]:

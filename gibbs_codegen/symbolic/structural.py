@@ -1,0 +1,180 @@
+"""Rotations that the robot file fixes, as matrices, and as turns about coordinate axes.
+
+They decide which terms exist, so their entries carry forty digits, and what is within 1e-30 of
+zero, or of a multiple of 15° as an angle, is exactly that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+
+import sympy as sp
+
+from gibbs_codegen.symbolic.exact_angles import DIGITS, cos_sin_deg
+from gibbs_codegen.symbolic.vectors import Rotation, Vector, X, Z
+
+# By rows: takes components in the turned frame to components in the frame it was turned from.
+Turn = tuple[Vector, Vector, Vector]
+
+_GUARD = DIGITS + 10
+_VANISHING = sp.Float("1e-30", DIGITS)
+_COMMON_DEGREES = 15
+
+NO_TURN: Turn = (
+    (sp.S.One, sp.S.Zero, sp.S.Zero),
+    (sp.S.Zero, sp.S.One, sp.S.Zero),
+    (sp.S.Zero, sp.S.Zero, sp.S.One),
+)
+
+
+def turn_about(axis: int, angle: Fraction) -> Turn:
+    """Rotation about a coordinate axis.
+
+    Args:
+        axis: X, Y or Z.
+        angle: The angle in degrees.
+
+    Returns:
+        Its matrix.
+    """
+    cos, sin = cos_sin_deg(angle)
+    p, q = (axis + 1) % 3, (axis + 2) % 3
+    rows = [list(row) for row in NO_TURN]
+    rows[p][p] = rows[q][q] = cos
+    rows[p][q], rows[q][p] = -sin, sin
+    return _turn(rows)
+
+
+def turned_by_rpy(angles: Sequence[Fraction]) -> Turn:
+    """Rotation by roll, pitch and yaw, R_z·R_y·R_x.
+
+    Args:
+        angles: Roll, pitch and yaw in degrees.
+
+    Returns:
+        Its matrix.
+    """
+    x, y, z = (turn_about(axis, angle) for axis, angle in enumerate(angles))
+    return product(z, product(y, x))
+
+
+def z_onto(direction: Sequence[float]) -> Turn:
+    """A rotation R_z·R_x that takes the z axis to a direction.
+
+    Args:
+        direction: Any vector but zero.
+
+    Returns:
+        Its matrix; the identity for z.
+    """
+    x, y, z = (sp.Float(entry, _GUARD) for entry in direction)
+    about_x = _degrees(sp.sqrt(x**2 + y**2), z)
+    about_z = _degrees(x, -y) if about_x % 180 else Fraction(0)
+    return product(turn_about(Z, about_z), turn_about(X, about_x))
+
+
+def product(first: Turn, second: Turn) -> Turn:
+    """The rotation `second`, seen in the frame that `first` turns from.
+
+    Args:
+        first, second: Two rotations.
+
+    Returns:
+        The matrix product.
+    """
+    columns = list(zip(*second, strict=True))
+    return _turn(
+        [
+            [
+                _settled(sp.Add(*(p * q for p, q in zip(row, column, strict=True))))
+                for column in columns
+            ]
+            for row in first
+        ]
+    )
+
+
+def back(turn: Turn) -> Turn:
+    """The rotation back.
+
+    Args:
+        turn: A rotation.
+
+    Returns:
+        Its transpose.
+    """
+    return _turn(list(zip(*turn, strict=True)))
+
+
+def applied(turn: Turn, vector: Vector) -> Vector:
+    """A vector in the frame turned from, without names on a tape.
+
+    Args:
+        turn: The rotation.
+        vector: Components in the turned frame.
+
+    Returns:
+        Linear combinations of them.
+    """
+    x, y, z = (sp.Add(*(p * q for p, q in zip(row, vector, strict=True))) for row in turn)
+    return (x, y, z)
+
+
+def euler_zxz(turn: Turn) -> tuple[Fraction, Fraction, Fraction]:
+    """Angles γ, α, β of R_z(γ)·R_x(α)·R_z(β).
+
+    Args:
+        turn: A rotation.
+
+    Returns:
+        The angles in degrees; γ is zero where the two z axes are in line.
+    """
+    (xx, _, xz), (yx, _, yz), (zx, zy, zz) = turn
+    alpha = _degrees(sp.sqrt(_number(xz) ** 2 + _number(yz) ** 2), zz)
+    if alpha % 180:
+        return _degrees(xz, -yz), alpha, _degrees(zx, zy)
+    return Fraction(0), alpha, _degrees(yx if alpha == 0 else -yx, xx)
+
+
+def elementary(turn: Turn) -> list[Rotation]:
+    """Rotations about coordinate axes that one after the other take a vector where `turn` does.
+
+    Args:
+        turn: A rotation.
+
+    Returns:
+        At most three, the innermost first.
+    """
+    gamma, alpha, beta = euler_zxz(turn)
+    steps = (Rotation.degrees(Z, beta), Rotation.degrees(X, alpha), Rotation.degrees(Z, gamma))
+    return [step for step in steps if not step.is_identity]
+
+
+def _degrees(sine: sp.Expr, cosine: sp.Expr) -> Fraction:
+    """The angle of a sine and a cosine, in degrees from 0 to 360."""
+    angle = sp.atan2(_number(sine), _number(cosine)).evalf(_GUARD) * 180 / sp.pi.evalf(_GUARD)
+    common = _COMMON_DEGREES * round(angle / _COMMON_DEGREES)
+    if abs(angle - common) < _VANISHING:
+        return Fraction(common) % 360
+    return Fraction(str(angle)) % 360
+
+
+def _number(entry: sp.Expr) -> sp.Float:
+    return sp.Float(sp.N(entry, _GUARD), _GUARD)
+
+
+def _settled(entry: sp.Expr) -> sp.Expr:
+    """An entry as it should stand: exact where it is whole, or where it is short and exact."""
+    if entry.is_Rational:
+        return entry
+    value = _number(entry)
+    whole = sp.Integer(round(value))
+    if abs(value - whole) < _VANISHING:
+        return whole
+    return entry if entry.is_number and not entry.has(sp.Float) else sp.Float(value, DIGITS)
+
+
+def _turn(rows: Sequence[Sequence[sp.Expr]]) -> Turn:
+    (a, b, c), (d, e, f), (g, h, i) = rows
+    return ((a, b, c), (d, e, f), (g, h, i))
