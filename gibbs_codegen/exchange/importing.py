@@ -1,11 +1,12 @@
 """From a file in another format to a robot, stage by stage.
 
-read_urdf, read_mjcf   file         → Source: links, joints, rotors, frames
-read_rotors            file         → rotors that replace those found
-snapped_source         Source       → with exact angles
-tree_of                Source       → SourceTree, checked
-locked, without_anchor, rerooted    → SourceTree with fixed joints, its root the base
-welded                 SourceTree   → Robot, and what was done
+read_urdf, read_mjcf  file       → Source: links, joints, rotors, frames
+tree_of               Source     → SourceTree, checked
+without_anchor        SourceTree → its root the robot's, and not the world
+read_rotors           file       → rotors that replace those found
+snapped_source        Source     → with exact angles
+locked, rerooted      SourceTree → with fixed joints, its root the base
+welded                SourceTree → Robot, and what was done
 """
 
 from __future__ import annotations
@@ -17,7 +18,14 @@ from pathlib import Path
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.exchange.snapping import snapped_source
 from gibbs_codegen.exchange.source import Source, Told
-from gibbs_codegen.exchange.tree import SourceTree, locked, rerooted, tree_of, without_anchor
+from gibbs_codegen.exchange.tree import (
+    SourceTree,
+    check_kinds,
+    locked,
+    rerooted,
+    tree_of,
+    without_anchor,
+)
 from gibbs_codegen.exchange.urdf import read_urdf
 from gibbs_codegen.exchange.welding import welded
 from gibbs_codegen.exchange.xml_file import parse_xml, read_bytes
@@ -61,14 +69,15 @@ def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Told]]
         SourceFileError: If the file is refused.
         UsageError: If there is no such file, joint or link.
     """
-    tree = tree_of(_read(path, options))
+    tree = without_anchor(tree_of(_read(path, options)))
     if options.rotors is not None:
         from gibbs_codegen.exchange.rotor_file import read_rotors  # Late: it imports pydantic.
 
         rotors = read_rotors(options.rotors, tree)
         tree = replace(tree, source=replace(tree.source, rotors=rotors))
     source = snapped_source(tree.source) if options.snap else tree.source
-    tree = without_anchor(locked(SourceTree(source, tree.root), options.lock))
+    tree = locked(SourceTree(source, tree.root), options.lock)
+    check_kinds(tree)
     if options.base is not None:
         tree = rerooted(tree, options.base)
     name = name_from(source.name or path.name.split(".")[0])

@@ -69,6 +69,9 @@ class _Writer:
             parent: The element of what carries it.
             name: Name of its link.
             group: Joints that move it, its own last, each with its frame in the carrying body's.
+
+        Raises:
+            UsageError: If it moves and has no mass, and not one link follows it.
         """
         inertial, below = self._source.links[name].inertial, self._below.get(name, [])
         (joint, frame) = group[-1]

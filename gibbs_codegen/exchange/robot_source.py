@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.source import (
     Inertial,
@@ -13,7 +11,7 @@ from gibbs_codegen.exchange.source import (
     SourceLink,
     SourceRotor,
 )
-from gibbs_codegen.robot.model import BASE, Body, Link, Robot, as_rigid_body
+from gibbs_codegen.robot.model import BASE, Body, Link, Robot, Rotor, as_rigid_body
 from gibbs_codegen.robot.names import default_prefix, joint_name
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
@@ -31,55 +29,63 @@ def source_of(robot: Robot) -> Source:
     Returns:
         Its links and joints, as of a file.
     """
-    centre = _centre(robot)
-    body = robot.base.body
+    centre, names, body = _centre(robot), _names(robot), robot.base.body
     links = {ROOT: SourceLink(ROOT, _inertial(body, centre) if body else Inertial())}
     joints: list[SourceJoint] = []
     rotors: list[SourceRotor] = []
     for k in range(1, robot.base.rotors + 1):
-        name, frame = f"arm{k}", centre @ _rod_frame(robot, k)
-        links[name] = SourceLink(name, _inertial(robot.base.arm(k), HERE))
-        joints.append(SourceJoint(f"{name}_mount", "fixed", ROOT, name, frame))
-        seen_from_motor = k == 1 and robot.base.azimuth_deg is None
-        place = (0.0 if seen_from_motor else robot.base.arm(k).length, 0.0, 0.0)
-        thrust, drag = robot.base.thrust[k - 1], robot.base.drag[k - 1]
-        rotors.append(SourceRotor(f"rotor{k}", name, place, thrust, drag))
-    names = _names(robot)
+        rotor, rod = _motor(robot, k), centre @ _rod_frame(robot, k)
+        links[rotor.on] = SourceLink(rotor.on, _inertial(robot.base.arm(k), HERE))
+        joints.append(SourceJoint(f"{rotor.on}_mount", "fixed", ROOT, rotor.on, rod))
+        rotors.append(rotor)
     for i, link in enumerate(robot.links, start=1):
         links[names[i]] = SourceLink(names[i], _inertial(link.body, HERE))
-        joint = _joint(robot, i, names)
-        if robot.parents[i - 1] == BASE:
-            joint = replace(joint, pose=centre @ joint.pose)
-        joints.append(joint)
-    for k, rotor in enumerate(robot.thrusters, start=1):
-        place = vector(centre.point(rotor.position)) if rotor.on == BASE else rotor.position
-        rotors.append(
-            SourceRotor(
-                rotor.name or default_prefix("rotor", k),
-                names[rotor.on],
-                place,
-                rotor.direction,
-                rotor.drag,
-                rotor.limits,
-                rotor.time_constant,
-            )
-        )
-    frames = tuple(
-        SourceFrame(
-            frame.name,
-            names[frame.on],
-            (centre if frame.on == BASE else HERE) @ Placement(frame.pose.xyz, frame.pose.rpy_deg),
-        )
-        for frame in robot.frames
-    )
+        joints.append(_joint(robot, i, names, centre))
+    rotors += [_placed(rotor, k, names, centre) for k, rotor in enumerate(robot.thrusters, start=1)]
+    frames = []
+    for frame in robot.frames:
+        own = Placement(frame.pose.xyz, frame.pose.rpy_deg)
+        pose = centre @ own if frame.on == BASE else own
+        frames.append(SourceFrame(frame.name, names[frame.on], pose))
     return Source(
         f"{robot.name}.toml",
         robot.name,
         links,
         tuple(joints),
         tuple(rotors),
-        frames=frames,
+        frames=tuple(frames),
         gravity=robot.gravity,
+    )
+
+
+def _motor(robot: Robot, k: int) -> SourceRotor:
+    """The motor of a rod, on a link of the rod."""
+    base = robot.base
+    seen_from_motor = k == 1 and base.azimuth_deg is None
+    place = (0.0 if seen_from_motor else base.arm(k).length, 0.0, 0.0)
+    return SourceRotor(f"rotor{k}", f"arm{k}", place, base.thrust[k - 1], base.drag[k - 1])
+
+
+def _placed(rotor: Rotor, k: int, names: list[str], centre: Placement) -> SourceRotor:
+    """A rotor that is placed on a body.
+
+    Args:
+        rotor: The rotor.
+        k: Its number, from 1.
+        names: Names of base and links.
+        centre: The frame of the base in that of the root.
+
+    Returns:
+        The rotor.
+    """
+    return SourceRotor(
+        rotor.name or default_prefix("rotor", k),
+        names[rotor.on],
+        vector(centre.point(rotor.position)) if rotor.on == BASE else rotor.position,
+        rotor.direction,
+        rotor.drag,
+        rotor.limits,
+        rotor.time_constant,
     )
 
 
@@ -120,26 +126,27 @@ def _inertial(body: Body, frame: Placement) -> Inertial:
     return Inertial(rigid.mass, place, inertia_matrix(rigid.inertia))
 
 
-def _joint(robot: Robot, i: int, names: list[str]) -> SourceJoint:
+def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> SourceJoint:
     """The joint of a link.
 
     Args:
         robot: The robot.
         i: Number of the link, from 1.
         names: Names of base and links.
+        centre: The frame of the base in that of the root.
 
     Returns:
-        The joint, its pose in the frame of the carrying body.
+        The joint, its pose in the frame of the carrying link.
     """
     link = robot.links[i - 1]
     name = link.coordinate or link.name or joint_name(link.joint, robot.rotors + i)
-    limits = link.limits
+    limits, pose = link.limits, _pose(robot, i, link)
     return SourceJoint(
         name,
         link.joint,
         names[robot.parents[i - 1]],
         names[i],
-        _pose(robot, i, link),
+        centre @ pose if robot.parents[i - 1] == BASE else pose,
         link.axis,
         passive=link.passive,
         limits=limits,

@@ -101,7 +101,8 @@ class Told:
 class Source:
     """A file: its name for messages, the robot's name, and what it holds in the file's order.
 
-    `spinning` names joints that let rotors spin, whether or not these rotors are replaced.
+    `spinning` names joints that let rotors spin, whether or not these rotors are replaced, and
+    `anchors` those that were left out with a root in the world.
     """
 
     file: str
@@ -110,6 +111,7 @@ class Source:
     joints: tuple[SourceJoint, ...]
     rotors: tuple[SourceRotor, ...] = ()
     spinning: frozenset[str] = frozenset()
+    anchors: frozenset[str] = frozenset()
     frames: tuple[SourceFrame, ...] = ()
     gravity: float = 9.81
     told: tuple[Told, ...] = ()

@@ -15,6 +15,7 @@ from gibbs_codegen.exchange.source import Source, SourceJoint, SourceRotor, Told
 # How far a rotor may be from the axis of its joint and still be what spins there: m, and rad.
 _ON_AXIS = 1e-6
 _ANCHORS = ("world", "map", "odom")
+_MOST_ANCHORS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,7 @@ def locked(tree: SourceTree, values: Mapping[str, float]) -> SourceTree:
         UsageError: If there is no joint of a name.
     """
     source = tree.source
-    known = {joint.name for joint in source.joints}
+    known = {joint.name for joint in source.joints} | source.anchors
     for name in values:
         if name not in known:
             raise UsageError(f"--lock {printable(name, 60)}: no such joint{near(name, known)}")
@@ -151,37 +152,53 @@ def _spins(joint: SourceJoint, rotor: SourceRotor) -> bool:
 
 
 def without_anchor(tree: SourceTree) -> SourceTree:
-    """Leave out a massless root by which the file hangs the robot up in the world.
+    """Leave out massless roots by which the file hangs the robot up in the world.
 
     Args:
         tree: The tree.
 
     Returns:
-        The tree without it: without a root that a floating joint leads from, and without a link
+        The tree without them: without a root that a floating joint leads from, and without a link
         "world" that a fixed joint leads from.
+    """
+    for _ in range(_MOST_ANCHORS):
+        source, root = tree.source, tree.root
+        below, inertial = tree.joints_below(root), source.links[root].inertial
+        carriers = {rotor.on for rotor in source.rotors} | {frame.on for frame in source.frames}
+        empty = inertial.mass == 0.0 and not inertial.inertia.any() and root not in carriers
+        if len(below) != 1 or not empty:
+            break
+        (joint,) = below
+        is_anchor = joint.kind == "fixed" and root.lower() in _ANCHORS
+        if not is_anchor and joint.kind not in ("floating", "planar"):
+            break
+        links = {name: link for name, link in source.links.items() if name != root}
+        told = Told("left out", root, f"the link above {joint.child}: the robot flies")
+        source = replace(
+            source,
+            links=links,
+            joints=tuple(found for found in source.joints if found is not joint),
+            anchors=source.anchors | {joint.name},
+            told=(*source.told, told),
+        )
+        tree = SourceTree(source, joint.child)
+    return tree
+
+
+def check_kinds(tree: SourceTree) -> None:
+    """Refuse joints that only a root may have.
+
+    Args:
+        tree: The tree, its joints locked and its anchors left out.
 
     Raises:
-        SourceFileError: If a floating or planar joint stays.
+        SourceFileError: If a joint is floating or planar.
     """
-    source, below = tree.source, tree.joints_below(tree.root)
-    link = source.links[tree.root]
-    empty = link.inertial.mass == 0.0 and not link.inertial.inertia.any()
-    carriers = [rotor.on for rotor in source.rotors] + [frame.on for frame in source.frames]
-    if len(below) == 1 and empty and tree.root not in carriers:
-        (joint,) = below
-        if joint.kind in ("floating", "planar") or (
-            joint.kind == "fixed" and tree.root.lower() in _ANCHORS
-        ):
-            links = {name: found for name, found in source.links.items() if name != tree.root}
-            told = Told("left out", tree.root, f"the link above {joint.child}: the robot flies")
-            joints = tuple(found for found in source.joints if found is not joint)
-            source = replace(source, links=links, joints=joints, told=(*source.told, told))
-            return without_anchor(SourceTree(source, joint.child))
-    for joint in source.joints:
+    for joint in tree.source.joints:
         if joint.kind in ("floating", "planar"):
             message = f"is {joint.kind}, which is possible at the root only; --lock holds it fast"
-            raise source.refused(message, joint.line, f'<joint "{printable(joint.name, 60)}">')
-    return tree
+            where = f'<joint "{printable(joint.name, 60)}">'
+            raise tree.source.refused(message, joint.line, where)
 
 
 def rerooted(tree: SourceTree, link: str) -> SourceTree:

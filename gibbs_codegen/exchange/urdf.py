@@ -88,7 +88,13 @@ def read_urdf(data: bytes, file: str) -> Source:
     name = root.get("name", "")
     spinning = frozenset(rotor.joint for rotor in rotors if rotor.joint)
     return Source(
-        file, name, links, tuple(joints.values()), tuple(rotors), spinning, told=tuple(told)
+        file,
+        name,
+        links,
+        tuple(joints.values()),
+        tuple(rotors),
+        spinning=spinning,
+        told=tuple(told),
     )
 
 
