@@ -70,9 +70,10 @@ typedef hexarotor_3link_constants Constants;
 #define PARALLEL
 #endif
 
-/* Literals, and the layout of their bits. */
+/* Literals and the layout of their bits; functions of <math.h>. */
 #ifdef SINGLE
 #define R(literal) literal##f
+#define LIBRARY(function) function##f
 typedef uint32_t bits;
 #define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
@@ -84,6 +85,7 @@ typedef uint32_t bits;
 /* This does not compile with -fsingle-precision-constant, which makes floats of all constants. */
 typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
+#define LIBRARY(function) function
 typedef uint64_t bits;
 #define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)
@@ -124,8 +126,6 @@ static int is_finite(const real value)
  * the compiler may reorder the arithmetic.
  */
 #ifdef SINGLE
-#define LIBRARY_SIN sinf
-#define LIBRARY_COS cosf
 #define ANGLE_LIMIT UINT32_C(0x43c80000) /* 400 as float */
 #define ROUND R(12582912.0)              /* 1.5 * 2^23 */
 #define HALF_PI_1 R(1.570770263671875)
@@ -138,8 +138,6 @@ static int is_finite(const real value)
     ((R(0.041666646807190746216) + (z) * R(-0.0013887364485517624984)) +                       \
      (zz) * R(0.000024438090961243314256))
 #else
-#define LIBRARY_SIN sin
-#define LIBRARY_COS cos
 #define ANGLE_LIMIT UINT64_C(0x40f86a0000000000) /* 100000 as double */
 #define ROUND R(6755399441055744.0)              /* 1.5 * 2^52 */
 #define HALF_PI_1 R(1.570796326792333275079727)
@@ -261,8 +259,8 @@ static COLD void library_sine_cosine(const int count, const real *angle, real *s
         bits angle_bits;
         memcpy(&angle_bits, angle + i, sizeof angle_bits);
         if ((angle_bits & MAGNITUDE) > ANGLE_LIMIT) {
-            sine[i] = LIBRARY_SIN(angle[i]);
-            cosine[i] = LIBRARY_COS(angle[i]);
+            sine[i] = LIBRARY(sin)(angle[i]);
+            cosine[i] = LIBRARY(cos)(angle[i]);
         }
     }
 }
@@ -5460,5 +5458,323 @@ hexarotor_3link_tip_bias_acceleration_batch(
             last_q,
             last_v,
             bias_acceleration + whole * (6 * LANES));
+    }
+}
+
+/* ---- coordinate_rates ---- */
+
+static INLINE void coordinate_rates_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT rate,
+    const int stride)
+{
+    (void)constants;
+    (void)q;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride];
+    const real v_y = v[7 * stride];
+    const real v_z = v[8 * stride];
+    rate[0 * stride] = v_theta_m1;
+    rate[1 * stride] = v_theta_0;
+    rate[2 * stride] = v_theta_1;
+    rate[3 * stride] = v_theta_7;
+    rate[4 * stride] = v_theta_8;
+    rate[5 * stride] = v_theta_9;
+    rate[6 * stride] = v_x;
+    rate[7 * stride] = v_y;
+    rate[8 * stride] = v_z;
+}
+
+void
+hexarotor_3link_coordinate_rates(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT rate)
+{
+    coordinate_rates_lane(constants, q, v, rate, 1);
+}
+
+static WIDE void coordinate_rates_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT rate)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        coordinate_rates_lane(constants, q + lane, v + lane, rate + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_coordinate_rates_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT rate)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        coordinate_rates_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            rate + block * (9 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        coordinate_rates_block(
+            constants,
+            last_q,
+            last_v,
+            rate + whole * (9 * LANES));
+    }
+}
+
+/* ---- integrate ---- */
+
+static INLINE void integrate_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT coordinates,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+    const real x = q[6 * stride];
+    const real y = q[7 * stride];
+    const real z = q[8 * stride];
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride];
+    const real v_y = v[7 * stride];
+    const real v_z = v[8 * stride];
+
+    /* attitude and position after the displacement */
+    const real t1 = theta_m1 + v_theta_m1;
+    coordinates[0 * stride] = t1;
+    const real t2 = theta_0 + v_theta_0;
+    coordinates[1 * stride] = t2;
+    const real t3 = theta_1 + v_theta_1;
+    coordinates[2 * stride] = t3;
+    const real t4 = x + v_x;
+    coordinates[6 * stride] = t4;
+    const real t5 = y + v_y;
+    coordinates[7 * stride] = t5;
+    const real t6 = z + v_z;
+    coordinates[8 * stride] = t6;
+
+    /* joints after the displacement */
+    const real t7 = theta_7 + v_theta_7;
+    coordinates[3 * stride] = t7;
+    const real t8 = theta_8 + v_theta_8;
+    coordinates[4 * stride] = t8;
+    const real t9 = theta_9 + v_theta_9;
+    coordinates[5 * stride] = t9;
+}
+
+void
+hexarotor_3link_integrate(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT coordinates)
+{
+    integrate_lane(constants, q, v, coordinates, 1);
+}
+
+static WIDE void integrate_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT coordinates)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        integrate_lane(constants, q + lane, v + lane, coordinates + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_integrate_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT coordinates)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        integrate_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            coordinates + block * (9 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        integrate_block(
+            constants,
+            last_q,
+            last_v,
+            coordinates + whole * (9 * LANES));
+    }
+}
+
+/* ---- difference ---- */
+
+static INLINE void difference_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q0,
+    const real *RESTRICT q1,
+    real *RESTRICT displacement,
+    const int stride)
+{
+    (void)constants;
+    const real q0_theta_m1 = q0[0 * stride];
+    const real q0_theta_0 = q0[1 * stride];
+    const real q0_theta_1 = q0[2 * stride];
+    const real q0_theta_7 = q0[3 * stride];
+    const real q0_theta_8 = q0[4 * stride];
+    const real q0_theta_9 = q0[5 * stride];
+    const real q0_x = q0[6 * stride];
+    const real q0_y = q0[7 * stride];
+    const real q0_z = q0[8 * stride];
+    const real q1_theta_m1 = q1[0 * stride];
+    const real q1_theta_0 = q1[1 * stride];
+    const real q1_theta_1 = q1[2 * stride];
+    const real q1_theta_7 = q1[3 * stride];
+    const real q1_theta_8 = q1[4 * stride];
+    const real q1_theta_9 = q1[5 * stride];
+    const real q1_x = q1[6 * stride];
+    const real q1_y = q1[7 * stride];
+    const real q1_z = q1[8 * stride];
+
+    /* displacement of attitude and position */
+    const real t1 = q1_theta_m1 - q0_theta_m1;
+    displacement[0 * stride] = t1;
+    const real t2 = q1_theta_0 - q0_theta_0;
+    displacement[1 * stride] = t2;
+    const real t3 = q1_theta_1 - q0_theta_1;
+    displacement[2 * stride] = t3;
+    const real t4 = q1_x - q0_x;
+    displacement[6 * stride] = t4;
+    const real t5 = q1_y - q0_y;
+    displacement[7 * stride] = t5;
+    const real t6 = q1_z - q0_z;
+    displacement[8 * stride] = t6;
+
+    /* displacements of the joints */
+    const real t7 = q1_theta_7 - q0_theta_7;
+    displacement[3 * stride] = t7;
+    const real t8 = q1_theta_8 - q0_theta_8;
+    displacement[4 * stride] = t8;
+    const real t9 = q1_theta_9 - q0_theta_9;
+    displacement[5 * stride] = t9;
+}
+
+void
+hexarotor_3link_difference(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q0,
+    const real *RESTRICT q1,
+    real *RESTRICT displacement)
+{
+    difference_lane(constants, q0, q1, displacement, 1);
+}
+
+static WIDE void difference_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q0,
+    const real *RESTRICT q1,
+    real *RESTRICT displacement)
+{
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        difference_lane(constants, q0 + lane, q1 + lane, displacement + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_difference_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q0,
+    const real *RESTRICT q1,
+    real *RESTRICT displacement)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        difference_block(
+            constants,
+            q0 + block * (9 * LANES),
+            q1 + block * (9 * LANES),
+            displacement + block * (9 * LANES));
+    }
+    if (rest > 0) {
+        real last_q0[9 * LANES];
+        real last_q1[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q0 + whole * (9 * LANES),
+            last_q0);
+        fill_lanes(
+            9,
+            rest,
+            q1 + whole * (9 * LANES),
+            last_q1);
+        difference_block(
+            constants,
+            last_q0,
+            last_q1,
+            displacement + whole * (9 * LANES));
     }
 }

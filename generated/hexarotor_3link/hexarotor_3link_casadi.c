@@ -162,6 +162,30 @@ const char *CASADI(tip_bias_acceleration_name_out)(casadi_int);
 const casadi_int *CASADI(tip_bias_acceleration_sparsity_in)(casadi_int);
 const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int);
 int CASADI(tip_bias_acceleration_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(coordinate_rates)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(coordinate_rates_n_in)(void);
+casadi_int CASADI(coordinate_rates_n_out)(void);
+const char *CASADI(coordinate_rates_name_in)(casadi_int);
+const char *CASADI(coordinate_rates_name_out)(casadi_int);
+const casadi_int *CASADI(coordinate_rates_sparsity_in)(casadi_int);
+const casadi_int *CASADI(coordinate_rates_sparsity_out)(casadi_int);
+int CASADI(coordinate_rates_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(integrate)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(integrate_n_in)(void);
+casadi_int CASADI(integrate_n_out)(void);
+const char *CASADI(integrate_name_in)(casadi_int);
+const char *CASADI(integrate_name_out)(casadi_int);
+const casadi_int *CASADI(integrate_sparsity_in)(casadi_int);
+const casadi_int *CASADI(integrate_sparsity_out)(casadi_int);
+int CASADI(integrate_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(difference)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(difference_n_in)(void);
+casadi_int CASADI(difference_n_out)(void);
+const char *CASADI(difference_name_in)(casadi_int);
+const char *CASADI(difference_name_out)(casadi_int);
+const casadi_int *CASADI(difference_sparsity_in)(casadi_int);
+const casadi_int *CASADI(difference_sparsity_out)(casadi_int);
+int CASADI(difference_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 #ifdef __cplusplus
 }
 #endif
@@ -1481,5 +1505,236 @@ int CASADI(tip_bias_acceleration_work)(
     *sz_res = 1;
     *sz_iw = 0;
     *sz_w = 6;
+    return 0;
+}
+
+/* ---- coordinate_rates ---- */
+
+int CASADI(coordinate_rates)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_coordinate_rates(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        w + 0);
+    store(9, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(coordinate_rates_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(coordinate_rates_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(coordinate_rates_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(coordinate_rates_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "rate",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(coordinate_rates_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(coordinate_rates_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(coordinate_rates_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 9;
+    return 0;
+}
+
+/* ---- integrate ---- */
+
+int CASADI(integrate)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_integrate(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        w + 0);
+    store(9, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(integrate_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(integrate_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(integrate_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(integrate_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "coordinates",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(integrate_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(integrate_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(integrate_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 9;
+    return 0;
+}
+
+/* ---- difference ---- */
+
+int CASADI(difference)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_difference(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        w + 0);
+    store(9, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(difference_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(difference_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(difference_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q0",
+        "q1",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(difference_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "displacement",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(difference_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(difference_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(difference_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 9;
     return 0;
 }

@@ -58,6 +58,15 @@ ATTITUDE = "xyz"
 COORDINATES = (
     "theta_m1", "theta_0", "theta_1", "theta_7", "theta_8", "theta_9", "x", "y", "z",
 )
+COORDINATE_UNITS = (
+    "rad", "rad", "rad", "rad", "rad", "rad", "m", "m", "m",
+)
+VELOCITIES = (
+    "theta_m1", "theta_0", "theta_1", "theta_7", "theta_8", "theta_9", "x", "y", "z",
+)
+VELOCITY_UNITS = (
+    "rad/s", "rad/s", "rad/s", "rad/s", "rad/s", "rad/s", "m/s", "m/s", "m/s",
+)
 HYBRID_COORDINATES = (
     "theta_m1", "theta_0", "theta_1", "theta_2", "theta_3", "theta_4", "theta_5", "theta_6",
     "theta_7", "theta_8", "theta_9", "x", "y", "z", "tau_prime_2", "tau_prime_3", "tau_prime_4",
@@ -408,6 +417,42 @@ def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]
     return array
 
 
+def sqrt(x: Any) -> Any:
+    """Square root of numbers.
+
+    Args:
+        x: A number, or an array of them.
+
+    Returns:
+        A float for a float, else an array.
+    """
+    return math.sqrt(x) if isinstance(x, float) else np.sqrt(x)
+
+
+def atan(x: Any) -> Any:
+    """Arctangent of numbers.
+
+    Args:
+        x: A number, or an array of them.
+
+    Returns:
+        Angles in rad: a float for a float, else an array.
+    """
+    return math.atan(x) if isinstance(x, float) else np.arctan(x)
+
+
+def sign(x: Any) -> Any:
+    """Sign of numbers; zeros have signs, too.
+
+    Args:
+        x: A number, or an array of them.
+
+    Returns:
+        1 or -1: a float for a float, else an array.
+    """
+    return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)
+
+
 def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
     """Shape of the batch that the leading axes of arguments broadcast to.
 
@@ -438,11 +483,12 @@ class Evaluator:
         self,
         module: str,
         coordinates: Sequence[str],
+        velocities: Sequence[str],
         inputs: Sequence[str],
         default_constants: tuple[float, ...],
     ) -> None:
         """Take the names that reports use, and the constants of calls that give none."""
-        self._report = NotFiniteReport(module, coordinates, inputs)
+        self._report = NotFiniteReport(module, coordinates, velocities, inputs)
         self._default = default_constants
 
     def __call__(
@@ -521,10 +567,16 @@ class Evaluator:
 class NotFiniteReport:
     """Says where functions of a module gave what is not finite though their arguments are."""
 
-    def __init__(self, module: str, coordinates: Sequence[str], inputs: Sequence[str]) -> None:
-        """Take the module's name, those of the entries of q, v and a, and those of u."""
+    def __init__(
+        self,
+        module: str,
+        coordinates: Sequence[str],
+        velocities: Sequence[str],
+        inputs: Sequence[str],
+    ) -> None:
+        """Take the module's name, and those of the entries of q, of v and a, and of u."""
         self._module = module
-        self._labels = {"q": coordinates, "v": coordinates, "a": coordinates, "u": inputs}
+        self._labels = {"q": coordinates, "v": velocities, "a": velocities, "u": inputs}
 
     def __call__(
         self,
@@ -537,7 +589,7 @@ class NotFiniteReport:
 
         Args:
             function: Name of the function.
-            arguments: Arrays (..., width) by the names q, v, a and u.
+            arguments: Arrays (..., width) by their names; q0 and q1 have the entries of q.
             finite: Whether all results of a state are finite, of the shape of the batch.
             level: How far up the stack the caller is, for the warning's place.
 
@@ -556,7 +608,7 @@ class NotFiniteReport:
             values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
             i = int(np.argmax(np.abs(values)))
             if abs(values[i]) >= abs(largest):
-                largest, place = values[i], f"{name} of {self._labels[name][i]}"
+                largest, place = values[i], f"{name} of {self._labels[name[0]][i]}"
         first = ", ".join(map(str, state))
         where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
         message = (
@@ -589,7 +641,7 @@ def shaped(
     return array.reshape(*batch, *shape)
 
 
-_evaluate = Evaluator(NAME, COORDINATES, INPUTS, prepare(PARAMETERS))
+_evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, prepare(PARAMETERS))
 
 
 def mass_matrix_and_residual(
@@ -3760,4 +3812,182 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t73 = t1 * t70 + t2 * t59
     return (
         -t67, t68, t69, t71, t72, t73,
+    )
+
+
+def coordinate_rates(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Rates of the coordinates q.
+
+    With attitude angles v itself; a quaternion turns with the angular velocity of the base.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    rate: array (..., 9); theta_m1 [rad/s], theta_0 [rad/s], theta_1 [rad/s], theta_7 [rad/s],
+        theta_8 [rad/s], theta_9 [rad/s], x [m/s], y [m/s], z [m/s]
+    Source: kinematics of the base. 0 operations, 0 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _coordinate_rates,
+        constants,
+        state_array("q", q, 9),
+        state_array("v", v, 9),
+    )
+    return shaped(entries, (9,), batch)
+
+
+def _coordinate_rates(k, sin, cos, q, v):
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+    v_x = v[6]
+    v_y = v[7]
+    v_z = v[8]
+    return (
+        v_theta_m1, v_theta_0, v_theta_1, v_theta_7, v_theta_8, v_theta_9, v_x, v_y, v_z,
+    )
+
+
+def integrate(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Coordinates after a displacement v, which is a velocity times the time that it lasts.
+
+    The same as Pinocchio's integrate. The only function that normalises a quaternion.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    coordinates: array (..., 9); theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+        theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+    Source: sums, or the exponential map of SE(3) for a quaternion with its position. 9 operations,
+        0 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _integrate,
+        constants,
+        state_array("q", q, 9),
+        state_array("v", v, 9),
+    )
+    return shaped(entries, (9,), batch)
+
+
+def _integrate(k, sin, cos, q, v):
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    x = q[6]
+    y = q[7]
+    z = q[8]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+    v_x = v[6]
+    v_y = v[7]
+    v_z = v[8]
+
+    # attitude and position after the displacement
+    t1 = theta_m1 + v_theta_m1
+    t2 = theta_0 + v_theta_0
+    t3 = theta_1 + v_theta_1
+    t4 = x + v_x
+    t5 = y + v_y
+    t6 = z + v_z
+
+    # joints after the displacement
+    t7 = theta_7 + v_theta_7
+    t8 = theta_8 + v_theta_8
+    t9 = theta_9 + v_theta_9
+    return (
+        t1, t2, t3, t7, t8, t9, t4, t5, t6,
+    )
+
+
+def difference(
+    q0: ArrayLike,
+    q1: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.
+
+    The same as Pinocchio's difference. A quaternion and its opposite are one attitude.
+
+    q0: coordinates to begin with, q0_theta_m1 [rad], q0_theta_0 [rad], q0_theta_1 [rad], q0_theta_7
+        [rad], q0_theta_8 [rad], q0_theta_9 [rad], q0_x [m], q0_y [m], q0_z [m]
+    q1: coordinates to end with, q1_theta_m1 [rad], q1_theta_0 [rad], q1_theta_1 [rad], q1_theta_7
+        [rad], q1_theta_8 [rad], q1_theta_9 [rad], q1_x [m], q1_y [m], q1_z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    displacement: array (..., 9); theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+        theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+    Source: differences, or the logarithm of SE(3) for a quaternion with its position. 9 operations,
+        0 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _difference,
+        constants,
+        state_array("q0", q0, 9),
+        state_array("q1", q1, 9),
+    )
+    return shaped(entries, (9,), batch)
+
+
+def _difference(k, sin, cos, q0, q1):
+    q0_theta_m1 = q0[0]
+    q0_theta_0 = q0[1]
+    q0_theta_1 = q0[2]
+    q0_theta_7 = q0[3]
+    q0_theta_8 = q0[4]
+    q0_theta_9 = q0[5]
+    q0_x = q0[6]
+    q0_y = q0[7]
+    q0_z = q0[8]
+    q1_theta_m1 = q1[0]
+    q1_theta_0 = q1[1]
+    q1_theta_1 = q1[2]
+    q1_theta_7 = q1[3]
+    q1_theta_8 = q1[4]
+    q1_theta_9 = q1[5]
+    q1_x = q1[6]
+    q1_y = q1[7]
+    q1_z = q1[8]
+
+    # displacement of attitude and position
+    t1 = q1_theta_m1 - q0_theta_m1
+    t2 = q1_theta_0 - q0_theta_0
+    t3 = q1_theta_1 - q0_theta_1
+    t4 = q1_x - q0_x
+    t5 = q1_y - q0_y
+    t6 = q1_z - q0_z
+
+    # displacements of the joints
+    t7 = q1_theta_7 - q0_theta_7
+    t8 = q1_theta_8 - q0_theta_8
+    t9 = q1_theta_9 - q0_theta_9
+    return (
+        t1, t2, t3, t7, t8, t9, t4, t5, t6,
     )

@@ -87,7 +87,8 @@ def _slices(tape: Tape, symbolic: SymbolicRobot, progress: Progress) -> list[Sli
     reduced = reduced_system(symbolic)
     progress("hybrid system")
     systems = Systems(tape, symbolic, reduced, hybrid_system(symbolic, reduced))
-    lists = (symbolic.q, hybrid_coordinates(symbolic.robot), symbolic.u, points(symbolic.robot))
+    robot = symbolic.robot
+    lists = (symbolic.q, symbolic.v, hybrid_coordinates(robot), symbolic.u, points(robot))
     slices = []
     for signature in signatures(*map(len, lists)):
         if signature.name.startswith("tip_") and "tip" not in frame_names(symbolic.robot):

@@ -187,7 +187,7 @@ def input_matrix(symbolic: SymbolicRobot) -> Matrix:
         symbolic: The robot in symbols.
 
     Returns:
-        Rows in the order of q, columns in that of u.
+        Rows in the order of v, columns in that of u.
     """
     places, rotors = symbolic.places, symbolic.robot.rotors
     tree, bodies = symbolic.reduced_tree, symbolic.bodies

@@ -54,7 +54,7 @@ def forward_dynamics(tape: Tape, symbolic: SymbolicRobot) -> list[sp.Expr]:
         symbolic: The robot in symbols, on this tape.
 
     Returns:
-        a, in the order of q.
+        a, in the order of v.
     """
     articulated = articulated_dynamics(symbolic)
     most = operations(tape, articulated)
@@ -71,7 +71,7 @@ def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
         symbolic: The robot in symbols.
 
     Returns:
-        a, in the order of q.
+        a, in the order of v.
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
@@ -101,7 +101,7 @@ def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | N
         most: The operations that the other way takes.
 
     Returns:
-        a, in the order of q; None where LDLᵀ alone takes `most` operations or more.
+        a, in the order of v; None where LDLᵀ alone takes `most` operations or more.
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
@@ -197,12 +197,13 @@ def _in_coordinates(
         root: That of the base centre relative to free fall, in the root's group frame.
 
     Returns:
-        a, in the order of q.
+        a, in the order of v.
     """
     with symbolic.tape.group("acceleration of the origin, in world axes"):
         linear = _at_origin(symbolic, root)
     gravity = symbolic.parameters.gravity
-    base = symbolic.root.accelerations(symbolic.tape, linear, root.angular, gravity)
+    rates, _ = symbolic.places.split(symbolic.v)
+    base = symbolic.root.accelerations(symbolic.tape, linear, root.angular, rates, gravity)
     return symbolic.places.joined(base, joints)
 
 

@@ -235,7 +235,7 @@ def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> l
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     motions = free_motions(tape, root, tree, symbolic.v)
-    _, rates = symbolic.places.split(symbolic.v)
+    base_rates, rates = symbolic.places.split(symbolic.v)
     reach = mounted.position
     end = Acceleration(ZERO, motions[mounted.segment].omega_dot)
     for k in tree.path(mounted.segment):
@@ -254,7 +254,9 @@ def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> l
             end = end.rotated(tape, segment.turn)
             reach = segment.turn.vector(tape, segment.step)
     with tape.group(f"acceleration of {mounted.name} in world axes"):
-        return [*root.world(tape, end.linear), *root.world(tape, end.angular)]
+        base = root.frame_motion(tape, base_rates, [sp.S.Zero] * len(base_rates), sp.S.Zero)
+        linear = add(tape, end.linear, base.acceleration)
+        return [*root.world(tape, linear), *root.world(tape, end.angular)]
 
 
 def tip_pose(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:

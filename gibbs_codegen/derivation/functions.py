@@ -30,6 +30,7 @@ from gibbs_codegen.derivation.tree_dynamics import (
     generalised_inertia_forces,
     gibbs_function,
 )
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.symbolic.tape import Tape
 
 # A scalar, a vector, or a matrix by rows.
@@ -66,7 +67,7 @@ def _gibbs(systems: Systems) -> sp.Expr:
 def _kinetic_energy(systems: Systems) -> sp.Expr:
     """The Gibbs function of a robot at rest, weightless, whose accelerations are the rates."""
     symbolic, zero = systems.symbolic, sp.S.Zero
-    state = State([zero] * len(symbolic.q), symbolic.v, zero)
+    state = State([zero] * len(symbolic.v), symbolic.v, zero)
     links = gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
     return symbolic.tape.let(sp.Add(links, *armature_energy(symbolic)))
 
@@ -80,6 +81,43 @@ def _potential_energy(systems: Systems) -> sp.Expr:
         moment = tape.let(composite.mass * symbolic.origin[2] + height)
         weight = tape.let(symbolic.parameters.gravity * moment)
     return tape.let(sp.Add(weight, *spring_energy(symbolic)))
+
+
+def _coordinate_rates(systems: Systems) -> list[sp.Expr]:
+    """Rates of the coordinates at the given velocities."""
+    symbolic = systems.symbolic
+    places = layout_of(symbolic.robot)
+    base, _ = places.q.split(symbolic.q)
+    rates, joints = places.v.split(symbolic.v)
+    with systems.tape.group("rates of attitude and position"):
+        moved = symbolic.root.coordinate_rates(systems.tape, base, rates)
+    return places.q.joined(moved, joints)
+
+
+def _integrated(systems: Systems) -> list[sp.Expr]:
+    """Coordinates after the displacement v: q ⊕ v."""
+    tape, symbolic = systems.tape, systems.symbolic
+    places = layout_of(symbolic.robot)
+    base, joints = places.q.split(symbolic.q)
+    step, turns = places.v.split(symbolic.v)
+    with tape.group("attitude and position after the displacement"):
+        moved = symbolic.root.integrated(tape, base, step)
+    with tape.group("joints after the displacement"):
+        turned = [tape.let(q + v) for q, v in zip(joints, turns, strict=True)]
+    return places.q.joined(moved, turned)
+
+
+def _difference(systems: Systems) -> list[sp.Expr]:
+    """The displacement v with q₀ ⊕ v = q₁."""
+    tape, symbolic = systems.tape, systems.symbolic
+    places = layout_of(symbolic.robot)
+    start, from_joints = places.q.split(symbolic.q0)
+    end, to_joints = places.q.split(symbolic.q1)
+    with tape.group("displacement of attitude and position"):
+        step = symbolic.root.difference(tape, start, end)
+    with tape.group("displacements of the joints"):
+        turns = [tape.let(q - p) for p, q in zip(from_joints, to_joints, strict=True)]
+    return places.v.joined(step, turns)
 
 
 DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
@@ -99,4 +137,7 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "tip_pose": lambda systems: tip_pose(systems.symbolic),
     "tip_jacobian": lambda systems: tip_jacobian(systems.symbolic),
     "tip_bias_acceleration": lambda systems: tip_bias_acceleration(systems.symbolic),
+    "coordinate_rates": _coordinate_rates,
+    "integrated": _integrated,
+    "difference": _difference,
 }

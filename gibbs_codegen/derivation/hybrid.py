@@ -66,7 +66,7 @@ def reduced_system(symbolic: SymbolicRobot) -> LinearSystem:
         symbolic: The robot in symbols.
 
     Returns:
-        Rows and unknowns in the order of q.
+        Rows and unknowns in the order of v.
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     minus_r = generalised_inertia_forces(tape, root, tree, symbolic.state.unaccelerated)
@@ -100,7 +100,7 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
     Args:
         symbolic: The robot in symbols.
         serial: The constrained chain: the root and one base arm.
-        state: Rates and accelerations in the order of q; those of the constrained joint are zero.
+        state: Rates and accelerations in the order of v; those of the constrained joint are zero.
 
     Returns:
         The row at the given rates and accelerations.
@@ -288,7 +288,7 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
     """
     tape, root = symbolic.tape, symbolic.root
     chain, serial = symbolic.open_chains[number - 1]
-    by_name = dict(zip(layout_of(symbolic.robot).names, symbolic.v, strict=True))
+    by_name = dict(zip(layout_of(symbolic.robot).v.names, symbolic.v, strict=True))
     rates = [by_name.get(name, sp.S.Zero) for name in chain.coordinates]
     state = State(rates, (), symbolic.parameters.gravity).unaccelerated
     matrix = mass_matrix(tape, root, serial)

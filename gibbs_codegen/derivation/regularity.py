@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from gibbs_codegen.errors import SingularRobotError, UsageError
 from gibbs_codegen.program.nodes import Program
 from gibbs_codegen.robot.coordinates import coordinate_text
-from gibbs_codegen.robot.layout import ATTITUDE, POSITION, layout_of
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.magnitude import size_fault
 from gibbs_codegen.robot.model import Body, Link, Robot, Rod
 from gibbs_codegen.robot.placement import arm_frame, joint_frame, turn_about
@@ -72,9 +72,10 @@ def check_conditioning(robot: Robot, mass_matrix: Program, defaults: Mapping[str
             least inertia is made of.
     """
     found = []
-    size = len(mass_matrix.inputs["q"])
+    size = len(mass_matrix.inputs["v"])
     for number in range(_CONFIGURATIONS):
-        values = mass_matrix.evaluate("mass_matrix", defaults, {"q": _configuration(size, number)})
+        q = _configuration(len(mass_matrix.inputs["q"]), number)
+        values = mass_matrix.evaluate("mass_matrix", defaults, {"q": q})
         least, coordinate = _least_inertia(np.array(values[0]).reshape(size, size))
         if least >= _SMALLEST:
             return
@@ -93,10 +94,9 @@ def check_range(robot: Robot, program: Program, defaults: Mapping[str, float]) -
     Raises:
         UsageError: If numbers overflow; it names the parameters that are the furthest from 1.
     """
-    still = [0.0] * len(program.inputs["q"])
     arguments = {
-        "q": _configuration(len(still), 0),
-        "v": still,
+        "q": _configuration(len(program.inputs["q"]), 0),
+        "v": [0.0] * len(program.inputs["v"]),
         "u": [0.0] * len(program.inputs["u"]),
     }
     try:
@@ -174,12 +174,12 @@ def _null_motions(momenta: Array, levers: Array) -> list[list[int]]:
 
 def _named(robot: Robot, motion: list[int]) -> Motion:
     """Names of the coordinates of a motion of the base's twist and the joints."""
-    joints = layout_of(robot).joint_places
+    q, joints = layout_of(robot).q, layout_of(robot).v.joint_places
     names = [coordinate_text(robot, joints[k - _JOINTS]) for k in motion if k >= _JOINTS]
     if any(3 <= k < _JOINTS for k in motion):  # The origin only follows when the base turns.
-        return (*names, f"the attitude ({', '.join(ATTITUDE)})")
+        return (*names, f"the attitude ({', '.join(q.names[q.attitude])})")
     if any(k < 3 for k in motion):
-        return (*names, f"the position ({', '.join(POSITION)})")
+        return (*names, f"the position ({', '.join(q.names[q.position])})")
     return tuple(names)
 
 

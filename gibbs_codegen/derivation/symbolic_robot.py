@@ -31,8 +31,9 @@ from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Rotation, Vector, 
 class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
-    `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, their rates, their accelerations
-    and the inputs, in the orders of `robot/coordinates`.
+    `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, the velocities, their rates and
+    the inputs, in the orders of `robot/coordinates`, `q0` and `q1` the coordinates of two
+    configurations.
     """
 
     robot: Robot
@@ -43,6 +44,8 @@ class SymbolicRobot:
     v: tuple[sp.Symbol, ...]
     a: tuple[sp.Symbol, ...]
     u: tuple[sp.Symbol, ...]
+    q0: tuple[sp.Symbol, ...]
+    q1: tuple[sp.Symbol, ...]
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
@@ -55,17 +58,21 @@ class SymbolicRobot:
         Returns:
             The robot in symbols.
         """
-        names = layout_of(robot).names
-        q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names)
+        layout = layout_of(robot)
+        q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in layout.q.names)
         v, a = (
-            tuple(tape.symbol(f"{letter}_{name}", Stage.MOTION) for name in names)
+            tuple(tape.symbol(f"{letter}_{name}", Stage.MOTION) for name in layout.v.names)
             for letter in "va"
         )
         u = tuple(tape.symbol(entry.name, Stage.MOTION) for entry in inputs(robot))
+        q1, q0 = (  # First what differences are taken of.
+            tuple(tape.symbol(f"{place}_{name}", Stage.CONFIGURATION) for name in layout.q.names)
+            for place in ("q1", "q0")
+        )
         with tape.group("attitude"):
             root = root_of(robot, tape, q)
         parameters = Parameters(robot, tape, keep_zeros)
-        return cls(robot, tape, parameters, root, q, v, a, u)
+        return cls(robot, tape, parameters, root, q, v, a, u, q0, q1)
 
     @property
     def joints(self) -> int:
@@ -74,7 +81,7 @@ class SymbolicRobot:
 
     @property
     def places(self) -> Places:
-        """Places of the base and the joints in q, v and a."""
+        """Places of the base and the joints in v and a."""
         return self.root.places(self.joints)
 
     @property
@@ -85,8 +92,8 @@ class SymbolicRobot:
     @property
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""
-        base, _ = self.places.split(self.q)
-        return self.root.origin(base)
+        x, y, z = self.q[layout_of(self.robot).q.position]
+        return (x, y, z)
 
     @cached_property
     def centre(self) -> Vector:
@@ -162,7 +169,8 @@ class SymbolicRobot:
     @property
     def coordinates(self) -> dict[int, sp.Symbol]:
         """Coordinate of each link whose joint moves, by the link's number."""
-        return dict(zip(self.robot.moving, self.places.split(self.q)[1], strict=True))
+        joints = self.q[layout_of(self.robot).q.joints]
+        return dict(zip(self.robot.moving, joints, strict=True))
 
     @property
     def held(self) -> dict[int, sp.Expr]:

@@ -23,7 +23,7 @@ from gibbs_codegen.symbolic.vectors import Matrix, zeros
 
 @dataclass(frozen=True)
 class State:
-    """Rates and accelerations in the order of the tree's coordinates, and gravity.
+    """Velocities and their rates in the order of the tree's coordinates, and gravity.
 
     Zeros are as good as symbols: θ̈ = 0 gives the residual, θ̇ = 0 with the rates for accelerations
     and no gravity gives velocities.
@@ -66,16 +66,18 @@ def tree_motions(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> 
 def free_motions(
     tape: Scalars, root: Root, tree: SegmentTree, rates: Sequence[sp.Expr]
 ) -> list[Motion]:
-    """Motions that the rates alone make: every θ̈ is zero, and the origin does not accelerate.
+    """Motions that the rates alone make about an origin at rest: every θ̈ is zero.
 
     Args:
         root, tree: The tree and how its root moves.
-        rates: In the order of its coordinates.
+        rates: In the order of its velocities; those of the position are left out.
 
     Returns:
         A motion for each segment, in its working frame.
     """
-    return tree_motions(tape, root, tree, State(rates, (), sp.S.Zero).unaccelerated)
+    still = [*rates]
+    still[root.places(tree.joints).position] = [sp.S.Zero] * 3
+    return tree_motions(tape, root, tree, State(still, (), sp.S.Zero).unaccelerated)
 
 
 def generalised_inertia_forces(
@@ -93,10 +95,13 @@ def generalised_inertia_forces(
     motions = tree_motions(tape, root, tree, state)
     wrench, joints = inward(tape, tree, motions)
     places, mass = root.places(tree.joints), tree.segments[0].inertia.mass
+    rates, _ = places.split(state.rates)
     accelerations, _ = places.split(state.accelerations)
     with tape.group("inertia forces on attitude and position"):
-        rows = root.inertia_rows(tape, wrench, mass, accelerations, state.gravity)
-    return places.joined(rows, joints)
+        *angular, x, y, z = root.rows(tape, wrench)
+        moved = root.origin_acceleration(tape, rates, accelerations, state.gravity)
+        linear = [tape.let(row + mass * r) for row, r in zip((x, y, z), moved, strict=True)]
+    return places.joined([*angular, *linear], joints)
 
 
 def gibbs_function(tape: Scalars, root: Root, tree: SegmentTree, state: State) -> sp.Expr:

@@ -145,6 +145,42 @@ def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]
     return array
 
 
+def sqrt(x: Any) -> Any:
+    """Square root of numbers.
+
+    Args:
+        x: A number, or an array of them.
+
+    Returns:
+        A float for a float, else an array.
+    """
+    return math.sqrt(x) if isinstance(x, float) else np.sqrt(x)
+
+
+def atan(x: Any) -> Any:
+    """Arctangent of numbers.
+
+    Args:
+        x: A number, or an array of them.
+
+    Returns:
+        Angles in rad: a float for a float, else an array.
+    """
+    return math.atan(x) if isinstance(x, float) else np.arctan(x)
+
+
+def sign(x: Any) -> Any:
+    """Sign of numbers; zeros have signs, too.
+
+    Args:
+        x: A number, or an array of them.
+
+    Returns:
+        1 or -1: a float for a float, else an array.
+    """
+    return math.copysign(1.0, x) if isinstance(x, float) else np.copysign(1.0, x)
+
+
 def batch_shape(arrays: Sequence[NDArray[np.float64]]) -> tuple[int, ...]:
     """Shape of the batch that the leading axes of arguments broadcast to.
 
@@ -175,11 +211,12 @@ class Evaluator:
         self,
         module: str,
         coordinates: Sequence[str],
+        velocities: Sequence[str],
         inputs: Sequence[str],
         default_constants: tuple[float, ...],
     ) -> None:
         """Take the names that reports use, and the constants of calls that give none."""
-        self._report = NotFiniteReport(module, coordinates, inputs)
+        self._report = NotFiniteReport(module, coordinates, velocities, inputs)
         self._default = default_constants
 
     def __call__(
@@ -258,10 +295,16 @@ class Evaluator:
 class NotFiniteReport:
     """Says where functions of a module gave what is not finite though their arguments are."""
 
-    def __init__(self, module: str, coordinates: Sequence[str], inputs: Sequence[str]) -> None:
-        """Take the module's name, those of the entries of q, v and a, and those of u."""
+    def __init__(
+        self,
+        module: str,
+        coordinates: Sequence[str],
+        velocities: Sequence[str],
+        inputs: Sequence[str],
+    ) -> None:
+        """Take the module's name, and those of the entries of q, of v and a, and of u."""
         self._module = module
-        self._labels = {"q": coordinates, "v": coordinates, "a": coordinates, "u": inputs}
+        self._labels = {"q": coordinates, "v": velocities, "a": velocities, "u": inputs}
 
     def __call__(
         self,
@@ -274,7 +317,7 @@ class NotFiniteReport:
 
         Args:
             function: Name of the function.
-            arguments: Arrays (..., width) by the names q, v, a and u.
+            arguments: Arrays (..., width) by their names; q0 and q1 have the entries of q.
             finite: Whether all results of a state are finite, of the shape of the batch.
             level: How far up the stack the caller is, for the warning's place.
 
@@ -293,7 +336,7 @@ class NotFiniteReport:
             values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
             i = int(np.argmax(np.abs(values)))
             if abs(values[i]) >= abs(largest):
-                largest, place = values[i], f"{name} of {self._labels[name][i]}"
+                largest, place = values[i], f"{name} of {self._labels[name[0]][i]}"
         first = ", ".join(map(str, state))
         where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
         message = (

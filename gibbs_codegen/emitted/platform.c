@@ -41,9 +41,10 @@
 #define PARALLEL
 #endif
 
-/* Literals, and the layout of their bits. */
+/* Literals and the layout of their bits; functions of <math.h>. */
 #ifdef SINGLE
 #define R(literal) literal##f
+#define LIBRARY(function) function##f
 typedef uint32_t bits;
 #define SIGN_SHIFT 30
 #define MAGNITUDE UINT32_C(0x7fffffff)
@@ -55,6 +56,7 @@ typedef uint32_t bits;
 /* This does not compile with -fsingle-precision-constant, which makes floats of all constants. */
 typedef char constants_are_double[(long)16777217.0 == 16777217L ? 1 : -1];
 #define R(literal) literal
+#define LIBRARY(function) function
 typedef uint64_t bits;
 #define SIGN_SHIFT 62
 #define MAGNITUDE UINT64_C(0x7fffffffffffffff)

@@ -6,8 +6,6 @@
  * the compiler may reorder the arithmetic.
  */
 #ifdef SINGLE
-#define LIBRARY_SIN sinf
-#define LIBRARY_COS cosf
 #define ANGLE_LIMIT UINT32_C(0x43c80000) /* 400 as float */
 #define ROUND R(12582912.0)              /* 1.5 * 2^23 */
 #define HALF_PI_1 R(1.570770263671875)
@@ -20,8 +18,6 @@
     ((R(0.041666646807190746216) + (z) * R(-0.0013887364485517624984)) +                       \
      (zz) * R(0.000024438090961243314256))
 #else
-#define LIBRARY_SIN sin
-#define LIBRARY_COS cos
 #define ANGLE_LIMIT UINT64_C(0x40f86a0000000000) /* 100000 as double */
 #define ROUND R(6755399441055744.0)              /* 1.5 * 2^52 */
 #define HALF_PI_1 R(1.570796326792333275079727)
@@ -73,8 +69,8 @@ static COLD void library_sine_cosine(const int count, const real *angle, real *s
         bits angle_bits;
         memcpy(&angle_bits, angle + i, sizeof angle_bits);
         if ((angle_bits & MAGNITUDE) > ANGLE_LIMIT) {
-            sine[i] = LIBRARY_SIN(angle[i]);
-            cosine[i] = LIBRARY_COS(angle[i]);
+            sine[i] = LIBRARY(sin)(angle[i]);
+            cosine[i] = LIBRARY(cos)(angle[i]);
         }
     }
 }

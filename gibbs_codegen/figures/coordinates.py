@@ -61,17 +61,19 @@ def coordinates(flight: Flight) -> Figure:
 def _panels(flight: Flight) -> list[_Panel]:
     """What each panel shows."""
     layout = flight.layout
-    every = range(layout.size)
-    kinds = [[k for k in every[layout.joints] if layout.units[k] == unit] for unit in ("rad", "m")]
+    every = range(layout.q.size)
+    kinds = [
+        [k for k in every[layout.q.joints] if layout.q.units[k] == unit] for unit in ("rad", "m")
+    ]
     joints = [_coordinate_curves(flight, "joints", places) for places in kinds if places]
-    origin = "$O_1$" if np.allclose(flight.q[:, layout.position], flight.point("O1")) else "$O_2$"
+    origin = "$O_1$" if np.allclose(flight.q[:, layout.q.position], flight.point("O1")) else "$O_2$"
     arms = np.broadcast_arrays(flight.base_arm_angles, flight.base_arm_angles_desired)
     arm_names = [symbol(f"theta_{k}") for k in range(2, flight.rotors + 1)]
     return [
-        ("A", _by_range(_coordinate_curves(flight, "attitude", every[layout.attitude]))),
+        ("A", _by_range(_coordinate_curves(flight, "attitude", every[layout.q.attitude]))),
         ("B", [Curves("base arms (deg)", arm_names, *np.degrees(arms))]),
         *zip(("C", "C′"), map(_by_range, joints), strict=False),
-        ("D", [_coordinate_curves(flight, f"position of {origin}", every[layout.position])]),
+        ("D", [_coordinate_curves(flight, f"position of {origin}", every[layout.q.position])]),
     ]
 
 
@@ -86,7 +88,7 @@ def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curv
     Returns:
         Their curves, in deg or m.
     """
-    is_angle = flight.layout.units[places[0]] == "rad"
+    is_angle = flight.layout.q.units[places[0]] == "rad"
     unit, factor = ("deg", 180.0 / np.pi) if is_angle else ("m", 1.0)
     names = [symbol(flight.coordinates[place]) for place in places]
     actual, desired = (factor * q[:, places] for q in (flight.q, flight.q_desired))

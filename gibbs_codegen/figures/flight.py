@@ -92,10 +92,10 @@ def tracking_error(flight: Flight) -> Figure:
         The figure.
     """
     error, layout = np.abs(flight.q - flight.q_desired), flight.layout
-    sliding = [place for place in layout.joint_places if layout.units[place] == "m"]
-    angular = [place for place, unit in enumerate(layout.units) if unit == "rad"]
+    sliding = [place for place in layout.q.joint_places if layout.q.units[place] == "m"]
+    angular = [place for place, unit in enumerate(layout.q.units) if unit == "rad"]
     distances = {"base centre": flight.centre_error}
-    if layout.joint_places:
+    if layout.q.joint_places:
         distances["tip"] = flight.tip_error
     if sliding:
         distances["prismatic joints"] = error[:, sliding].max(axis=1)

@@ -71,8 +71,8 @@ def default_posture(robot: Robot) -> Array:
     # Where bends are equally good, the first, which is small, is taken.
     angles = np.deg2rad([-40.0, 40.0, -140.0, 140.0])
     layout = layout_of(robot)
-    q = np.zeros(layout.size)
-    for place, link in 2 * list(zip(layout.joint_places, robot.links, strict=True)):
+    q = np.array(layout.neutral)
+    for place, link in 2 * list(zip(layout.q.joint_places, robot.links, strict=True)):
         values = angles if link.joint == "revolute" else [longest / 2.0]
         scores = []
         for q[place] in values:

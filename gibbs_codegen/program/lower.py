@@ -190,6 +190,8 @@ class _Lowering:
             base, exponent = expression.args
             if exponent == -1:
                 return Reciprocal(self.node(base))
+            if exponent is sp.S.Half:
+                return Call("sqrt", self.node(base))
             return Product((self.node(base),) * int(exponent))
         return Call(expression.func.__name__, self.node(expression.args[0]))
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from gibbs_codegen.program.nodes import Program, names_in
+from gibbs_codegen.program.nodes import Node, Program, names_in
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 
 Progress = Callable[[str], None]
@@ -25,6 +26,16 @@ class Model:
     units: dict[str, str]
     folded: tuple[str, ...]
     keeps_zeros: bool
+
+    @property
+    def total_mass(self) -> Node:
+        """Mass of the whole robot: the mass matrix's entry of the position, whatever the attitude.
+
+        Of the position's three entries it is the last.
+        """
+        v = layout_of(self.robot).v
+        place: int = v.position.stop - 1
+        return self.program.function("mass_matrix").outputs[0].entries[place * (v.size + 1)]
 
     @property
     def parameters_read(self) -> list[str]:

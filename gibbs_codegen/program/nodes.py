@@ -5,15 +5,15 @@ target.
 
 is `Statement("t1", Sum(((1, Name("x")), (-1, Product((Number(2.0), Name("y")))))))`. Right-hand
 sides are built from six kinds of node; a target's printer must know each of them and nothing else:
-names, numbers, sums of signed terms, products, reciprocals, and calls of sine or cosine. There are
-no powers, no conditions and no loops. A `Program` holds `prepare`, which turns parameters into
+names, numbers, sums of signed terms, products, reciprocals, and calls of a function. There are no
+powers, no conditions and no loops. A `Program` holds `prepare`, which turns parameters into
 constants, and the functions.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -55,11 +55,19 @@ class Reciprocal:
 
 @dataclass(frozen=True)
 class Call:
-    """Sine or cosine."""
+    """A function of one number; `sign` is 1 or −1, and of zero either."""
 
-    function: Literal["sin", "cos"]
+    function: Literal["sin", "cos", "sqrt", "atan", "sign"]
     argument: Node
 
+
+_FUNCTIONS: dict[str, Callable[[float], float]] = {
+    "sin": math.sin,
+    "cos": math.cos,
+    "sqrt": math.sqrt,
+    "atan": math.atan,
+    "sign": lambda value: math.copysign(1.0, value),
+}
 
 Node = Name | Number | Sum | Product | Reciprocal | Call
 
@@ -166,18 +174,6 @@ class Program:
         return [
             [node_value(entry, values) for entry in output.entries] for output in function.outputs
         ]
-
-
-def total_mass(program: Program) -> Node:
-    """Mass of the whole robot.
-
-    Args:
-        program: A program with the function `mass_matrix`.
-
-    Returns:
-        The last entry of the mass matrix, which is the mass whatever the attitude.
-    """
-    return program.function("mass_matrix").outputs[0].entries[-1]
 
 
 def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
@@ -288,7 +284,5 @@ def node_value(node: Node, values: Mapping[str, float]) -> float:
             return math.prod(node_value(factor, values) for factor in factors)
         case Reciprocal(argument):
             return 1.0 / node_value(argument, values)
-        case Call("sin", argument):
-            return math.sin(node_value(argument, values))
-        case Call(_, argument):
-            return math.cos(node_value(argument, values))
+        case Call(function, argument):
+            return _FUNCTIONS[function](node_value(argument, values))

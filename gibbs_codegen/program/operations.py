@@ -7,6 +7,7 @@ is one addition, one subtraction, one multiplication and one division.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -15,9 +16,9 @@ from gibbs_codegen.program.nodes import Call, Node, Product, Reciprocal, Sum, op
 
 @dataclass(frozen=True)
 class Operations:
-    """Exact operation counts; sign changes count as subtractions, sine–cosine pairs apart.
+    """Exact operation counts; signs and their changes count as subtractions.
 
-    No function needs a square root so far; the count is there for those that will.
+    Sine–cosine pairs and arctangents are counted apart.
     """
 
     additions: int = 0
@@ -26,10 +27,11 @@ class Operations:
     divisions: int = 0
     square_roots: int = 0
     sine_cosine_pairs: int = 0
+    arctangents: int = 0
 
     @property
     def total(self) -> int:
-        """All but the sine–cosine pairs."""
+        """All but the sine–cosine pairs and arctangents."""
         return (
             self.additions
             + self.subtractions
@@ -50,6 +52,7 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
         The counts.
     """
     additions = subtractions = multiplications = divisions = 0
+    others: Counter[str] = Counter()
     angles: set[Node] = set()
     stack = list(nodes)
     while stack:
@@ -63,9 +66,19 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
                 multiplications += len(factors) - 1
             case Reciprocal():
                 divisions += 1
-            case Call(_, argument) if argument in angles:
+            case Call("sin" | "cos", argument) if argument in angles:
                 continue
-            case Call(_, argument):
+            case Call("sin" | "cos", argument):
                 angles.add(argument)
+            case Call(function):
+                others[function] += 1
         stack.extend(operands(node))
-    return Operations(additions, subtractions, multiplications, divisions, 0, len(angles))
+    return Operations(
+        additions,
+        subtractions + others["sign"],
+        multiplications,
+        divisions,
+        others["sqrt"],
+        len(angles),
+        others["atan"],
+    )

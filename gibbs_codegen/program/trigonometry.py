@@ -72,7 +72,12 @@ def gather_angles(function: Function) -> GatheredFunction:
     Returns:
         Its angles in the order of their first use, and the rest of it without calls.
     """
-    calls = [call for node in function.nodes() for call in calls_in(node)]
+    calls = [
+        call
+        for node in function.nodes()
+        for call in calls_in(node)
+        if call.function in ("sin", "cos")
+    ]
     angles = list(dict.fromkeys(call.argument for call in calls))
     names: dict[Node, Node] = {}
     for call in calls:

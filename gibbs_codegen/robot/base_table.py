@@ -40,7 +40,7 @@ class BaseTable(RigidTable):
         default=None, description="the number of rotors and arms, N"
     )
     attitude: Attitude = Field(
-        default="xyz", description="intrinsic sequence of the attitude angles"
+        default="xyz", description="intrinsic sequence of the attitude angles, or quaternion"
     )
     origin: Origin | None = Field(
         default=None,

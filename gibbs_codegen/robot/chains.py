@@ -19,7 +19,7 @@ from gibbs_codegen.robot.coordinates import (
     held_coordinate,
     hybrid_coordinates,
 )
-from gibbs_codegen.robot.layout import ATTITUDE, POSITION, Places
+from gibbs_codegen.robot.layout import Layout, joint_terms
 from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.names import coordinate_of
 
@@ -83,8 +83,8 @@ def decompose(robot: Robot) -> tuple[Chain, ...]:
 
 def _rod_chain(robot: Robot, k: int) -> Chain:
     first = k == 2
-    own = [held_coordinate(robot, k).name]
-    coordinates = tuple(Places.of_joints(1).joined((*ATTITUDE, *POSITION), own))
+    own = held_coordinate(robot, k)
+    coordinates = Layout.of(robot.base.attitude, [own.name], [own.unit], 0).v.names
     return Chain(
         number=k - 1,
         links=(*_ROOT_ARMS, k),
@@ -127,7 +127,8 @@ def _link_chain(robot: Robot, number: int, path: Sequence[int], taken: set[int])
     new = {BASE, *path} - taken
     jointed = [i for i in path if i in robot.moving or i in robot.constrained]
     names = [coordinate_of(robot, i) for i in jointed]
-    coordinates = tuple(Places.of_joints(len(jointed)).joined((*ATTITUDE, *POSITION), names))
+    units = [joint_terms(robot, i).unit for i in jointed]
+    coordinates = Layout.of(robot.base.attitude, names, units, 0).v.names
     held = tuple(rotors + i for i in path if i in robot.constrained)
     on_rods = [1] if robot.base.rotors and BASE in new else []
     motors = [k for k, rotor in enumerate(robot.thrusters, start=1) if rotor.on in new]

@@ -1,15 +1,17 @@
 """Names, order and units of coordinates, inputs and points, as section 7 of the method orders them.
 
-Reduced coordinates: θ₋₁, θ₀, θ₁, θ_{N+1} … θ_{N+n}, x, y, z. Hybrid unknowns have the constrained
-angles θ₂ … θ_N after θ₁ and the constraint torques τ'₂ … τ'_N at the end. A prismatic joint's
-coordinate is a travel and is called d instead of θ.
+Reduced coordinates, with Tait–Bryan angles: θ₋₁, θ₀, θ₁, θ_{N+1} … θ_{N+n}, x, y, z; with a
+quaternion: x, y, z, qx, qy, qz, qw, θ_{N+1} … θ_{N+n}. Hybrid unknowns are the accelerations, in
+the order of v, with those of the constrained angles θ₂ … θ_N before the joints', and the constraint
+torques τ'₂ … τ'_N at the end. A prismatic joint's coordinate is a travel and is called d instead of
+θ.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibbs_codegen.robot.layout import ATTITUDE, POSITION, layout_of
+from gibbs_codegen.robot.layout import Entries, joint_terms, layout_of
 from gibbs_codegen.robot.model import Frame, Pose, Robot
 from gibbs_codegen.robot.names import (
     coordinate_of,
@@ -36,46 +38,93 @@ class Coordinate:
 
 
 def reduced_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
-    """Entries of q: attitude angles, the joints, world position of the coordinates' origin.
+    """Entries of q: attitude and position of the base, and the arm's joints.
 
     Args:
-        robot: The robot, with n joints that move.
+        robot: The robot, with n links.
 
     Returns:
-        The 6 + n coordinates, in order.
+        The coordinates, in order: 6 + n with Tait–Bryan angles, 7 + n with a quaternion.
     """
-    attitude = zip(ATTITUDE, ("first", "second", "third"), robot.base.attitude, strict=True)
-    base = [
-        *(
-            Coordinate(n, "rad", f"{place} attitude angle, about {axis}")
-            for n, place, axis in attitude
-        ),
-        *(
-            Coordinate(name, "m", f"world {name} of {_ORIGINS[robot.base.origin]}")
-            for name in POSITION
-        ),
-    ]
-    joints = []
-    for i in robot.moving:
-        kind = robot.links[i - 1].joint
-        what, unit = ("travel", "m") if kind == "prismatic" else ("angle", "rad")
-        name = coordinate_of(robot, i)
-        joints.append(Coordinate(name, unit, f"{what} of {joint_label(robot, i)}"))
-    return tuple(layout_of(robot).joined(base, joints))
+    layout = layout_of(robot)
+    if layout.is_quaternion:
+        attitude = [f"{part} part of the attitude quaternion" for part in ("x", "y", "z", "scalar")]
+    else:
+        places = zip(("first", "second", "third"), layout.attitude, strict=True)
+        attitude = [f"{place} attitude angle, about {axis}" for place, axis in places]
+    position = [f"world {axis} of {_origin(robot)}" for axis in "xyz"]
+    units = layout.q.units[layout.q.joints]
+    what = ["travel" if unit == "m" else "angle" for unit in units]
+    return _listed(robot, layout.q, [*attitude, *position], what)
 
 
-def coordinate_text(robot: Robot, place: int) -> str:
-    """A coordinate by its name and the link that it moves, for a message.
+def velocities(robot: Robot) -> tuple[Coordinate, ...]:
+    """Entries of v: rates of the coordinates, or of the base its velocities in its own frame.
+
+    Args:
+        robot: The robot, with n links.
+
+    Returns:
+        The 6 + n velocities, in order.
+    """
+    layout = layout_of(robot)
+    if layout.is_quaternion:
+        turning = [f"angular velocity of the base, about its {axis} axis" for axis in "xyz"]
+        moving = [f"velocity of {_origin(robot)}, along the base's {axis} axis" for axis in "xyz"]
+        base = [*turning, *moving]
+    else:
+        base = [f"rate of {layout.q.names[place]}" for place in layout.q.base]
+    return _listed(robot, layout.v, base, ["rate"] * len(robot.moving))
+
+
+def free_unknowns(robot: Robot) -> tuple[Coordinate, ...]:
+    """What the free unknowns of the hybrid system are the accelerations of.
 
     Args:
         robot: The robot.
-        place: Place in q, from 0.
+
+    Returns:
+        The coordinates, or the velocities where the base has a quaternion.
+    """
+    return (velocities if layout_of(robot).is_quaternion else reduced_coordinates)(robot)
+
+
+def _origin(robot: Robot) -> str:
+    return _ORIGINS[robot.base.origin]
+
+
+def _listed(
+    robot: Robot, entries: Entries, base: list[str], joints: list[str]
+) -> tuple[Coordinate, ...]:
+    """Entries of q or of v with their meanings.
+
+    Args:
+        robot: The robot.
+        entries: Their places, names and units.
+        base: Meanings of the base's own, attitude first.
+        joints: What the entry of each joint is of it.
+
+    Returns:
+        The entries, in order.
+    """
+    labels = (joint_label(robot, i) for i in robot.moving)
+    own = [f"{what} of {label}" for what, label in zip(joints, labels, strict=True)]
+    meanings = entries.joined(base, own)
+    return tuple(map(Coordinate, entries.names, entries.units, meanings))
+
+
+def coordinate_text(robot: Robot, place: int) -> str:
+    """An entry of v by its name and, of a joint, the link that it moves, for a message.
+
+    Args:
+        robot: The robot.
+        place: Place in v, from 0.
 
     Returns:
         Such as "theta_8 (the joint of link 2)".
     """
-    layout = layout_of(robot)
-    name, joints = layout.names[place], layout.joint_places
+    v = layout_of(robot).v
+    name, joints = v.names[place], v.joint_places
     if place not in joints:
         return name
     return f"{name} (the joint of {link_label(robot, robot.moving[joints.index(place)])})"
@@ -139,12 +188,12 @@ def hybrid_coordinates(robot: Robot) -> tuple[Coordinate, ...]:
     Returns:
         The 6 + n + 2c unknowns, in order.
     """
-    reduced, first = reduced_coordinates(robot), layout_of(robot).constrained.start
+    free, first = free_unknowns(robot), layout_of(robot).constrained.start
     arms = held_arms(robot)
     return (
-        *reduced[:first],
+        *free[:first],
         *(held_coordinate(robot, arm) for arm in arms),
-        *reduced[first:],
+        *free[first:],
         *(constraint_torque(robot, arm) for arm in arms),
     )
 
@@ -165,7 +214,8 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
     joints = []
     for i in robot.moving:
         link, name = robot.links[i - 1], coordinate_of(robot, i)
-        kind, unit = ("force", "N") if link.joint == "prismatic" else ("torque", "N m")
+        unit = joint_terms(robot, i).effort_unit
+        kind = "force" if unit == "N" else "torque"
         named = link.name or link.coordinate
         suffix = name if named else name.partition("_")[2]
         joints.append(Coordinate(f"tau_{suffix}", unit, f"{kind} of {joint_label(robot, i)}"))

@@ -1,10 +1,9 @@
 """The layout of coordinates: where the entries of q, v and a stand, and what each of them is.
 
-With Tait–Bryan angles q is θ₋₁, θ₀, θ₁, the arm's joints, x, y, z, and v and a have the same
-places. Among the hybrid unknowns the constrained angles θ₂ … θ_N follow θ₁.
-
-A generated module tells the kind of a joint by the name of its coordinate: θ is an angle, d a
-travel. Only this module writes and reads names in that way.
+With Tait–Bryan angles q is θ₋₁, θ₀, θ₁, the joints, x, y, z, and v holds their rates in the same
+places. With a quaternion q is x, y, z, qx, qy, qz, qw, the joints, and v holds the linear and the
+angular velocity of the base in its own frame, then the joints' rates. a has the places of v. Among
+the hybrid unknowns the constrained angles θ₂ … θ_N come before the joints.
 """
 
 from __future__ import annotations
@@ -20,22 +19,34 @@ from gibbs_codegen.robot.names import JOINT_LETTERS, coordinate_of
 
 Entry = TypeVar("Entry")
 
-ATTITUDE = ("theta_m1", "theta_0", "theta_1")
-POSITION = ("x", "y", "z")
+QUATERNION = "quaternion"
 
 
 class JointTerms(NamedTuple):
-    """The letter of a joint's coordinate, its unit, and the unit of the effort that drives it."""
+    """The unit of a joint's coordinate, and that of the effort that drives it."""
 
-    letter: str
     unit: str
     effort_unit: str
 
 
 JOINT_TERMS: dict[JointKind, JointTerms] = {
-    "revolute": JointTerms(JOINT_LETTERS["revolute"], "rad", "N m"),
-    "prismatic": JointTerms(JOINT_LETTERS["prismatic"], "m", "N"),
+    "revolute": JointTerms("rad", "N m"),
+    "prismatic": JointTerms("m", "N"),
 }
+
+
+def joint_terms(robot: Robot, i: int) -> JointTerms:
+    """Units of a joint's coordinate and effort.
+
+    Args:
+        robot: The robot.
+        i: Number of its link, from 1; a joint that is held is an angle.
+
+    Returns:
+        The terms of its kind.
+    """
+    kind = robot.links[i - 1].joint
+    return JOINT_TERMS["prismatic" if kind == "prismatic" else "revolute"]
 
 
 def joint_pattern(kind: JointKind) -> str:
@@ -47,7 +58,7 @@ def joint_pattern(kind: JointKind) -> str:
     Returns:
         A regular expression that they match as a whole.
     """
-    return rf"{JOINT_TERMS[kind].letter}_[0-9]{{1,4}}"
+    return rf"{JOINT_LETTERS[kind]}_[0-9]{{1,4}}"
 
 
 def joint_kind(name: str) -> JointKind | None:
@@ -67,28 +78,15 @@ def joint_kind(name: str) -> JointKind | None:
 
 @dataclass(frozen=True)
 class Places:
-    """Where the base's attitude, the joints and the base's position stand in q, v and a.
+    """Where attitude and position of the base and the joints stand in q, or in v and a.
 
-    The base's own entries, taken by themselves, are those of attitude and then of position.
+    The base's own entries, taken by themselves, are those of attitude and then of position; in v
+    the angular and then the linear velocity.
     """
 
     attitude: slice
     joints: slice
     position: slice
-
-    @classmethod
-    def of_joints(cls, joints: int) -> Places:
-        """Places of the coordinates of a base with joints.
-
-        Args:
-            joints: Number of joints, n.
-
-        Returns:
-            The places in q.
-        """
-        first = len(ATTITUDE)
-        end = first + joints
-        return cls(slice(0, first), slice(first, end), slice(end, end + len(POSITION)))
 
     @property
     def size(self) -> int:
@@ -98,7 +96,7 @@ class Places:
 
     @property
     def base(self) -> list[int]:
-        """Places of attitude and position: the coordinates that thrusts act on."""
+        """Places of attitude and position: the entries that thrusts act on."""
         every = range(self.size)
         return [*every[self.attitude], *every[self.position]]
 
@@ -111,22 +109,22 @@ class Places:
         """The values of the base and those of the joints.
 
         Args:
-            values: A value for each coordinate.
+            values: A value for each entry.
 
         Returns:
-            Six values of the base, attitude first, and n of the joints.
+            Values of the base, attitude first, and n of the joints.
         """
         return [values[place] for place in self.base], [*values[self.joints]]
 
     def joined(self, base: Sequence[Entry], joints: Sequence[Entry]) -> list[Entry]:
-        """Values of the base and of the joints in the order of the coordinates.
+        """Values of the base and of the joints in the order of the entries.
 
         Args:
-            base: Six values, those of the attitude first.
+            base: Those of the attitude first.
             joints: A value for each joint.
 
         Returns:
-            A value for each coordinate.
+            A value for each entry.
         """
         values = dict(zip(self.base, base, strict=True))
         values |= zip(self.joint_places, joints, strict=True)
@@ -134,24 +132,82 @@ class Places:
 
 
 @dataclass(frozen=True)
-class Layout(Places):
-    """Places, names and units of the coordinates of one robot.
-
-    `names` and `units` (rad or m) are those of the entries of q; the rates have the same names.
-    `constrained` are the places of the constrained angles θ₂ … θ_N among the hybrid unknowns, and
-    its start is the place in q that they are put in at.
-    """
+class Entries(Places):
+    """Places, names and units of the entries of q, or of those of v."""
 
     names: tuple[str, ...]
     units: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls, places: Places, base: Sequence[str], names: Sequence[str], units: Sequence[str]
+    ) -> Entries:
+        """The entries of a base with joints.
+
+        Args:
+            places: Where they stand.
+            base: The base's own, attitude first, each by name and unit with a blank between.
+            names, units: Those of the joints.
+
+        Returns:
+            The entries.
+        """
+        own_names, own_units = zip(*(entry.split() for entry in base), strict=True)
+        return cls(
+            places.attitude,
+            places.joints,
+            places.position,
+            tuple(places.joined(own_names, names)),
+            tuple(places.joined(own_units, units)),
+        )
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The entries of q, and those of v and a, of one robot.
+
+    `attitude` is "quaternion" or the sequence of the Tait–Bryan angles. `constrained` are the
+    places of the constrained angles θ₂ … θ_N among the hybrid unknowns, and its start is the place
+    in v that they are put in at.
+    """
+
+    attitude: str
+    q: Entries
+    v: Entries
     constrained: slice
 
     @classmethod
-    def of(cls, names: Sequence[str], constrained: int) -> Layout:
-        """Layout of coordinates that are given by name, as a generated module lists them.
+    def of(
+        cls, attitude: str, names: Sequence[str], units: Sequence[str], constrained: int
+    ) -> Layout:
+        """Layout of a base with joints.
 
         Args:
-            names: Names of the entries of q, in order.
+            attitude: "quaternion", or a sequence of Tait–Bryan angles.
+            names, units: Those of the joints' coordinates (rad or m).
+            constrained: Number of constrained angles, N − 1.
+
+        Returns:
+            The layout.
+        """
+        pose: Sequence[str] = _ANGLES
+        twist: Sequence[str] = [f"{entry}/s" for entry in _ANGLES]
+        if attitude == QUATERNION:
+            pose, twist = _POSE, _TWIST
+        joints, rates = len(names), [f"{unit}/s" for unit in units]
+        q = Entries.of(coordinate_places(attitude, joints), pose, names, units)
+        v = Entries.of(velocity_places(attitude, joints), twist, names, rates)
+        first = v.joints.start
+        return cls(attitude, q, v, slice(first, first + constrained))
+
+    @classmethod
+    def listed(
+        cls, attitude: str, names: Sequence[str], units: Sequence[str], constrained: int
+    ) -> Layout:
+        """Layout of what a generated module lists.
+
+        Args:
+            attitude, names, units: Its ATTITUDE, COORDINATES and COORDINATE_UNITS.
             constrained: Number of constrained angles, N − 1.
 
         Returns:
@@ -160,43 +216,79 @@ class Layout(Places):
         Raises:
             UsageError: If the names are not those of a base with joints.
         """
-        own = (*ATTITUDE, *POSITION)
-        places = Places.of_joints(len(names) - len(own))
-        kinds = [joint_kind(name) or "revolute" for name in names[places.joints]]
-        known = [kind for kind in kinds if kind is not None]
-        if len(names) < len(own) or places.split(names)[0] != [*own] or known != kinds:
+        own = coordinate_places(attitude, 0)
+        joints = coordinate_places(attitude, max(len(names) - own.size, 0)).joints
+        layout = cls.of(attitude, names[joints], units[joints], constrained)
+        if layout.q.names != tuple(names):
+            base = ", ".join(cls.of(attitude, (), (), 0).q.names)
             raise UsageError(
-                f"the coordinates {', '.join(names)} are not {', '.join(ATTITUDE)}, the joints "
-                f"(theta_… or d_…) and {', '.join(POSITION)}"
+                f"the coordinates {', '.join(names)} are not {base} with the joints' at place "
+                f"{joints.start + 1}"
             )
-        base = ["rad"] * len(ATTITUDE) + ["m"] * len(POSITION)
-        units = places.joined(base, [JOINT_TERMS[kind].unit for kind in known])
-        first = places.attitude.stop
-        return cls(
-            places.attitude,
-            places.joints,
-            places.position,
-            tuple(names),
-            tuple(units),
-            slice(first, first + constrained),
-        )
+        return layout
 
     @property
     def middle_angle(self) -> int:
         """Place of θ₀, the attitude angle at whose ±90° the sequence is singular."""
-        return range(self.size)[self.attitude][1]
+        return range(self.q.size)[self.q.attitude][1]
+
+    @property
+    def is_quaternion(self) -> bool:
+        """Whether the attitude is a quaternion, not three angles."""
+        return self.attitude == QUATERNION
+
+    @property
+    def neutral(self) -> list[float]:
+        """Coordinates of zero, the base level: of a quaternion qw is 1."""
+        return [float(name == "qw") for name in self.q.names]
 
     @property
     def effort_units(self) -> tuple[str, ...]:
         """Units of what drives the joints: N m of a torque, N of a force."""
         by_unit = {terms.unit: terms.effort_unit for terms in JOINT_TERMS.values()}
-        return tuple(by_unit[unit] for unit in self.units[self.joints])
+        return tuple(by_unit[unit] for unit in self.q.units[self.q.joints])
 
     @property
     def free(self) -> list[int]:
-        """Places of the entries of q among the hybrid unknowns."""
+        """Places of the entries of v among the hybrid unknowns."""
         first, after = self.constrained.start, self.constrained.stop
-        return [*range(first), *range(after, after + self.size - first)]
+        return [*range(first), *range(after, after + self.v.size - first)]
+
+
+_ANGLES = ("theta_m1 rad", "theta_0 rad", "theta_1 rad", "x m", "y m", "z m")
+_POSE = ("qx 1", "qy 1", "qz 1", "qw 1", "x m", "y m", "z m")
+_TWIST = ("wx rad/s", "wy rad/s", "wz rad/s", "vx m/s", "vy m/s", "vz m/s")
+
+
+def coordinate_places(attitude: str, joints: int) -> Places:
+    """Places of the entries of q.
+
+    Args:
+        attitude: "quaternion", or a sequence of Tait–Bryan angles.
+        joints: Number of joints, n.
+
+    Returns:
+        The places.
+    """
+    if attitude == QUATERNION:
+        return Places(slice(3, 7), slice(7, 7 + joints), slice(0, 3))
+    return velocity_places(attitude, joints)
+
+
+def velocity_places(attitude: str, joints: int) -> Places:
+    """Places of the entries of v and a.
+
+    Args:
+        attitude: "quaternion", or a sequence of Tait–Bryan angles.
+        joints: Number of joints, n.
+
+    Returns:
+        The places.
+    """
+    if attitude == QUATERNION:
+        return Places(slice(3, 6), slice(6, 6 + joints), slice(0, 3))
+    end = 3 + joints
+    return Places(slice(0, 3), slice(3, end), slice(end, end + 3))
 
 
 def layout_of(robot: Robot) -> Layout:
@@ -208,7 +300,9 @@ def layout_of(robot: Robot) -> Layout:
     Returns:
         The layout.
     """
-    joints = [coordinate_of(robot, i) for i in robot.moving]
-    names = Places.of_joints(len(joints)).joined((*ATTITUDE, *POSITION), joints)
-    held = max(robot.base.rotors - 1, 0) + len(robot.constrained)
-    return Layout.of(names, held)
+    return Layout.of(
+        robot.base.attitude,
+        [coordinate_of(robot, i) for i in robot.moving],
+        [joint_terms(robot, i).unit for i in robot.moving],
+        max(robot.base.rotors - 1, 0) + len(robot.constrained),
+    )

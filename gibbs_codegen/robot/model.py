@@ -20,9 +20,11 @@ Angles3 = tuple[Fraction, Fraction, Fraction]
 JointKind = Literal["revolute", "prismatic"]
 LinkKind = Literal["revolute", "prismatic", "fixed"]
 Origin = Literal["motor1", "centre", "base"]
-Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
+Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "quaternion"]
 
 ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
+# The intrinsic sequences of Tait–Bryan angles.
+SEQUENCES = ATTITUDES[:-1]
 ORIGINS: tuple[Origin, ...] = get_args(Origin)
 JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
 LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)

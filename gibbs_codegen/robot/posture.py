@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.layout import Layout, layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.thrusters import arm_frame, wrench_matrix
 
@@ -69,7 +69,7 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
 
     Args:
         robot: The robot.
-        q: θ₋₁, θ₀, θ₁, the arm's joints, x, y, z (rad, m).
+        q: Its coordinates (rad, m).
 
     Returns:
         The frames, in world axes.
@@ -78,23 +78,34 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
         UsageError: If q has another length.
     """
     base, layout = robot.base, layout_of(robot)
-    if np.shape(q) != (layout.size,):
-        raise UsageError(f"{robot.name} has {layout.size} coordinates, not {np.shape(q)}")
-    attitude = np.eye(3)
-    for letter, angle in zip(base.attitude, q[layout.attitude], strict=True):
-        attitude = attitude @ turn("xyz".index(letter), angle)
+    if np.shape(q) != (layout.q.size,):
+        raise UsageError(f"{robot.name} has {layout.q.size} coordinates, not {np.shape(q)}")
+    attitude = _attitude(layout, np.asarray(q)[layout.q.attitude])
     length = base.arm(1).length
     motor_1 = 0.0 if base.origin == "motor1" else -length
-    origin = np.array(q[layout.position]) + motor_1 * attitude[:, 0]
+    origin = np.array(q[layout.q.position]) + motor_1 * attitude[:, 0]
     arm_1 = Frame(origin, attitude)
     centre = arm_1.point(length)
     turns = (arm_frame(base, k)[0] for k in range(2, base.rotors + 1))
     arms = tuple(Frame(centre, attitude @ axes) for axes in turns)
     motors = [origin, *(frame.point(base.arm(k).length) for k, frame in enumerate(arms, start=2))]
-    links = _links(robot, Frame(centre, attitude), q[layout.joints])
+    links = _links(robot, Frame(centre, attitude), q[layout.q.joints])
     tip = links[-1].point(robot.links[-1].body.length) if links else centre
     thrusts = (attitude @ wrench_matrix(robot)[:3]).T
     return RobotFrames(arm_1, arms, links, np.array(motors), thrusts, centre, tip)
+
+
+def _attitude(layout: Layout, parts: Array) -> Array:
+    """Rotation matrix (3, 3) of attitude angles (3), or of a quaternion (4)."""
+    attitude = np.eye(3)
+    if not layout.is_quaternion:
+        for letter, angle in zip(layout.attitude, parts, strict=True):
+            attitude = attitude @ turn("xyz".index(letter), angle)
+        return attitude
+    vector, scalar = parts[:3], parts[3]
+    across = np.cross(np.eye(3), vector)
+    attitude += 2.0 * (across @ across + scalar * across)
+    return attitude
 
 
 def _links(robot: Robot, parent: Frame, joints: Sequence[float] | Array) -> tuple[Frame, ...]:

@@ -106,7 +106,9 @@ class CompiledFunction:
         self._signature = signature
         self._constants = constants
         self._pool = pool
-        self._report = NotFiniteReport(module.NAME, module.COORDINATES, module.INPUTS)
+        self._report = NotFiniteReport(
+            module.NAME, module.COORDINATES, module.VELOCITIES, module.INPUTS
+        )
         own = f"{module.NAME}_{signature.name}"
         self._one = library[own]
         self._batch = ctypes.cast(library[f"{own}_batch"], ctypes.c_void_p)

@@ -11,7 +11,8 @@ from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 from gibbs_codegen.files.faults import IN_NAME, fault, refusal
 from gibbs_codegen.files.fields import listed, needed
 from gibbs_codegen.files.table import Table
-from gibbs_codegen.robot.layout import JOINT_TERMS, joint_kind, joint_pattern
+from gibbs_codegen.robot.layout import joint_kind, joint_pattern
+from gibbs_codegen.robot.names import JOINT_LETTERS
 from gibbs_codegen.robot.model import JointKind
 from gibbs_codegen.scenario.numbers import Number
 from gibbs_codegen.scenario.path_tables import PathTable
@@ -27,7 +28,7 @@ def _joint_name(kind: JointKind) -> AfterValidator:
         if kind == "prismatic":
             other, where = "revolute", "that ends in _deg"
         raise fault(
-            f"must be the name of a {kind} joint, {JOINT_TERMS[kind].letter}_…; {other} joints "
+            f"must be the name of a {kind} joint, {JOINT_LETTERS[kind]}_…; {other} joints "
             f"belong in the table {where}",
             IN_NAME,
         )

@@ -67,7 +67,7 @@ def desired_base(
             parts.append(part)
             progress(min(1.0, (begin + BATCH) / pieces))
         if needed == refinement:
-            return _joined(refined(time, refinement), parts, vehicle.layout.attitude)
+            return _joined(refined(time, refinement), parts, vehicle.layout.q.attitude)
         refinement = needed
 
 
@@ -88,7 +88,7 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
         SingularAttitudeError: Near the singularity of the attitude sequence.
     """
     q, v, a = (np.zeros((len(time), len(vehicle.coordinates))) for _ in range(3))
-    attitude, position = vehicle.layout.attitude, vehicle.layout.position
+    attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
     angles, v[:, attitude], a[:, attitude] = attitude_angles(vehicle.attitude, turning)
     q[:, attitude] = np.unwrap(angles, axis=0)
     lever = vehicle.centre_offset(q)
@@ -138,7 +138,7 @@ def _part(
     instant, coordinate = np.unravel_index(np.argmax(excess), excess.shape)
     if excess[instant, coordinate] <= 1.0:
         return motion, None
-    unit = vehicle.layout.units[int(coordinate)]
+    unit = vehicle.layout.q.units[int(coordinate)]
     piece = int(instant) // CHECKS
     return motion, Deviation(piece, every[instant], off[instant, coordinate], unit)
 

@@ -174,9 +174,9 @@ def _settings(closed: ClosedLoop, tip_force: bool) -> dict[str, Any]:
     return {
         "coordinates": len(closed.vehicle.coordinates),
         "rotors": closed.vehicle.rotors,
-        "attitude": layout.attitude.start,
-        "joints": layout.joints.start,
-        "position": layout.position.start,
+        "attitude": layout.q.attitude.start,
+        "joints": layout.q.joints.start,
+        "position": layout.q.position.start,
         "middle_angle": layout.middle_angle,
         "pieces": len(reference.coefficients),
         "law": _LAWS.index(controller.law),

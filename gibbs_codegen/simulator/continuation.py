@@ -191,7 +191,7 @@ class _Continuation:
         does not get back, the `singular` coordinates (nq) are kept.
         """
         vehicle, limits, places = self.vehicle, self.limits, self.targets[:, 0]
-        offset = places - self.q[:, vehicle.layout.position]
+        offset = places - self.q[:, vehicle.layout.q.position]
         away = np.linalg.norm(offset - offset[0], axis=-1) > _FAR * arm_length(vehicle, singular)
         if not np.any(away):
             return singular

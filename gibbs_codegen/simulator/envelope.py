@@ -94,7 +94,7 @@ class Envelope:
         vehicle = self.loop.vehicle
         is_rate, coordinate = divmod(place, len(vehicle.coordinates))
         name = vehicle.coordinates[coordinate]
-        unit = vehicle.layout.units[coordinate]
+        unit = vehicle.layout.q.units[coordinate]
         divergence = f"{self.bounds[coordinate]:.3g} {unit} (integration.divergence)"
         off = f"{excess * self.bounds[place]:.3g} {unit}"
         if is_rate:

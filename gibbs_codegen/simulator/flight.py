@@ -49,7 +49,9 @@ class Flight:
 
     robot: str
     scenario: str
+    attitude: str
     coordinates: tuple[str, ...]
+    coordinate_units: tuple[str, ...]
     input_names: tuple[str, ...]
     points: tuple[str, ...]
     tangent_arm: int
@@ -84,7 +86,8 @@ class Flight:
     @cached_property
     def layout(self) -> Layout:
         """Places, names and units of the coordinates."""
-        return Layout.of(self.coordinates, self.rotors - 1)
+        units = self.coordinate_units
+        return Layout.listed(self.attitude, self.coordinates, units, self.rotors - 1)
 
     @property
     def input_units(self) -> tuple[str, ...]:
@@ -139,7 +142,7 @@ class Flight:
         ):
             per = {"": "", "rate_": "/s", "acceleration_": "/s^2"}[prefix]
             for name, unit, values in zip(
-                self.layout.names, self.layout.units, series.T, strict=True
+                self.layout.q.names, self.layout.q.units, series.T, strict=True
             ):
                 yield f"{prefix}{name}{suffix}", unit + per, values
         for suffix, series in (("", self.applied), ("_commanded", self.commanded)):

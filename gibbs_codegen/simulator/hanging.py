@@ -40,7 +40,7 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
     """
     revolute = vehicle.is_angle[vehicle.arm]
     low, high = limits[0][revolute], limits[1][revolute]
-    places = np.array(vehicle.layout.joint_places)[revolute]
+    places = np.array(vehicle.layout.q.joint_places)[revolute]
     rest = np.zeros(len(vehicle.coordinates))
     rest[vehicle.arm] = np.clip(0.0, *limits)
     if not np.any(revolute):

@@ -29,13 +29,13 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     commanded = loop.controller(time, q, v)
     applied = loop.applied(commanded, thrusts)
     a = loop.acceleration(q, v, applied, loop.tip_force_acts(time))
-    positions = vehicle.positions(q)
-    rotation = vehicle.base_rotation(q)
-    forces = vehicle.thrust_wrenches()[:3].T
+    positions, rotation = vehicle.positions(q), vehicle.base_rotation(q)
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
+        attitude=vehicle.attitude,
         coordinates=vehicle.coordinates,
+        coordinate_units=vehicle.layout.q.units,
         input_names=vehicle.inputs,
         points=vehicle.points,
         tangent_arm=_tangent_arm(scenario),
@@ -54,7 +54,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         base_arm_angles_desired=vehicle.arm_angles()[1:],
         positions=positions,
         base_rotation=rotation,
-        thrust_directions=forces / np.linalg.norm(forces, axis=1, keepdims=True),
+        thrust_directions=_thrust_directions(vehicle),
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(vehicle, scenario, time, q_desired),
         heading_error=_heading_errors(vehicle, scenario, time, rotation),
@@ -62,6 +62,13 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         potential_energy=vehicle.potential_energy(q),
         work=work,
     )
+
+
+def _thrust_directions(vehicle: Vehicle) -> Array:
+    """Unit vectors (N, 3) of the thrusts in the frame of arm 1."""
+    forces = vehicle.thrust_wrenches()[:3].T
+    directions: Array = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+    return directions
 
 
 def _tangent_arm(scenario: Scenario) -> int:

@@ -112,7 +112,7 @@ def starting_state(
     q, v, _ = reference(reference.begin)
     if not any(offset.position) and not any(offset.rotation):
         return q, v
-    attitude, position = vehicle.layout.attitude, vehicle.layout.position
+    attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
     centre = q[position] + vehicle.centre_offset(q)
     turned = Rotation.from_rotvec(offset.rotation).as_matrix() @ vehicle.base_rotation(q)
     at_rest = np.zeros(3)
@@ -165,7 +165,7 @@ def _check_limits(
         joint = _joint(vehicle, name)
         value, lower, upper = values[joint], limits[0][joint], limits[1][joint]
         if not lower <= value <= upper:
-            unit = vehicle.layout.units[vehicle.arm][joint]
+            unit = vehicle.layout.q.units[vehicle.arm][joint]
             raise UsageError(
                 f"arm: {key}: {name} = {value:.6g} {unit} is outside its limits, "
                 f"{lower:.6g} to {upper:.6g} {unit}; a joint left out of a posture is at 0"

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import DATA, FUNCTIONS
-from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.robot.layout import QUATERNION, Layout
 from gibbs_codegen.scenario.attitude import rate_matrix, rotation_matrix
 
 Array = NDArray[np.float64]
@@ -40,6 +40,11 @@ class Vehicle:
             raise UsageError(
                 f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
             )
+        if module.ATTITUDE == QUATERNION:
+            raise UsageError(
+                f"{module.NAME}: its attitude is a quaternion, which cannot be simulated yet; give "
+                'base.attitude as a sequence of angles, such as "xyz", and generate it again'
+            )
         try:
             self.constants: Any = module.prepare(dict(parameters)) if parameters else None
         except (ValueError, TypeError) as error:
@@ -48,13 +53,14 @@ class Vehicle:
         self.name: str = module.NAME
         self.attitude: str = module.ATTITUDE
         self.coordinates: tuple[str, ...] = module.COORDINATES
-        constrained = (len(module.HYBRID_COORDINATES) - len(self.coordinates)) // 2
-        self.layout = Layout.of(self.coordinates, constrained)
+        constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
+        units = module.COORDINATE_UNITS
+        self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
         # By coordinate (nq): an angle, in rad, rather than a length, in m.
-        self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.units])
+        self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])
         self.inputs: tuple[str, ...] = module.INPUTS
         self.points: tuple[str, ...] = module.POINTS
-        self.arm = self.layout.joints
+        self.arm = self.layout.q.joints
         self.joints = len(self.joint_names)
         self.rotors = len(self.inputs) - self.joints
         self.forward_dynamics = self._bound("forward_dynamics")
@@ -87,7 +93,7 @@ class Vehicle:
         Returns:
             R (…, 3, 3), from the frame of arm 1 to the world.
         """
-        return rotation_matrix(self.attitude, np.asarray(q)[..., self.layout.attitude])
+        return rotation_matrix(self.attitude, np.asarray(q)[..., self.layout.q.attitude])
 
     def centre_offset(self, q: ArrayLike) -> Array:
         """Vector from the point whose position is x, y, z to the base centre.
@@ -99,7 +105,7 @@ class Vehicle:
             The vector (…, 3), world axes, m.
         """
         at_origin = np.array(q, dtype=np.float64)
-        at_origin[..., self.layout.position] = 0.0
+        at_origin[..., self.layout.q.position] = 0.0
         return self.positions(at_origin)[..., self.points.index("O2"), :]
 
     def arm_angles(self) -> Array:
@@ -123,8 +129,8 @@ class Vehicle:
         Returns:
             Force, N, and torque about the base centre, N m, (…, 6) in arm 1's frame.
         """
-        attitude = self.layout.attitude
-        world_force = generalised_force[..., self.layout.position]
+        attitude = self.layout.q.attitude
+        world_force = generalised_force[..., self.layout.q.position]
         turn = np.swapaxes(rate_matrix(self.attitude, q[..., attitude]), -1, -2)
         torque = np.linalg.solve(turn, generalised_force[..., attitude, np.newaxis])[..., 0]
         torque = torque - np.cross(self.centre_offset(q), world_force)

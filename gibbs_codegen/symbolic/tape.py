@@ -182,9 +182,12 @@ class Tape:
             return expression
         if expression.is_Add:
             return self._name_sum(expression)
+        if expression.is_Pow and expression.exp is sp.S.Half:
+            argument = self.let(expression.base)
+            return self._define(sp.sqrt(argument), self._stages[signed(argument)[1]])
         if expression.is_Mul or expression.is_Pow:
             return self._name_product(expression)
-        if isinstance(expression, (sp.sin, sp.cos)):
+        if isinstance(expression, (sp.sin, sp.cos, sp.atan, sp.sign)):
             return self._name_function(expression)
         raise TypeError(f"the tape has no rule for {type(expression).__name__}: {expression}")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 
-from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.program.operations import count_operations
@@ -13,13 +13,15 @@ from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
     constraint_torque,
+    free_unknowns,
     held_arms,
     hybrid_coordinates,
     inputs,
     points,
     reduced_coordinates,
+    velocities,
 )
-from gibbs_codegen.robot.layout import ATTITUDE
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 
 # Of a docstring's lines, which are indented by four, and of a C comment's, which begin with " * ".
@@ -38,7 +40,7 @@ def docstring(model: Model, function: Function) -> list[str]:
         Lines without indentation.
     """
     robot, row = model.robot, FUNCTIONS[function.name]
-    takes = [f"{a}: {ARGUMENTS[a].meaning}, {argument_text(robot, a)}" for a in function.arguments]
+    takes = [f"{a}: {_meaning(robot, a)}, {argument_text(robot, a)}" for a in function.arguments]
     takes.append("constants: what `prepare` returns; those of the default parameters if omitted")
     returns = ["Returns:"]
     for output, shaped in zip(row.outputs, function.outputs, strict=True):
@@ -47,7 +49,7 @@ def docstring(model: Model, function: Function) -> list[str]:
     returns.append(f"Source: {row.source}. {_operations(function)}.")
     lines = [row.summary]
     if row.details:
-        lines += ["", *_wrapped([row.details], _DOCSTRING_WIDTH, "")]
+        lines += ["", *_wrapped([_details(robot, row)], _DOCSTRING_WIDTH, "")]
     for items in (takes, returns):
         lines += ["", *_wrapped(items, _DOCSTRING_WIDTH, _HANGING)]
     return lines
@@ -71,7 +73,7 @@ def doxygen(model: Model, function: Function) -> list[str]:
     for a in function.arguments:
         width = len(model.program.inputs[a])
         items.append(
-            f"@param[in] {a} {ARGUMENTS[a].meaning}, {width} entries: {argument_text(robot, a)}"
+            f"@param[in] {a} {_meaning(robot, a)}, {width} entries: {argument_text(robot, a)}"
         )
     for output, shaped in zip(row.outputs, function.outputs, strict=True):
         shape = " x ".join(map(str, shaped.shape)) or "1"
@@ -84,13 +86,29 @@ def doxygen(model: Model, function: Function) -> list[str]:
     ]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
-        lines += [*_wrapped([row.details], _DOXYGEN_WIDTH, ""), ""]
+        lines += [*_wrapped([_details(robot, row)], _DOXYGEN_WIDTH, ""), ""]
     return lines + _wrapped(items, _DOXYGEN_WIDTH, _HANGING)
+
+
+def _meaning(robot: Robot, argument: str) -> str:
+    row = ARGUMENTS[argument]
+    return (layout_of(robot).is_quaternion and row.with_quaternion) or row.meaning
+
+
+def _details(robot: Robot, row: Row) -> str:
+    return row.details.format(singularity="" if layout_of(robot).is_quaternion else _SINGULARITY)
+
+
+_SINGULARITY = (
+    ": next to +-90 degrees of the middle attitude angle the accelerations of the other two grow "
+    "as the inverse of its cosine, and what is computed from them loses as many digits"
+)
 
 
 def _operations(function: Function) -> str:
     counts = count_operations(function.nodes())
-    return f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs"
+    arctangents = f", {counts.arctangents} arctangents" if counts.arctangents else ""
+    return f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs{arctangents}"
 
 
 def _wrapped(items: list[str], width: int, hanging: str) -> list[str]:
@@ -114,14 +132,15 @@ def argument_text(robot: Robot, argument: str) -> str:
 
     Args:
         robot: Whose entries they are.
-        argument: q, v, a or u.
+        argument: One of `interface.ARGUMENTS`.
 
     Returns:
         Names with units, as "theta_m1 [rad], theta_0 [rad]".
     """
-    row = ARGUMENTS[argument]
-    listed = inputs(robot) if row.width == "u" else reduced_coordinates(robot)
-    return ", ".join(f"{row.prefix}{c.name} [{c.unit}{row.per_time}]" for c in listed)
+    prefix, width = ARGUMENTS[argument].prefix, ARGUMENTS[argument].width
+    listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[width](robot)
+    units = {c.name: f"{c.unit}^2" if argument == "a" else c.unit for c in listed}
+    return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
 
 
 def output_text(robot: Robot, output: Output) -> str:
@@ -134,18 +153,25 @@ def output_text(robot: Robot, output: Output) -> str:
     Returns:
         Names with units, or the units alone.
     """
-    torques = [constraint_torque(robot, arm) for arm in held_arms(robot)]
+    torques = tuple(constraint_torque(robot, arm) for arm in held_arms(robot))
     return output.entries.format(
         unit=output.unit,
         accelerations=argument_text(robot, "a"),
-        forces=_forces(reduced_coordinates(robot)),
+        forces=_forces(free_unknowns(robot)),
         hybrid_forces=_forces(hybrid_coordinates(robot)),
-        constraint_torques=", ".join(f"{c.name} [{c.unit}]" for c in torques),
+        coordinates=_units(reduced_coordinates(robot)),
+        coordinate_rates=_units(reduced_coordinates(robot), "/s"),
+        displacement=_units(velocities(robot)).replace("/s]", "]"),
+        constraint_torques=_units(torques),
         points=", ".join(points(robot)),
     )
 
 
-_FORCE_UNITS = {"rad": "N m", "m": "N", "N m": "rad/s^2"}
+def _units(listed: tuple[Coordinate, ...], per_time: str = "") -> str:
+    return ", ".join(f"{c.name} [{c.unit}{per_time}]" for c in listed)
+
+
+_FORCE_UNITS = {"rad": "N m", "m": "N", "rad/s": "N m", "m/s": "N", "N m": "rad/s^2"}
 
 
 def _forces(unknowns: tuple[Coordinate, ...]) -> str:
@@ -159,10 +185,68 @@ def attitude_text(robot: Robot) -> str:
         robot: Whose attitude it is.
 
     Returns:
-        The product as text.
+        The product, or the quaternion, as text.
     """
-    angles = zip(robot.base.attitude, ATTITUDE, strict=True)
-    return " ".join(f"R_{axis}({angle})" for axis, angle in angles)
+    layout = layout_of(robot)
+    names = layout.q.names[layout.q.attitude]
+    if layout.is_quaternion:
+        return f"the unit quaternion {', '.join(names)}, its scalar part last"
+    return " ".join(
+        f"R_{axis}({angle})" for axis, angle in zip(layout.attitude, names, strict=True)
+    )
+
+
+def attitude_lines(robot: Robot) -> list[str]:
+    """What the attitude of a module is, as a comment says it.
+
+    Args:
+        robot: Whose attitude it is.
+
+    Returns:
+        Lines without the sign of a comment.
+    """
+    if layout_of(robot).is_quaternion:
+        says = "From base arm 1's frame to the world the attitude is"
+    else:
+        says = (
+            "Intrinsic sequence of the attitude angles. From base arm 1's frame to the world the "
+            "attitude is"
+        )
+    return [says, f"{attitude_text(robot)}."]
+
+
+def state_tables(robot: Robot) -> dict[str, list[str]]:
+    """What explains the entries of q, v and a.
+
+    Args:
+        robot: Whose entries they are.
+
+    Returns:
+        A line for each entry, by headings.
+    """
+    coordinates = coordinate_table(reduced_coordinates(robot))
+    if not layout_of(robot).is_quaternion:
+        title = "Coordinates q, in order (v: their rates, a: their accelerations)"
+        return {title: coordinates}
+    return {
+        "Coordinates q, in order": coordinates,
+        "Velocities v, in order (a: their rates)": coordinate_table(velocities(robot)),
+    }
+
+
+def entry_lines(tables: dict[str, list[str]]) -> list[str]:
+    """Tables one below the other.
+
+    Args:
+        tables: Lines by headings.
+
+    Returns:
+        Headings, each with its lines, and empty lines between.
+    """
+    lines = []
+    for heading, entries in tables.items():
+        lines += ["", f"{heading}:", "", *(f"    {entry}" for entry in entries)]
+    return lines[1:]
 
 
 def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:

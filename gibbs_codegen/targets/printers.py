@@ -25,11 +25,11 @@ class InfixPrinter:
         return repr(value)
 
     def call(self, function: str, argument: str) -> str:
-        """A call of sine or cosine.
+        """A call of a function.
 
         Args:
-            function: "sin" or "cos".
-            argument: The angle in rad, as text.
+            function: One of those of `nodes.Call`.
+            argument: The number that it takes, as text.
 
         Returns:
             The call as text.
@@ -96,6 +96,20 @@ class CPrinter(InfixPrinter):
             Text of 17 digits at most.
         """
         return f"-R({c_literal(-value)})" if value < 0 else f"R({c_literal(value)})"
+
+    def call(self, function: str, argument: str) -> str:
+        """A call of a function of <math.h>, by the macro that takes the one of the right type.
+
+        Args:
+            function: "sqrt", "atan" or "sign": sines and cosines are computed before.
+            argument: The number that it takes, as text.
+
+        Returns:
+            The call as text.
+        """
+        if function == "sign":
+            return f"LIBRARY(copysign)({self.number(1.0)}, {argument})"
+        return f"LIBRARY({function})({argument})"
 
 
 def c_literal(value: float) -> str:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import printable
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
+from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot, Rod
 from gibbs_codegen.verification.comparison import Comparison, compared, failed
 from gibbs_codegen.verification.parameters import parameter_values
@@ -32,10 +33,14 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
     Returns:
         A comparison of each constant.
     """
+    layout = layout_of(robot)
     expected: dict[str, Any] = {
         "NAME": robot.name,
         "ATTITUDE": robot.base.attitude,
-        "COORDINATES": tuple(c.name for c in reduced_coordinates(robot)),
+        "COORDINATES": layout.q.names,
+        "COORDINATE_UNITS": layout.q.units,
+        "VELOCITIES": layout.v.names,
+        "VELOCITY_UNITS": layout.v.units,
         "HYBRID_COORDINATES": tuple(c.name for c in hybrid_coordinates(robot)),
         "INPUTS": tuple(c.name for c in inputs(robot)),
         "POINTS": points(robot),

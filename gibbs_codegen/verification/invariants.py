@@ -68,7 +68,7 @@ class _Invariants:
         transposed = np.swapaxes(matrix, -1, -2)
         yield compared(what, "its transpose, bit for bit", matrix, transposed, 1.0, 0.0)
         elsewhere = self.states.q.copy()
-        elsewhere[:, self.tree.layout.position] += 1.0
+        elsewhere[:, self.tree.layout.q.position] += 1.0
         moved = self.evaluation(what, elsewhere)
         yield compared(what, "itself elsewhere, bit for bit", moved, matrix, 1.0, 0.0)
         scaled = matrix / self.sizes.free_matrix

@@ -38,6 +38,16 @@ class States:
     a: Array
     u: Array
 
+    @property
+    def q0(self) -> Array:
+        """Coordinates to begin with, (s, nq)."""
+        return self.q
+
+    @property
+    def q1(self) -> Array:
+        """Coordinates to end with: those of the first state, (s, nq)."""
+        return np.broadcast_to(self.q[:1], self.q.shape)
+
     @classmethod
     def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
         """Random states.

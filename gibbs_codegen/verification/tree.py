@@ -98,7 +98,7 @@ class Tree:
         self.free = self.layout.free
         self.size = len(self.free) + robot.rotors - 1
         self.constrained = [*range(self.size)[self.layout.constrained]]
-        self.arm = self.free[self.layout.joints]
+        self.arm = self.free[self.layout.v.joints]
         named = self._base(robot.base)
         self.tip = named["tip"] = self._arm(robot, named)
         self.turns = np.zeros(self.size, bool)
@@ -121,9 +121,9 @@ class Tree:
     def _base(self, base: Base) -> dict[str, Point]:
         """Add the joints of the base and its arms; return their named points."""
         joint = WORLD
-        for place, letter in zip(self.free[self.layout.position], "xyz", strict=True):
+        for place, letter in zip(self.free[self.layout.q.position], "xyz", strict=True):
             joint = self._add(Joint(joint, place, "xyz".index(letter), revolute=False))
-        for place, letter in zip(self.free[self.layout.attitude], base.attitude, strict=True):
+        for place, letter in zip(self.free[self.layout.q.attitude], base.attitude, strict=True):
             joint = self._add(Joint(joint, place, "xyz".index(letter)))
         length = base.arm(1).length
         start = np.array([0.0 if base.origin == "motor1" else -length, 0.0, 0.0])

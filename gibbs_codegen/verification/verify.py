@@ -17,6 +17,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.layout import QUATERNION
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, explained, failed, merged
 from gibbs_codegen.verification.contents import compare_contents
@@ -107,7 +109,12 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
 
     Returns:
         The formulations, Newton and Euler's first; and for each of the others why it cannot be had.
+
+    Raises:
+        UsageError: If the attitude is a quaternion.
     """
+    if robot.base.attitude == QUATERNION:
+        raise UsageError(f"{robot.name}: a base with a quaternion cannot be verified yet")
     tree = Tree(robot)
     found: list[Formulation] = [NewtonEuler(tree), Lagrange(tree)]
     not_done = {}

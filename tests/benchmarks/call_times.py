@@ -22,7 +22,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 from peers.timing import timer  # noqa: E402
 
 from gibbs_codegen import load  # noqa: E402
-from gibbs_codegen.interface import signatures  # noqa: E402
+from gibbs_codegen.interface import module_signatures  # noqa: E402
 
 ROBOT = Path(__file__).parents[2] / "generated" / "hexarotor_3link"
 STATES = 1000
@@ -41,10 +41,9 @@ def main() -> None:
     table = Table(title=f"{numpy.NAME}: ns")
     for column in ("function", "C itself", "call", "overhead", "in a batch", "NumPy", "in a batch"):
         table.add_column(column, justify="right")
-    lists = (numpy.COORDINATES, numpy.HYBRID_COORDINATES, numpy.INPUTS, numpy.POINTS)
     with tempfile.TemporaryDirectory() as folder:
         time_calls = timer(Path(folder))
-        for signature in signatures(*map(len, lists)):
+        for signature in module_signatures(numpy):
             arrays = [rng.uniform(-1, 1, (STATES, width)) for width in signature.widths]
             constants = np.frombuffer(compiled.prepare({}))
             outputs = [np.empty(shape or 1) for shape in signature.shapes]

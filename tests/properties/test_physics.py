@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 from support.random_robots import robots
 
-from gibbs_codegen.robot.model import ATTITUDES, Base, Robot, Rod, alternating_thrust
+from gibbs_codegen.robot.model import SEQUENCES, Base, Robot, Rod, alternating_thrust
 
 STEP = 1e-6
 
@@ -44,7 +44,7 @@ def test_gradients_of_gibbs_function_and_energies(robot: Robot) -> None:
     np.testing.assert_allclose(bias, gained / (2 * STEP), atol=1e-8 * np.abs(bias).max())
 
 
-@pytest.mark.parametrize("sequence", ATTITUDES)
+@pytest.mark.parametrize("sequence", SEQUENCES)
 def test_attitude_is_the_sequence_of_the_angles(sequence: str) -> None:
     """Without an arm the tip has the axes of base arm 1."""
     base = Base(4, (Rod(0.5, 1.0),), alternating_thrust(4), (0.0,) * 4, attitude=sequence)

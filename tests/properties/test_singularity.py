@@ -26,7 +26,7 @@ from support.tools import tool
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import Signature
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import ATTITUDES, Robot
+from gibbs_codegen.robot.model import SEQUENCES, Robot
 from gibbs_codegen.runtime.load import load
 
 RIGHT = math.pi / 2
@@ -57,7 +57,7 @@ def _digits() -> Iterator[None]:
 
 def robot_of(attitude: str, rotors: int = 2, links: int = 1) -> Robot:
     """A random robot, with `rotors` and more and up to `links`; each origin has three attitudes."""
-    place = ATTITUDES.index(attitude)
+    place = SEQUENCES.index(attitude)
     robot = random_robot(40 + place, rotors + place % 3, place % (links + 1))
     origin = ("motor1", "centre")[place % 2]
     return replace(robot, base=replace(robot.base, attitude=attitude, origin=origin))
@@ -127,7 +127,7 @@ def module_calls(name: str, module: ModuleType) -> dict[str, Call]:
     return {f"{name}, one state": one, f"{name}, batch": batch}
 
 
-@pytest.mark.parametrize("attitude", ATTITUDES)
+@pytest.mark.parametrize("attitude", SEQUENCES)
 def test_numpy_is_accurate_next_to_the_singularity(attitude: str, tmp_path: Path) -> None:
     emitted = emit(robot_of(attitude), tmp_path / "robot")
     calls = module_calls("NumPy", emitted.module)
@@ -181,14 +181,14 @@ def test_constraint_torques_of_accelerations_lose_as_many_digits_as_the_cosine_h
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("attitude", ATTITUDES)
+@pytest.mark.parametrize("attitude", SEQUENCES)
 def test_all_back_ends_are_accurate_ever_nearer_to_the_singularity(
     attitude: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And at many turns: at the double that comes nearest of all to an odd multiple of 90°."""
     # Less optimisation is sooner done, and takes the same steps.
     monkeypatch.setenv("CC", f"{tool('cc')} -O1")
-    emitted = emit(robot_of(attitude, 3 + ATTITUDES.index(attitude), 3), tmp_path / "robot")
+    emitted = emit(robot_of(attitude, 3 + SEQUENCES.index(attitude), 3), tmp_path / "robot")
     compiled = load(emitted.folder, backend="c")
     calls = module_calls("NumPy", emitted.module) | module_calls("C", compiled)
     check(emitted, states(emitted, NEARER, np.float64), calls, np.float64)

@@ -116,7 +116,7 @@ lenght = 1.0
         "robot.toml:3: base.rotors: missing: the number of rotors and arms, N",
         "robot.toml:4: base.rotor: unknown key; did you mean rotors?",
         "robot.toml:5: base.attitude: must be one of 'xyz', 'xzy', 'yxz', 'yzx', 'zxy', 'zyx', "
-        "not 'yaw'",
+        "'quaternion', not 'yaw'",
         "robot.toml:6: base.arm.length: must be at least 0, not -1.0",
         "robot.toml:6: base.arm.mass: must be a number, not a boolean",
         "robot.toml:10: link 1: inertia: violates the triangle inequality: no principal moment "
@@ -215,7 +215,7 @@ def test_places_count_from_one_and_keys_in_quotes_stay_as_they_are() -> None:
         ("arm = { length = 0.5, mass_per_length = 1.0 }", "arm = 1979-05-27", "a date or time"),
         ("rotors = 3", "rotors = 3\nrotors = 4", "not valid TOML"),
         ("arm = {", "attitude = [0x" + "f" * 5000 + "]\narm = {", "not a list"),
-        ("arm = {", "attitude = { x = 1 }\narm = {", "'zyx', not a table"),
+        ("arm = {", "attitude = { x = 1 }\narm = {", "'quaternion', not a table"),
         ("rotors = 3", "rotors = " + "9" * 5000, "robot.toml:4: not valid TOML: a number has more"),
         ("rotors = 3", "rotors = 3\nx = [", "robot.toml:6: not valid TOML"),
         ("[base]", "[base]\n[base]", "not valid TOML"),

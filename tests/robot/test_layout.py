@@ -7,9 +7,20 @@ from dataclasses import replace
 import pytest
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, reduced_coordinates
+from gibbs_codegen.robot.coordinates import (
+    hybrid_coordinates,
+    inputs,
+    reduced_coordinates,
+    velocities,
+)
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import Layout, Places, joint_kind, layout_of
+from gibbs_codegen.robot.layout import (
+    Layout,
+    coordinate_places,
+    joint_kind,
+    layout_of,
+    velocity_places,
+)
 from gibbs_codegen.robot.model import Robot
 
 ROBOTS = ["hexarotor", "quadrotor_2link", "octorotor_7link"]
@@ -24,42 +35,73 @@ def robot_with_slider(name: str) -> Robot:
     return replace(robot, links=links)
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_layout_agrees_with_the_coordinates(name: str) -> None:
-    robot = robot_with_slider(name)
-    layout, coordinates = layout_of(robot), reduced_coordinates(robot)
-    assert layout.names == tuple(c.name for c in coordinates)
-    assert layout.units == tuple(c.unit for c in coordinates)
+@pytest.fixture(params=["xyz", "zyx", "quaternion"])
+def attitude(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(params=ROBOTS)
+def robot(request: pytest.FixtureRequest, attitude: str) -> Robot:
+    robot = robot_with_slider(request.param)
+    return replace(robot, base=replace(robot.base, attitude=attitude))
+
+
+def test_layout_agrees_with_the_coordinates(robot: Robot) -> None:
+    layout = layout_of(robot)
+    for entries, listed in ((layout.q, reduced_coordinates(robot)), (layout.v, velocities(robot))):
+        assert entries.names == tuple(c.name for c in listed)
+        assert entries.units == tuple(c.unit for c in listed)
+        assert entries.size == len(listed)
+        joints = tuple(entries.names[k] for k in entries.joint_places)
+        assert joints == entries.names[entries.joints]
     assert layout.effort_units == tuple(c.unit for c in inputs(robot)[robot.rotors :])
-    assert layout.names[layout.attitude] == ("theta_m1", "theta_0", "theta_1")
-    assert layout.names[layout.position] == ("x", "y", "z")
-    assert layout.names[layout.middle_angle] == "theta_0"
-    assert layout.size == len(coordinates)
-    assert [layout.names[k] for k in layout.base] == ["theta_m1", "theta_0", "theta_1", *"xyz"]
-    assert tuple(layout.names[k] for k in layout.joint_places) == layout.names[layout.joints]
+    assert layout.q.names[layout.q.position] == ("x", "y", "z")
+    assert layout.q.names[layout.q.joints] == layout.v.names[layout.v.joints]
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_hybrid_places(name: str) -> None:
-    robot = robot_with_slider(name)
-    layout, hybrid = layout_of(robot), [c.name for c in hybrid_coordinates(robot)]
-    assert tuple(hybrid[k] for k in layout.free) == layout.names
-    assert hybrid[layout.constrained] == [f"theta_{k}" for k in range(2, robot.rotors + 1)]
+def test_layout_of_angles() -> None:
+    layout = layout_of(robot_with_slider("quadrotor_2link"))
+    assert layout.q.names[layout.q.attitude] == ("theta_m1", "theta_0", "theta_1")
+    assert layout.q.names[layout.middle_angle] == "theta_0"
+    assert layout.v.names == layout.q.names
+    assert layout.q.units == (*["rad"] * 4, *["m"] * 4)
+    assert layout.v.units == (*["rad/s"] * 4, *["m/s"] * 4)
+    assert layout.neutral == [0.0] * 8
 
 
-def test_layout_of_names_is_that_of_the_robot() -> None:
+def test_layout_of_a_quaternion() -> None:
     robot = robot_with_slider("quadrotor_2link")
-    assert Layout.of(layout_of(robot).names, robot.rotors - 1) == layout_of(robot)
+    layout = layout_of(replace(robot, base=replace(robot.base, attitude="quaternion")))
+    assert layout.q.names == ("x", "y", "z", "qx", "qy", "qz", "qw", "theta_5", "d_6")
+    assert layout.q.units == (*["m"] * 3, *["1"] * 4, "rad", "m")
+    assert layout.v.names == ("vx", "vy", "vz", "wx", "wy", "wz", "theta_5", "d_6")
+    assert layout.v.units == (*["m/s"] * 3, *["rad/s"] * 4, "m/s")
+    assert layout.neutral == [0.0] * 6 + [1.0] + [0.0] * 2
+
+
+def test_hybrid_places(robot: Robot) -> None:
+    layout, hybrid = layout_of(robot), [c.name for c in hybrid_coordinates(robot)]
+    assert tuple(hybrid[k] for k in layout.free) == layout.v.names
+    assert hybrid[layout.constrained] == [f"theta_{k}" for k in range(2, robot.rotors + 1)]
+    joints = hybrid[layout.constrained.stop :][: len(robot.links)]
+    assert tuple(joints) == layout.v.names[layout.v.joints]
+
+
+def test_layout_of_what_a_module_lists_is_that_of_the_robot(robot: Robot, attitude: str) -> None:
+    layout = layout_of(robot)
+    listed = Layout.listed(attitude, layout.q.names, layout.q.units, robot.rotors - 1)
+    assert listed == layout
 
 
 @pytest.mark.parametrize("joints", [0, 1, 4])
-def test_joined_is_the_inverse_of_split(joints: int) -> None:
-    places = Places.of_joints(joints)
-    values = list(range(6 + joints))
-    base, moved = places.split(values)
-    assert len(base) == 6
+@pytest.mark.parametrize("places", [coordinate_places, velocity_places])
+def test_joined_is_the_inverse_of_split(places, joints: int, attitude: str) -> None:
+    found = places(attitude, joints)
+    values = list(range(found.size))
+    base, moved = found.split(values)
+    assert len(base) == (7 if (attitude, places) == ("quaternion", coordinate_places) else 6)
     assert len(moved) == joints
-    assert places.joined(base, moved) == values
+    assert found.joined(base, moved) == values
 
 
 def test_kinds_of_joints() -> None:
@@ -69,13 +111,15 @@ def test_kinds_of_joints() -> None:
 
 
 @pytest.mark.parametrize(
-    "names",
+    ("attitude", "names"),
     [
-        ("theta_m1", "theta_0", "theta_1", "x", "y"),
-        ("x", "y", "z", "theta_7", "theta_m1", "theta_0", "theta_1"),
-        ("theta_m1", "theta_0", "theta_1", "elbow", "x", "y", "z"),
+        ("xyz", ("theta_m1", "theta_0", "theta_1", "x", "y")),
+        ("xyz", ("x", "y", "z", "theta_7", "theta_m1", "theta_0", "theta_1")),
+        ("xyz", ("x", "y", "z", "qx", "qy", "qz", "qw")),
+        ("quaternion", ("qx", "qy", "qz", "qw", "x", "y", "z")),
+        ("quaternion", ("theta_m1", "theta_0", "theta_1", "theta_7", "x", "y", "z")),
     ],
 )
-def test_other_names_are_refused(names: tuple[str, ...]) -> None:
-    with pytest.raises(UsageError, match="are not theta_m1, theta_0, theta_1, the joints"):
-        Layout.of(names, 3)
+def test_other_names_are_refused(attitude: str, names: tuple[str, ...]) -> None:
+    with pytest.raises(UsageError, match="with the joints' at place"):
+        Layout.listed(attitude, names, ["rad"] * len(names), 3)

@@ -89,7 +89,7 @@ def test_what_is_made_of_hostile_text_is_accepted(text: str) -> None:
 
 def test_no_two_robots_can_share_a_name_in_c() -> None:
     """No symbol of a robot goes on as one of a robot whose name is the longer."""
-    functions = [s.name for s in signatures(6, 8, 2, 4)]
+    functions = [s.name for s in signatures(6, 6, 8, 2, 4)]
     own = ["real", "constants", "pack", "unpack", "init_constants", "default_constants"]
     symbols = {*functions, *(f"{f}_batch" for f in functions), *own, "default_parameters"}
     symbols |= {f"casadi_{f}" for f in functions}

@@ -15,7 +15,7 @@ from conftest import ROOT
 from support.tools import tool
 
 from gibbs_codegen import load
-from gibbs_codegen.interface import signatures
+from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.runtime import c_backend
 
 ROBOT = ROOT / "generated" / "hexarotor_3link"
@@ -74,8 +74,7 @@ def test_views_of_one_array_may_overlap(ways: list[ModuleType]) -> None:
 def test_not_a_number_in_any_argument_is_one_in_the_result(ways: list[ModuleType]) -> None:
     """For one state and in a batch, where the states beside it keep their numbers."""
     for module in ways:
-        lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-        for signature in signatures(*map(len, lists)):
+        for signature in module_signatures(module):
             function = getattr(module, signature.name)
             for place in range(len(signature.widths)):
                 states = [np.full((3, width), 0.5) for width in signature.widths]

@@ -27,7 +27,7 @@ from support.tools import tool
 from gibbs_codegen import load
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.interface import module_signatures, signatures
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.runtime import c_backend, caller, compiled_function
@@ -40,11 +40,6 @@ STATES = 10_000
 @pytest.fixture(autouse=True, scope="module")
 def _compiler() -> None:
     tool("cc")
-
-
-def signatures_of(module: ModuleType) -> list[Signature]:
-    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-    return signatures(*map(len, lists))
 
 
 def compiled_of(numpy: ModuleType) -> ModuleType:
@@ -94,7 +89,7 @@ def disagreement(
     of a rounding error: the matrices themselves differ in the last bit. A scalar that happens to be
     near zero is compared with its mean square over the states.
     """
-    signature = next(s for s in signatures_of(numpy) if s.name == name)
+    signature = next(s for s in module_signatures(numpy) if s.name == name)
     arguments = [states[argument] for argument in signature.arguments]
     scale = np.ones(STATES)
     if name == "forward_dynamics":
@@ -109,7 +104,7 @@ def disagreement(
     return float(worst)
 
 
-@pytest.mark.parametrize("name", [s.name for s in signatures(9, 19, 9, 12)])
+@pytest.mark.parametrize("name", [s.name for s in signatures(9, 9, 19, 9, 12)])
 def test_both_back_ends_agree(name: str, backends, states: dict[str, np.ndarray]) -> None:
     """To 1e-14 of the norm over ten thousand states."""
     assert disagreement(name, *backends, states) < 1e-14
@@ -123,13 +118,13 @@ def test_both_back_ends_agree_on_other_robots(robot: str, shipped) -> None:
     numpy = shipped(robot)
     compiled = compiled_of(numpy)
     at = random_states(numpy)
-    for signature in signatures_of(numpy):
+    for signature in module_signatures(numpy):
         assert disagreement(signature.name, numpy, compiled, at) < 1e-14, signature.name
 
 
 def test_one_state_equals_a_batch(backends, states: dict[str, np.ndarray]) -> None:
     compiled = backends[1]
-    for signature in signatures_of(compiled):
+    for signature in module_signatures(compiled):
         function = getattr(compiled, signature.name)
         arguments = [states[argument][:37] for argument in signature.arguments]
         for batch, *single in zip(
@@ -143,9 +138,9 @@ def test_one_state_equals_a_batch(backends, states: dict[str, np.ndarray]) -> No
 @pytest.mark.parametrize("robot", shipped_robots())
 def test_interface_is_what_is_emitted(robot: str) -> None:
     program = derive(read_robot(robot)[0]).program
-    sizes = [len(program.inputs["q"]), 0, len(program.inputs["u"]), 0]
-    sizes[1] = program.function("hybrid_residual").outputs[0].shape[0]
-    sizes[3] = program.function("positions").outputs[0].shape[0]
+    q, v, u = (len(program.inputs[argument]) for argument in "qvu")
+    hybrid = program.function("hybrid_residual").outputs[0].shape[0]
+    sizes = (q, v, hybrid, u, program.function("positions").outputs[0].shape[0])
     found = {s.name: (s.arguments, s.shapes) for s in signatures(*sizes)}
     assert found == {
         f.name: (f.arguments, tuple(o.shape for o in f.outputs)) for f in program.functions
@@ -256,7 +251,7 @@ def test_constants_of_other_parameters(backends, states: dict[str, np.ndarray]) 
 
 def test_functions_say_what_they_are(backends) -> None:
     numpy, compiled = backends
-    for signature in signatures_of(numpy):
+    for signature in module_signatures(numpy):
         ours, theirs = getattr(compiled, signature.name), getattr(numpy, signature.name)
         assert ours.__name__ == theirs.__name__
         assert ours.__doc__ == theirs.__doc__
@@ -392,7 +387,7 @@ def test_functions_are_not_pickled_but_copied(
 def test_casadi_takes_the_same_library(backends, states: dict[str, np.ndarray]) -> None:
     casadi = pytest.importorskip("casadi")
     numpy, compiled = backends
-    for signature in signatures_of(numpy):
+    for signature in module_signatures(numpy):
         function = casadi.external(f"{numpy.NAME}_casadi_{signature.name}", compiled.__file__)
         arguments = [states[argument][0] for argument in signature.arguments]
         found = function(*arguments)

@@ -72,7 +72,7 @@ def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
     return None
 
 
-FORMS = {s.name: s for s in signatures(9, 19, 9, 12)}
+FORMS = {s.name: s for s in signatures(9, 9, 19, 9, 12)}
 OVERFLOWING = [name for name, form in FORMS.items() if too_large(form)]
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from support.differences import rate
 
-from gibbs_codegen.robot.model import ATTITUDES
+from gibbs_codegen.robot.model import SEQUENCES
 from gibbs_codegen.scenario.attitude import (
     SINGULAR_COSINE,
     Array,
@@ -22,7 +22,7 @@ from gibbs_codegen.scenario.attitude import (
 )
 from gibbs_codegen.verification.vectors import times
 
-every_sequence = pytest.mark.parametrize("sequence", ATTITUDES)
+every_sequence = pytest.mark.parametrize("sequence", SEQUENCES)
 TIME = np.linspace(0.0, 5.0, 23)
 
 
@@ -62,7 +62,7 @@ def turning_at(sequence: str, time: Array) -> Turning:
 
 
 def test_the_six_sequences() -> None:
-    assert sorted(ATTITUDES) == ["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
+    assert sorted(SEQUENCES) == ["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]
 
 
 @every_sequence
@@ -104,7 +104,7 @@ def test_angles_rates_and_accelerations_come_back(sequence: str) -> None:
 
 @settings(max_examples=100)
 @given(
-    sequence=st.sampled_from(ATTITUDES),
+    sequence=st.sampled_from(SEQUENCES),
     first=st.floats(-np.pi, np.pi),
     second=st.floats(-1.56, 1.56),
     third=st.floats(-np.pi, np.pi),

@@ -14,7 +14,7 @@ from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import ATTITUDES
+from gibbs_codegen.robot.model import SEQUENCES
 from gibbs_codegen.scenario.attitude import rate_matrix
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
@@ -348,7 +348,7 @@ def test_a_flight_ends_at_the_singular_attitude(
     assert np.all(np.isfinite(flight.a))
 
 
-@pytest.mark.parametrize("attitude", ATTITUDES)
+@pytest.mark.parametrize("attitude", SEQUENCES)
 def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None:
     """From either side, and where a step of rk4 goes all the way round: with numbers throughout."""
     robot = read_robot("hexarotor")[0]

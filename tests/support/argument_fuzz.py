@@ -21,7 +21,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from gibbs_codegen import load
-from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.interface import Signature, module_signatures
 from gibbs_codegen.runtime import c_backend
 
 Array = NDArray[np.float64]
@@ -174,8 +174,7 @@ def case(folder: str) -> Case:
     slow = load(folder, backend="c")
     if any(module.__file__ == numpy.__file__ for module in (fast, slow)):
         raise RuntimeError("nothing compiles")
-    lists = (numpy.COORDINATES, numpy.HYBRID_COORDINATES, numpy.INPUTS, numpy.POINTS)
-    return Case(numpy, (numpy, fast, slow), tuple(signatures(*map(len, lists))))
+    return Case(numpy, (numpy, fast, slow), tuple(module_signatures(numpy)))
 
 
 BATCHES = [(), (), (), (1,), (2,), (9,), (2, 3), (0,), (3, 0), (1, 1, 2)]

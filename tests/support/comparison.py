@@ -6,6 +6,7 @@ from types import ModuleType
 
 import numpy as np
 
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from support.pinocchio_oracle import Oracle
 
@@ -22,10 +23,14 @@ def assert_close(name: str, ours: np.ndarray, theirs: np.ndarray) -> None:
 def states(robot: Robot, module: ModuleType, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:
     """Random q, v, a, u, `count` of each, away from the singularity of the attitude."""
     rng = np.random.default_rng(seed)
-    n = len(module.COORDINATES)
-    q = rng.uniform(-np.pi, np.pi, (count, n))
-    q[:, 1] = rng.uniform(-1.2, 1.2, count)
-    v, a = rng.normal(size=(2, count, n))
+    q = rng.uniform(-np.pi, np.pi, (count, len(module.COORDINATES)))
+    layout = layout_of(robot)
+    attitude = layout.q.attitude
+    if layout.is_quaternion:
+        q[:, attitude] /= np.linalg.norm(q[:, attitude], axis=1, keepdims=True)
+    else:
+        q[:, layout.middle_angle] = rng.uniform(-1.2, 1.2, count)
+    v, a = rng.normal(size=(2, count, len(module.VELOCITIES)))
     return q, v, a, rng.normal(size=(count, len(module.INPUTS)))
 
 
@@ -50,6 +55,9 @@ def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | N
         "gibbs": module.gibbs(q, v, a) - module.gibbs(q, v, np.zeros_like(a)),
         "kinetic": module.kinetic_energy(q, v),
         "potential": module.potential_energy(q),
+        "coordinate rates": module.coordinate_rates(q, v),
+        "integrated": module.integrate(q, v),
+        "difference": module.difference(q, q[::-1]),
     }
     if "tip" in oracle.frames:
         batch |= {
@@ -63,6 +71,9 @@ def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | N
         assert_close("M of both", both[0][i], ours["M"])
         assert_close("R of both", both[1][i], ours["R"])
         _compare_state(oracle, ours, q[i], v[i], a[i], u[i])
+        assert_close("rates", ours["coordinate rates"], oracle.coordinate_rates(q[i], v[i]))
+        assert_close("integrated", ours["integrated"], oracle.integrated(q[i], v[i]))
+        assert_close("difference", ours["difference"], oracle.difference(q[i], q[count - 1 - i]))
 
 
 def _compare_state(
@@ -75,7 +86,7 @@ def _compare_state(
 ) -> None:
     free, held = oracle.free, oracle.held
     matrix, inputs = oracle.mass_matrix(q), oracle.input_matrix(q)
-    residual = -oracle.inverse_dynamics(q, v, np.zeros_like(q))
+    residual = -oracle.inverse_dynamics(q, v, np.zeros_like(a))
     inverse = oracle.inverse_dynamics(q, v, a)
     size = len(oracle.order)
     assert_close("M", ours["M"], matrix[np.ix_(free, free)])

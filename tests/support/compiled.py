@@ -16,7 +16,7 @@ from benchmarks.family import benchmark_robot
 from numpy.typing import NDArray
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.interface import LANES, Signature, signatures
+from gibbs_codegen.interface import LANES, Signature, module_signatures
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
@@ -82,9 +82,7 @@ class Emitted:
 
     def signatures(self) -> list[Signature]:
         """Signatures of all functions."""
-        module = self.module
-        lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-        return signatures(*map(len, lists))
+        return module_signatures(self.module)
 
 
 def emit(robot: Robot, folder: Path, text: str = "") -> Emitted:

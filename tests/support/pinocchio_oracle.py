@@ -17,7 +17,6 @@ from gibbs_codegen.robot.coordinates import (
     frames_of,
     held_arms,
     hybrid_coordinates,
-    reduced_coordinates,
 )
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Body, Passive, Robot, Rod
@@ -73,15 +72,8 @@ class Oracle:
         robot, base = self.robot, self.robot.base
         self.model = model = pin.Model()
         model.gravity.linear = np.array([0.0, 0.0, -robot.gravity])
-        parent = 0
-        for joint, name in zip(
-            (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelPZ()), "xyz", strict=True
-        ):
-            parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
-        kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
-        for letter, name in zip(base.attitude, ("theta_m1", "theta_0", "theta_1"), strict=True):
-            parent = model.addJoint(parent, kinds[letter](), pin.SE3.Identity(), name)
-        self.root = parent
+        self.layout = layout_of(robot)
+        self.root = self._add_base()
         centre = self._centre()
         self.bodies = {0: (self.root, pin.SE3(np.eye(3), centre))}
         self.points: dict[str, tuple[int, Array]] = {}
@@ -106,10 +98,14 @@ class Oracle:
         named = [at for name, at in self.frames.items() if name != "base"]
         self.places = [*places, *self.rotors, *joints, *named]
         self.data = model.createData()
-        reduced = [c.name for c in reduced_coordinates(robot)]
+        reduced = self.layout.v.names
         every = [c.name for c in hybrid_coordinates(robot)][: len(reduced) + len(held_arms(robot))]
         names = reduced if self.rigid_base else every
-        self.order = [model.joints[model.getJointId(name)].idx_v for name in names]
+        own = {name: i for i, name in enumerate(reduced[:6]) if self.layout.is_quaternion}
+        self.order = [
+            own[name] if name in own else model.joints[model.getJointId(name)].idx_v
+            for name in names
+        ]
         self.free = [names.index(name) for name in reduced]
         self.held = [i for i, name in enumerate(names) if name not in reduced]
 
@@ -159,45 +155,82 @@ class Oracle:
             axis = np.array(link.axis) / np.linalg.norm(link.axis)
             if link.moves or (link.constrained and not self.rigid_base):
                 slides = link.joint == "prismatic"
-                kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+                kind = (
+                    pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+                )
                 joint = model.addJoint(parent, kind(axis), placement, coordinate_of(robot, i))
                 placement, parent = pin.SE3.Identity(), joint
             model.appendBodyToJoint(parent, spatial_inertia(link.body), placement)
             self.bodies[i] = (parent, placement)
 
+    def _add_base(self) -> int:
+        """Put the joints of the base into the tree: the last of them."""
+        model, parent = self.model, 0
+        if self.layout.is_quaternion:
+            return model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+        for joint, name in zip(
+            (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelPZ()), "xyz", strict=True
+        ):
+            parent = model.addJoint(parent, joint, pin.SE3.Identity(), name)
+        kinds = {"x": pin.JointModelRX, "y": pin.JointModelRY, "z": pin.JointModelRZ}
+        names = ("theta_m1", "theta_0", "theta_1")
+        for letter, name in zip(self.layout.attitude, names, strict=True):
+            parent = model.addJoint(parent, kinds[letter](), pin.SE3.Identity(), name)
+        return parent
+
+    def configuration(self, q: Array) -> Array:
+        """Coordinates as the tree's, zero at the held joints."""
+        if not self.layout.is_quaternion:
+            return self.spread(q)
+        velocities = self.spread(np.concatenate([np.zeros(6), q[7:]]))
+        return np.concatenate([q[:7], velocities[6:]])
+
+    def reduced_configuration(self, tree: Array) -> Array:
+        """Coordinates from the tree's."""
+        if not self.layout.is_quaternion:
+            return tree[[self.order[i] for i in self.free]]
+        joints = [self.order[i] for i in self.free[6:]]
+        return np.concatenate([tree[:7], tree[1:][joints]])
+
     def spread(self, values: Array) -> Array:
-        """Reduced values as the tree's, zero at the held joints."""
+        """Values for the velocities as the tree's, zero at the held joints."""
         tree = np.zeros(self.model.nv)
         tree[[self.order[i] for i in self.free]] = values
         return tree
 
     def mass_matrix(self, q: Array) -> Array:
         """Mass matrix in all coordinates, free and held, in the hybrid order."""
-        matrix = pin.crba(self.model, self.data, self.spread(q))[np.ix_(self.order, self.order)]
-        for place, passive in self._passive:
+        matrix = pin.crba(self.model, self.data, self.configuration(q))[
+            np.ix_(self.order, self.order)
+        ]
+        for place, _, passive in self._passive:
             matrix[place, place] += passive.armature
         return matrix
 
     def inverse_dynamics(self, q: Array, v: Array, a: Array) -> Array:
         """M a − R in all coordinates, in the hybrid order."""
-        tree = pin.rnea(self.model, self.data, self.spread(q), self.spread(v), self.spread(a))
+        tree = pin.rnea(
+            self.model, self.data, self.configuration(q), self.spread(v), self.spread(a)
+        )
         forces = tree[self.order]
-        for place, passive in self._passive:
-            here = self.free.index(place)
+        for (place, here, passive), angle in zip(
+            self._passive, q[self.layout.q.joints], strict=True
+        ):
             forces[place] += passive.armature * a[here] + passive.damping * v[here]
-            forces[place] += passive.stiffness * (q[here] - passive.rest)
+            forces[place] += passive.stiffness * (angle - passive.rest)
         return forces
 
     @property
-    def _passive(self) -> list[tuple[int, Passive]]:
-        joints = [self.free[place] for place in layout_of(self.robot).joint_places]
+    def _passive(self) -> list[tuple[int, int, Passive]]:
+        """For each joint that moves its place in the hybrid order and in v, and what acts on it."""
+        places = self.layout.v.joint_places
         given = [self.robot.links[i - 1].passive for i in self.robot.moving]
-        return list(zip(joints, given, strict=True))
+        return [(self.free[at], at, acts) for at, acts in zip(places, given, strict=True)]
 
     def point_jacobian(self, q: Array, place: tuple[int, pin.SE3]) -> tuple[Array, pin.SE3]:
         """World-axes Jacobian of a place on a body, linear rows first, and its placement."""
         joint, local = place
-        pin.computeJointJacobians(self.model, self.data, self.spread(q))
+        pin.computeJointJacobians(self.model, self.data, self.configuration(q))
         placement = self.data.oMi[joint] * local
         frame = pin.getJointJacobian(
             self.model, self.data, joint, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -209,7 +242,7 @@ class Oracle:
 
     def bias_acceleration(self, q: Array, v: Array, place: tuple[int, pin.SE3]) -> Array:
         """World-axes acceleration of a place at zero accelerations, linear entries first."""
-        tree = self.spread(q), self.spread(v), np.zeros(self.model.nv)
+        tree = self.configuration(q), self.spread(v), np.zeros(self.model.nv)
         pin.forwardKinematics(self.model, self.data, *tree)
         joint, local = place
         return pin.getFrameClassicalAcceleration(
@@ -228,7 +261,7 @@ class Oracle:
             thrust = placement.rotation @ direction / np.linalg.norm(direction)
             columns.append(jacobian.T @ np.concatenate([thrust, drag * thrust]))
         every = np.eye(len(self.order))
-        joints = [self.free[place] for place in layout_of(self.robot).joint_places]
+        joints = [self.free[place] for place in self.layout.v.joint_places]
         columns += [every[place] for place in joints]
         return np.array(columns).reshape(-1, len(self.order)).T
 
@@ -238,11 +271,29 @@ class Oracle:
 
     def energies(self, q: Array, v: Array) -> tuple[float, float]:
         """Kinetic and potential energy."""
-        tree = self.spread(q)
+        tree = self.configuration(q)
         kinetic = pin.computeKineticEnergy(self.model, self.data, tree, self.spread(v))
         potential = pin.computePotentialEnergy(self.model, self.data, tree)
-        for place, passive in self._passive:
-            here = self.free.index(place)
+        angles = q[self.layout.q.joints]
+        for (_, here, passive), angle in zip(self._passive, angles, strict=True):
             kinetic += passive.armature * v[here] ** 2 / 2
-            potential += passive.stiffness * (q[here] - passive.rest) ** 2 / 2
+            potential += passive.stiffness * (angle - passive.rest) ** 2 / 2
         return kinetic, potential
+
+    def integrated(self, q: Array, v: Array) -> Array:
+        """Coordinates after a displacement."""
+        tree = pin.integrate(self.model, self.configuration(q), self.spread(v))
+        return self.reduced_configuration(tree)
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """Displacement between two configurations."""
+        tree = pin.difference(self.model, self.configuration(q0), self.configuration(q1))
+        return tree[[self.order[i] for i in self.free]]
+
+    def coordinate_rates(self, q: Array, v: Array) -> Array:
+        """Rates of the coordinates."""
+        if not self.layout.is_quaternion:
+            return v
+        attitude = pin.Quaternion(*q[[6, 3, 4, 5]])
+        turning = attitude * pin.Quaternion(0.0, *v[3:6])
+        return np.concatenate([attitude.matrix() @ v[:3], turning.coeffs() / 2.0, v[6:]])

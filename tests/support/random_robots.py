@@ -10,10 +10,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from gibbs_codegen.robot.model import (
-    ATTITUDES,
     AXES,
     JOINT_KINDS,
     LINK_KINDS,
+    SEQUENCES,
     Base,
     Body,
     Frame,
@@ -92,7 +92,7 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
         arms,
         tuple(thrust(rng) for _ in range(rotors)),
         drag,
-        ATTITUDES[rng.integers(len(ATTITUDES))],
+        SEQUENCES[rng.integers(len(SEQUENCES))],
         ("motor1", "centre")[rng.integers(2)],
     )
     gravity = (9.81, 9.81, 0.0, 3.7)[rng.integers(4)]
@@ -169,7 +169,7 @@ def random_tree(seed: int) -> Robot:
 
 def _tree_base(rng: np.random.Generator, links: list[Link]) -> tuple[Base, tuple[Rotor, ...]]:
     """A central body and rotors on it and on links, or rods, with or without a body."""
-    attitude = ATTITUDES[rng.integers(len(ATTITUDES))]
+    attitude = SEQUENCES[rng.integers(len(SEQUENCES))]
     if rng.random() < 0.5:
         # Without rotors the joint of a link without a name would be called theta_1, as the base's.
         count = int(rng.integers(0 if links[0].name else 1, 7))

@@ -36,7 +36,9 @@ def synthetic_flight(
     fields: dict[str, object] = {
         "robot": module.NAME,
         "scenario": "synthetic",
+        "attitude": module.ATTITUDE,
         "coordinates": module.COORDINATES,
+        "coordinate_units": module.COORDINATE_UNITS,
         "input_names": module.INPUTS,
         "points": module.POINTS,
         "tangent_arm": 2,

@@ -20,7 +20,7 @@ from conftest import ROOT
 from numpy.typing import NDArray
 from support.tools import missing, run, tool
 
-from gibbs_codegen.interface import Signature, signatures
+from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.robot.file import shipped_robots
 
 EMBEDDED = ROOT / "tests" / "embedded"
@@ -187,11 +187,6 @@ def chosen_parameters(module: ModuleType) -> dict[str, float]:
     """Parameters other than the robot file's."""
     factors = np.random.default_rng(7).uniform(0.7, 1.3, len(module.PARAMETERS))
     return {k: float(f) * x for (k, x), f in zip(module.PARAMETERS.items(), factors, strict=True)}
-
-
-def module_signatures(module: ModuleType) -> list[Signature]:
-    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-    return signatures(*map(len, lists))
 
 
 def cases_header(module: ModuleType, real: type[np.floating[Any]]) -> str:

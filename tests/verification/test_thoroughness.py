@@ -159,7 +159,12 @@ C_FAULTS = {
         "any angles",
     ),
     "series of floats": ("R(0.008332175", "R(-0.008332175", 0, "single precision"),
-    "far angles of floats": ("LIBRARY_SIN sinf", "LIBRARY_SIN cosf", 0, "single precision"),
+    "far angles of floats": (
+        "#define LIBRARY(function) function##f",
+        "#define LIBRARY(function) function##f\n#define sinf cosf",
+        0,
+        "single precision",
+    ),
 }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import sympy as sp
 
 from gibbs_codegen.derivation.root.protocol import Root
+from gibbs_codegen.derivation.root.quaternion import QuaternionRoot
 from gibbs_codegen.derivation.root.tait_bryan import TaitBryanRoot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
@@ -14,7 +15,7 @@ from gibbs_codegen.symbolic.tape import Scalars
 
 
 def root_of(robot: Robot, tape: Scalars, q: Sequence[sp.Expr]) -> Root:
-    """The root of a robot: Tait–Bryan angles in the robot's sequence.
+    """The root of a robot: a quaternion, or Tait–Bryan angles in the robot's sequence.
 
     Args:
         robot: The robot.
@@ -23,4 +24,8 @@ def root_of(robot: Robot, tape: Scalars, q: Sequence[sp.Expr]) -> Root:
     Returns:
         The root.
     """
-    return TaitBryanRoot.make(tape, robot.base.attitude, q[layout_of(robot).attitude])
+    layout = layout_of(robot)
+    attitude = q[layout.q.attitude]
+    if layout.is_quaternion:
+        return QuaternionRoot.make(tape, attitude)
+    return TaitBryanRoot.make(tape, layout.attitude, attitude)

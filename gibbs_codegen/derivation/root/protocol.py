@@ -1,8 +1,9 @@
-"""What the derivation asks of the base's coordinates, whatever they are.
+"""What the derivation asks of the base's coordinates and velocities, whatever they are.
 
-The root turns the coordinates of the base into the motion of the frame that the tree begins with,
-the *root's group frame*, and wrenches in that frame back into generalised forces. The root segment
-(arm 1) may turn against the group frame about z, the base normal.
+The root turns the velocities of the base and their rates into the motion of the frame that the tree
+begins with, the *root's group frame*, and wrenches in that frame back into generalised forces. The
+root segment (arm 1) may turn against the group frame about z, the base normal. Velocities are rates
+of coordinates, or quasi-velocities, for which the Gibbs–Appell equations are the same.
 
 Values of the base are those of attitude and then of position, without the joints': what
 `Places.split` gives and `Places.joined` takes.
@@ -25,7 +26,7 @@ Values = Sequence[sp.Expr]
 
 
 class Root(Protocol):
-    """Coordinates of the base: how they move the group frame, and which forces act along them."""
+    """The base: how its velocities move the group frame, and which forces act along them."""
 
     @property
     def spins_about_normal(self) -> bool:
@@ -43,7 +44,7 @@ class Root(Protocol):
         ...
 
     def places(self, joints: int) -> Places:
-        """Places of the coordinates in q, v and a.
+        """Places of the entries of v and a.
 
         Args:
             joints: Number of joints after the base.
@@ -53,24 +54,13 @@ class Root(Protocol):
         """
         ...
 
-    def origin(self, coordinates: Values) -> Vector:
-        """World position of the origin.
-
-        Args:
-            coordinates: Those of the base.
-
-        Returns:
-            Position in world axes (m).
-        """
-        ...
-
     def frame_motion(
         self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
         """Motion of the root's group frame.
 
         Args:
-            rates, accelerations: Those of the base's coordinates.
+            rates, accelerations: The base's velocities, and their rates.
             gravity: Gravity (m/s²), included as an upward acceleration.
 
         Returns:
@@ -78,11 +68,25 @@ class Root(Protocol):
         """
         ...
 
+    def origin_acceleration(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> Vector:
+        """Acceleration of the origin, along the directions in which the linear velocities count.
+
+        Args:
+            rates, accelerations: The base's velocities, and their rates.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            Its components (m/s²): the world's for Tait–Bryan angles, the base's for a quaternion.
+        """
+        ...
+
     def segment_spin(self, values: Values) -> sp.Expr:
         """The rate or acceleration of the root segment against its group frame.
 
         Args:
-            values: Rates or accelerations of the base's coordinates.
+            values: The base's velocities, or their rates.
 
         Returns:
             That about z (rad/s or rad/s²).
@@ -90,35 +94,13 @@ class Root(Protocol):
         ...
 
     def rows(self, tape: Scalars, wrench: Wrench) -> tuple[sp.Expr, ...]:
-        """Generalised forces of a wrench along the base's coordinates.
+        """Generalised forces of a wrench along the base's velocities.
 
         Args:
             wrench: About the origin, in the root's group frame (N, N m).
 
         Returns:
-            One force for each coordinate of the base.
-        """
-        ...
-
-    def inertia_rows(
-        self,
-        tape: Scalars,
-        wrench: Wrench,
-        mass: sp.Expr,
-        accelerations: Values,
-        gravity: sp.Expr,
-    ) -> tuple[sp.Expr, ...]:
-        """∂S/∂θ̈ of the base's coordinates.
-
-        Args:
-            wrench: 𝒮 and ℛ of all segments about the origin, in the root's group frame, without the
-                root's B₀r̈ (N, N m).
-            mass: The root's B₀ (kg).
-            accelerations: Those of the base's coordinates.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            One row for each coordinate of the base.
+            One force for each velocity of the base.
         """
         ...
 
@@ -129,7 +111,7 @@ class Root(Protocol):
             composite: Inertia of the whole robot about the origin, in the root's group frame.
 
         Returns:
-            Rows and columns of the base's coordinates.
+            Rows and columns of the base's velocities.
         """
         ...
 
@@ -145,30 +127,65 @@ class Root(Protocol):
         ...
 
     def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
-        """Velocities of a point for a unit rate of each coordinate of the base.
+        """Velocities of a point for a unit of each velocity of the base.
 
         Args:
             point: A point of the robot from the origin, in world axes (m).
 
         Returns:
-            Linear and angular velocity in world axes, for each coordinate.
+            Linear and angular velocity in world axes, for each.
         """
         ...
 
     def accelerations(
-        self, tape: Scalars, linear: Vector, angular: Vector, gravity: sp.Expr
+        self, tape: Scalars, linear: Vector, angular: Vector, rates: Values, gravity: sp.Expr
     ) -> list[sp.Expr]:
-        """Accelerations of the base's coordinates, recovered from a motion of the root's group
-        frame.
+        """Rates of the base's velocities, recovered from a motion of the root's group frame.
 
         Args:
             linear: Acceleration of the origin relative to free fall, in the root's group frame
                 (m/s²).
-            angular: What the accelerations of the coordinates add to the angular acceleration, in
+            angular: What the rates of the velocities add to the angular acceleration, in
                 the root's group frame (rad/s²).
+            rates: The base's velocities.
             gravity: Gravity (m/s²).
 
         Returns:
-            One acceleration for each coordinate of the base.
+            One acceleration for each velocity of the base.
+        """
+        ...
+
+    def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
+        """q̇ of the base's coordinates.
+
+        Args:
+            coordinates: The base's.
+            rates: Its velocities.
+
+        Returns:
+            One rate for each coordinate of the base.
+        """
+        ...
+
+    def integrated(self, tape: Scalars, coordinates: Values, step: Values) -> Values:
+        """The base's coordinates after a displacement.
+
+        Args:
+            coordinates: The base's.
+            step: The displacement: velocities times a time in which they are constant.
+
+        Returns:
+            The new coordinates.
+        """
+        ...
+
+    def difference(self, tape: Scalars, start: Values, end: Values) -> Values:
+        """The displacement that leads from one place to another.
+
+        Args:
+            start, end: Coordinates of the base.
+
+        Returns:
+            The displacement, one entry for each velocity of the base.
         """
         ...

@@ -16,7 +16,7 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.root.protocol import Values
-from gibbs_codegen.robot.layout import Places
+from gibbs_codegen.robot.layout import Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -76,7 +76,7 @@ class TaitBryanRoot:
         return self.rotations[2] if self.spins_about_normal else NO_ROTATION
 
     def places(self, joints: int) -> Places:
-        """Places of the coordinates in q, v and a.
+        """Places of the entries of q, v and a.
 
         Args:
             joints: Number of joints after the base.
@@ -84,19 +84,7 @@ class TaitBryanRoot:
         Returns:
             The attitude first, then the joints, then the position.
         """
-        return Places.of_joints(joints)
-
-    def origin(self, coordinates: Values) -> Vector:
-        """World position of the origin.
-
-        Args:
-            coordinates: θ₋₁, θ₀, θ₁, x, y, z.
-
-        Returns:
-            x, y, z.
-        """
-        x, y, z = coordinates[3:]
-        return (x, y, z)
+        return velocity_places("".join("xyz"[axis] for axis in self.axes), joints)
 
     @property
     def _outer(self) -> int:
@@ -115,7 +103,7 @@ class TaitBryanRoot:
         Returns:
             The motion in the frame's own axes.
         """
-        x, y, z = self._origin_acceleration(accelerations, gravity)
+        x, y, z = self.origin_acceleration(tape, rates, accelerations, gravity)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
         for i in range(self._outer):
             back, axis = self.rotations[i].inverse, self.axes[i]
@@ -131,8 +119,18 @@ class TaitBryanRoot:
             acceleration = back.vector(tape, acceleration)
         return Motion.of(tape, omega, omega_dot, acceleration)
 
-    def _origin_acceleration(self, accelerations: Values, gravity: sp.Expr) -> Vector:
-        """Acceleration of the origin in world axes, gravity included."""
+    def origin_acceleration(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> Vector:
+        """Acceleration of the origin in world axes.
+
+        Args:
+            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            Its components (m/s²).
+        """
         x, y, z = accelerations[3:]
         return (x, y, z + gravity)
 
@@ -162,31 +160,6 @@ class TaitBryanRoot:
             if i < self._outer:
                 wrench = wrench.rotated(tape, self.rotations[i])
         return (*rows, *wrench.force)
-
-    def inertia_rows(
-        self,
-        tape: Scalars,
-        wrench: Wrench,
-        mass: sp.Expr,
-        accelerations: Values,
-        gravity: sp.Expr,
-    ) -> Rows:
-        """∂S/∂θ̈ of the base's coordinates; the root's B₀r̈ is added in world axes.
-
-        Args:
-            wrench: 𝒮 and ℛ of all segments about the origin, in the group frame, without the root's
-                B₀r̈.
-            mass: The root's B₀ (kg).
-            accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
-            gravity: Gravity (m/s²), included as an upward acceleration.
-
-        Returns:
-            The rows of θ₋₁, θ₀, θ₁, x, y, z.
-        """
-        rows = self.rows(tape, wrench)
-        linear = self._origin_acceleration(accelerations, gravity)
-        moved = (tape.let(row + mass * r) for row, r in zip(rows[3:], linear, strict=True))
-        return (*rows[:3], *moved)
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector.
@@ -252,7 +225,7 @@ class TaitBryanRoot:
         return block
 
     def accelerations(
-        self, tape: Scalars, linear: Vector, angular: Vector, gravity: sp.Expr
+        self, tape: Scalars, linear: Vector, angular: Vector, rates: Values, gravity: sp.Expr
     ) -> list[sp.Expr]:
         """Accelerations of the base's coordinates, from a motion of the group frame.
 
@@ -261,6 +234,7 @@ class TaitBryanRoot:
         Args:
             linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
             angular: The sum of θ̈₋₁, θ̈₀, θ̈₁ times their axes, in the group frame (rad/s²).
+            rates: Of no consequence here.
             gravity: Gravity (m/s²).
 
         Returns:
@@ -272,6 +246,40 @@ class TaitBryanRoot:
             angles = self._angle_accelerations(tape, angular)
         with tape.group("acceleration of the origin, in world axes"):
             return [*angles, x, y, tape.let(z - gravity)]
+
+    def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
+        """Rates of the base's coordinates.
+
+        Args:
+            coordinates: Of no consequence here.
+            rates: Those of θ₋₁, θ₀, θ₁, x, y, z.
+
+        Returns:
+            The rates themselves.
+        """
+        return rates
+
+    def integrated(self, tape: Scalars, coordinates: Values, step: Values) -> Values:
+        """The base's coordinates after a displacement.
+
+        Args:
+            coordinates, step: θ₋₁, θ₀, θ₁, x, y, z, and what is added to them.
+
+        Returns:
+            The sums.
+        """
+        return [tape.let(q + v) for q, v in zip(coordinates, step, strict=True)]
+
+    def difference(self, tape: Scalars, start: Values, end: Values) -> Values:
+        """What leads from one place to another.
+
+        Args:
+            start, end: θ₋₁, θ₀, θ₁, x, y, z.
+
+        Returns:
+            The differences.
+        """
+        return [tape.let(q - p) for p, q in zip(start, end, strict=True)]
 
     def _angle_accelerations(self, tape: Scalars, angular: Vector) -> Vector:
         a, b, c = self.axes

@@ -231,7 +231,8 @@ def helper(name: str, parameters: Sequence[str], body: Sequence[str]) -> list[st
     every = ["const Constants *RESTRICT constants", *parameters, "const int stride"]
     head = [f"static INLINE void {name}(", *_indented([f"{p}," for p in every])]
     head[-1] = f"{head[-1].removesuffix(',')})"
-    return [*head, "{", *_indented(body), "}"]
+    idle = [] if any("stride" in line for line in body) else [unused("stride")]
+    return [*head, "{", *_indented([*idle, *body]), "}"]
 
 
 def _indented(lines: Iterable[str]) -> list[str]:

@@ -7,17 +7,23 @@ from dataclasses import dataclass
 
 from gibbs_codegen.interface import LANES
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import total_mass
 from gibbs_codegen.robot.coordinates import (
     hybrid_coordinates,
     inputs,
     points,
     reduced_coordinates,
+    velocities,
 )
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.c.function import CFunction, FunctionText
 from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
-from gibbs_codegen.targets.documentation import attitude_text, coordinate_table
+from gibbs_codegen.targets.documentation import (
+    attitude_text,
+    coordinate_table,
+    entry_lines,
+    state_tables,
+)
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.targets.verbatim import c_source
 
@@ -38,9 +44,9 @@ class ParameterText:
 class ModuleText:
     """Everything in header, source and CasADi adapter that depends on the robot.
 
-    `places` has the enumerators of the places in arguments, by the words for these. `support` and
-    `column_major` are the source that depends on no robot; `widest` is the width of the widest
-    argument.
+    `entry_lines` explain the entries of arguments and results. `places` has the enumerators of the
+    places in arguments, by the words for these. `support` and `column_major` are the source that
+    depends on no robot; `widest` is the width of the widest argument.
     """
 
     header: Lines
@@ -48,10 +54,8 @@ class ModuleText:
     NAME: str
     lanes: int
     convention_lines: Lines
-    coordinate_lines: Lines
-    hybrid_coordinate_lines: Lines
-    input_lines: Lines
-    point_lines: Lines
+    result_lines: Lines
+    entry_lines: Lines
     sizes: list[tuple[str, int]]
     folded_lines: Lines
     parameters: list[ParameterText]
@@ -87,10 +91,8 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         NAME=robot.name.upper(),
         lanes=LANES,
         convention_lines=_convention_lines(robot),
-        coordinate_lines=coordinate_table(reduced_coordinates(robot)),
-        hybrid_coordinate_lines=coordinate_table(hybrid_coordinates(robot)),
-        input_lines=coordinate_table(inputs(robot)),
-        point_lines=textwrap.wrap(", ".join(points(robot)), WIDTH - 8),
+        result_lines=_result_lines(robot),
+        entry_lines=entry_lines(_tables(robot)),
         sizes=_sizes(model),
         folded_lines=_folded_lines(model),
         parameters=_parameters(model, printer),
@@ -99,7 +101,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         default_constants=[printer.number(values[name]) for name in program.constants],
         parameter_loads=[load_parameter(name, place) for name, place in loads],
         prepare=StatementPrinter(printer, kind="STEPWISE real").declare_all(program.prepare),
-        total_mass=printer.expression(total_mass(program)),
+        total_mass=printer.expression(model.total_mass),
         support=c_source("support.c"),
         column_major=c_source("column_major.c"),
         widest=max(map(len, program.inputs.values())),
@@ -111,6 +113,7 @@ def _sizes(model: Model) -> list[tuple[str, int]]:
     robot = model.robot
     return [
         ("COORDINATES", len(reduced_coordinates(robot))),
+        ("VELOCITIES", len(velocities(robot))),
         ("HYBRID_COORDINATES", len(hybrid_coordinates(robot))),
         ("INPUTS", len(inputs(robot))),
         ("POINTS", len(points(robot))),
@@ -136,17 +139,52 @@ def _places(robot: Robot) -> dict[str, Lines]:
         words: [f"{robot.name}_{words[0]}_{c.name}".upper() for c in listed]
         for words, listed in (
             ("q", reduced_coordinates(robot)),
-            ("v, and in a", reduced_coordinates(robot)),
+            ("v, and in a", velocities(robot)),
             ("u", inputs(robot)),
         )
     }
 
 
+def _tables(robot: Robot) -> dict[str, Lines]:
+    """What explains the entries of arguments and results, by headings."""
+    return {
+        **state_tables(robot),
+        "Unknowns of the hybrid system, in order": coordinate_table(hybrid_coordinates(robot)),
+        "Inputs u, in order": coordinate_table(inputs(robot)),
+        "Points, in order": textwrap.wrap(", ".join(points(robot)), WIDTH - 8),
+    }
+
+
+def _result_lines(robot: Robot) -> Lines:
+    text = (
+        "No function checks its results. They are infinite or NaN if an argument is not finite, if "
+        "a number overflows or, in forward dynamics, if a degree of freedom has no mass."
+    )
+    if layout_of(robot).is_quaternion:
+        text += (
+            " No attitude makes them so. A quaternion that is not of unit length is normalised by "
+            f"{robot.name}_integrate only."
+        )
+    else:
+        text += (
+            " No attitude angle makes them so: no floating-point number is an odd multiple of 90 "
+            "degrees, and close to those the functions are accurate."
+        )
+    return textwrap.wrap(text, WIDTH - 4)
+
+
 def _convention_lines(robot: Robot) -> Lines:
+    rates = "Rates are plain time derivatives of the coordinates, not body rates."
+    if layout_of(robot).is_quaternion:
+        rates = (
+            "The velocities of the base are in its own frame, and a has their time derivatives "
+            "component by component. Coordinates, velocities and accelerations are those of a "
+            "free flyer in Pinocchio."
+        )
     return textwrap.wrap(
-        f"The attitude, from base arm 1's frame to the world, is {attitude_text(robot)}. Rates are "
-        "plain time derivatives of the coordinates, not body rates. A thrust acts at its motor, "
-        "along the direction that the robot file gives in the frame of the motor's arm.",
+        f"The attitude, from base arm 1's frame to the world, is {attitude_text(robot)}. {rates} A "
+        "thrust acts at its motor, along the direction that the robot file gives in the frame of "
+        "the motor's arm.",
         WIDTH - 4,
     )
 

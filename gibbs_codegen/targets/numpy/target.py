@@ -6,9 +6,16 @@ from dataclasses import dataclass
 
 from gibbs_codegen.interface import DATA
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.program.nodes import Function, names_in, total_mass
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points, reduced_coordinates
-from gibbs_codegen.targets.documentation import attitude_text, coordinate_table, docstring
+from gibbs_codegen.program.nodes import Function, names_in
+from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.targets.documentation import (
+    attitude_lines,
+    coordinate_table,
+    docstring,
+    entry_lines,
+    state_tables,
+)
 from gibbs_codegen.targets.numpy.statements import (
     StatementPrinter,
     elements,
@@ -51,16 +58,21 @@ class FunctionText:
 
 @dataclass(frozen=True)
 class ModuleText:
-    """Everything in the emitted package that depends on the robot, and the source that does not."""
+    """Everything in the emitted package that depends on the robot, and the source that does not.
+
+    `entry_lines` explain the entries of arguments.
+    """
 
     header: Lines
     name: str
     exports: Lines
     attitude: str
-    attitude_text: str
-    coordinate_lines: Lines
-    input_lines: Lines
+    attitude_lines: Lines
+    entry_lines: Lines
     coordinates: Lines
+    coordinate_units: Lines
+    velocities: Lines
+    velocity_units: Lines
     hybrid_coordinates: Lines
     inputs: Lines
     points: Lines
@@ -87,17 +99,19 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     """
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
-    coordinates = reduced_coordinates(robot)
+    layout, driven = layout_of(robot), coordinate_table(inputs(robot))
     functions = [_function_text(model, function, statements) for function in program.functions]
     return ModuleText(
         header=header,
         name=robot.name,
-        exports=sorted([*DATA, "prepare", *(function.name for function in functions)]),
+        exports=_exports(["prepare", *(function.name for function in functions)]),
         attitude=robot.base.attitude,
-        attitude_text=attitude_text(robot),
-        coordinate_lines=coordinate_table(coordinates),
-        input_lines=coordinate_table(inputs(robot)),
-        coordinates=strings(c.name for c in coordinates),
+        attitude_lines=attitude_lines(robot),
+        entry_lines=entry_lines(state_tables(robot) | {"Inputs u, in order": driven}),
+        coordinates=strings(layout.q.names),
+        coordinate_units=strings(layout.q.units),
+        velocities=strings(layout.v.names),
+        velocity_units=strings(layout.v.units),
         hybrid_coordinates=strings(c.name for c in hybrid_coordinates(robot)),
         inputs=strings(c.name for c in inputs(robot)),
         points=strings(points(robot)),
@@ -108,11 +122,16 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         folded=strings(model.folded),
         parameter_loads=[load(name, "values", name) for name in model.parameters_read],
         prepare=statements.assign_all(program.prepare),
-        total_mass=printer.expression(total_mass(program)),
+        total_mass=printer.expression(model.total_mass),
         constants=elements(program.constants),
         evaluation=python_source("evaluation.py"),
         functions=functions,
     )
+
+
+def _exports(functions: Lines) -> Lines:
+    """Names of constants and functions, in the order that imports are sorted in."""
+    return [*sorted(DATA, key=str.lower), *sorted(functions)]
 
 
 def _function_text(model: Model, function: Function, statements: StatementPrinter) -> FunctionText:

@@ -4,87 +4,45 @@ A row says what a function takes and returns, what that means, and what derives 
 derivation, the targets, the loader, the verification and the simulator read it. To add a function,
 add a row here and, for an array that nothing derives yet, an entry to `derivation.functions`.
 
-Shapes are given by letters: q the coordinates, h the hybrid unknowns, u the inputs, k the points,
-c the constrained joints; digits stand for themselves.
+Shapes are given by letters: q the coordinates, v the velocities, h the hybrid unknowns, u the
+inputs, k the points, c the constrained joints; digits stand for themselves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from gibbs_codegen.interface.rows import Argument, Output, Row
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold.
 LANES = 8
 # Constants of every generated module.
-DATA = ("NAME", "ATTITUDE", "COORDINATES", "HYBRID_COORDINATES", "INPUTS", "POINTS", "PARAMETERS")
-
-
-@dataclass(frozen=True)
-class Argument:
-    """An argument, with an entry for each coordinate or input: `width` is the letter of those.
-
-    An entry is named `prefix` and their name, and has their unit, followed by `per_time`.
-    """
-
-    width: str
-    meaning: str
-    prefix: str = ""
-    per_time: str = ""
-
+DATA = (
+    "NAME",
+    "ATTITUDE",
+    "COORDINATES",
+    "COORDINATE_UNITS",
+    "VELOCITIES",
+    "VELOCITY_UNITS",
+    "HYBRID_COORDINATES",
+    "INPUTS",
+    "POINTS",
+    "PARAMETERS",
+)
 
 ARGUMENTS = {
     "q": Argument("q", "coordinates"),
-    "v": Argument("q", "their rates", "v_", "/s"),
-    "a": Argument("q", "their accelerations", "a_", "/s^2"),
+    "v": Argument("v", "their rates", "v_", "velocities"),
+    "a": Argument("v", "their accelerations", "a_", "their rates"),
     "u": Argument("u", "inputs"),
+    "q0": Argument("q", "coordinates to begin with", "q0_"),
+    "q1": Argument("q", "coordinates to end with", "q1_"),
 }
-
-
-@dataclass(frozen=True)
-class Output:
-    """An array that a function returns: its name, its shape, and the unit of its entries.
-
-    `derivation` is the name under which `derivation.functions` has what derives it. `entries` says
-    what the entries are; `targets.documentation` puts a robot's lists in place of names in braces.
-    """
-
-    name: str
-    shape: str
-    unit: str
-    derivation: str
-    entries: str = "[{unit}]"
-
-    def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
-        """The shape in numbers.
-
-        Args:
-            lengths: The length that each letter stands for.
-
-        Returns:
-            The size of each axis.
-        """
-        return tuple(int(x) if x.isdigit() else lengths[x] for x in self.shape)
-
-
-@dataclass(frozen=True)
-class Row:
-    """A row of the table; `source` is the equation that the function implements."""
-
-    name: str
-    arguments: str
-    outputs: tuple[Output, ...]
-    summary: str
-    source: str
-    details: str = ""
-
 
 _INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
 _LEVERS = "[N/N], [N m/N] and [N m/(N m)], by row and column"
 _TWISTS = "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others"
 _MOTIONS = "[m/s^2] in the first three, [rad/s^2] in the others"
-_MASS_MATRIX = Output("mass_matrix", "qq", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS)
-_RESIDUAL = Output("residual", "q", "N m or N", "residual", "{forces}")
+_MASS_MATRIX = Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS)
+_RESIDUAL = Output("residual", "v", "N m or N", "residual", "{forces}")
 _ROWS = (
     Row(
         "mass_matrix_and_residual",
@@ -113,7 +71,7 @@ _ROWS = (
     Row(
         "input_matrix",
         "q",
-        (Output("input_matrix", "qu", "N/N, N m/N or N m/(N m)", "input_matrix", _LEVERS),),
+        (Output("input_matrix", "vu", "N/N, N m/N or N m/(N m)", "input_matrix", _LEVERS),),
         "Input matrix B of M a = R + B u.",
         "eqs. 7-13",
         "Column k holds the generalised forces of a unit of input k.",
@@ -121,19 +79,17 @@ _ROWS = (
     Row(
         "forward_dynamics",
         "qvu",
-        (Output("acceleration", "q", "rad/s^2 or m/s^2", "forward_dynamics", "{accelerations}"),),
+        (Output("acceleration", "v", "rad/s^2 or m/s^2", "forward_dynamics", "{accelerations}"),),
         "Accelerations a of M a = R + B u.",
         "eq. 19, solved for the free coordinates",
-        "Accurate at every attitude: next to +-90 degrees of the middle attitude angle the "
-        "accelerations of the other two grow as the inverse of its cosine, and what is computed "
-        "from them loses as many digits. Where links without mass or thickness let joints move "
-        "nothing, as a massless wrist with two axes in line, results are huge, infinite or not a "
-        "number.",
+        "Accurate at every attitude{singularity}. Where links without mass or thickness let joints "
+        "move nothing, as a massless wrist with two axes in line, results are huge, infinite or "
+        "not a number.",
     ),
     Row(
         "inverse_dynamics",
         "qva",
-        (Output("force", "q", "N m or N", "inverse_dynamics", "{forces}"),),
+        (Output("force", "v", "N m or N", "inverse_dynamics", "{forces}"),),
         "Generalised forces M a - R that the motion needs; B u supplies them.",
         "eqs. 4-6",
         "The partial derivatives of the Gibbs function by the accelerations.",
@@ -211,7 +167,7 @@ _ROWS = (
     Row(
         "tip_jacobian",
         "q",
-        (Output("jacobian", "6q", "m/rad, rad/m or 1", "tip_jacobian", _TWISTS),),
+        (Output("jacobian", "6v", "m/rad, rad/m or 1", "tip_jacobian", _TWISTS),),
         "Jacobian of the tip: linear rows, then angular rows, in world axes.",
         "forward kinematics",
         "It takes v to the velocity of the tip in m/s and rad/s.",
@@ -225,51 +181,29 @@ _ROWS = (
         "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
         "linear entries first, then angular.",
     ),
+    Row(
+        "coordinate_rates",
+        "qv",
+        (Output("rate", "q", "rad/s or m/s", "coordinate_rates", "{coordinate_rates}"),),
+        "Rates of the coordinates q.",
+        "kinematics of the base",
+        "With attitude angles v itself; a quaternion turns with the angular velocity of the base.",
+    ),
+    Row(
+        "integrate",
+        "qv",
+        (Output("coordinates", "q", "rad or m", "integrated", "{coordinates}"),),
+        "Coordinates after a displacement v, which is a velocity times the time that it lasts.",
+        "sums, or the exponential map of SE(3) for a quaternion with its position",
+        "The same as Pinocchio's integrate. The only function that normalises a quaternion.",
+    ),
+    Row(
+        "difference",
+        ("q0", "q1"),
+        (Output("displacement", "v", "rad or m", "difference", "{displacement}"),),
+        "Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.",
+        "differences, or the logarithm of SE(3) for a quaternion with its position",
+        "The same as Pinocchio's difference. A quaternion and its opposite are one attitude.",
+    ),
 )
 FUNCTIONS: dict[str, Row] = {row.name: row for row in _ROWS}
-
-
-@dataclass(frozen=True)
-class Signature:
-    """A function of one module: its arguments with their widths, and the shapes of its outputs."""
-
-    name: str
-    arguments: tuple[str, ...]
-    widths: tuple[int, ...]
-    shapes: tuple[tuple[int, ...], ...]
-
-
-def module_signatures(module: Any) -> list[Signature]:
-    """Signatures of the functions of a module.
-
-    Args:
-        module: A generated module, or what lists the same constants.
-
-    Returns:
-        The signatures, in the order of the table.
-    """
-    lists = (module.COORDINATES, module.HYBRID_COORDINATES, module.INPUTS, module.POINTS)
-    found = signatures(*map(len, lists))
-    return [s for s in found if "tip" in module.POINTS or not s.name.startswith("tip_")]
-
-
-def signatures(coordinates: int, hybrid: int, inputs: int, points: int) -> list[Signature]:
-    """Signatures of all functions, given the lengths of what a module lists.
-
-    Args:
-        coordinates: Number of COORDINATES.
-        hybrid: Number of HYBRID_COORDINATES.
-        inputs: Number of INPUTS.
-        points: Number of POINTS.
-
-    Returns:
-        The signatures, in the order of the table.
-    """
-    constrained = (hybrid - coordinates) // 2
-    lengths = {"q": coordinates, "h": hybrid, "u": inputs, "k": points, "c": constrained}
-    found = []
-    for row in FUNCTIONS.values():
-        widths = tuple(lengths[ARGUMENTS[argument].width] for argument in row.arguments)
-        shapes = tuple(output.sizes(lengths) for output in row.outputs)
-        found.append(Signature(row.name, tuple(row.arguments), widths, shapes))
-    return found

@@ -1,0 +1,174 @@
+"""Poses by quaternion and position: rotation matrix, rate, exponential map and logarithm of SE(3).
+
+A pose is q = (x, y, z, w), the scalar last, with a position; it takes the base's frame to the
+world. A twist is an angular and a linear part in the base's frame. Everything is straight-line:
+functions of an angle that are smooth at zero are computed from the square root of its square and
+a number that rounding swallows wherever the function varies at all, so nothing is 0/0.
+"""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import Vector, add, cross, dot, minus, scale
+
+Quaternion = tuple[sp.Expr, sp.Expr, sp.Expr, sp.Expr]
+
+# Added to squares of angles: far below the square of a rounding error, yet neither it nor its
+# inverse is out of the range of single precision.
+_TINY = sp.Rational(1, 2**120)
+
+
+def rotation_columns(tape: Scalars, q: Quaternion) -> tuple[Vector, Vector, Vector]:
+    """Columns of the rotation matrix of a unit quaternion.
+
+    Args:
+        q: The quaternion.
+
+    Returns:
+        The base's axes in the world.
+    """
+    let, (x, y, z, w) = tape.let, q
+    dx, dy, dz = (let(2 * part) for part in (x, y, z))
+    xx, yy, zz = let(x * dx), let(y * dy), let(z * dz)
+    xy, xz, yz = let(y * dx), let(z * dx), let(z * dy)
+    wx, wy, wz = let(w * dx), let(w * dy), let(w * dz)
+    return (
+        (let(1 - yy - zz), let(xy + wz), let(xz - wy)),
+        (let(xy - wz), let(1 - xx - zz), let(yz + wx)),
+        (let(xz + wy), let(yz - wx), let(1 - xx - yy)),
+    )
+
+
+def upward(tape: Scalars, q: Quaternion, length: sp.Expr) -> Vector:
+    """A vector along the world's Z in the base's frame.
+
+    Args:
+        q: The quaternion.
+        length: Its length.
+
+    Returns:
+        The last row of the rotation matrix, `length` times.
+    """
+    let, (x, y, z, w) = tape.let, q
+    a, b = let(2 * length * x), let(2 * length * y)
+    return (let(a * z - b * w), let(b * z + a * w), let(length - a * x - b * y))
+
+
+def turned(tape: Scalars, columns: tuple[Vector, Vector, Vector], vector: Vector) -> Vector:
+    """A vector in the world.
+
+    Args:
+        columns: The base's axes in the world.
+        vector: Components in the base's frame.
+
+    Returns:
+        Components in the world.
+    """
+    x, y, z = (dot(tape, row, vector) for row in zip(*columns, strict=True))
+    return (x, y, z)
+
+
+def quaternion_rate(tape: Scalars, q: Quaternion, omega: Vector) -> Quaternion:
+    """q̇ = ½ q ω.
+
+    Args:
+        q: The quaternion.
+        omega: Angular velocity in the base's frame (rad/s).
+
+    Returns:
+        The rates of its parts (1/s).
+    """
+    x, y, z = scale(tape, sp.Rational(1, 2), omega)
+    return _product(tape, q, (x, y, z, sp.S.Zero))
+
+
+def displaced(
+    tape: Scalars, q: Quaternion, position: Vector, turn: Vector, step: Vector
+) -> tuple[Quaternion, Vector]:
+    """The pose after a screw motion: the exponential map of SE(3).
+
+    With θ = |turn|, the attitude is turned by the quaternion of half that angle, and the step is
+    ν + (1 − cos θ)/θ²·turn×ν + (θ − sin θ)/θ³·turn×(turn×ν). Of q and −q the result is the one on
+    the side of the quaternion that it starts from.
+
+    Args:
+        q, position: The pose; a quaternion that is not of unit length is normalised.
+        turn, step: Angular (rad) and linear part (m) of the displacement.
+
+    Returns:
+        The new pose.
+    """
+    let = tape.let
+    with tape.group("the quaternion, of unit length"):
+        inverse = let(1 / let(sp.sqrt(let(sp.Add(*(part * part for part in q))))))
+        q = _scaled(tape, inverse, q)
+    with tape.group("angle of the displacement, and its functions"):
+        square = let(dot(tape, turn, turn) + _TINY)
+        angle = let(sp.sqrt(square))
+        half = let(angle / 2)
+        cosine, share = let(sp.cos(half)), let(let(sp.sin(half)) * let(1 / angle))
+        first = let(2 * share * share)
+        second = let(let(1 - 2 * share * cosine) * let(1 / square))
+    with tape.group("position after the displacement"):
+        once = cross(tape, turn, step)
+        twice = cross(tape, turn, once)
+        way = add(tape, step, scale(tape, first, once), scale(tape, second, twice))
+        moved = add(tape, position, turned(tape, rotation_columns(tape, q), way))
+    with tape.group("attitude after the displacement"):
+        side = let(sp.sign(cosine))
+        x, y, z = scale(tape, let(side * share), turn)
+        return _product(tape, q, (x, y, z, let(side * cosine))), moved
+
+
+def displacement(
+    tape: Scalars, start: tuple[Quaternion, Vector], end: tuple[Quaternion, Vector]
+) -> tuple[Vector, Vector]:
+    """The displacement between two poses: the logarithm of SE(3), turning by half a turn at most.
+
+    With φ half the angle it is twice φ/sin φ times the vector part of the quaternion between them,
+    and the linear part is p − ½turn×p + (1 − φ cot φ)/(4φ²)·turn×(turn×p).
+
+    Args:
+        start, end: The poses, their quaternions of unit length.
+
+    Returns:
+        Angular (rad) and linear part (m) in the frame of the first pose.
+    """
+    let, (q, origin) = tape.let, start
+    back: Quaternion = (-q[0], -q[1], -q[2], q[3])
+    with tape.group("quaternion from the first attitude to the second"):
+        x, y, z, w = _product(tape, back, end[0])
+        part: Vector = (x, y, z)
+    with tape.group("half the angle between them, over its sine"):
+        side = let(sp.sign(w))
+        cosine = let(side * w)
+        square = let(dot(tape, part, part) + _TINY)
+        sine = let(sp.sqrt(square))
+        quarter = let(sp.atan(let(sine * let(1 / let(1 + cosine)))))
+        ratio = let(2 * quarter * let(1 / sine))
+    with tape.group("displacement"):
+        columns = rotation_columns(tape, back)
+        way = turned(tape, columns, add(tape, end[1], minus(origin)))
+        twice = let(2 * side * ratio)
+        turn = scale(tape, twice, part)
+        bend = let(let(1 - ratio * cosine) * let(1 / square))
+        across = cross(tape, part, way)
+        again = scale(tape, bend, cross(tape, part, across))
+        return turn, add(tape, way, minus(scale(tape, let(side * ratio), across)), again)
+
+
+def _product(tape: Scalars, p: Quaternion, q: Quaternion) -> Quaternion:
+    (a, b, c, d), (x, y, z, w) = p, q
+    return (
+        tape.let(d * x + a * w + b * z - c * y),
+        tape.let(d * y + b * w + c * x - a * z),
+        tape.let(d * z + c * w + a * y - b * x),
+        tape.let(d * w - a * x - b * y - c * z),
+    )
+
+
+def _scaled(tape: Scalars, factor: sp.Expr, q: Quaternion) -> Quaternion:
+    x, y, z, w = (tape.let(factor * part) for part in q)
+    return (x, y, z, w)

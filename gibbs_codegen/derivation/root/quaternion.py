@@ -1,0 +1,253 @@
+"""The root with a quaternion: the base's velocities in its own frame are the quasi-velocities.
+
+The group frame is the base's own frame, arm 1's axes, and v begins with the velocity of the origin
+and the angular velocity there. So the generalised forces of the base are the wrench itself, and
+its block of the mass matrix is the inertia itself: neither depends on the attitude, which enters
+only through the direction of gravity. Nothing is divided by anything: no attitude is singular.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
+from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.root.pose import (
+    Quaternion,
+    displaced,
+    displacement,
+    quaternion_rate,
+    rotation_columns,
+    turned,
+    upward,
+)
+from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.robot.layout import QUATERNION, Places, velocity_places
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import (
+    NO_ROTATION,
+    ZERO,
+    Matrix,
+    Rotation,
+    Vector,
+    Wrench,
+    add,
+    cross,
+    minus,
+    zeros,
+)
+
+
+@dataclass(frozen=True)
+class QuaternionRoot:
+    """Attitude by a unit quaternion, velocities in the base's own frame."""
+
+    attitude: Quaternion
+    axes: tuple[Vector, Vector, Vector]
+
+    @classmethod
+    def make(cls, tape: Scalars, parts: Sequence[sp.Expr]) -> QuaternionRoot:
+        """The root of a quaternion.
+
+        Args:
+            parts: Its x, y, z and w.
+
+        Returns:
+            The root.
+        """
+        x, y, z, w = parts
+        return cls((x, y, z, w), rotation_columns(tape, (x, y, z, w)))
+
+    @property
+    def spins_about_normal(self) -> bool:
+        """No rotation is left to the root segment."""
+        return False
+
+    @property
+    def segment_angle(self) -> sp.Expr:
+        """The root segment is not turned against its group frame."""
+        return sp.S.Zero
+
+    @property
+    def segment_rotation(self) -> Rotation:
+        """The root segment is not turned against its group frame."""
+        return NO_ROTATION
+
+    def places(self, joints: int) -> Places:
+        """Places of the entries of v and a.
+
+        Args:
+            joints: Number of joints after the base.
+
+        Returns:
+            Linear velocity first, then angular velocity, then the joints.
+        """
+        return velocity_places(QUATERNION, joints)
+
+    def frame_motion(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> Motion:
+        """Motion of the base.
+
+        Args:
+            rates, accelerations: ω and the origin's velocity, and their rates.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            The motion in the base's frame.
+        """
+        linear = self.origin_acceleration(tape, rates, accelerations, gravity)
+        return Motion.of(tape, _vector(rates[:3]), _vector(accelerations[:3]), linear)
+
+    def origin_acceleration(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> Vector:
+        """Acceleration of the origin: v̇ + ω×v, and gravity.
+
+        Args:
+            rates, accelerations: ω and the origin's velocity, and their rates.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            The acceleration in the base's frame (m/s²).
+        """
+        turning = cross(tape, _vector(rates[:3]), _vector(rates[3:]))
+        up = upward(tape, self.attitude, gravity)
+        return add(tape, _vector(accelerations[3:]), turning, up)
+
+    def segment_spin(self, values: Values) -> sp.Expr:
+        """The root segment does not turn against its group frame.
+
+        Args:
+            values: Of no consequence here.
+
+        Returns:
+            Zero.
+        """
+        return sp.S.Zero
+
+    def rows(self, tape: Scalars, wrench: Wrench) -> tuple[sp.Expr, ...]:
+        """Generalised forces of a wrench: the wrench itself.
+
+        Args:
+            wrench: About the origin, in the base's frame (N, N m).
+
+        Returns:
+            Its moment and its force.
+        """
+        return (*wrench.moment, *wrench.force)
+
+    def mass_block(self, tape: Scalars, composite: Inertia) -> Matrix:
+        """The base's block of the mass matrix: the Hessian of the Gibbs function.
+
+        Args:
+            composite: Inertia of the whole robot about the origin, in the base's frame.
+
+        Returns:
+            6×6 entries, angular before linear.
+        """
+        block = zeros(6, 6)
+        for i in range(3):
+            block[3 + i][3 + i] = composite.mass
+            wrench = composite.response(tape, ANGULAR + i)
+            for j in range(3):
+                block[i][j] = wrench.moment[j]
+                block[i][3 + j] = block[3 + j][i] = wrench.force[j]
+        return block
+
+    def world(self, tape: Scalars, vector: Vector) -> Vector:
+        """World components of a vector.
+
+        Args:
+            vector: Its components in the base's frame.
+
+        Returns:
+            Its components in world axes.
+        """
+        return turned(tape, self.axes, vector)
+
+    def velocities_at(self, tape: Scalars, point: Vector) -> list[tuple[Vector, Vector]]:
+        """Velocities of a point for unit velocities of the base.
+
+        Args:
+            point: The point from the origin, in world axes (m).
+
+        Returns:
+            Linear and angular velocity in world axes, for each of the angular and then of the
+            linear velocities.
+        """
+        turning = [(cross(tape, axis, point), axis) for axis in self.axes]
+        return [*turning, *((axis, ZERO) for axis in self.axes)]
+
+    def accelerations(
+        self, tape: Scalars, linear: Vector, angular: Vector, rates: Values, gravity: sp.Expr
+    ) -> list[sp.Expr]:
+        """Rates of the velocities of the base, from its motion.
+
+        Args:
+            linear: Acceleration of the origin relative to free fall, in the base's frame (m/s²).
+            angular: Angular acceleration, in the base's frame (rad/s²).
+            rates: ω and the origin's velocity.
+            gravity: Gravity (m/s²).
+
+        Returns:
+            ω̇ and v̇.
+        """
+        with tape.group("rate of the base's velocity, in its own frame"):
+            zero = [sp.S.Zero] * 6
+            known = self.origin_acceleration(tape, rates, zero, gravity)
+            return [*angular, *add(tape, linear, minus(known))]
+
+    def coordinate_rates(self, tape: Scalars, coordinates: Values, rates: Values) -> Values:
+        """Rates of the base's coordinates.
+
+        Args:
+            coordinates: Quaternion and position.
+            rates: ω and the origin's velocity.
+
+        Returns:
+            Rates of quaternion and position.
+        """
+        quaternion = quaternion_rate(tape, self.attitude, _vector(rates[:3]))
+        return [*quaternion, *self.world(tape, _vector(rates[3:]))]
+
+    def integrated(self, tape: Scalars, coordinates: Values, step: Values) -> Values:
+        """The base's coordinates after a displacement, by the exponential map of SE(3).
+
+        Args:
+            coordinates: Quaternion and position.
+            step: Angular (rad) and linear part (m), in the base's frame.
+
+        Returns:
+            Quaternion, of unit length, and position.
+        """
+        attitude, position = _pose(coordinates)
+        quaternion, moved = displaced(
+            tape, attitude, position, _vector(step[:3]), _vector(step[3:])
+        )
+        return [*quaternion, *moved]
+
+    def difference(self, tape: Scalars, start: Values, end: Values) -> Values:
+        """The displacement that takes the base from one place to another.
+
+        Args:
+            start, end: Quaternion and position.
+
+        Returns:
+            Angular (rad) and linear part (m), in the base's first frame.
+        """
+        turn, step = displacement(tape, _pose(start), _pose(end))
+        return [*turn, *step]
+
+
+def _vector(values: Values) -> Vector:
+    x, y, z = values
+    return (x, y, z)
+
+
+def _pose(coordinates: Values) -> tuple[Quaternion, Vector]:
+    x, y, z, w = coordinates[:4]
+    return (x, y, z, w), _vector(coordinates[4:])

@@ -1,0 +1,18 @@
+"""The emitted functions: the table of them, what its rows are made of, and sizes in a module."""
+
+from gibbs_codegen.interface.rows import Argument, Output, Row
+from gibbs_codegen.interface.signatures import Signature, module_signatures, signatures
+from gibbs_codegen.interface.table import ARGUMENTS, DATA, FUNCTIONS, LANES
+
+__all__ = [
+    "ARGUMENTS",
+    "DATA",
+    "FUNCTIONS",
+    "LANES",
+    "Argument",
+    "Output",
+    "Row",
+    "Signature",
+    "module_signatures",
+    "signatures",
+]

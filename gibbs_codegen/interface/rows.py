@@ -1,0 +1,61 @@
+"""What a row of the table of emitted functions is made of: arguments, and outputs with shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An argument, with an entry for each of a list: `width` is the letter of its length.
+
+    An entry is named `prefix` and its name in the list. With a quaternion velocities are no rates
+    of coordinates, and the meaning is `with_quaternion`, where that says something else.
+    """
+
+    width: str
+    meaning: str
+    prefix: str = ""
+    with_quaternion: str = ""
+
+
+@dataclass(frozen=True)
+class Output:
+    """An array that a function returns: its name, its shape, and the unit of its entries.
+
+    `derivation` is the name under which `derivation.functions` has what derives it. `entries` says
+    what the entries are; `targets.documentation` puts a robot's lists in place of names in braces.
+    """
+
+    name: str
+    shape: str
+    unit: str
+    derivation: str
+    entries: str = "[{unit}]"
+
+    def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
+        """The shape in numbers.
+
+        Args:
+            lengths: The length that each letter stands for.
+
+        Returns:
+            The size of each axis.
+        """
+        return tuple(int(x) if x.isdigit() else lengths[x] for x in self.shape)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table; `source` is the equation that the function implements.
+
+    In `details`, {singularity} stands for what is to be said of the attitude.
+    """
+
+    name: str
+    arguments: Sequence[str]
+    outputs: tuple[Output, ...]
+    summary: str
+    source: str
+    details: str = ""
