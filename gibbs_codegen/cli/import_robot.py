@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gibbs_codegen.cli.terminal import Parser
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import RobotFileError, UsageError, printable
 
 if TYPE_CHECKING:
     from gibbs_codegen.exchange.source import Told
@@ -67,6 +67,7 @@ def _import(options: argparse.Namespace) -> int:
 
     from gibbs_codegen.exchange.importing import ImportOptions, import_robot
     from gibbs_codegen.exchange.report import opening_comment
+    from gibbs_codegen.exchange.source import SourceFileError
     from gibbs_codegen.files.module_writer import write_new_file
     from gibbs_codegen.robot.file import parse_robot
     from gibbs_codegen.robot.model import ATTITUDES
@@ -86,7 +87,11 @@ def _import(options: argparse.Namespace) -> int:
     )
     robot, told = import_robot(path, asked)
     text = opening_comment(path.name, told) + robot_text(robot)
-    parse_robot(text, f"robot made from {options.file}")
+    try:
+        parse_robot(text)
+    except RobotFileError as error:  # Lines of a text that nobody sees help nobody.
+        faults = [fault._replace(line=None) for fault in error.faults]
+        raise SourceFileError(options.file, faults) from None
     out = Path(options.out or f"{robot.name}.toml")
     write_new_file(out, text, options.force)
     _print_report(told)

@@ -33,6 +33,10 @@ def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
 
 
 def _is_motor(plugin: Element) -> bool:
+    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too."""
+    kind = child(plugin, "motorType")
+    if kind is not None and (kind.text or "").strip() != "velocity":
+        return False
     return child(plugin, "linkName") is not None and child(plugin, "motorConstant") is not None
 
 

@@ -18,6 +18,7 @@ from gibbs_codegen.exchange.source import Inertial, SourceJoint, Told
 from gibbs_codegen.exchange.tree import SourceTree
 from gibbs_codegen.robot.model import (
     BASE,
+    MAX_FRAMES,
     MAX_LINKS,
     MAX_ROTORS,
     Attitude,
@@ -75,15 +76,17 @@ def welded(tree: SourceTree, name: str, attitude: Attitude, snap: bool) -> tuple
         )
     namer = Namer()
     links = tuple(_link(body, snap, namer) for body in bodies[1:])
+    frames = _frames(tree, places, bodies, snap, namer)
     robot = Robot(
         name,
         Base(attitude=attitude, origin="base", body=_rigid(bodies[0].parts, snap)),
         links,
         source.gravity,
         _rotors(tree, places, snap, namer),
-        _frames(tree, places, bodies, snap, namer),
+        frames[:MAX_FRAMES],
     )
     told += namer.told
+    told += [Told("left out", frame.name, "one frame too many") for frame in frames[MAX_FRAMES:]]
     impossible = [
         body.name
         for body, made in zip(

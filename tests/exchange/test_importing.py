@@ -9,9 +9,11 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+from conftest import ROOT
 from numpy.typing import NDArray
 from support.robot_in_pinocchio import PinocchioRobot, placed
 
+from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.exchange.source import Told
@@ -250,3 +252,19 @@ def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
     assert rotor.drag == pytest.approx(-0.02)
     # The joints of the rotors that it replaces stay locked.
     assert len(robot.links) == 2
+
+
+def test_the_worked_example_of_the_docs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r"^```xml\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    shown, link = re.findall(r"^```text\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    Path("two_props.urdf").write_text(source)
+    assert main(["import", "two_props.urdf"]) == 0
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert printed == [line.split() for line in shown.splitlines()[1:]]
+    text = Path("two_props.toml").read_text()
+    for line in link.splitlines():
+        assert any(written.startswith(line) for written in text.splitlines()), line
