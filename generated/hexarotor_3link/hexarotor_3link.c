@@ -572,7 +572,7 @@ int hexarotor_3link_init_constants(
     const STEPWISE real k94 = k92 - k93;
     const STEPWISE real k95 = base_arm_length + k89;
 
-    /* inertia of base arm 1, about the origin */
+    /* inertia of the base, about the origin */
     const STEPWISE real k96 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
 
     /* constant terms and factors of the functions */
@@ -4724,7 +4724,7 @@ static INLINE void positions_lane(
     const real t29 = t23 + link2_length * (c5 * t26 - s5 * t15);
     const real t30 = t24 + link2_length * (c5 * t27 + s5 * t16);
 
-    /* base centre and motors */
+    /* base centre and rotors */
     const real t31 = k91 * t19;
     const real t32 = k91 * t20;
     const real t33 = k91 * t21;
@@ -4947,7 +4947,7 @@ static INLINE void tip_pose_lane(
     const real t35 = c6 * t16 - s6 * t21;
     pose[9 * stride] = t35;
 
-    /* position of the tip */
+    /* position of tip */
     const real t36 = x + base_arm_length * c2 * c3 + t25 + link3_length * t30;
     pose[3 * stride] = t36;
     const real t37 = y + t28 + link3_length * t31;
@@ -5127,14 +5127,14 @@ static INLINE void tip_jacobian_lane(
     const real t29 = t20 + link2_length * (c5 * t23 - s5 * t15);
     const real t30 = t21 + link2_length * (c5 * t24 + s5 * t16);
 
-    /* tip */
+    /* position of tip */
     const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
     const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
     jacobian[18 * stride] = t32;
     const real t33 = t30 + link3_length * (c6 * t24 + s6 * t16);
     jacobian[9 * stride] = -t33;
 
-    /* columns of the attitude angles */
+    /* columns of the base */
     const real t34 = c1 * t33 - s1 * t32;
     jacobian[1 * stride] = t34;
     const real t35 = s1 * t31;
@@ -5337,15 +5337,15 @@ static INLINE void tip_bias_acceleration_lane(
     const real t41 = t32 - t26 * t39;
     const real t42 = t39 * t39;
 
-    /* acceleration of the tip that link 2 adds */
+    /* acceleration of tip that link 2 adds */
     const real t43 = link2_length * c5;
     const real t44 = link2_length * s5;
 
-    /* acceleration of the tip that the base adds */
+    /* acceleration of tip that the base adds */
     const real t45 = c3 * base_arm_length;
     const real t46 = s3 * base_arm_length;
 
-    /* acceleration of the tip that link 3 adds */
+    /* acceleration of tip that link 3 adds */
     const real t47 = link3_length * c6;
     const real t48 = link3_length * s6;
     const real t49 = (t25 + t42) * t47 - t34 * t48;
@@ -5353,18 +5353,18 @@ static INLINE void tip_bias_acceleration_lane(
     const real t51 = (t33 + t38 * t39) * t48;
     const real t52 = (t32 - t37 * t39) * t47 - t51;
 
-    /* acceleration of the tip that link 2 adds */
+    /* acceleration of tip that link 2 adds */
     const real t53 = t49 + (t25 + t36) * t43 - t34 * t44;
     const real t54 = t50 + t31 * t43 + (t29 + t36) * t44;
     const real t55 = (t33 + t35 * t38) * t44;
     const real t56 = t52 + (t32 - t35 * t37) * t43 - t55;
 
-    /* acceleration of the tip that link 1 adds */
+    /* acceleration of tip that link 1 adds */
     const real t57 = c4 * t56 - s4 * t53;
     const real t58 = c4 * t40 - s4 * t28;
     const real t59 = c4 * t28 + s4 * t40;
 
-    /* acceleration of the tip that the base adds */
+    /* acceleration of tip that the base adds */
     const real t60 = (v_theta_0 * v_theta_0 + t21) * t45;
     const real t61 = c4 * t53 + s4 * t56 + t60;
     const real t62 = (t16 * t16 + t21) * t46;
@@ -5372,7 +5372,7 @@ static INLINE void tip_bias_acceleration_lane(
     const real t64 = (t19 - R(2.0) * t20 * v_theta_0) * t46;
     const real t65 = t54 + (t18 - R(2.0) * t20 * t16) * t45 + t64;
 
-    /* acceleration of the tip in world axes */
+    /* acceleration of tip in world axes */
     const real t66 = s2 * t61 - c2 * t65;
     const real t67 = c2 * t61 + s2 * t65;
     bias_acceleration[0 * stride] = -t67;

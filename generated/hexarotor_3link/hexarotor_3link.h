@@ -130,8 +130,10 @@ typedef double hexarotor_3link_real;
  * Places of the parameters, and their units.
  * Zero in the robot file and therefore folded away: base_drag_1, base_drag_2, base_drag_3,
  * base_drag_4, base_drag_5, base_drag_6, link1_d, link1_length, link1_mass_per_length,
- * link1_section_inertia_xx, link1_section_inertia_yy, link1_section_inertia_zz, link2_d,
- * link3_d.
+ * link1_section_inertia_xx, link1_section_inertia_yy, link1_section_inertia_zz, link1_damping,
+ * link1_armature, link1_stiffness, link1_rest, link2_d, link2_damping, link2_armature,
+ * link2_stiffness, link2_rest, link3_d, link3_damping, link3_armature, link3_stiffness,
+ * link3_rest.
  */
 enum {
     /** m/s^2 */

@@ -84,7 +84,10 @@ POINTS = (
 _FOLDED = (
     "base_drag_1", "base_drag_2", "base_drag_3", "base_drag_4", "base_drag_5", "base_drag_6",
     "link1_d", "link1_length", "link1_mass_per_length", "link1_section_inertia_xx",
-    "link1_section_inertia_yy", "link1_section_inertia_zz", "link2_d", "link3_d",
+    "link1_section_inertia_yy", "link1_section_inertia_zz", "link1_damping", "link1_armature",
+    "link1_stiffness", "link1_rest", "link2_d", "link2_damping", "link2_armature",
+    "link2_stiffness", "link2_rest", "link3_d", "link3_damping", "link3_armature",
+    "link3_stiffness", "link3_rest",
 )
 PARAMETERS = {
     "gravity": 9.81,  # m/s^2
@@ -249,7 +252,7 @@ def _constants(values):
     k94 = k92 - k93
     k95 = base_arm_length + k89
 
-    # inertia of base arm 1, about the origin
+    # inertia of the base, about the origin
     k96 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
 
     # constant terms and factors of the functions
@@ -3416,7 +3419,7 @@ def _positions(k, sin, cos, q):
     t29 = t23 + link2_length * (t10 * t26 - t11 * t15)
     t30 = t24 + link2_length * (t10 * t27 + t11 * t16)
 
-    # base centre and motors
+    # base centre and rotors
     t31 = k91 * t19
     t32 = k91 * t20
     t33 = k91 * t21
@@ -3541,7 +3544,7 @@ def _tip_pose(k, sin, cos, q):
     t34 = t14 * t20 + t13 * t15
     t35 = t13 * t16 - t14 * t21
 
-    # position of the tip
+    # position of tip
     t36 = x + base_arm_length * t3 * t5 + t25 + link3_length * t30
     t37 = y + t28 + link3_length * t31
     t38 = z + t29 + link3_length * t32
@@ -3625,12 +3628,12 @@ def _tip_jacobian(k, sin, cos, q):
     t29 = t20 + link2_length * (t10 * t23 - t11 * t15)
     t30 = t21 + link2_length * (t10 * t24 + t11 * t16)
 
-    # tip
+    # position of tip
     t31 = t28 + link3_length * (t13 * t22 + t4 * t14)
     t32 = t29 + link3_length * (t13 * t23 - t14 * t15)
     t33 = t30 + link3_length * (t13 * t24 + t14 * t16)
 
-    # columns of the attitude angles
+    # columns of the base
     t34 = t1 * t33 - t2 * t32
     t35 = t2 * t31
     t36 = t1 * t31
@@ -3766,15 +3769,15 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t41 = t32 - t26 * t39
     t42 = t39 * t39
 
-    # acceleration of the tip that link 2 adds
+    # acceleration of tip that link 2 adds
     t43 = link2_length * t10
     t44 = link2_length * t11
 
-    # acceleration of the tip that the base adds
+    # acceleration of tip that the base adds
     t45 = t5 * base_arm_length
     t46 = t6 * base_arm_length
 
-    # acceleration of the tip that link 3 adds
+    # acceleration of tip that link 3 adds
     t47 = link3_length * t13
     t48 = link3_length * t14
     t49 = (t25 + t42) * t47 - t34 * t48
@@ -3782,18 +3785,18 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t51 = (t33 + t38 * t39) * t48
     t52 = (t32 - t37 * t39) * t47 - t51
 
-    # acceleration of the tip that link 2 adds
+    # acceleration of tip that link 2 adds
     t53 = t49 + (t25 + t36) * t43 - t34 * t44
     t54 = t50 + t31 * t43 + (t29 + t36) * t44
     t55 = (t33 + t35 * t38) * t44
     t56 = t52 + (t32 - t35 * t37) * t43 - t55
 
-    # acceleration of the tip that link 1 adds
+    # acceleration of tip that link 1 adds
     t57 = t8 * t56 - t9 * t53
     t58 = t8 * t40 - t9 * t28
     t59 = t8 * t28 + t9 * t40
 
-    # acceleration of the tip that the base adds
+    # acceleration of tip that the base adds
     t60 = (v_theta_0 * v_theta_0 + t21) * t45
     t61 = t8 * t53 + t9 * t56 + t60
     t62 = (t16 * t16 + t21) * t46
@@ -3801,7 +3804,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t64 = (t19 - 2.0 * t20 * v_theta_0) * t46
     t65 = t54 + (t18 - 2.0 * t20 * t16) * t45 + t64
 
-    # acceleration of the tip in world axes
+    # acceleration of tip in world axes
     t66 = t4 * t61 - t3 * t65
     t67 = t3 * t61 + t4 * t65
     t68 = t1 * t63 - t2 * t66

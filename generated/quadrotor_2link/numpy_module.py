@@ -78,7 +78,8 @@ POINTS = (
 _FOLDED = (
     "base_drag_1", "base_drag_2", "base_drag_3", "base_drag_4", "link1_d", "link1_length",
     "link1_mass_per_length", "link1_section_inertia_xx", "link1_section_inertia_yy",
-    "link1_section_inertia_zz", "link2_d",
+    "link1_section_inertia_zz", "link1_damping", "link1_armature", "link1_stiffness", "link1_rest",
+    "link2_d", "link2_damping", "link2_armature", "link2_stiffness", "link2_rest",
 )
 PARAMETERS = {
     "gravity": 9.81,  # m/s^2
@@ -193,7 +194,7 @@ def _constants(values):
     k58 = k46 - k56
     k59 = gravity * k54
 
-    # inertia of base arm 1, about the origin
+    # inertia of the base, about the origin
     k60 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
 
     # constant terms and factors of the functions
@@ -2669,10 +2670,10 @@ def _positions(k, sin, cos, q):
     t20 = t10 * (t1 * t9 + t8 * t13)
     t21 = t10 * (t2 * t9 - t8 * t14)
 
-    # tip
+    # position of tip
     t22 = t17 + link2_length * (t10 * t3 * t8 + t4 * t11)
 
-    # base centre and motors
+    # base centre and rotors
     t23 = base_arm_length * t3 * t6
     t24 = base_arm_length * (t1 * t5 - t6 * t13)
     t25 = base_arm_length * (t2 * t5 + t6 * t14)
@@ -2772,11 +2773,9 @@ def _tip_pose(k, sin, cos, q):
     t26 = t11 * t17 + t10 * t12
     t27 = t10 * t13 - t11 * t18
 
-    # tip
+    # position of tip
     t28 = base_arm_length * (t1 * t6 + t5 * t14) + link2_length * t23
     t29 = base_arm_length * (t2 * t6 - t5 * t15) + link2_length * t24
-
-    # position of the tip
     t30 = x + base_arm_length * t3 * t5 + link2_length * t22
     t31 = y + t28
     t32 = z + t29
@@ -2851,12 +2850,12 @@ def _tip_jacobian(k, sin, cos, q):
     t22 = t10 * (t1 * t9 + t8 * t14) - t11 * t12
     t23 = t10 * (t2 * t9 - t8 * t15) + t11 * t13
 
-    # tip
+    # position of tip
     t24 = t16 + link2_length * (t10 * t3 * t8 + t4 * t11)
     t25 = t17 + link2_length * t22
     t26 = t18 + link2_length * t23
 
-    # columns of the attitude angles
+    # columns of the base
     t27 = t1 * t26 - t2 * t25
     t28 = t2 * t24
     t29 = t1 * t24
@@ -2967,11 +2966,11 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t30 = t26 - t22 * t28
     t31 = t28 * t28
 
-    # acceleration of the tip that the base adds
+    # acceleration of tip that the base adds
     t32 = t5 * base_arm_length
     t33 = t6 * base_arm_length
 
-    # acceleration of the tip that link 2 adds
+    # acceleration of tip that link 2 adds
     t34 = link2_length * t10
     t35 = link2_length * t11
     t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35
@@ -2979,12 +2978,12 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t38 = (t27 + 2.0 * t28 * t19) * t35
     t39 = (t26 - 2.0 * t28 * t22) * t34 - t38
 
-    # acceleration of the tip that link 1 adds
+    # acceleration of tip that link 1 adds
     t40 = t8 * t39 - t9 * t36
     t41 = t8 * t29 - t9 * t24
     t42 = t8 * t24 + t9 * t29
 
-    # acceleration of the tip that the base adds
+    # acceleration of tip that the base adds
     t43 = (v_theta_0 * v_theta_0 + t18) * t32
     t44 = t8 * t36 + t9 * t39 + t43
     t45 = (t13 * t13 + t18) * t33
@@ -2992,7 +2991,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t47 = (t16 - 2.0 * t17 * v_theta_0) * t33
     t48 = t37 + (t15 - 2.0 * t17 * t13) * t32 + t47
 
-    # acceleration of the tip in world axes
+    # acceleration of tip in world axes
     t49 = t4 * t44 - t3 * t48
     t50 = t3 * t44 + t4 * t48
     t51 = t1 * t46 - t2 * t49

@@ -502,7 +502,7 @@ int quadrotor_2link_init_constants(
     const STEPWISE real k58 = k46 - k56;
     const STEPWISE real k59 = gravity * k54;
 
-    /* inertia of base arm 1, about the origin */
+    /* inertia of the base, about the origin */
     const STEPWISE real k60 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
 
     /* constant terms and factors of the functions */
@@ -3857,10 +3857,10 @@ static INLINE void positions_lane(
     const real t20 = c5 * (c1 * s4 + c4 * t13);
     const real t21 = c5 * (s1 * s4 - c4 * t14);
 
-    /* tip */
+    /* position of tip */
     const real t22 = t17 + link2_length * (c5 * c2 * c4 + s2 * s5);
 
-    /* base centre and motors */
+    /* base centre and rotors */
     const real t23 = base_arm_length * c2 * s3;
     const real t24 = base_arm_length * (c1 * c3 - s3 * t13);
     const real t25 = base_arm_length * (s1 * c3 + s3 * t14);
@@ -4048,11 +4048,9 @@ static INLINE void tip_pose_lane(
     const real t27 = c5 * t13 - s5 * t18;
     pose[9 * stride] = t27;
 
-    /* tip */
+    /* position of tip */
     const real t28 = base_arm_length * (c1 * s3 + c3 * t14) + link2_length * t23;
     const real t29 = base_arm_length * (s1 * s3 - c3 * t15) + link2_length * t24;
-
-    /* position of the tip */
     const real t30 = x + base_arm_length * c2 * c3 + link2_length * t22;
     pose[3 * stride] = t30;
     const real t31 = y + t28;
@@ -4219,14 +4217,14 @@ static INLINE void tip_jacobian_lane(
     const real t22 = c5 * (c1 * s4 + c4 * t14) - s5 * t12;
     const real t23 = c5 * (s1 * s4 - c4 * t15) + s5 * t13;
 
-    /* tip */
+    /* position of tip */
     const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
     const real t25 = t17 + link2_length * t22;
     jacobian[16 * stride] = t25;
     const real t26 = t18 + link2_length * t23;
     jacobian[8 * stride] = -t26;
 
-    /* columns of the attitude angles */
+    /* columns of the base */
     const real t27 = c1 * t26 - s1 * t25;
     jacobian[1 * stride] = t27;
     const real t28 = s1 * t24;
@@ -4401,11 +4399,11 @@ static INLINE void tip_bias_acceleration_lane(
     const real t30 = t26 - t22 * t28;
     const real t31 = t28 * t28;
 
-    /* acceleration of the tip that the base adds */
+    /* acceleration of tip that the base adds */
     const real t32 = c3 * base_arm_length;
     const real t33 = s3 * base_arm_length;
 
-    /* acceleration of the tip that link 2 adds */
+    /* acceleration of tip that link 2 adds */
     const real t34 = link2_length * c5;
     const real t35 = link2_length * s5;
     const real t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35;
@@ -4413,12 +4411,12 @@ static INLINE void tip_bias_acceleration_lane(
     const real t38 = (t27 + R(2.0) * t28 * t19) * t35;
     const real t39 = (t26 - R(2.0) * t28 * t22) * t34 - t38;
 
-    /* acceleration of the tip that link 1 adds */
+    /* acceleration of tip that link 1 adds */
     const real t40 = c4 * t39 - s4 * t36;
     const real t41 = c4 * t29 - s4 * t24;
     const real t42 = c4 * t24 + s4 * t29;
 
-    /* acceleration of the tip that the base adds */
+    /* acceleration of tip that the base adds */
     const real t43 = (v_theta_0 * v_theta_0 + t18) * t32;
     const real t44 = c4 * t36 + s4 * t39 + t43;
     const real t45 = (t13 * t13 + t18) * t33;
@@ -4426,7 +4424,7 @@ static INLINE void tip_bias_acceleration_lane(
     const real t47 = (t16 - R(2.0) * t17 * v_theta_0) * t33;
     const real t48 = t37 + (t15 - R(2.0) * t17 * t13) * t32 + t47;
 
-    /* acceleration of the tip in world axes */
+    /* acceleration of tip in world axes */
     const real t49 = s2 * t44 - c2 * t48;
     const real t50 = c2 * t44 + s2 * t48;
     bias_acceleration[0 * stride] = -t50;

@@ -121,7 +121,9 @@ typedef double quadrotor_2link_real;
  * Places of the parameters, and their units.
  * Zero in the robot file and therefore folded away: base_drag_1, base_drag_2, base_drag_3,
  * base_drag_4, link1_d, link1_length, link1_mass_per_length, link1_section_inertia_xx,
- * link1_section_inertia_yy, link1_section_inertia_zz, link2_d.
+ * link1_section_inertia_yy, link1_section_inertia_zz, link1_damping, link1_armature,
+ * link1_stiffness, link1_rest, link2_d, link2_damping, link2_armature, link2_stiffness,
+ * link2_rest.
  */
 enum {
     /** m/s^2 */

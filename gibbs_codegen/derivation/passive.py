@@ -39,7 +39,7 @@ def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
         One for each joint that moves (N m or N).
     """
     tape = symbolic.tape
-    _, q = symbolic.places.split(symbolic.q)
+    q = symbolic.coordinates.values()
     _, v = symbolic.places.split(symbolic.v)
     forces = []
     with tape.group("forces of dampers and springs"):
@@ -86,7 +86,7 @@ def spring_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
         Terms of a sum (J).
     """
     tape = symbolic.tape
-    _, q = symbolic.places.split(symbolic.q)
+    q = symbolic.coordinates.values()
     terms = []
     for joint, angle in zip(_joints(symbolic), q, strict=True):
         stretch = _stretch(tape, joint, angle)

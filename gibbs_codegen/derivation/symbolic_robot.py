@@ -18,8 +18,8 @@ from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.tree_builder import tree_of_links
 from gibbs_codegen.derivation.tree_dynamics import State
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import Places, layout_of
+from gibbs_codegen.robot.local_names import local_names
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.symbolic.exact_angles import gather
 from gibbs_codegen.symbolic.inline_tape import InlineTape
@@ -58,15 +58,13 @@ class SymbolicRobot:
         Returns:
             The robot in symbols.
         """
-        layout = layout_of(robot)
-        q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in layout.q.names)
-        v, a = (
-            tuple(tape.symbol(f"{letter}_{name}", Stage.MOTION) for name in layout.v.names)
-            for letter in "va"
+        names = local_names(robot)
+        q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names["q"])
+        v, a, u = (
+            tuple(tape.symbol(name, Stage.MOTION) for name in names[letter]) for letter in "vau"
         )
-        u = tuple(tape.symbol(entry.name, Stage.MOTION) for entry in inputs(robot))
         q1, q0 = (  # First what differences are taken of.
-            tuple(tape.symbol(f"{place}_{name}", Stage.CONFIGURATION) for name in layout.q.names)
+            tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names[place])
             for place in ("q1", "q0")
         )
         with tape.group("attitude"):

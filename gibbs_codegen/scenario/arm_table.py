@@ -12,8 +12,8 @@ from gibbs_codegen.files.faults import IN_NAME, fault, refusal
 from gibbs_codegen.files.fields import listed, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.layout import joint_kind, joint_pattern
-from gibbs_codegen.robot.names import JOINT_LETTERS
 from gibbs_codegen.robot.model import JointKind
+from gibbs_codegen.robot.names import JOINT_LETTERS
 from gibbs_codegen.scenario.numbers import Number
 from gibbs_codegen.scenario.path_tables import PathTable
 from gibbs_codegen.scenario.paths import Path, Sum

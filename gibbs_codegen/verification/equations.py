@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from gibbs_codegen.verification.comparison import Comparison, compared, explained
+from gibbs_codegen.verification.displacements import displacement_rows
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, Quantities
 from gibbs_codegen.verification.states import Sizes, States
@@ -51,6 +52,7 @@ class Expected:
             *_system(tree, found, inputs, states, self.sizes),
             *_hybrid(tree, found, inputs, self.sizes),
             *_geometry(tree, found, self.sizes),
+            *displacement_rows(tree, states),
         ]
         self._rows = {what: (theirs, size) for what, theirs, size in rows}
 

@@ -72,13 +72,17 @@ class Formulation(Protocol):
 
 
 def state_by_state(
-    at: Callable[[Array, Array, Array], Quantities], tree: Tree, states: States, places: Array
+    at: Callable[[Array, Array, Array, Array, Array], Quantities],
+    tree: Tree,
+    states: States,
+    places: Array,
 ) -> Quantities:
     """What a library gives that computes one state at a time, with joints in an order of its own.
 
     Args:
         at: What the library gives for coordinates, rates and accelerations of all joints, each
-            (size,), in its order.
+            (size,), in its order, and for the rotation (3, 3) and position (3,) at which the first
+            joint begins.
         tree: The tree that the library was given.
         states: The states to compute at.
         places: For each joint of the library, its place among the tree's coordinates.
@@ -87,7 +91,9 @@ def state_by_state(
         The quantities at all states, in the tree's order.
     """
     motions = (tree.spread(x)[:, places] for x in (states.q, states.v, states.a))
-    each = [at(*motion) for motion in zip(*motions, strict=True)]
+    origin = np.tile(np.eye(3), (len(states), 1, 1)), np.zeros((len(states), 3))
+    placement = tree.placement or origin
+    each = [at(*motion) for motion in zip(*motions, *placement, strict=True)]
     arrays = (None if x[0] is None else np.array(x) for x in zip(*each, strict=True))
     found = Quantities._make(arrays)
     order = np.argsort(places)

@@ -98,7 +98,7 @@ class _Invariants:
         """Derivatives of the Gibbs function and of the energies."""
         states, sizes, call = self.states, self.sizes, self.evaluation
         q, v, a = (x[:, None] for x in (states.q, states.v, states.a))
-        units = np.eye(states.q.shape[-1])
+        units = np.eye(states.v.shape[-1])
 
         def quadratic(name: str, *before: Array, at: Array, steps: Array) -> Array:
             """Gradient by central differences, exact for what is quadratic at any `steps`."""
@@ -118,7 +118,11 @@ class _Invariants:
         yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
         steps = np.full(len(states), _ANGLE)
         moves = units * sizes.scales
-        by_q = derivative(lambda time: call("potential_energy", q + time[:, None] * moves), steps)
+
+        def weight(time: Array) -> Array:
+            return call("potential_energy", call("integrate", q, time[:, None] * moves))
+
+        by_q = derivative(weight, steps)
         resting = call("residual", states.q, 0.0 * states.v)
         # Of the whole robot's energy rounding takes this much, however light a link is.
         lost = sizes.potential[:, None] * _ROUNDING / _ANGLE / BY_DIFFERENCES
@@ -135,7 +139,8 @@ class _Invariants:
         rapid = sizes.rate + np.sqrt(gain) + gain / sizes.rate
 
         def energy(time: Array) -> Array:
-            q, v = states.q + time * (states.v + 0.5 * time * a), states.v + time * a
+            v = states.v + time * a
+            q = call("integrate", states.q, time * (states.v + 0.5 * time * a))
             return call("kinetic_energy", q, v) + call("potential_energy", q)
 
         rate = derivative(energy, STEP / rapid)

@@ -19,6 +19,8 @@ from gibbs_codegen.verification.tree import Point, Tree
 from gibbs_codegen.verification.vectors import Array, times
 
 _COMPLEX_STEP = 1e-40
+# Point masses that a body is replaced by, at most.
+MOST_POINTS = 7
 
 
 class Lagrange:
@@ -30,7 +32,7 @@ class Lagrange:
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
-        self.points, self._masses = _point_masses(tree)
+        self._points, self._masses = _point_masses(tree)
 
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes.
@@ -90,7 +92,7 @@ class Lagrange:
         return _along(self._mass_places, q[:, None], np.eye(self.tree.size))
 
     def _mass_places(self, q: Array) -> Array:
-        return self._places(q, self.points)
+        return self._places(q, self._points)
 
     def _places(self, q: Array, points: list[Point]) -> Array:
         return self.tree.positions(self.tree.frames(q), points)

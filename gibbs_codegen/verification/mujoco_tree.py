@@ -40,6 +40,7 @@ class MuJoCo:
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
         self._data = mujoco.MjData(self._model)
+        self._turn, self._step = self._model.body_quat[1].copy(), self._model.body_pos[1].copy()
         names = [self._model.joint(number).name for number in range(self._model.njnt)]
         numbers = [int(name.removeprefix("joint_")) for name in names]
         self._places = np.array([tree.joints[number].place for number in numbers])
@@ -56,18 +57,23 @@ class MuJoCo:
         with _without_log():
             return state_by_state(self._at, self.tree, states, self._places)
 
-    def _at(self, q: Array, v: Array, a: Array) -> Quantities:
+    def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
         """By MuJoCo's functions for one state, nothing touching anything.
 
         Args:
             q: Coordinates in MuJoCo's order, (size,).
             v: Their rates, (size,).
             a: Their accelerations, (size,).
+            rotation, position: Where the first joint begins, (3, 3) and (3,).
 
         Returns:
             The quantities at that state, in MuJoCo's order.
         """
         model, data, tree = self._model, self._data, self.tree
+        turn = np.empty(4)
+        mujoco.mju_mat2Quat(turn, rotation.ravel())
+        mujoco.mju_mulQuat(model.body_quat[1], turn, self._turn)
+        model.body_pos[1] = position + rotation @ self._step
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)

@@ -76,7 +76,7 @@ class NewtonEuler:
         """Efforts of unit accelerations, one by one, at rest and without gravity.
 
         Args:
-            q: Reduced coordinates, (s, nq).
+            q: Coordinates of the free joints, (s, nv).
 
         Returns:
             Mass matrix of all joints, (s, size, size).

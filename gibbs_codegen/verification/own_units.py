@@ -14,6 +14,7 @@ import numpy as np
 
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.formulation import Formulation, Quantities
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.parameters import in_units
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
@@ -27,7 +28,7 @@ class InOwnUnits:
         self._length = _power_of_two(self.tree.reach)
         self._mass = _power_of_two(_lightest(self.tree))
         self._time = _power_of_two(1.0 / self.tree.tempo)
-        inner = kind(Tree(in_units(robot, self._length, self._mass, self._time)))
+        inner = formulated(kind(Tree(in_units(robot, self._length, self._mass, self._time))))
         self.name, self.limit, self.growth = inner.name, inner.limit, inner.growth
         self._inner = inner
 
@@ -42,7 +43,9 @@ class InOwnUnits:
         """
         units = np.where(self.tree.turns, 1.0, self._length)
         free, time = units[self.tree.free], self._time
-        q, v, a, u = states.q / free, states.v / free * time, states.a / free * time**2, states.u
+        lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
+        q = states.q / np.where(lengths, self._length, 1.0)
+        v, a, u = states.v / free * time, states.a / free * time**2, states.u
         found = self._inner.at(States(q, v, a, u))
         energy = self._mass * (self._length / time) ** 2
         twist = np.repeat([self._length, 1.0], 3)

@@ -52,18 +52,20 @@ class Pinocchio:
         """
         return state_by_state(self._at, self.tree, states, self._places)
 
-    def _at(self, q: Array, v: Array, a: Array) -> Quantities:
+    def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
         """By Pinocchio's functions for one state.
 
         Args:
             q: Coordinates in Pinocchio's order, (size,).
             v: Their rates, (size,).
             a: Their accelerations, (size,).
+            rotation, position: Where the first joint begins, (3, 3) and (3,).
 
         Returns:
             The quantities at that state, in Pinocchio's order.
         """
         model, data = self._model, self._data
+        model.jointPlacements[1] = pin.SE3(rotation, position)
         matrix = pin.crba(model, data, q).copy()
         inverse = pin.rnea(model, data, q, v, a).copy()
         residual = -pin.nonLinearEffects(model, data, q, v)

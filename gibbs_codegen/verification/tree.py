@@ -16,7 +16,7 @@ import numpy as np
 from gibbs_codegen.robot.coordinates import points
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Base, Body, Robot, Rod
-from gibbs_codegen.verification.vectors import Array, about
+from gibbs_codegen.verification.vectors import Array, about, quaternions_of_angles
 
 WORLD = -1
 
@@ -79,7 +79,9 @@ class Tree:
 
     Attributes:
         layout: layout of the reduced coordinates.
-        free: places of the reduced coordinates among those of all joints.
+        placement: where the world's first joints begin, rotation (s, 3, 3) and position (s, 3), for
+            each of s states; None in the world's origin.
+        free: places of the velocities among those of all joints.
         constrained: places of the constrained joints.
         arm: places of the arm's joints.
         turns: for each coordinate, whether it is an angle.
@@ -95,6 +97,7 @@ class Tree:
         self.mass = robot.total_mass
         self.joints: list[Joint] = []
         self.layout = layout_of(robot)
+        self.placement: tuple[Array, Array] | None = None
         self.free = self.layout.free
         self.size = len(self.free) + robot.rotors - 1
         self.constrained = [*range(self.size)[self.layout.constrained]]
@@ -121,9 +124,10 @@ class Tree:
     def _base(self, base: Base) -> dict[str, Point]:
         """Add the joints of the base and its arms; return their named points."""
         joint = WORLD
-        for place, letter in zip(self.free[self.layout.q.position], "xyz", strict=True):
+        for place, letter in zip(self.free[self.layout.v.position], "xyz", strict=True):
             joint = self._add(Joint(joint, place, "xyz".index(letter), revolute=False))
-        for place, letter in zip(self.free[self.layout.q.attitude], base.attitude, strict=True):
+        sequence = "xyz" if self.layout.is_quaternion else self.layout.attitude
+        for place, letter in zip(self.free[self.layout.v.attitude], sequence, strict=True):
             joint = self._add(Joint(joint, place, "xyz".index(letter)))
         length = base.arm(1).length
         start = np.array([0.0 if base.origin == "motor1" else -length, 0.0, 0.0])
@@ -167,11 +171,31 @@ class Tree:
         self.joints.append(joint)
         return len(self.joints) - 1
 
+    @property
+    def middle_angle(self) -> int:
+        """Place in v of the middle angle of the attitude, as `coordinates` takes it."""
+        return range(self.size)[self.layout.v.attitude][1]
+
+    def coordinates(self, angles: Array) -> Array:
+        """Coordinates as the robot's module takes them.
+
+        Args:
+            angles: Coordinates in the order of v, the attitude as three angles, (…, nv).
+
+        Returns:
+            (…, nq).
+        """
+        if not self.layout.is_quaternion:
+            return angles
+        base, joints = self.layout.v, angles[..., self.layout.v.joints]
+        attitude = quaternions_of_angles(angles[..., base.attitude])
+        return np.concatenate([angles[..., base.position], attitude, joints], axis=-1)
+
     def spread(self, values: Array) -> Array:
         """Reduced values as those of all joints.
 
         Args:
-            values: (…, nq), one for each reduced coordinate.
+            values: (…, nv), one for each velocity.
 
         Returns:
             (…, size), zero at the constrained joints.
@@ -193,11 +217,13 @@ class Tree:
         positions: list[Array] = []
         steps: list[Array] = []
         for joint in self.joints:
-            rotation, step = joint.rotation, joint.offset
+            rotation, step, travel = joint.rotation, joint.offset, q[..., joint.place]
             if joint.parent != WORLD:
                 parent = rotations[joint.parent]
                 rotation, step = parent @ rotation, parent @ step
-            travel = q[..., joint.place]
+            elif self.placement:
+                ones = (1,) * (travel.ndim - 1)
+                rotation, step = (x.reshape(-1, *ones, *x.shape[1:]) for x in self.placement)
             if joint.revolute:
                 rotation = rotation @ about(joint.axis, travel)
             else:

@@ -116,7 +116,8 @@ def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     """
     tree = Tree(robot)
     states = States.random(tree, 2, 0)
-    matrix = NewtonEuler(tree).mass_matrix(states.q)[:, tree.free][:, :, tree.free]
+    there, at_joints = states.placed(tree)
+    matrix = NewtonEuler(there).mass_matrix(at_joints.q)[:, tree.free][:, :, tree.free]
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     # Next to what the coordinate could move, what is left by rounding is nothing.
     if not (diagonal > _DETERMINED * Sizes(tree, states).free_units ** 2).all():
