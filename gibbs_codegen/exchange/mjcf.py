@@ -68,12 +68,15 @@ def _compiled(text: str, path: Path) -> Any:
             f"{printable(path)}: MJCF needs MuJoCo: pip install 'gibbs_codegen[mujoco]'"
         ) from None
     # Else warnings are printed, and written to a file in the working directory.
+    former = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda message: None)
     try:
         return mujoco.MjModel.from_xml_string(text)
     except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
         words = printable(" ".join(str(error).split()), 300)
         raise SourceFileError(str(path), [Fault("", f"MuJoCo refuses it: {words}")]) from None
+    finally:
+        mujoco.set_mju_user_warning(former)
 
 
 class _Reader:

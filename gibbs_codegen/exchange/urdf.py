@@ -189,6 +189,10 @@ def _left_out(root: Element, values: Values) -> list[Told]:
     for tag, words in _LEFT_OUT.items():
         if counts[tag] > 0:
             told.append(Told("left out", words, f"{counts[tag]}"))
+    slowdowns = {(found.text or "").strip() for found in root.iter("rotorVelocitySlowdownSim")}
+    for factor in sorted(slowdowns - {"", "1"}):
+        many = f"made for rotorVelocitySlowdownSim {printable(factor, 20)}: their links' inertia "
+        told.append(Told("note", "rotors", f"{many}may be that many times too large"))
     for joint in children(root):
         if joint.tag != "joint":
             continue

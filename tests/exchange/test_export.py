@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -10,6 +11,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
+from support.pinocchio_oracle import Oracle
+from support.random_robots import random_tree
 from support.robot_in_pinocchio import PinocchioRobot
 
 from gibbs_codegen.errors import UsageError
@@ -17,6 +20,7 @@ from gibbs_codegen.exchange.exporting import Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import coordinate_of, identifier
 
 Array = NDArray[np.float64]
 SOURCES = Path(__file__).parent / "sources"
@@ -136,3 +140,33 @@ def test_mujoco_s_limits_are_told() -> None:
     robot = import_robot(SOURCES / "features.urdf", ImportOptions("xyz"))[0]
     with pytest.raises(UsageError, match=r"inertia of link .* export URDF"):
         export_robot(robot, "mjcf")
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("seed", range(12))
+def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None:
+    robot = random_tree(seed)
+    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    back = again(robot, form, tmp_path)
+    ours, theirs = Oracle(robot, rigid_base=True), PinocchioRobot(back)
+    names = [coordinate_of(robot, i) for i in robot.moving]
+    its_names = [identifier(str(link.coordinate)) for link in back.links]
+    assert sorted(names) == sorted(its_names)
+    order = [*range(6), *(6 + its_names.index(name) for name in names)]
+    q, v = state(6 + len(names), seed)
+    its_q = q.copy()
+    its_q[[place + 1 for place in order[6:]]] = q[7:]
+    count = len(robot.thrusters) + robot.base.rotors
+    found = theirs.at(its_q, np.zeros_like(v), np.zeros(count + len(names)))
+    armature = np.zeros(len(v))
+    armature[6:] = [robot.links[i - 1].passive.armature for i in robot.moving]
+    matrix = ours.mass_matrix(q) - np.diag(armature)
+    difference = found.mass_matrix[np.ix_(order, order)] - matrix
+    assert np.abs(difference).max() < 1e-12 * np.abs(matrix).max()
+    inputs = ours.input_matrix(q)[:, :count]
+    assert np.allclose(found.inputs[order, :count], inputs, rtol=0.0, atol=1e-12)
+    if form == "mjcf":
+        for name, i in zip(names, robot.moving, strict=True):
+            passive = back.links[its_names.index(name)].passive
+            assert passive.damping == robot.links[i - 1].passive.damping
+            assert passive.armature == robot.links[i - 1].passive.armature

@@ -44,7 +44,7 @@ def test_features_of_published_files(tmp_path: Path) -> None:
     assert told(report, "welded") == ["prop_0", "prop_1", "stiff", "shifted"]
     assert told(report, "locked") == ["spin_0", "spin_1", "stuck", "slid"]
     assert told(report, "left out") == ["transmissions", "x", "right", "world"]
-    assert {"boom-left", "boom_left", "x"} == set(told(report, "note"))
+    assert {"boom-left", "boom_left", "x", "rotors"} == set(told(report, "note"))
     assert left.pose is not None
     assert right.pose is not None
     # What was 1.5708 is 90 degrees, and an axis of 3e-6 beside 1 is x.
@@ -268,3 +268,24 @@ def test_the_worked_example_of_the_docs(
     text = Path("two_props.toml").read_text()
     for line in link.splitlines():
         assert any(written.startswith(line) for written in text.splitlines()), line
+
+
+def test_servos_are_no_rotors(tmp_path: Path) -> None:
+    servo = FEATURES.replace("</motorNumber>", "</motorNumber><motorType>position</motorType>", 1)
+    robot, _ = imported(servo, tmp_path)
+    assert [rotor.name for rotor in robot.thrusters] == ["prop_0"]
+    assert [link.coordinate for link in robot.links] == ["x_joint", "right", "spin_1"]
+
+
+def test_xacro_is_expanded(tmp_path: Path) -> None:
+    pytest.importorskip("xacrodoc")
+    path = tmp_path / "robot.urdf.xacro"
+    path.write_text(
+        '<robot name="Two" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:property name="m" value="2"/><link name="b"><inertial><mass value="${m * 2}"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
+    )
+    assert import_robot(path, ImportOptions("xyz"))[0].total_mass == 4.0
+    path.write_text(path.read_text().replace("m * 2", "n"))
+    with pytest.raises(GibbsCodegenError, match="cannot be expanded: "):
+        import_robot(path, ImportOptions("xyz"))
