@@ -194,8 +194,7 @@ def _fill_held_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
     matrix = mass_matrix(tape, root, tree)
     state = symbolic.state_of(symbolic.held_bodies)
     minus_r = generalised_inertia_forces(tape, root, tree, state.unaccelerated)
-    rotors = range(1, symbolic.robot.rotors + 1)
-    columns = [rotor_column(symbolic, tree, symbolic.held_bodies, k) for k in rotors]
+    columns = _thrust_columns(symbolic)
     everywhere = _places_of_held_tree(symbolic)
     for i in _held_places(symbolic):
         row = everywhere[i]
@@ -204,6 +203,13 @@ def _fill_held_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
         system.residual[row] = -minus_r[i]
         for k, thrust in enumerate(columns):
             system.inputs[row][k] = thrust[i]
+
+
+def _thrust_columns(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
+    """Generalised forces of unit thrusts on the tree with held joints, rotor by rotor."""
+    tree, bodies = symbolic.held_tree, symbolic.held_bodies
+    rotors = range(1, symbolic.robot.rotors + 1)
+    return [rotor_column(symbolic, tree, bodies, k) for k in rotors]
 
 
 def _held_places(symbolic: SymbolicRobot) -> list[int]:
@@ -247,10 +253,7 @@ def _torques_of_held_links(symbolic: SymbolicRobot) -> list[sp.Expr]:
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
     state = symbolic.state_of(symbolic.held_bodies)
     forces = generalised_inertia_forces(tape, root, tree, state)
-    columns = [
-        rotor_column(symbolic, tree, symbolic.held_bodies, k)
-        for k in range(1, symbolic.robot.rotors + 1)
-    ]
+    columns = _thrust_columns(symbolic)
     torques = []
     for i in _held_places(symbolic):
         with tape.group("constraint torques of links"):
@@ -307,7 +310,15 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
 
 
 def _bordered(symbolic: SymbolicRobot, number: int, matrix: Matrix) -> Matrix:
-    """A chain's matrix with ±ζ for each joint that is held."""
+    """A chain's matrix with ±ζ for each joint that is held.
+
+    Args:
+        symbolic, number: The chain, by its number from 1.
+        matrix: Its mass matrix.
+
+    Returns:
+        The matrix in the order of the chain's unknowns.
+    """
     chain, _ = symbolic.open_chains[number - 1]
     robot, zero, one = symbolic.robot, sp.S.Zero, sp.S.One
     names = [held_coordinate(robot, arm).name for arm in chain.held]

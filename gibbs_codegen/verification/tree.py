@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.robot.coordinates import points
+from gibbs_codegen.robot.coordinates import frames_of, points
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Base, Body, Robot, Rod
 from gibbs_codegen.verification.vectors import Array, about, quaternions_of_angles
@@ -89,6 +89,7 @@ class Tree:
         scales: for each coordinate the reach if it is a length, and 1 if it is an angle.
         tempo: what rates are of the order of, in 1/s.
         points: the named points, in the order of a module's POINTS.
+        frame_count: number of the frames, in the order of a module's FRAMES.
         seats: where the motors sit, and then the tip.
     """
 
@@ -114,6 +115,7 @@ class Tree:
         self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
         self.scales = np.where(self.turns, 1.0, self.reach)
         self.points = [named[name] for name in points(robot)]
+        self.frame_count = len(frames_of(robot))
         base = robot.base
         self.motors = [
             Motor(np.array(direction), drag)
