@@ -20,6 +20,7 @@ DERIVATION = (
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
     ),
+    *_in("derivation", "frames frame_wrenches momentum joint_wrenches"),
     *_in("derivation.root", "tait_bryan quaternion pose"),
     *_in("symbolic", "ldlt exact_angles vectors tape"),
     *_in("robot", "chains layout thrusters wrenches"),
