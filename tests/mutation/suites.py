@@ -20,11 +20,12 @@ DERIVATION = (
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
     ),
-    *_in("derivation.root", "tait_bryan"),
-    *_in("symbolic", "ldlt exact_angles vectors tape"),
+    *_in("derivation", "jointed_bodies link_frames passive"),
+    *_in("derivation.root", "pose quaternion tait_bryan"),
+    *_in("symbolic", "ldlt exact_angles structural vectors tape"),
     *_in("robot", "chains layout thrusters wrenches"),
 )
-COMBINE = ("derivation.hybrid",)
+COMBINE = ("derivation.hybrid", "derivation.held_links")
 EMISSION = (
     *_in("program", "nodes operations lower inlining trigonometry steps repeated_blocks loops"),
     *_in("program", "live_ranges rows scratch"),
