@@ -88,10 +88,11 @@ def _add_passive(
     """
     tape = symbolic.tape
     given = zip(places, armatures(symbolic), passive_forces(symbolic), strict=True)
-    for row, armature, force in given:
-        if row is not None:
-            matrix[row][row] = tape.let(matrix[row][row] + armature)
-            residual[row] = tape.let(residual[row] + force)
+    with tape.group("armature, dampers and springs of the joints"):
+        for row, armature, force in given:
+            if row is not None:
+                matrix[row][row] = tape.let(matrix[row][row] + armature)
+                residual[row] = tape.let(residual[row] + force)
 
 
 def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
