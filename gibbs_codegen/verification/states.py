@@ -147,7 +147,16 @@ class States:
 
 
 def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:
-    """Coordinates (s, nv) with the attitude as angles, whatever coordinates the base has."""
+    """Random coordinates with the attitude as angles, whatever coordinates the base has.
+
+    Args:
+        tree: The tree of the robot.
+        count: Number of states.
+        rng: What they are drawn from.
+
+    Returns:
+        Coordinates (s, nv) as `Tree.coordinates` takes them.
+    """
     turning = tree.turns[tree.free]
     spread = np.where(turning, np.pi, 1.0)
     q = rng.uniform(-spread, spread, (count, len(spread))) * tree.scales[tree.free]

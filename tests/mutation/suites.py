@@ -20,7 +20,7 @@ DERIVATION = (
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
     ),
-    *_in("derivation.root", "tait_bryan"),
+    *_in("derivation.root", "tait_bryan quaternion pose"),
     *_in("symbolic", "ldlt exact_angles vectors tape"),
     *_in("robot", "chains layout thrusters wrenches"),
 )
@@ -57,6 +57,7 @@ _QUICK_DERIVATION = (
     "tests/derivation/test_hybrid.py::test_constrained_chain_has_the_form_of_eq_15",
     "tests/derivation/test_hybrid.py::test_hybrid_system_gives_the_reduced_accelerations",
     "tests/properties/test_pinocchio.py::test_shipped_robots",
+    "tests/properties/test_quaternion.py::test_random_robots",
 )
 _REST_OF_DERIVATION = (
     "tests/properties/test_operation_counts.py",
