@@ -13,7 +13,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.robot.model import BASE, Body, RigidBody, Robot, Rod, Vector3
-from gibbs_codegen.robot.names import identifier, parameter_prefix
+from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import ZERO, Vector
@@ -196,7 +196,7 @@ class Parameters:
 
     def _rotor(self, k: int) -> tuple[Vector, sp.Expr]:
         rotor = self.robot.thrusters[k - 1]
-        prefix = identifier(rotor.name) if rotor.name else f"rotor{k}"
+        prefix = rotor_prefix(self.robot, k)
         position = self._vector(prefix, rotor.position)
         return position, self._value(f"{prefix}_drag", rotor.drag, "m")
 

@@ -26,6 +26,7 @@ from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.notation import Name
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import Chain
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import AXES, Robot
 from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.symbolic.inline_tape import InlineTape
@@ -166,7 +167,8 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     places = symbolic.root.places(serial.joints)
     forces = [sp.S.Zero] * places.size
     for k in chain.motors:
-        wrench, rows = carried_in(tape, serial, _motor_wrench(readable, k))
+        unit = _motor_wrench(readable, k)
+        wrench, rows = carried_in(tape, serial, {unit.segment: unit.wrench})
         joints = [rows.get(i, sp.S.Zero) for i in range(1, serial.joints + 1)]
         own = places.joined(symbolic.root.rows(tape, wrench), joints)
         forces = [force + row * u[k - 1] for force, row in zip(forces, own, strict=True)]
@@ -246,10 +248,12 @@ def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:
     Returns:
         Rates, zero where a joint is constrained, and accelerations, which constrained joints keep.
     """
-    free = {symbol.name for symbol in symbolic.q}
+    names = layout_of(symbolic.robot).v.names
+    free_rates = dict(zip(names, symbolic.v, strict=True))
+    free_accelerations = dict(zip(names, symbolic.a, strict=True))
     rates, accelerations = [], []
     for coordinate in chain.coordinates:
-        rate = symbolic.tape.symbol(f"v_{coordinate}", Stage.MOTION)
-        rates.append(rate if coordinate in free else sp.S.Zero)
-        accelerations.append(symbolic.tape.symbol(f"a_{coordinate}", Stage.MOTION))
+        rates.append(free_rates.get(coordinate, sp.S.Zero))
+        held = symbolic.tape.symbol(f"a_{coordinate}", Stage.MOTION)
+        accelerations.append(free_accelerations.get(coordinate, held))
     return State(rates, accelerations, symbolic.parameters.gravity)

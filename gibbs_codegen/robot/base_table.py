@@ -12,6 +12,7 @@ from gibbs_codegen.files.fields import Bounds, at_most, list_of
 from gibbs_codegen.robot.body_tables import RIGID_NEEDS_MASS, ArmTable, RigidTable
 from gibbs_codegen.robot.model import (
     MAX_ROTORS,
+    ROD_ORIGINS,
     Attitude,
     Base,
     Origin,
@@ -81,7 +82,7 @@ class BaseTable(RigidTable):
             for key in ROD_KEYS[:2]:
                 if key not in values:
                     yield key, f"missing: {cls.model_fields[key].description}"
-        elif values.get("origin") in ("motor1", "centre"):
+        elif values.get("origin") in ROD_ORIGINS:
             yield "origin", 'must be "base" where the base has no arms (base.rotors and base.arm)'
         arms, rotors = values.get("arm"), values.get("rotors")
         if not isinstance(arms, list) or not isinstance(rotors, int):

@@ -25,7 +25,8 @@ Attitude = Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "quaternion"]
 ATTITUDES: tuple[Attitude, ...] = get_args(Attitude)
 # The intrinsic sequences of Tait–Bryan angles.
 SEQUENCES = ATTITUDES[:-1]
-ORIGINS: tuple[Origin, ...] = get_args(Origin)
+# Those of a base that has rods.
+ROD_ORIGINS: tuple[Origin, ...] = ("motor1", "centre")
 JOINT_KINDS: tuple[JointKind, ...] = get_args(JointKind)
 LINK_KINDS: tuple[LinkKind, ...] = get_args(LinkKind)
 BASE = 0

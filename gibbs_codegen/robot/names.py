@@ -21,6 +21,9 @@ from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.model import LinkKind, Robot
 
 JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fixed": "theta"}
+# Parameters of a link that is named like an argument must not be called like its entries, v_x; nor
+# in C like the places of frames and bodies.
+_ARGUMENTS = {"q", "v", "a", "u", "w", "q0", "q1", "f", "b"}
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
@@ -171,7 +174,12 @@ def parameter_prefix(robot: Robot, i: int) -> str:
         The identifier form of its name, or such as link2.
     """
     name = robot.links[i - 1].name
-    return identifier(name) if name else default_prefix("link", i)
+    return _prefix(name) if name else default_prefix("link", i)
+
+
+def _prefix(name: str) -> str:
+    form = identifier(name)
+    return f"{form}_" if form.lower() in _ARGUMENTS else form
 
 
 def rotor_prefix(robot: Robot, k: int) -> str:
@@ -185,7 +193,7 @@ def rotor_prefix(robot: Robot, k: int) -> str:
         The identifier form of its name, or such as rotor2.
     """
     name = robot.thrusters[k - 1].name
-    return identifier(name) if name else default_prefix("rotor", k)
+    return _prefix(name) if name else default_prefix("rotor", k)
 
 
 def joint_label(robot: Robot, i: int) -> str:

@@ -20,6 +20,7 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, compared, failed, merged
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import parameter_values
 from gibbs_codegen.verification.states import FAR_SINGLE, Sizes, States
@@ -223,7 +224,9 @@ def compare_c_program(path: str, module: ModuleType, robot: Robot, seed: int) ->
     tree = Tree(robot)
     program = CProgram(path, module, _batches_within(tree))
     states = States.extreme(tree, sum(_batches_within(tree)), (seed, 3))
-    rows = Expected(NewtonEuler(tree), states).compare_functions(program, states, PARTIAL)
+    rows = Expected(formulated(NewtonEuler(tree)), states).compare_functions(
+        program, states, PARTIAL
+    )
     return merged([*rows, *_packing(program, states.q)])
 
 
@@ -280,7 +283,7 @@ def compare_single_precision(
         except ValueError as error:
             return [failed("init_constants", SINGLE_PRECISION, error)]
         states = States.extreme(tree, sum(batches), (seed, 4), FAR_SINGLE).rounded()
-        expected = Expected(NewtonEuler(tree), states, single=True)
+        expected = Expected(formulated(NewtonEuler(tree)), states, single=True)
         comparisons += expected.compare_functions(program, states, SINGLE_PRECISION, singly)
     return merged(comparisons)
 

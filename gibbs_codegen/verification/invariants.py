@@ -37,8 +37,8 @@ def compare_invariants(
         values: What all its functions return at the states.
         states: The states.
         sizes: The natural sizes there.
-        tree: The robot, of which only the layout and the places of the free and the constrained
-            joints are used.
+        tree: The robot, of which only the layout, the places of the free and the constrained
+            joints, and the damping are used.
 
     Returns:
         The comparisons.
@@ -98,7 +98,7 @@ class _Invariants:
         """Derivatives of the Gibbs function and of the energies."""
         states, sizes, call = self.states, self.sizes, self.evaluation
         q, v, a = (x[:, None] for x in (states.q, states.v, states.a))
-        units = np.eye(states.q.shape[-1])
+        units = np.eye(states.v.shape[-1])
 
         def quadratic(name: str, *before: Array, at: Array, steps: Array) -> Array:
             """Gradient by central differences, exact for what is quadratic at any `steps`."""
@@ -118,7 +118,11 @@ class _Invariants:
         yield compared("kinetic_energy", "∂T/∂v = M v", by_v, momentum, size, EXACT)
         steps = np.full(len(states), _ANGLE)
         moves = units * sizes.scales
-        by_q = derivative(lambda time: call("potential_energy", q + time[:, None] * moves), steps)
+
+        def weight(time: Array) -> Array:
+            return call("potential_energy", call("integrate", q, time[:, None] * moves))
+
+        by_q = derivative(weight, steps)
         resting = call("residual", states.q, 0.0 * states.v)
         # Of the whole robot's energy rounding takes this much, however light a link is.
         lost = sizes.potential[:, None] * _ROUNDING / _ANGLE / BY_DIFFERENCES
@@ -127,7 +131,7 @@ class _Invariants:
         yield compared("potential_energy", against, falling, resting, size, BY_DIFFERENCES)
 
     def power(self) -> Comparison:
-        """The energy changes at the rate vᵀB u."""
+        """The energy changes at the rate vᵀB u, less what dampers take."""
         states, sizes, call = self.states, self.sizes, self.evaluation
         a = self.values["forward_dynamics"]
         # Small against the time in which rates or coordinates change by their own size.
@@ -135,11 +139,14 @@ class _Invariants:
         rapid = sizes.rate + np.sqrt(gain) + gain / sizes.rate
 
         def energy(time: Array) -> Array:
-            q, v = states.q + time * (states.v + 0.5 * time * a), states.v + time * a
+            v = states.v + time * a
+            q = call("integrate", states.q, time * (states.v + 0.5 * time * a))
             return call("kinetic_energy", q, v) + call("potential_energy", q)
 
         rate = derivative(energy, STEP / rapid)
-        power = np.sum(states.v * times(self.values["input_matrix"], states.u), axis=-1)
+        damping = self.tree.passive.damping[self.tree.free]
+        driven = times(self.values["input_matrix"], states.u)
+        power = np.sum(states.v * (driven - damping * states.v), axis=-1)
         size = (sizes.kinetic + sizes.potential) * rapid
         against = "power balance, Ė = vᵀB u"
         return compared("forward_dynamics", against, rate, power, size, BY_DIFFERENCES)

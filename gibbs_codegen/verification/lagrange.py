@@ -14,11 +14,14 @@ import numpy as np
 
 from gibbs_codegen.verification.differences import STEP, derivative
 from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.joints import Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Point, Tree
+from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
 
 _COMPLEX_STEP = 1e-40
+# Point masses that a body is replaced by, at most.
+MOST_POINTS = 7
 
 
 class Lagrange:
@@ -30,7 +33,7 @@ class Lagrange:
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
-        self.points, self._masses = _point_masses(tree)
+        self._points, self._masses = _point_masses(tree)
 
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes.
@@ -51,8 +54,8 @@ class Lagrange:
         velocity = _along(self._mass_places, q, v)
         twists = self._twists(q[:, None], np.eye(tree.size), tree.seats)
 
-        def tip_twist(q: Array, v: Array) -> Array:
-            return self._twists(q, v, [tree.tip])[..., 0, :]
+        def frame_twists(q: Array, v: Array) -> Array:
+            return self._twists(q, v, tree.seats[len(tree.motors) :])
 
         return Quantities(
             mass_matrix=matrix,
@@ -63,7 +66,7 @@ class Lagrange:
             kinetic_energy=0.5 * np.sum(velocity**2, axis=-1) @ masses,
             potential_energy=tree.gravity * (self._mass_places(q)[..., 2] @ masses),
             positions=self._places(q, tree.points),
-            tip_bias_acceleration=self._change(tip_twist, q, v),
+            bias_accelerations=self._change(frame_twists, q, v),
         )
 
     def _momentum(self, q: Array, v: Array) -> Array:
@@ -90,7 +93,7 @@ class Lagrange:
         return _along(self._mass_places, q[:, None], np.eye(self.tree.size))
 
     def _mass_places(self, q: Array) -> Array:
-        return self._places(q, self.points)
+        return self._places(q, self._points)
 
     def _places(self, q: Array, points: list[Point]) -> Array:
         return self.tree.positions(self.tree.frames(q), points)

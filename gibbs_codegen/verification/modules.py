@@ -11,7 +11,6 @@ from types import ModuleType
 
 from gibbs_codegen.errors import UsageError, WrongModuleError, printable
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.layout import QUATERNION
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.c_backend import c_module
 from gibbs_codegen.runtime.c_library import c_files, compiled_library
@@ -29,6 +28,7 @@ from gibbs_codegen.verification.contents import (
     compare_contents,
     compare_robot_file,
 )
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.self_consistency import compared_with_themselves
 from gibbs_codegen.verification.tree import Tree
@@ -235,12 +235,10 @@ def refuse_wrong(robot: Robot, numpy_source: str, progress: Progress = lambda _:
         WrongModuleError: If a comparison fails.
     """
     progress("verifying")
-    if robot.base.attitude == QUATERNION:  # No formulation has these velocities yet.
-        return
     try:
         module = _from_text(numpy_source)
         comparisons = compare_module(
-            module, robot, [NewtonEuler(Tree(robot))], _FEW_STATES, 0, extent=QUICK
+            module, robot, [formulated(NewtonEuler(Tree(robot)))], _FEW_STATES, 0, extent=QUICK
         )
     except (Exception, SystemExit) as error:  # Whatever was emitted.
         comparisons = [failed("the module", "", error)]

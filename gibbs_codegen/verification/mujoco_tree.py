@@ -13,18 +13,22 @@ from gibbs_codegen.verification.formulation import (
     Quantities,
     state_by_state,
 )
+from gibbs_codegen.verification.joints import WORLD, Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Point, Tree
+from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
+
+# Of moments of inertia, beside the largest.
+_ROUNDING = 1e-12
 
 
 class MuJoCo:
     """A formulation (see `formulation`) by the library of that name.
 
     It computes neither `positions`, since MuJoCo has no joint frames apart from bodies, nor
-    `tip_bias_acceleration`, since its accelerations include gravity.
+    `bias_accelerations`, since its accelerations include gravity.
     Creating it raises `NotApplicableError` for a robot that MuJoCo rejects, such as one with a
-    point mass at its end.
+    point mass at its end, or with a rotor or frame on a link without mass.
     """
 
     name = "MuJoCo"
@@ -34,12 +38,15 @@ class MuJoCo:
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
+        if any(tree.joints[seat.joint].mass == 0.0 for seat in tree.seats):
+            raise NotApplicableError("MuJoCo has no frames on a link without mass")
         try:
             with _without_log():
                 self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
         self._data = mujoco.MjData(self._model)
+        self._turn, self._step = self._model.body_quat[1].copy(), self._model.body_pos[1].copy()
         names = [self._model.joint(number).name for number in range(self._model.njnt)]
         numbers = [int(name.removeprefix("joint_")) for name in names]
         self._places = np.array([tree.joints[number].place for number in numbers])
@@ -56,18 +63,23 @@ class MuJoCo:
         with _without_log():
             return state_by_state(self._at, self.tree, states, self._places)
 
-    def _at(self, q: Array, v: Array, a: Array) -> Quantities:
+    def _at(self, q: Array, v: Array, a: Array, rotation: Array, position: Array) -> Quantities:
         """By MuJoCo's functions for one state, nothing touching anything.
 
         Args:
             q: Coordinates in MuJoCo's order, (size,).
             v: Their rates, (size,).
             a: Their accelerations, (size,).
+            rotation, position: Where the first joint begins, (3, 3) and (3,).
 
         Returns:
             The quantities at that state, in MuJoCo's order.
         """
         model, data, tree = self._model, self._data, self.tree
+        turn = np.empty(4)
+        mujoco.mju_mat2Quat(turn, rotation.ravel())
+        mujoco.mju_mulQuat(model.body_quat[1], turn, self._turn)
+        model.body_pos[1] = position + rotation @ self._step
         data.qpos[:], data.qvel[:], data.qacc[:] = q, v, a
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
@@ -94,8 +106,9 @@ class MuJoCo:
     def _pose(self, point: Point) -> Array:
         body = self._body(point.joint)
         pose = np.eye(4)
-        pose[:3, :3] = self._data.xmat[body].reshape(3, 3)
-        pose[:3, 3] = self._data.xpos[body] + pose[:3, :3] @ point.local
+        axes = self._data.xmat[body].reshape(3, 3)
+        pose[:3, :3] = axes @ point.rotation
+        pose[:3, 3] = self._data.xpos[body] + axes @ point.local
         return pose
 
     def _jacobian(self, point: Point) -> Array:
@@ -182,8 +195,14 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
 
 
 def _principal(inertia: Array) -> tuple[Array, Array]:
-    """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits."""
+    """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits.
+
+    Raises:
+        NotApplicableError: If a moment is negative.
+    """
     moments, axes = np.linalg.eigh(inertia)
+    if moments[0] < -_ROUNDING * moments[2]:
+        raise NotApplicableError("MuJoCo rejects it: a moment of inertia is negative")
     # Rounding may leave less than nothing about the axis of a thin rod.
     return np.maximum(moments, 0.0), axes * np.linalg.det(axes)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.formulation import Formulation, Quantities
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.parameters import in_units
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
@@ -27,7 +28,7 @@ class InOwnUnits:
         self._length = _power_of_two(self.tree.reach)
         self._mass = _power_of_two(_lightest(self.tree))
         self._time = _power_of_two(1.0 / self.tree.tempo)
-        inner = kind(Tree(in_units(robot, self._length, self._mass, self._time)))
+        inner = formulated(kind(Tree(in_units(robot, self._length, self._mass, self._time))))
         self.name, self.limit, self.growth = inner.name, inner.limit, inner.growth
         self._inner = inner
 
@@ -42,12 +43,14 @@ class InOwnUnits:
         """
         units = np.where(self.tree.turns, 1.0, self._length)
         free, time = units[self.tree.free], self._time
-        q, v, a, u = states.q / free, states.v / free * time, states.a / free * time**2, states.u
+        lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
+        q = states.q / np.where(lengths, self._length, 1.0)
+        v, a, u = states.v / free * time, states.a / free * time**2, states.u
         found = self._inner.at(States(q, v, a, u))
         energy = self._mass * (self._length / time) ** 2
         twist = np.repeat([self._length, 1.0], 3)
         found.poses[..., :3, 3] *= self._length
-        positions, bias = found.positions, found.tip_bias_acceleration
+        positions, bias = found.positions, found.bias_accelerations
         return found._replace(
             mass_matrix=found.mass_matrix * energy * time**2 / np.outer(units, units),
             residual=found.residual * energy / units,
@@ -56,7 +59,7 @@ class InOwnUnits:
             kinetic_energy=found.kinetic_energy * energy,
             potential_energy=found.potential_energy * energy,
             positions=None if positions is None else positions * self._length,
-            tip_bias_acceleration=None if bias is None else bias * twist / time**2,
+            bias_accelerations=None if bias is None else bias * twist / time**2,
         )
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.tree import WORLD, Frames, Tree
-from gibbs_codegen.verification.vectors import Array
+from gibbs_codegen.verification.joints import WORLD
+from gibbs_codegen.verification.tree import Frames, Tree
+from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
 _STEEPEST = 1.2
@@ -27,9 +29,9 @@ class States:
     number.
 
     Attributes:
-        q: reduced coordinates, (s, nq).
-        v: their rates, (s, nq).
-        a: their accelerations, (s, nq).
+        q: coordinates, (s, nq).
+        v: velocities, (s, nv).
+        a: their rates, (s, nv).
         u: inputs, (s, nu).
     """
 
@@ -40,13 +42,38 @@ class States:
 
     @property
     def q0(self) -> Array:
-        """Coordinates to begin with, (s, nq)."""
+        """Coordinates to begin with, (s, nv)."""
         return self.q
 
     @property
     def q1(self) -> Array:
-        """Coordinates to end with: those of the first state, (s, nq)."""
+        """Coordinates to end with: those of the first state, (s, nv)."""
         return np.broadcast_to(self.q[:1], self.q.shape)
+
+    def placed(self, tree: Tree) -> tuple[Tree, States]:
+        """The tree of a base with a quaternion, placed where the base is, and what its joints do.
+
+        Args:
+            tree: The tree of the robot.
+
+        Returns:
+            The placed tree, whose joints of the base are at zero, and states of its joints; without
+            a quaternion what is given.
+        """
+        if not tree.layout.is_quaternion:
+            return tree, self
+        q, v = tree.layout.q, tree.layout.v
+        there = copy.copy(tree)
+        there.placement = quaternion_matrices(self.q[:, q.attitude]), self.q[:, q.position]
+        joints = np.zeros_like(self.v)
+        joints[:, v.joints] = self.q[:, q.joints]
+        # The joints of the position keep their axes while the base turns, and each rotation turns
+        # the axes of those after it: so rates of velocities are not the joints' accelerations.
+        x, y, z = self.v[:, v.attitude].T
+        accelerations = self.a.copy()
+        accelerations[:, v.position] += cross(self.v[:, v.attitude], self.v[:, v.position])
+        accelerations[:, v.attitude] -= np.stack([y * z, -x * z, x * y], axis=-1)
+        return there, States(joints, self.v, accelerations, self.u)
 
     @classmethod
     def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
@@ -62,15 +89,13 @@ class States:
         """
         rng = np.random.default_rng(seed)
         scales = tree.scales[tree.free]
-        spread = np.where(tree.turns[tree.free], np.pi, 1.0)
-        q = rng.uniform(-spread, spread, (count, len(scales))) * scales
-        q[:, tree.layout.middle_angle] = rng.uniform(-_STEEPEST, _STEEPEST, count)
+        q = _random_angles(tree, count, rng)
         v, a = rng.normal(size=(2, count, len(scales))) * scales
         force = tree.mass * tree.reach * tree.tempo**2
         levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
         u = rng.normal(size=(count, len(tree.motors) + len(tree.arm)))
         u *= force * np.concatenate([np.ones(len(tree.motors)), levers])
-        return cls(q, v * tree.tempo, a * tree.tempo**2, u)
+        return cls(tree.coordinates(q), v * tree.tempo, a * tree.tempo**2, u)
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
@@ -87,7 +112,7 @@ class States:
         """
         usual = cls.random(tree, count, seed)
         rng = np.random.default_rng(seed)
-        q = usual.q.copy()
+        q = _random_angles(tree, count, np.random.default_rng(seed))
         turning = tree.turns[tree.free]
         shape = (count, int(turning.sum()))
         signs = rng.choice([-1.0, 1.0], shape)
@@ -98,9 +123,9 @@ class States:
         q[:, turning] = np.where(kinds[:, None] == 0, q[:, turning], chosen)
         # From a tenth to what is next to nothing, on either side.
         near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-8, -1, count)
-        middle = tree.layout.middle_angle
+        middle = tree.middle_angle
         q[:, middle] = np.where(kinds == 0, signs[:, 0] * near, q[:, middle])
-        return cls(q, usual.v, usual.a, usual.u)
+        return cls(tree.coordinates(q), usual.v, usual.a, usual.u)
 
     def rounded(self) -> States:
         """The states in numbers that single precision has."""
@@ -121,6 +146,24 @@ class States:
         return len(self.q)
 
 
+def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:
+    """Random coordinates with the attitude as angles, whatever coordinates the base has.
+
+    Args:
+        tree: The tree of the robot.
+        count: Number of states.
+        rng: What they are drawn from.
+
+    Returns:
+        Coordinates (s, nv) as `Tree.coordinates` takes them.
+    """
+    turning = tree.turns[tree.free]
+    spread = np.where(turning, np.pi, 1.0)
+    q = rng.uniform(-spread, spread, (count, len(spread))) * tree.scales[tree.free]
+    q[:, tree.middle_angle] = rng.uniform(-_STEEPEST, _STEEPEST, count)
+    return q
+
+
 class Sizes:
     """How large the terms are that entries are summed from: an error is a share of that.
 
@@ -130,9 +173,14 @@ class Sizes:
     """
 
     def __init__(self, tree: Tree, states: States) -> None:
+        passive, at_joints = tree.passive, tree.at_joints(states.q)
+        damping = np.abs(passive.damping * tree.spread(states.v))
+        stretch = np.abs(at_joints) + np.abs(passive.rest)
+        stiffness = np.abs(passive.stiffness)
+        tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
         inertias, masses = _moved(tree, frames)
-        units = np.sqrt(inertias)
+        units = np.sqrt(inertias + tree.passive.armature)
         # How much larger the robot is than the smallest of what a joint turns.
         turned = (units > 0.0) & (masses > 0.0) & tree.turns
         radii = units[turned] / np.sqrt(masses[turned])
@@ -147,7 +195,7 @@ class Sizes:
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
-        self.effort = self.units * (momentum * rates + weight)
+        self.effort = self.units * (momentum * rates + weight) + damping + stiffness * stretch
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
@@ -155,7 +203,8 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        self.potential = abs(tree.gravity) * tree.mass * self.reach
+        springs = np.sum(stiffness * stretch**2, axis=-1)
+        self.potential = abs(tree.gravity) * tree.mass * self.reach + springs
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         # The function has a term in the square of gravity, which its difference loses.
@@ -169,11 +218,11 @@ class Sizes:
         """Size of M a = R + B u, which is that of its largest terms.
 
         Args:
-            accelerations: a, (s, nq), at the first states or all.
-            driven: B u, (s, nq), at the same states.
+            accelerations: a, (s, nv), at the first states or all.
+            driven: B u, (s, nv), at the same states.
 
         Returns:
-            Generalised forces, (s, nq).
+            Generalised forces, (s, nv).
         """
         count = len(accelerations)
         units = self.free_units[:count]
@@ -186,7 +235,7 @@ class Sizes:
         """The largest of some efforts in their units, as an effort on each coordinate.
 
         Args:
-            efforts: (s, nq) or (s, size).
+            efforts: (s, nv) or (s, size).
             units: Units of the same coordinates.
 
         Returns:
@@ -199,7 +248,7 @@ class Sizes:
         """The largest of some accelerations in the coordinates' units.
 
         Args:
-            accelerations: (s, nq), at the first states or all.
+            accelerations: (s, nv), at the first states or all.
 
         Returns:
             (s, 1).

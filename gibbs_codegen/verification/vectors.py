@@ -58,3 +58,40 @@ def cross(a: Array, b: Array) -> Array:
     # np.cross takes four times as long for so few of them.
     product: Array = a[..., (1, 2, 0)] * b[..., (2, 0, 1)] - a[..., (2, 0, 1)] * b[..., (1, 2, 0)]
     return product
+
+
+def quaternion_matrices(quaternions: Array) -> Array:
+    """Rotations of quaternions, which need not be of unit length.
+
+    Args:
+        quaternions: x, y, z, w, (…, 4).
+
+    Returns:
+        Rotation matrices, (…, 3, 3).
+    """
+    unit = quaternions / np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    vector, scalar = unit[..., None, :3], unit[..., 3:, None]
+    # Rows of e × u over the axes e are the matrix of u×.
+    turning = cross(np.eye(3), vector)
+    matrices: Array = np.eye(3) + 2.0 * (turning @ turning + scalar * turning)
+    return matrices
+
+
+def quaternions_of_angles(angles: Array) -> Array:
+    """Quaternions of rotations about x, y and z, one after the other, each about the turned axis.
+
+    Args:
+        angles: In rad, (…, 3).
+
+    Returns:
+        x, y, z, w, (…, 4).
+    """
+    x, y, z = np.moveaxis(np.sin(0.5 * angles), -1, 0)
+    a, b, c = np.moveaxis(np.cos(0.5 * angles), -1, 0)
+    parts = (
+        x * b * c + a * y * z,
+        a * y * c - x * b * z,
+        a * b * z + x * y * c,
+        a * b * c - x * y * z,
+    )
+    return np.stack(parts, axis=-1)

@@ -17,16 +17,15 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from types import ModuleType
 
-from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.layout import QUATERNION
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, explained, failed, merged
 from gibbs_codegen.verification.contents import compare_contents
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, NotApplicableError
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.invariants import compare_invariants
-from gibbs_codegen.verification.lagrange import Lagrange
+from gibbs_codegen.verification.lagrange import MOST_POINTS, Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.own_units import InOwnUnits
 from gibbs_codegen.verification.parameters import prepared
@@ -109,14 +108,9 @@ def formulations(robot: Robot) -> tuple[list[Formulation], dict[str, str]]:
 
     Returns:
         The formulations, Newton and Euler's first; and for each of the others why it cannot be had.
-
-    Raises:
-        UsageError: If the attitude is a quaternion.
     """
-    if robot.base.attitude == QUATERNION:
-        raise UsageError(f"{robot.name}: a base with a quaternion cannot be verified yet")
     tree = Tree(robot)
-    found: list[Formulation] = [NewtonEuler(tree), Lagrange(tree)]
+    found: list[Formulation] = [formulated(NewtonEuler(tree)), formulated(Lagrange(tree))]
     not_done = {}
     for name, library in _LIBRARIES.items():
         try:
@@ -169,14 +163,15 @@ def compare_module(
         some, singly = min(most, count - first), extent.singly
         comparisons += _compare_functions(module, against, some, (seed, number), singly, progress)
     others = min(most, extent.others)
-    unknown = without_formulation(comparisons, against[0].name)
+    evaluation = Evaluation(module)
+    unknown = without_formulation(evaluation.signatures, comparisons, against[0].name)
     states = States.random(tree, others, (seed, 5))
     there = Evaluation(numpy) if numpy else None
-    comparisons += compare_with_itself(Evaluation(module), there, unknown, states)
+    comparisons += compare_with_itself(evaluation, there, unknown, states)
     if extent.any_angles:
         progress(ANY_ANGLES)
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
-        comparisons += _compare_again(Evaluation(module), tree, states, extent.singly, ANY_ANGLES)
+        comparisons += _compare_again(evaluation, tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
     comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
     return merged(comparisons)
@@ -227,8 +222,8 @@ def _compare_functions(
     for formulation in against[1:]:
         progress(formulation.name)
         few = count
-        if isinstance(formulation, Lagrange):
-            few = max(1, min(count, _MOST_NUMBERS // (len(formulation.points) * tree.size)))
+        if formulation.name == Lagrange.name:
+            few = max(1, min(count, _MOST_NUMBERS // (MOST_POINTS * tree.size**2)))
         comparisons += Expected(formulation, states.first(few)).compare(values)
     progress("invariants")
     comparisons += compare_invariants(evaluation, values, states, first.sizes, tree)
@@ -250,7 +245,7 @@ def _compare_again(
     Returns:
         The comparisons of both.
     """
-    expected = Expected(NewtonEuler(tree), states)
+    expected = Expected(formulated(NewtonEuler(tree)), states)
     together = expected.compare_functions(evaluation, states, against)
     return together + expected.compare_functions(evaluation, states.first(few), against, True)
 

@@ -52,13 +52,12 @@ def test_an_inertia_that_no_body_has_is_warned_of_where_the_file_lets_it_pass(
 ) -> None:
     text = (
         "name = 'odd'\nallow_impossible_inertia = true\n[base]\nrotors = 2\n"
-        "arm = { length = 1, mass_per_length = 1 }\n[[link]]\nname = 'el\\now'\nmass = 1\n"
-        "inertia = [1, 1, 5, 0, 0, 0]\n"
+        "arm = { length = 1, mass = 1, inertia = [1, 1, 5, 0, 0, 0] }\n"
     )
     (tmp_path / "odd.toml").write_text(text)
     done = run("generate", "odd.toml", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    warning = "gibbs-codegen: warning: el\\now: its inertia violates the triangle inequality"
+    warning = "gibbs-codegen: warning: base arm 1: its inertia violates the triangle inequality"
     assert done.stderr.startswith(warning)
     (tmp_path / "odd.toml").write_text(text.replace("true", "false"))
     refused = run("generate", "odd.toml", cwd=tmp_path)
@@ -342,7 +341,8 @@ def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    "command", ["", "generate", "info", "show", "verify", "simulate", "new", "schema"]
+    "command",
+    ["", "generate", "info", "show", "verify", "simulate", "new", "import", "export", "schema"],
 )
 def test_help_fits_into_eighty_columns(command: str, tmp_path: Path) -> None:
     words = [command, "--help"] if command else ["--help"]

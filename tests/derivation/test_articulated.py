@@ -26,6 +26,7 @@ from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import (
     JOINT_KINDS,
+    ROD_ORIGINS,
     SEQUENCES,
     Base,
     Link,
@@ -112,7 +113,7 @@ def test_both_ways_give_what_pinocchio_gives(shard: int) -> None:
 
 def test_the_random_robots_have_every_structure() -> None:
     assert {robot.base.attitude for robot in RANDOM_ROBOTS} == set(SEQUENCES)
-    assert {robot.base.origin for robot in RANDOM_ROBOTS} == {"motor1", "centre"}
+    assert {robot.base.origin for robot in RANDOM_ROBOTS} == set(ROD_ORIGINS)
     assert {len(robot.links) for robot in RANDOM_ROBOTS} == set(range(9))
     joints = {link.joint for robot in RANDOM_ROBOTS for link in robot.links}
     assert joints == set(JOINT_KINDS)

@@ -34,7 +34,7 @@ from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
-from gibbs_codegen.robot.model import SEQUENCES, Base, Link, Origin, Robot, Rod
+from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Base, Link, Origin, Robot, Rod
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 
 PAPER = read_robot("hexarotor_3link")[0]
@@ -134,9 +134,7 @@ def test_chains_of_any_robot_add_up_to_the_hybrid_system(robot: Robot, most_term
     assert_chains_add_up(robot, most_terms)
 
 
-@pytest.mark.parametrize(
-    ("attitude", "origin"), list(zip(SEQUENCES, 3 * ("motor1", "centre"), strict=True))
-)
+@pytest.mark.parametrize(("attitude", "origin"), list(zip(SEQUENCES, 3 * ROD_ORIGINS, strict=True)))
 def test_every_attitude_and_origin(attitude: str, origin: Origin) -> None:
     arms = (Rod(0.5, 1.0, (0.1, 0.1, 0.1)),)
     base = Base(2, arms, ((0, 0, 1), (0, 0.6, 0.8)), (0.1, 0.0), attitude, origin)

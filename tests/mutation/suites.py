@@ -58,6 +58,7 @@ _QUICK_DERIVATION = (
     "tests/derivation/test_hybrid.py::test_constrained_chain_has_the_form_of_eq_15",
     "tests/derivation/test_hybrid.py::test_hybrid_system_gives_the_reduced_accelerations",
     "tests/properties/test_pinocchio.py::test_shipped_robots",
+    "tests/properties/test_quaternion.py::test_random_robots",
 )
 _REST_OF_DERIVATION = (
     "tests/properties/test_operation_counts.py",

@@ -21,7 +21,8 @@ from gibbs_codegen.files.changes import changes_of
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import parse_robot
-from gibbs_codegen.robot.names import name_fault, name_from
+from gibbs_codegen.robot.names import coordinate_of, link_label, name_fault, name_from
+from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.file import parse_scenario
 from gibbs_codegen.simulator.flight import read_flight
 from gibbs_codegen.targets.registry import TARGETS, render_module
@@ -156,6 +157,32 @@ def test_hostile_values_and_keys_of_a_robot_file_are_refused(place: str) -> None
             with pytest.raises(RobotFileError) as refusal:
                 parse_robot("\n".join([entry, *base]), "r.toml")
             assert_plain(str(refusal.value))
+
+
+def test_hostile_names_of_links_stay_what_they_are() -> None:
+    """Any text names links, rotors, frames and coordinates, and the file's own text repeats it."""
+    for text in (*INJECTIONS, *TERMINAL):
+        word = quoted(text)
+        lines = ["name = 'plain'", "[base]", "mass = 1", "[[rotor]]", f"on = {word}", "[[frame]]"]
+        lines += [
+            f"name = {word}",
+            "[[link]]",
+            "mass = 1",
+            f"name = {word}",
+            "[[link]]",
+            "mass = 1",
+        ]
+        lines += [f"coordinate = {quoted(text + 'é')}", f"parent = {word}"]
+        try:
+            robot = parse_robot("\n".join(lines), "r.toml")
+        except RobotFileError as refusal:
+            assert_plain(str(refusal))
+            assert not 0 < len(text) < 128, text
+            continue
+        assert (robot.links[0].name, robot.frames[0].name) == (text, text)
+        assert parse_robot(robot_text(robot)) == robot
+        assert coordinate_of(robot, 1).isidentifier()
+        assert_plain(link_label(robot, 1))
 
 
 def test_hostile_text_in_a_scenario_is_refused_or_kept_as_it_is() -> None:

@@ -67,7 +67,7 @@ def random_states(module: ModuleType) -> dict[str, np.ndarray]:
     q[3::10, :-3] = 1e4
     v, a = rng.uniform(-3, 3, (2, STATES, size))
     u = rng.uniform(-20, 20, (STATES, len(module.INPUTS)))
-    return {"q": q, "v": v, "a": a, "u": u}
+    return {"q": q, "v": v, "a": a, "u": u, "q0": q, "q1": q[::-1]}
 
 
 @pytest.fixture(scope="module")

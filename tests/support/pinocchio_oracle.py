@@ -7,7 +7,7 @@ inverse dynamics with those joints held.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -275,6 +275,39 @@ class Oracle:
             kinetic += passive.armature * v[here] ** 2 / 2
             potential += passive.stiffness * (angle - passive.rest) ** 2 / 2
         return kinetic, potential
+
+    def centroidal(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """Centre of mass, its Jacobian, centroidal momentum, and gravity's part of R."""
+        tree, free = self.configuration(q), [self.order[i] for i in self.free]
+        jacobian = pin.jacobianCenterOfMass(self.model, self.data, tree)[:, free].copy()
+        centre = pin.centerOfMass(self.model, self.data, tree).copy()
+        momentum = pin.computeCentroidalMomentum(self.model, self.data, tree, self.spread(v))
+        gravity = pin.computeGeneralizedGravity(self.model, self.data, tree)
+        return centre, jacobian, momentum.vector, -gravity[free]
+
+    def joint_wrenches(self, q: Array, v: Array, a: Array, u: Array) -> Array:
+        """What every joint passes on to its body, of rods and then of links.
+
+        In the tree that this needs, every link has a joint, held where it is fixed in the robot.
+        """
+        held = [i for i, link in enumerate(self.robot.links, start=1) if not link.moves]
+        links = [
+            replace(link, constrained=True) if i in held else link
+            for i, link in enumerate(self.robot.links, start=1)
+        ]
+        whole = Oracle(replace(self.robot, links=tuple(links)), parents=self.parents)
+        outside = pin.StdVec_Force()
+        for _ in range(whole.model.njoints):
+            outside.append(pin.Force.Zero())
+        for place, (direction, drag), thrust in zip(whole.rotors, whole.thrusts, u, strict=False):
+            joint, at = place
+            along = direction / np.linalg.norm(direction) * thrust
+            outside[joint] += at.act(pin.Force(along, drag * along))
+        state = whole.configuration(q), whole.spread(v), whole.spread(a)
+        pin.rnea(whole.model, whole.data, *state, outside)
+        rods = [whole.model.getJointId(f"theta_{k}") for k in range(2, self.robot.base.rotors + 1)]
+        joints = [*rods, *(whole.bodies[i][0] for i in range(1, len(links) + 1))]
+        return np.array([whole.data.f[j].vector for j in joints]).reshape(-1, 6)
 
     def integrated(self, q: Array, v: Array) -> Array:
         """Coordinates after a displacement."""

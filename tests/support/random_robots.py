@@ -13,6 +13,7 @@ from gibbs_codegen.robot.model import (
     AXES,
     JOINT_KINDS,
     LINK_KINDS,
+    ROD_ORIGINS,
     SEQUENCES,
     Base,
     Body,
@@ -93,7 +94,7 @@ def random_robot(seed: int, rotors: int, links: int) -> Robot:
         tuple(thrust(rng) for _ in range(rotors)),
         drag,
         SEQUENCES[rng.integers(len(SEQUENCES))],
-        ("motor1", "centre")[rng.integers(2)],
+        ROD_ORIGINS[rng.integers(len(ROD_ORIGINS))],
     )
     gravity = (9.81, 9.81, 0.0, 3.7)[rng.integers(4)]
     return Robot("random_robot", base, tuple(link(rng) for _ in range(links)), gravity)
