@@ -5,7 +5,6 @@ They come from the tree that has these joints, too, at rest.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -13,7 +12,6 @@ import sympy as sp
 from gibbs_codegen.derivation.forces import rotor_column
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
-    State,
     generalised_inertia_forces,
     mass_matrix,
 )
@@ -49,8 +47,9 @@ def held_rows(symbolic: SymbolicRobot) -> list[HeldRow]:
     if not places:
         return []
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
+    state = symbolic.state_of(symbolic.held_bodies)
     matrix = mass_matrix(tape, root, tree)
-    minus_r = generalised_inertia_forces(tape, root, tree, _held_state(symbolic).unaccelerated)
+    minus_r = generalised_inertia_forces(tape, root, tree, state.unaccelerated)
     columns = _thrust_columns(symbolic)
     everywhere = _places_of_held_tree(symbolic)
     return [
@@ -77,7 +76,8 @@ def torques_on_held_links(symbolic: SymbolicRobot) -> list[sp.Expr]:
     if not places:
         return []
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
-    forces = generalised_inertia_forces(tape, root, tree, _held_state(symbolic))
+    state = symbolic.state_of(symbolic.held_bodies)
+    forces = generalised_inertia_forces(tape, root, tree, state)
     columns = _thrust_columns(symbolic)
     thrusts = symbolic.u[: len(columns)]
     torques = []
@@ -109,17 +109,3 @@ def _places_of_held_tree(symbolic: SymbolicRobot) -> list[int]:
     joints = [names.index(coordinate_of(robot, i)) for i in symbolic.held_bodies.numbers]
     base, _ = symbolic.places.split(layout.free)
     return symbolic.root.places(len(joints)).joined(base, joints)
-
-
-def _held_state(symbolic: SymbolicRobot) -> State:
-    """The state of the tree with held joints, whose rates and accelerations are zero."""
-    numbers = symbolic.held_bodies.numbers
-
-    def spread(values: Sequence[sp.Expr]) -> list[sp.Expr]:
-        base, joints = symbolic.places.split(values)
-        moving = dict(zip(symbolic.robot.moving, joints, strict=True))
-        own = [moving.get(i, sp.S.Zero) for i in numbers]
-        return symbolic.root.places(len(numbers)).joined(base, own)
-
-    state = symbolic.state
-    return State(spread(state.rates), spread(state.accelerations), state.gravity)

@@ -90,7 +90,9 @@ def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | N
         _compare_frames(oracle, ours, q[i], v[i], wrenches[i])
         _compare_pushed(oracle, ours, q[i], v[i], u[i])
         _compare_mass(oracle, ours, q[i], v[i])
-        assert_close("joint wrenches", ours["joint wrenches"], oracle.joint_wrenches(q[i], v[i], a[i], u[i]))
+        assert_close(
+            "joint wrenches", ours["joint wrenches"], oracle.joint_wrenches(q[i], v[i], a[i], u[i])
+        )
         assert_close("rates", ours["coordinate rates"], oracle.coordinate_rates(q[i], v[i]))
         assert_close("integrated", ours["integrated"], oracle.integrated(q[i], v[i]))
         assert_close("difference", ours["difference"], oracle.difference(q[i], q[count - 1 - i]))
