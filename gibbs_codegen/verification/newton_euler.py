@@ -184,7 +184,16 @@ class NewtonEuler:
 
     @staticmethod
     def _bias(motions: list[_Motion], frames: Frames, point: Point) -> Array:
-        """Acceleration of a point and its frame (states, 6), linear entries first."""
+        """Acceleration of a point and its frame without accelerations of the coordinates.
+
+        Args:
+            motions: Of all joints.
+            frames: Where they are.
+            point: The point.
+
+        Returns:
+            World axes, (states, 6), linear entries first.
+        """
         motion = motions[point.joint]
         _, linear = motion.at(frames.rotations[point.joint] @ point.local)
         return np.concatenate([linear, motion.angular_acceleration], axis=-1)

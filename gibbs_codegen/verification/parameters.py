@@ -86,6 +86,16 @@ def mapped(robot: Robot, change: Change) -> Robot:
 
 
 def _of_vector(prefix: str, vector: Vector3, change: Change) -> Vector3:
+    """A vector with changed components.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        vector: The components (m).
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new components (m).
+    """
     x, y, z = (
         change(f"{prefix}_{a}", value, LENGTH) for a, value in zip("xyz", vector, strict=True)
     )
@@ -93,15 +103,45 @@ def _of_vector(prefix: str, vector: Vector3, change: Change) -> Vector3:
 
 
 def _of_pose(prefix: str, pose: Pose, change: Change) -> Pose:
+    """A pose at a changed place.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        pose: The pose.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new pose, turned as before.
+    """
     return replace(pose, xyz=_of_vector(prefix, pose.xyz, change))
 
 
 def _of_rotor(prefix: str, rotor: Rotor, change: Change) -> Rotor:
+    """A rotor with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        rotor: The rotor.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new rotor.
+    """
     position = _of_vector(prefix, rotor.position, change)
     return replace(rotor, position=position, drag=change(f"{prefix}_drag", rotor.drag, LENGTH))
 
 
 def _of_link(prefix: str, link: Link, change: Change) -> Link:
+    """A link with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        link: The link.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new link.
+    """
     link = replace(link, body=_of_body(prefix, link.body, change))
     if link.pose is not None:
         link = replace(link, pose=_of_pose(prefix, link.pose, change))
@@ -118,12 +158,32 @@ def _of_link(prefix: str, link: Link, change: Change) -> Link:
 
 
 def _of_body(prefix: str, body: Body, change: Change) -> Body:
+    """A rod or a rigid body with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        body: The body.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new body, of the same kind.
+    """
     if isinstance(body, Rod):
         return _of_rod(prefix, body, change)
     return _of_rigid_body(prefix, body, change)
 
 
 def _of_rod(prefix: str, rod: Rod, change: Change) -> Rod:
+    """A rod with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        rod: The rod.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new rod.
+    """
     length = change(f"{prefix}_length", rod.length, LENGTH)
     density = change(f"{prefix}_mass_per_length", rod.mass_per_length, DENSITY)
     own = zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
@@ -132,6 +192,16 @@ def _of_rod(prefix: str, rod: Rod, change: Change) -> Rod:
 
 
 def _of_rigid_body(prefix: str, body: RigidBody, change: Change) -> RigidBody:
+    """A rigid body with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        body: The body.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new body.
+    """
     length = change(f"{prefix}_length", body.length, LENGTH)
     mass = change(f"{prefix}_mass", body.mass, MASS)
     com = _of_vector(f"{prefix}_com", body.com, change)
@@ -144,7 +214,16 @@ class _Numbers(dict[str, float]):
     """Numbers by the names of their parameters, as they are come by."""
 
     def note(self, name: str, value: float, _: Dimension) -> float:
-        """Note a number, which stays the same."""
+        """Note a number, which stays the same.
+
+        Args:
+            name: Of its parameter.
+            value: The number.
+            _: Its dimension.
+
+        Returns:
+            The number.
+        """
         self[name] = value
         return value
 
