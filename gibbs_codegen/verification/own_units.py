@@ -46,7 +46,7 @@ class InOwnUnits:
         lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
         q = states.q / np.where(lengths, self._length, 1.0)
         v, a, u = states.v / free * time, states.a / free * time**2, states.u
-        found = self._inner.at(States(q, v, a, u))
+        found = self._inner.at(States(q, v, a, u, states.W))
         energy = self._mass * (self._length / time) ** 2
         twist = np.repeat([self._length, 1.0], 3)
         found.poses[..., :3, 3] *= self._length

@@ -78,6 +78,11 @@ class Tree:
         self.passive = PassiveJoints.of(robot, self.size, self.arm)
 
     @property
+    def frame_count(self) -> int:
+        """Number of the frames, in the order of a module's FRAMES."""
+        return len(self.seats) - len(self.motors)
+
+    @property
     def middle_angle(self) -> int:
         """Place in v of the middle angle of the attitude, as `coordinates` takes it."""
         return range(self.size)[self.layout.v.attitude][1]
