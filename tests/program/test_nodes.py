@@ -56,7 +56,7 @@ def test_counting_by_kind() -> None:
 
 
 def test_names_are_listed_as_often_as_they_stand() -> None:
-    assert names_in(Sum(((1, Product((X, X))), (-1, Call("cos", Y))))) == ["x", "x", "y"]
+    assert names_in(Sum(((1, Product((X, X))), (-1, Call("cos", Y))))) == ("x", "x", "y")
 
 
 def test_folding_keeps_the_count_and_lines_short() -> None:
