@@ -71,6 +71,7 @@ def test_kinds_of_joints() -> None:
 @pytest.mark.parametrize(
     "names",
     [
+        ("theta_m1", "theta_0"),
         ("theta_m1", "theta_0", "theta_1", "x", "y"),
         ("x", "y", "z", "theta_7", "theta_m1", "theta_0", "theta_1"),
         ("theta_m1", "theta_0", "theta_1", "elbow", "x", "y", "z"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import ctypes
 import gc
 import inspect
 import logging
@@ -403,6 +404,16 @@ def test_casadi_takes_the_same_library(backends, states: dict[str, np.ndarray]) 
         ):
             full = np.asarray(ours.full()).reshape(right.shape)
             np.testing.assert_allclose(full, right, rtol=0, atol=1e-11 * np.abs(right).max())
+
+
+def test_casadi_gets_no_name_of_an_argument_that_there_is_not(backends) -> None:
+    numpy, compiled = backends
+    library = ctypes.CDLL(compiled.__file__)
+    for signature in signatures_of(numpy):
+        for side, count in (("in", len(signature.arguments)), ("out", len(signature.shapes))):
+            name = library[f"{numpy.NAME}_casadi_{signature.name}_name_{side}"]
+            name.argtypes, name.restype = [ctypes.c_longlong], ctypes.c_char_p
+            assert [bool(name(i)) for i in (-1, 0, count - 1, count)] == [False, True, True, False]
 
 
 def test_casadi_differentiates_by_finite_differences(backends, states) -> None:
