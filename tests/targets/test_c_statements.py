@@ -82,7 +82,7 @@ def test_a_group_begins_with_its_comment() -> None:
 @pytest.mark.parametrize("length", range(1, 40))
 def test_a_call_fits_where_it_is_indented_most(length: int) -> None:
     """Within 100 columns, indented four times, which is as deep as calls stand."""
-    arguments = [*(f"name_{i}" for i in range(8)), "n" * length]
+    arguments = ["n" * length, *(f"name_{i}" for i in range(8))]
     lines = call("f", arguments)
     assert max(map(len, lines)) <= 84
     assert " ".join(map(str.strip, lines)) == f"f({', '.join(arguments)});"

@@ -31,7 +31,7 @@ def test_statements_are_python() -> None:
 @pytest.mark.parametrize("length", range(1, 60))
 def test_a_long_value_stands_in_parentheses(length: int) -> None:
     """Its lines are within 100 columns in a function, whose body is indented once."""
-    names = [*(f"name_{i}" for i in range(12)), "n" * length]
+    names = ["n" * length, *(f"name_{i}" for i in range(12))]
     first, *lines, last = PRINTER.assign("t1", Sum(tuple((1, Name(name)) for name in names)))
     assert (first, last) == ("t1 = (", ")")
     assert all(line.startswith("    ") and len(line) <= 96 for line in lines)
