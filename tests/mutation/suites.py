@@ -47,6 +47,7 @@ GROUPS = {
 
 _QUICK_DERIVATION = (
     "tests/derivation/test_gibbs.py",
+    "tests/derivation/test_motion.py",
     "tests/derivation/test_inertia.py",
     "tests/symbolic/test_tape.py",
     "tests/robot/test_chains.py",

@@ -118,7 +118,10 @@ def test_both_back_ends_agree(name: str, backends, states: dict[str, np.ndarray]
 
 @pytest.mark.parametrize(
     "robot",
-    ["hexarotor", "quadrotor_2link", pytest.param("octorotor_7link", marks=pytest.mark.slow)],
+    [
+        "hexarotor",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("quadrotor_2link", "octorotor_7link")),
+    ],
 )
 def test_both_back_ends_agree_on_other_robots(robot: str, shipped) -> None:
     numpy = shipped(robot)
@@ -141,7 +144,13 @@ def test_one_state_equals_a_batch(backends, states: dict[str, np.ndarray]) -> No
                 np.testing.assert_allclose(one, many, rtol=0, atol=1e-12 * np.abs(many).max())
 
 
-@pytest.mark.parametrize("robot", shipped_robots())
+@pytest.mark.parametrize(
+    "robot",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if name == "octorotor_7link" else [])
+        for name in shipped_robots()
+    ],
+)
 def test_interface_is_what_is_emitted(robot: str) -> None:
     program = derive(read_robot(robot)[0]).program
     sizes = [len(program.inputs["q"]), 0, len(program.inputs["u"]), 0]

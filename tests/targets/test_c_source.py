@@ -514,7 +514,7 @@ def test_a_machine_may_weigh_grams(strict: tuple[Emitted, Library]) -> None:
     [
         (SMALL, "gcc"),
         pytest.param("random_cut_at_40", "clang", marks=pytest.mark.slow),
-        ("random_2_0", "gcc"),
+        pytest.param("random_2_0", "gcc", marks=pytest.mark.slow),
         pytest.param("hexarotor_3link", "clang", marks=pytest.mark.slow),
         pytest.param("random_5_2", "gcc", marks=pytest.mark.slow),
     ],
@@ -591,7 +591,7 @@ def _declared(header: str) -> set[str]:
         (SMALL, "gcc", "double"),
         (SMALL, "clang", "float"),
         (SMALL, "clang++", "double"),
-        (WHOLE, "gcc", "float"),
+        pytest.param(WHOLE, "gcc", "float", marks=pytest.mark.slow),
         ("random_2_0", "g++", "double"),
         pytest.param("random_5_2", "clang", "double", marks=pytest.mark.slow),
     ],
