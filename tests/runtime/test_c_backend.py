@@ -415,7 +415,7 @@ def test_casadi_takes_the_same_library(backends, states: dict[str, np.ndarray]) 
 def test_casadi_gets_no_name_of_an_argument_that_there_is_not(backends) -> None:
     numpy, compiled = backends
     library = ctypes.CDLL(compiled.__file__)
-    for signature in signatures_of(numpy):
+    for signature in module_signatures(numpy):
         for side, count in (("in", len(signature.arguments)), ("out", len(signature.shapes))):
             name = library[f"{numpy.NAME}_casadi_{signature.name}_name_{side}"]
             name.argtypes, name.restype = [ctypes.c_longlong], ctypes.c_char_p
