@@ -81,8 +81,9 @@ def with_armatures(
         The mass matrix with its diagonal.
     """
     entries = dict(inertia.entries)
-    for j, armature in enumerate(armatures):
-        entries[j, j] = tape.let(entries[j, j] + armature)
+    with tape.group("mass matrix with the armature of the joints"):
+        for j, armature in enumerate(armatures):
+            entries[j, j] = tape.let(entries[j, j] + armature)
     return replace(inertia, entries=entries)
 
 

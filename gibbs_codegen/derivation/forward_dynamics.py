@@ -268,7 +268,8 @@ def _efforts(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """Torques and forces of the joints, less those of dampers and springs."""
     driven = symbolic.u[symbolic.robot.rotors :]
     pairs = zip(driven, passive_forces(symbolic), strict=True)
-    return [symbolic.tape.let(effort + passive) for effort, passive in pairs]
+    with symbolic.tape.group("torques of the joints less those of dampers and springs"):
+        return [symbolic.tape.let(effort + passive) for effort, passive in pairs]
 
 
 def _driving_forces(

@@ -75,14 +75,16 @@ def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     base, joints = symbolic.places.split(forces)
     _, accelerations = symbolic.places.split(symbolic.a)
     given = zip(joints, armatures(symbolic), accelerations, passive_forces(symbolic), strict=True)
-    own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
+    with tape.group("forces of the joints with their armature, dampers and springs"):
+        own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
     return symbolic.places.joined(base, own)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
     symbolic, tape = systems.symbolic, systems.tape
     links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
-    return tape.let(sp.Add(links, *passive_gibbs_function(symbolic)))
+    with tape.group("Gibbs function with armature, dampers and springs"):
+        return tape.let(sp.Add(links, *passive_gibbs_function(symbolic)))
 
 
 def _kinetic_energy(systems: Systems) -> sp.Expr:
@@ -90,7 +92,8 @@ def _kinetic_energy(systems: Systems) -> sp.Expr:
     symbolic, zero = systems.symbolic, sp.S.Zero
     state = State([zero] * len(symbolic.v), symbolic.v, zero)
     links = gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
-    return symbolic.tape.let(sp.Add(links, *armature_energy(symbolic)))
+    with symbolic.tape.group("kinetic energy with that of the armature"):
+        return symbolic.tape.let(sp.Add(links, *armature_energy(symbolic)))
 
 
 def _potential_energy(systems: Systems) -> sp.Expr:
@@ -101,7 +104,8 @@ def _potential_energy(systems: Systems) -> sp.Expr:
         height = symbolic.root.world(tape, composite.moment)[2]
         moment = tape.let(composite.mass * symbolic.origin[2] + height)
         weight = tape.let(symbolic.parameters.gravity * moment)
-    return tape.let(sp.Add(weight, *spring_energy(symbolic)))
+    with tape.group("potential energy with that of the springs"):
+        return tape.let(sp.Add(weight, *spring_energy(symbolic)))
 
 
 def _coordinate_rates(systems: Systems) -> list[sp.Expr]:

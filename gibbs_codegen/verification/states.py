@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.verification.tree import WORLD, Frames, Tree
+from gibbs_codegen.verification.joints import WORLD
+from gibbs_codegen.verification.tree import Frames, Tree
 from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices
 
 # Far enough from ±90°, where the attitude angles are singular, to leave the accelerations digits.
@@ -176,10 +177,14 @@ class Sizes:
     """
 
     def __init__(self, tree: Tree, states: States) -> None:
+        passive, at_joints = tree.passive, tree.at_joints(states.q)
+        damping = np.abs(passive.damping * tree.spread(states.v))
+        stretch = np.abs(at_joints) + np.abs(passive.rest)
+        stiffness = np.abs(passive.stiffness)
         tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
         inertias, masses = _moved(tree, frames)
-        units = np.sqrt(inertias)
+        units = np.sqrt(inertias + tree.passive.armature)
         # How much larger the robot is than the smallest of what a joint turns.
         turned = (units > 0.0) & (masses > 0.0) & tree.turns
         radii = units[turned] / np.sqrt(masses[turned])
@@ -194,7 +199,7 @@ class Sizes:
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
-        self.effort = self.units * (momentum * rates + weight)
+        self.effort = self.units * (momentum * rates + weight) + damping + stiffness * stretch
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
@@ -202,15 +207,15 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        self.potential = abs(tree.gravity) * tree.mass * self.reach
+        springs = np.sum(stiffness * stretch**2, axis=-1)
+        self.potential = abs(tree.gravity) * tree.mass * self.reach + springs
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
-        # The function has a term in the square of gravity, which its difference loses.
-        falling = tree.mass * tree.gravity**2
         power = np.abs(states.a) * self.free_inertial_effort
         # Modules take sines of sums of angles, which rounding leaves uncertain by a share of these.
         self.angles = np.abs(states.q[:, tree.turns[tree.free]]).sum(axis=-1)
-        self.gibbs = falling + np.sum(power, axis=-1)
+        # The function has a term in the square of gravity, which its difference loses.
+        self.gibbs = tree.mass * tree.gravity**2 + np.sum(power, axis=-1)
 
     def balance(self, accelerations: Array, driven: Array) -> Array:
         """Size of M a = R + B u, which is that of its largest terms.

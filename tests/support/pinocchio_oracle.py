@@ -60,13 +60,11 @@ def _depth_first(parents: Sequence[int], number: int = 0) -> Iterator[int]:
 class Oracle:
     """A robot's tree; coordinates are those of the hybrid system without the constraint torques.
 
-    With `rigid_base` the base arms are welded to arm 1 instead, and the coordinates are those of q.
-    `parents` tells, for each link, what it is on: 0 for the base, i for link i; a row if not given.
+    With `rigid_base` what is held is welded instead, and the coordinates are those of v.
     """
 
     robot: Robot
     rigid_base: bool = False
-    parents: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         robot, base = self.robot, self.robot.base
@@ -138,13 +136,11 @@ class Oracle:
 
     def _add_links(self) -> None:
         robot, model = self.robot, self.model
-        parents = self.parents or robot.parents
+        parents = robot.parents
         for i in _depth_first(parents):
             link, (parent, at) = robot.links[i - 1], self.bodies[parents[i - 1]]
             if link.pose is None:
                 default = robot.links[parents[i - 1] - 1].body.length if parents[i - 1] else 0.0
-                if self.parents is not None:  # As the links were numbered before they branched.
-                    default = robot.links[i - 2].body.length if i > 1 else 0.0
                 twist = rotation("x", float(link.alpha_deg))
                 a = default if link.a is None else link.a
                 step = np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
