@@ -24,6 +24,7 @@ from gibbs_codegen.robot.coordinates import (
     reduced_coordinates,
     velocities,
 )
+from gibbs_codegen.robot.layout import QUATERNION
 from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.names import link_label, rotor_label
 from gibbs_codegen.robot.thrusters import (
@@ -122,7 +123,7 @@ def print_report(model: Model, console: Console) -> None:
     _print_arrangement(data["arrangement"], console)
     console.print(_chain_table(robot, data))
     console.print(_coordinate_table("Coordinates q", reduced_coordinates(robot)))
-    if robot.base.attitude == "quaternion":
+    if robot.base.attitude == QUATERNION:
         console.print(_coordinate_table("Velocities v", velocities(robot)))
     console.print(_coordinate_table("Inputs u", inputs(robot)))
     console.print(_row_table(data))

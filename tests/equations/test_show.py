@@ -203,7 +203,7 @@ def test_text_of_a_tree_is_readable(chain: int) -> None:
     equations = [chain_equation(tree, chain, number) for number in EQUATIONS]
     text = as_text(*equations)
     assert max(map(text_width, text.splitlines())) <= 80
-    assert not INTERNAL.search(text)
+    assert not INTERNAL.search(text.replace("Symbols\n", ""))
     assert_is_latex(as_latex(*equations))
     assert ("thrust of motor tip_rotor" in text) == (chain == 1)
     assert ("τ'_{2,6}" in text) == (chain == 2)
