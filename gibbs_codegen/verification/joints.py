@@ -59,7 +59,14 @@ class Joint:
     inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     def with_part(self, part: Part) -> Joint:
-        """The joint with one body more."""
+        """The joint with one body more.
+
+        Args:
+            part: The body, in the joint's frame.
+
+        Returns:
+            The joint.
+        """
         mass, inertia = self.mass + part.mass, self.inertia + part.inertia
         if self.mass == 0.0 or mass == 0.0:
             return replace(self, mass=mass, com=part.com, inertia=inertia)

@@ -184,7 +184,16 @@ class NewtonEuler:
 
     @staticmethod
     def _bias(motions: list[_Motion], frames: Frames, point: Point) -> Array:
-        """Acceleration of a point and its frame (states, 6), linear entries first."""
+        """Acceleration of a point and of its frame.
+
+        Args:
+            motions: Motions of the joints' frames.
+            frames: The joints' frames.
+            point: The point.
+
+        Returns:
+            In m/s² and rad/s², linear entries first, (s, 6).
+        """
         motion = motions[point.joint]
         _, linear = motion.at(frames.rotations[point.joint] @ point.local)
         return np.concatenate([linear, motion.angular_acceleration], axis=-1)

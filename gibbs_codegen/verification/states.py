@@ -173,10 +173,7 @@ class Sizes:
     """
 
     def __init__(self, tree: Tree, states: States) -> None:
-        passive, at_joints = tree.passive, tree.at_joints(states.q)
-        damping = np.abs(passive.damping * tree.spread(states.v))
-        stretch = np.abs(at_joints) + np.abs(passive.rest)
-        stiffness = np.abs(passive.stiffness)
+        passive = tree.passive.sizes(tree.at_joints(states.q), tree.spread(states.v))
         tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
         inertias, masses = _moved(tree, frames)
@@ -195,7 +192,7 @@ class Sizes:
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
-        self.effort = self.units * (momentum * rates + weight) + damping + stiffness * stretch
+        self.effort = self.units * (momentum * rates + weight) + passive[0]
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
@@ -203,8 +200,7 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        springs = np.sum(stiffness * stretch**2, axis=-1)
-        self.potential = abs(tree.gravity) * tree.mass * self.reach + springs
+        self.potential = abs(tree.gravity) * tree.mass * self.reach + passive[1]
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         # The function has a term in the square of gravity, which its difference loses.
