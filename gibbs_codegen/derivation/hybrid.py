@@ -34,7 +34,7 @@ from gibbs_codegen.robot.chains import Chain, coupling_map
 from gibbs_codegen.robot.coordinates import held_coordinate, hybrid_coordinates
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.names import coordinate_of
-from gibbs_codegen.symbolic.vectors import Matrix, zeros
+from gibbs_codegen.symbolic.vectors import Matrix, Wrench, zeros
 
 
 @dataclass(frozen=True)
@@ -88,10 +88,11 @@ def _add_passive(
     """
     tape = symbolic.tape
     given = zip(places, armatures(symbolic), passive_forces(symbolic), strict=True)
-    for row, armature, force in given:
-        if row is not None:
-            matrix[row][row] = tape.let(matrix[row][row] + armature)
-            residual[row] = tape.let(residual[row] + force)
+    with tape.group("armature, dampers and springs of the joints"):
+        for row, armature, force in given:
+            if row is not None:
+                matrix[row][row] = tape.let(matrix[row][row] + armature)
+                residual[row] = tape.let(residual[row] + force)
 
 
 def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
@@ -105,6 +106,18 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
     Returns:
         The row at the given rates and accelerations.
     """
+    return serial.segments[1].row(constrained_joint_wrench(symbolic, serial, state))
+
+
+def constrained_joint_wrench(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> Wrench:
+    """𝒮 and ℛ of a base arm, of which the constrained joint has a row.
+
+    Args:
+        symbolic, serial, state: As of `constrained_joint_row`.
+
+    Returns:
+        Inertia force and moment about the joint, in the base's axes (N, N m).
+    """
     places = symbolic.root.places(serial.joints)
 
     def held(values: Sequence[sp.Expr]) -> list[sp.Expr]:
@@ -114,7 +127,7 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
     own = State(held(state.rates), held(state.accelerations), state.gravity)
     motions = tree_motions(symbolic.tape, symbolic.root, serial, own)
     with symbolic.tape.group(f"inertia forces of {serial.subtree_about_joint(1)}"):
-        return link_wrench(symbolic.tape, serial, 1, motions[1]).moment[2]
+        return link_wrench(symbolic.tape, serial, 1, motions[1])
 
 
 def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSystem:
@@ -180,7 +193,8 @@ def _fill_held_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
     """
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
     matrix = mass_matrix(tape, root, tree)
-    minus_r = generalised_inertia_forces(tape, root, tree, _held_state(symbolic).unaccelerated)
+    state = symbolic.state_of(symbolic.held_bodies)
+    minus_r = generalised_inertia_forces(tape, root, tree, state.unaccelerated)
     rotors = range(1, symbolic.robot.rotors + 1)
     columns = [rotor_column(symbolic, tree, symbolic.held_bodies, k) for k in rotors]
     everywhere = _places_of_held_tree(symbolic)
@@ -210,20 +224,6 @@ def _places_of_held_tree(symbolic: SymbolicRobot) -> list[int]:
     return symbolic.root.places(len(joints)).joined(base, joints)
 
 
-def _held_state(symbolic: SymbolicRobot) -> State:
-    """The state of the tree with held joints, whose rates and accelerations are zero."""
-    numbers = symbolic.held_bodies.numbers
-
-    def spread(values: Sequence[sp.Expr]) -> list[sp.Expr]:
-        base, joints = symbolic.places.split(values)
-        moving = dict(zip(symbolic.robot.moving, joints, strict=True))
-        own = [moving.get(i, sp.S.Zero) for i in numbers]
-        return symbolic.root.places(len(numbers)).joined(base, own)
-
-    state = symbolic.state
-    return State(spread(state.rates), spread(state.accelerations), state.gravity)
-
-
 def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """τ'_k of the held joints, given the free accelerations and the inputs (eq. 14).
 
@@ -246,7 +246,8 @@ def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
 
 def _torques_of_held_links(symbolic: SymbolicRobot) -> list[sp.Expr]:
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
-    forces = generalised_inertia_forces(tape, root, tree, _held_state(symbolic))
+    state = symbolic.state_of(symbolic.held_bodies)
+    forces = generalised_inertia_forces(tape, root, tree, state)
     columns = [
         rotor_column(symbolic, tree, symbolic.held_bodies, k)
         for k in range(1, symbolic.robot.rotors + 1)

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import printable
-from gibbs_codegen.robot.coordinates import frames_of, hybrid_coordinates, inputs, points
+from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot, Rod, as_rigid_body
+from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.robot.names import parameter_prefix
 from gibbs_codegen.verification.comparison import Comparison, compared, failed
 from gibbs_codegen.verification.parameters import bodies, parameter_values
@@ -37,13 +38,9 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
     expected: dict[str, Any] = {
         "NAME": robot.name,
         "ATTITUDE": robot.base.attitude,
-        "COORDINATES": layout.q.names,
         "COORDINATE_UNITS": layout.q.units,
-        "VELOCITIES": layout.v.names,
         "VELOCITY_UNITS": layout.v.units,
-        "HYBRID_COORDINATES": tuple(c.name for c in hybrid_coordinates(robot)),
-        "INPUTS": tuple(c.name for c in inputs(robot)),
-        "POINTS": points(robot),
+        **module_lists(robot),
     }
     rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
     faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)

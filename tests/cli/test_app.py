@@ -341,7 +341,8 @@ def test_of_a_name_that_is_both_the_help_says_which_is_taken(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(
-    "command", ["", "generate", "info", "show", "verify", "simulate", "new", "schema"]
+    "command",
+    ["", "generate", "info", "show", "verify", "simulate", "new", "import", "export", "schema"],
 )
 def test_help_fits_into_eighty_columns(command: str, tmp_path: Path) -> None:
     words = [command, "--help"] if command else ["--help"]
