@@ -46,21 +46,26 @@ class InOwnUnits:
         lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
         q = states.q / np.where(lengths, self._length, 1.0)
         v, a, u = states.v / free * time, states.a / free * time**2, states.u
-        found = self._inner.at(States(q, v, a, u))
+        found = self._inner.at(States(q, v, a, u, states.W))
         energy = self._mass * (self._length / time) ** 2
         twist = np.repeat([self._length, 1.0], 3)
         found.poses[..., :3, 3] *= self._length
-        positions, bias = found.positions, found.bias_accelerations
-        return found._replace(
-            mass_matrix=found.mass_matrix * energy * time**2 / np.outer(units, units),
-            residual=found.residual * energy / units,
-            inverse_dynamics=found.inverse_dynamics * energy / units,
-            jacobians=found.jacobians * twist[:, None] / units,
-            kinetic_energy=found.kinetic_energy * energy,
-            potential_energy=found.potential_energy * energy,
-            positions=None if positions is None else positions * self._length,
-            bias_accelerations=None if bias is None else bias * twist / time**2,
-        )
+        scales = {
+            "mass_matrix": energy * time**2 / np.outer(units, units),
+            "residual": energy / units,
+            "inverse_dynamics": energy / units,
+            "jacobians": twist[:, None] / units,
+            "kinetic_energy": energy,
+            "potential_energy": energy,
+            "positions": self._length,
+            "bias_accelerations": twist / time**2,
+            "centre_of_mass": self._length,
+            "centre_jacobian": self._length / units,
+            "momentum": self._mass * self._length / time * np.repeat([1.0, self._length], 3),
+            "gravity_forces": energy / units,
+        }
+        given = {name: getattr(found, name) for name in scales}
+        return found._replace(**{n: x * scales[n] for n, x in given.items() if x is not None})
 
 
 def _lightest(tree: Tree) -> float:
