@@ -45,10 +45,14 @@ class InOwnUnits:
         free, time = units[self.tree.free], self._time
         lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
         q = states.q / np.where(lengths, self._length, 1.0)
-        v, a, u = states.v / free * time, states.a / free * time**2, states.u
-        found = self._inner.at(States(q, v, a, u, states.W))
+        v, a = states.v / free * time, states.a / free * time**2
         energy = self._mass * (self._length / time) ** 2
-        twist = np.repeat([self._length, 1.0], 3)
+        twist, wrench = np.repeat([[self._length, 1.0], [1.0, self._length]], 3, axis=-1)
+        wrench = energy / self._length * wrench
+        efforts = energy / units[self.tree.arm]
+        thrusts = np.full(len(self.tree.motors), energy / self._length)
+        u = states.u / np.concatenate([thrusts, efforts])
+        found = self._inner.at(States(q, v, a, u, states.W / wrench))
         found.poses[..., :3, 3] *= self._length
         scales = {
             "mass_matrix": energy * time**2 / np.outer(units, units),
@@ -61,8 +65,9 @@ class InOwnUnits:
             "bias_accelerations": twist / time**2,
             "centre_of_mass": self._length,
             "centre_jacobian": self._length / units,
-            "momentum": self._mass * self._length / time * np.repeat([1.0, self._length], 3),
+            "momentum": wrench * time,
             "gravity_forces": energy / units,
+            "joint_wrenches": wrench,
         }
         given = {name: getattr(found, name) for name in scales}
         return found._replace(**{n: x * scales[n] for n, x in given.items() if x is not None})

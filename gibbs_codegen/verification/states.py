@@ -207,12 +207,11 @@ class Sizes:
         self.potential = abs(tree.gravity) * tree.mass * self.reach + passive[1]
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
-        # The function has a term in the square of gravity, which its difference loses.
-        falling = tree.mass * tree.gravity**2
         power = np.abs(states.a) * self.free_inertial_effort
         # Modules take sines of sums of angles, which rounding leaves uncertain by a share of these.
         self.angles = np.abs(states.q[:, tree.turns[tree.free]]).sum(axis=-1)
-        self.gibbs = falling + np.sum(power, axis=-1)
+        # The function has a term in the square of gravity, which its difference loses.
+        self.gibbs = tree.mass * tree.gravity**2 + np.sum(power, axis=-1)
 
     def balance(self, accelerations: Array, driven: Array) -> Array:
         """Size of M a = R + B u, which is that of its largest terms.

@@ -66,7 +66,6 @@ def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | N
             "tip bias": module.tip_bias_acceleration(q, v),
         }
     wrenches = np.random.default_rng(1).normal(size=(count, len(module.FRAMES), 6))
-    moving = module.forward_dynamics(q, v, u)
     batch |= {
         "frame poses": module.frame_poses(q),
         "frame Jacobians": module.frame_jacobians(q),
@@ -90,7 +89,9 @@ def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | N
         _compare_frames(oracle, ours, q[i], v[i], wrenches[i])
         _compare_pushed(oracle, ours, q[i], v[i], u[i])
         _compare_mass(oracle, ours, q[i], v[i])
-        assert_close("joint wrenches", ours["joint wrenches"], oracle.joint_wrenches(q[i], v[i], a[i], u[i]))
+        assert_close(
+            "joint wrenches", ours["joint wrenches"], oracle.joint_wrenches(q[i], v[i], a[i], u[i])
+        )
         assert_close("rates", ours["coordinate rates"], oracle.coordinate_rates(q[i], v[i]))
         assert_close("integrated", ours["integrated"], oracle.integrated(q[i], v[i]))
         assert_close("difference", ours["difference"], oracle.difference(q[i], q[count - 1 - i]))
