@@ -41,11 +41,12 @@ def frame_rows(tree: Tree, found: Quantities, states: States, sizes: Sizes) -> I
     yield from _of_frames(tree, "jacobian", jacobians, size)
     rate, twist = sizes.rate[:, None, None], np.repeat([sizes.length, 1.0], 3)
     velocities = times(jacobians, states.v[:, None])
-    yield "frame_velocities", velocities, rate * np.broadcast_to(twist, velocities.shape)
+    size = rate * np.broadcast_to(twist, velocities.shape)
+    yield "frame_velocities", velocities, size
     forces = wrench_forces(tree, found, states)
     yield "wrench_forces", forces, sizes.spread(forces, sizes.free_units)
     if found.bias_accelerations is not None:
-        yield from _of_frames(tree, "bias_acceleration", found.bias_accelerations, rate**2 * twist)
+        yield from _of_frames(tree, "bias_acceleration", found.bias_accelerations, rate * size)
 
 
 def _of_frames(tree: Tree, what: str, values: Array, size: Array) -> Iterator[Row]:
