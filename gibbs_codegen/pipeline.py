@@ -10,6 +10,8 @@
     refuse_wrong       text, Robot     → checks passed, or an error      (verification/modules)
     write_module       text            → generated/<name>/, or nothing   (files/module_writer)
 
+Robot files are made from URDF and MJCF by exchange/importing, and exported by exchange/exporting.
+
 Beside it, the simulator reads a scenario (scenario/file), loads a generated module (runtime/load)
 and flies it (simulator/simulation); it knows nothing of the derivation.
 

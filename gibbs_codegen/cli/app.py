@@ -14,7 +14,17 @@ import re
 import sys
 from collections.abc import Sequence
 
-from gibbs_codegen.cli import generate, info, new, schema, show, simulate, verify
+from gibbs_codegen.cli import (
+    export,
+    generate,
+    import_robot,
+    info,
+    new,
+    schema,
+    show,
+    simulate,
+    verify,
+)
 from gibbs_codegen.cli.terminal import Parser
 from gibbs_codegen.errors import GibbsCodegenError, RefusedFileError
 from gibbs_codegen.version import __version__
@@ -83,6 +93,6 @@ def argument_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"gibbs_codegen {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
 
-    for command in (generate, info, show, verify, simulate, new, schema):
+    for command in (generate, info, show, verify, simulate, new, import_robot, export, schema):
         command.add(commands)
     return parser

@@ -21,7 +21,9 @@ from gibbs_codegen.robot.coordinates import (
     hybrid_coordinates,
     inputs,
     reduced_coordinates,
+    velocities,
 )
+from gibbs_codegen.robot.layout import QUATERNION
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.thrusters import arrangement, tilt_hint
 
@@ -57,6 +59,7 @@ def _facts(model: Model) -> dict[str, Any]:
             for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
         ],
         "coordinates": [asdict(c) for c in reduced_coordinates(robot)],
+        "velocities": [asdict(c) for c in velocities(robot)],
         "inputs": [asdict(c) for c in inputs(robot)],
         "hybrid_rows": _hybrid_rows(model),
         "arrangement": {
@@ -112,6 +115,8 @@ def print_report(model: Model, console: Console) -> None:
         console.print(f"warning: {warning}", style="bold", markup=False)
     console.print(_chain_table(data))
     console.print(_coordinate_table("Coordinates q", reduced_coordinates(model.robot)))
+    if model.robot.base.attitude == QUATERNION:
+        console.print(_coordinate_table("Velocities v", velocities(model.robot)))
     console.print(_coordinate_table("Inputs u", inputs(model.robot)))
     console.print(_row_table(data))
     if _pattern_width(data) <= console.width:

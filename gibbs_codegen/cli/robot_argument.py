@@ -23,15 +23,16 @@ _ROBOT = (
 )
 
 
+ROBOT_THAT_DERIVES = f"{_ROBOT}the robot that ships is taken"
+
+
 def add_robot(parser: argparse.ArgumentParser) -> None:
     """Add ROBOT, or --rotors and --links, to a command that derives.
 
     Args:
         parser: The parser of the command.
     """
-    parser.add_argument(
-        "robot", nargs="?", metavar="ROBOT", help=f"{_ROBOT}the robot that ships is taken"
-    )
+    parser.add_argument("robot", nargs="?", metavar="ROBOT", help=ROBOT_THAT_DERIVES)
     parser.add_argument(
         "--rotors",
         type=int,

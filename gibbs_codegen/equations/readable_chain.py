@@ -167,7 +167,8 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     places = symbolic.root.places(serial.joints)
     forces = [sp.S.Zero] * places.size
     for k in chain.motors:
-        wrench, rows = carried_in(tape, serial, _motor_wrench(readable, k))
+        unit = _motor_wrench(readable, k)
+        wrench, rows = carried_in(tape, serial, {unit.segment: unit.wrench})
         joints = [rows.get(i, sp.S.Zero) for i in range(1, serial.joints + 1)]
         own = places.joined(symbolic.root.rows(tape, wrench), joints)
         forces = [force + row * u[k - 1] for force, row in zip(forces, own, strict=True)]

@@ -33,6 +33,7 @@ from gibbs_codegen.equations.readable_chain import check_chain, readable_chain
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
+from gibbs_codegen.robot.layout import QUATERNION
 from gibbs_codegen.robot.model import Robot
 
 EQUATIONS = (2, 5, 6, 15, 18)
@@ -59,8 +60,13 @@ def chain_equation(
         The equation.
 
     Raises:
-        UsageError: If there is no such chain or equation.
+        UsageError: If there is no such chain or equation, or the attitude is a quaternion.
     """
+    if robot.base.attitude == QUATERNION:
+        raise UsageError(
+            f"{robot.name}: its attitude is a quaternion, but the paper's equations are in angles; "
+            'give base.attitude as a sequence of angles, such as "xyz", to see them'
+        )
     if equation not in EQUATIONS:
         known = ", ".join(map(str, EQUATIONS))
         raise UsageError(f"equation {equation}: cannot be shown; known: {known}")

@@ -167,25 +167,29 @@ def _write_and_swap(
         return True
 
 
-def write_new_file(path: Path, text: str) -> None:
-    """Write a file that must not exist yet.
+def write_new_file(path: Path, text: str, force: bool = False) -> None:
+    """Write a file that must not exist yet, or with force in place of another: whole, or not.
 
     Args:
         path: The file.
         text: What it shall hold.
+        force: Whether it may replace a file.
 
     Raises:
         UsageError: If it exists.
         OutputError: If it cannot be written.
     """
+    fresh = path.with_name(f"{path.name}.{os.getpid()}.new") if force else path
     try:
-        with path.open("x", encoding="utf-8", newline="\n") as file:
+        with fresh.open("x", encoding="utf-8", newline="\n") as file:
             try:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
+                if force:
+                    os.replace(fresh, path)
             except BaseException:
-                path.unlink()
+                fresh.unlink()
                 raise
     except FileExistsError:
         raise UsageError(f"{printable(path)}: exists already; choose another name") from None

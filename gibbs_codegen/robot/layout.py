@@ -8,14 +8,13 @@ the hybrid unknowns the constrained angles θ₂ … θ_N come before the joints
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import JointKind, Robot
-from gibbs_codegen.robot.names import JOINT_LETTERS, coordinate_of
+from gibbs_codegen.robot.names import coordinate_of
 
 Entry = TypeVar("Entry")
 
@@ -47,33 +46,6 @@ def joint_terms(robot: Robot, i: int) -> JointTerms:
     """
     kind = robot.links[i - 1].joint
     return JOINT_TERMS["prismatic" if kind == "prismatic" else "revolute"]
-
-
-def joint_pattern(kind: JointKind) -> str:
-    """Names of the coordinates of a kind of joint.
-
-    Args:
-        kind: The kind.
-
-    Returns:
-        A regular expression that they match as a whole.
-    """
-    return rf"{JOINT_LETTERS[kind]}_[0-9]{{1,4}}"
-
-
-def joint_kind(name: str) -> JointKind | None:
-    """Kind of the joint that a coordinate belongs to.
-
-    Args:
-        name: Name of the coordinate.
-
-    Returns:
-        The kind, or None for a name that no joint has.
-    """
-    for kind in JOINT_TERMS:
-        if re.fullmatch(joint_pattern(kind), name):
-            return kind
-    return None
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Self
 
@@ -11,33 +12,19 @@ from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 from gibbs_codegen.files.faults import IN_NAME, fault, refusal
 from gibbs_codegen.files.fields import listed, needed
 from gibbs_codegen.files.table import Table
-from gibbs_codegen.robot.layout import joint_kind, joint_pattern
-from gibbs_codegen.robot.model import JointKind
-from gibbs_codegen.robot.names import JOINT_LETTERS
 from gibbs_codegen.scenario.numbers import Number
 from gibbs_codegen.scenario.path_tables import PathTable
 from gibbs_codegen.scenario.paths import Path, Sum
 from gibbs_codegen.scenario.scenario import ArmTask
 
-
-def _joint_name(kind: JointKind) -> AfterValidator:
-    def check(name: str) -> str:
-        if joint_kind(name) == kind:
-            return name
-        other, where = "prismatic", "without _deg"
-        if kind == "prismatic":
-            other, where = "revolute", "that ends in _deg"
-        raise fault(
-            f"must be the name of a {kind} joint, {JOINT_LETTERS[kind]}_…; {other} joints "
-            f"belong in the table {where}",
-            IN_NAME,
-        )
-
-    return AfterValidator(check)
+# Names that entries of COORDINATES can have.
+_JOINT_NAME = "[A-Za-z0-9_]{1,200}"
 
 
-def _schema_of_name(kind: JointKind) -> WithJsonSchema:
-    return WithJsonSchema({"type": "string", "pattern": f"^{joint_pattern(kind)}$"})
+def _joint_name(name: str) -> str:
+    if re.fullmatch(_JOINT_NAME, name):
+        return name
+    raise fault("must be the name of a joint: of its coordinate, such as theta_7", IN_NAME)
 
 
 Limits = Annotated[
@@ -49,8 +36,11 @@ Limits = Annotated[
         "the lower limit must be below the upper",
     ),
 ]
-Prismatic = Annotated[str, _joint_name("prismatic"), _schema_of_name("prismatic")]
-Revolute = Annotated[str, _joint_name("revolute"), _schema_of_name("revolute")]
+JointName = Annotated[
+    str,
+    AfterValidator(_joint_name),
+    WithJsonSchema({"type": "string", "pattern": f"^{_JOINT_NAME}$"}),
+]
 
 
 class ArmTable(Table):
@@ -63,26 +53,26 @@ class ArmTable(Table):
     tip_beside_base: PathTable | None = Field(
         default=None, description="desired path of the tip from the base centre, world axes"
     )
-    posture: dict[Prismatic, Number] | None = Field(
+    posture: dict[JointName, Number] | None = Field(
         default=None,
         description="travel that prismatic joints hold without a tip path, m; default 0",
     )
-    posture_deg: dict[Revolute, Number] | None = Field(
+    posture_deg: dict[JointName, Number] | None = Field(
         default=None,
         description="angle that revolute joints hold without a tip path, degrees; default 0",
     )
-    guess: dict[Prismatic, Number] | None = Field(
+    guess: dict[JointName, Number] | None = Field(
         default=None,
         description="travel of prismatic joints where the search for a tip path begins, m",
     )
-    guess_deg: dict[Revolute, Number] | None = Field(
+    guess_deg: dict[JointName, Number] | None = Field(
         default=None,
         description="angle of revolute joints where the search for a tip path begins, degrees",
     )
-    limits: dict[Prismatic, Limits] = Field(
+    limits: dict[JointName, Limits] = Field(
         default_factory=dict, description="least and greatest travel of prismatic joints, m"
     )
-    limits_deg: dict[Revolute, Limits] = Field(
+    limits_deg: dict[JointName, Limits] = Field(
         default_factory=dict, description="least and greatest angle of revolute joints, degrees"
     )
 
@@ -134,11 +124,16 @@ class ArmTable(Table):
             joint: (math.radians(low), math.radians(high))
             for joint, (low, high) in self.limits_deg.items()
         }
+        travels = (self.posture or {}, self.guess or {}, self.limits)
+        angles = (self.posture_deg or {}, self.guess_deg or {}, self.limits_deg)
+        named = [(joint, "m") for table in travels for joint in table]
+        named += [(joint, "rad") for table in angles for joint in table]
         return ArmTask(
             tip,
             _joint_values(self.posture, self.posture_deg),
             _joint_values(self.guess, self.guess_deg),
             self.limits | limits,
+            frozenset(named),
         )
 
 

@@ -29,13 +29,15 @@ class ArmTask:
     With a `tip` path the joints follow from it, from `guess` on (many postures are tried where
     there is none). Without one, `posture` is held; None is the posture in which the arm hangs at
     rest. `posture`, `guess` and `limits` map names of joint coordinates to rad or m; a joint left
-    out of `posture` is at 0, one left out of `limits` has none.
+    out of `posture` is at 0, one left out of `limits` has none. `units` has joints with the units
+    that they were given in, for a robot to be checked against.
     """
 
     tip: Path | None = None
     posture: Mapping[str, float] | None = None
     guess: Mapping[str, float] | None = None
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    units: frozenset[tuple[str, str]] = frozenset()
 
     def __post_init__(self) -> None:
         if self.tip is not None and self.posture is not None:

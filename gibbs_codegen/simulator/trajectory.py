@@ -45,6 +45,7 @@ def desired_motion(
             outside the limits of its joints.
     """
     task = scenario.arm
+    _check_units(vehicle, task)
     limits = _joint_limits(vehicle, task)
     time = knots(scenario.duration)
 
@@ -129,6 +130,18 @@ def starting_state(
     start[attitude] = angles + 2.0 * np.pi * np.round((q[attitude] - angles) / (2.0 * np.pi))
     start[position] = centre + offset.position - vehicle.centre_offset(start)
     return start, v
+
+
+def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
+    """Raise `UsageError` if an angle was given as a travel, or a travel as an angle."""
+    for name, unit in sorted(task.units):
+        if vehicle.layout.q.units[vehicle.arm][_joint(vehicle, name)] == unit:
+            continue
+        other, where = ("revolute", "that end in _deg"), ("prismatic", "without _deg")
+        kind, tables = other if unit == "m" else where
+        raise UsageError(
+            f"arm: {name} is the coordinate of a {kind} joint: it belongs in the tables {tables}"
+        )
 
 
 def _joint_limits(vehicle: Vehicle, task: ArmTask) -> Limits:

@@ -79,7 +79,15 @@ def _free_base(q: Entries, v: Entries, states: States) -> tuple[Array, Array, Ar
 
 
 def _apart(q: Entries, v: Entries, states: States) -> Array:
-    """The displacement from each state to the first."""
+    """The displacement from each state to the first.
+
+    Args:
+        q, v: Entries of coordinates and velocities.
+        states: The states.
+
+    Returns:
+        The displacements (s, nv).
+    """
     back = np.swapaxes(quaternion_matrices(states.q0[:, q.attitude]), -1, -2)
     there = quaternion_matrices(states.q1[:, q.attitude])
     way = times(back, states.q1[:, q.position] - states.q0[:, q.position])

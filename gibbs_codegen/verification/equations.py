@@ -38,7 +38,8 @@ class Expected:
             states: The states to compute at.
             single: Whether the module computes in single precision.
         """
-        tree, found = formulation.tree, formulation.at(states)
+        tree = formulation.tree
+        found = formulation.at(states).with_passive(tree, states)
         self.sizes = Sizes(tree, states)
         self._name = formulation.name
         self._limit = max(formulation.limit, _ROUNDING * self.sizes.disparity**formulation.growth)
@@ -110,11 +111,12 @@ def input_matrix(tree: Tree, found: Quantities) -> Array:
     Returns:
         Input matrix of all joints, (s, size, nu).
     """
-    rotations = found.poses[:, :-1, :3, :3]
-    thrusts = times(rotations, np.array([motor.direction for motor in tree.motors]))
+    rotors = len(tree.motors)
+    directions = np.array([motor.direction for motor in tree.motors]).reshape(-1, 3)
+    thrusts = times(found.poses[:, :rotors, :3, :3], directions)
     drags = np.array([motor.drag for motor in tree.motors])[:, None] * thrusts
     wrenches = np.concatenate([thrusts, drags], axis=-1)
-    driven = np.einsum("skij,ski->sjk", found.jacobians[:, :-1], wrenches)
+    driven = np.einsum("skij,ski->sjk", found.jacobians[:, :rotors], wrenches)
     arm = np.broadcast_to(np.eye(tree.size)[:, tree.arm], (len(driven), tree.size, len(tree.arm)))
     return np.concatenate([driven, arm], axis=-1)
 
@@ -188,7 +190,7 @@ def _levers(inputs: Array, sizes: Sizes) -> Array:
 
 
 def _geometry(tree: Tree, found: Quantities, sizes: Sizes) -> Iterator[Row]:
-    """Points, and the motion of the tip.
+    """Points, and the motion of the named frames.
 
     Args:
         tree: The tree of the formulation.
@@ -198,17 +200,35 @@ def _geometry(tree: Tree, found: Quantities, sizes: Sizes) -> Iterator[Row]:
     Yields:
         For each array that a function returns its name, its value, and the sizes of its entries.
     """
-    pose, jacobian = found.poses[:, -1], found.jacobians[:, -1][..., tree.free]
+    rotors = len(tree.motors)
+    poses, jacobians = found.poses[:, rotors:], found.jacobians[:, rotors:][..., tree.free]
     reach = sizes.reach[:, None, None]
     if found.positions is not None:
         yield "positions", found.positions, reach
-    size = np.ones_like(pose)
-    size[:, :3, 3:] = reach
-    yield "tip_pose", pose, size
-    size = np.ones_like(jacobian)
-    size[:, :3] = sizes.length / sizes.scales
-    yield "tip_jacobian", jacobian, size
-    if found.tip_bias_acceleration is not None:
-        size = np.ones((len(pose), 6)) * sizes.rate[:, None] ** 2
-        size[:, :3] *= sizes.length
-        yield "tip_bias_acceleration", found.tip_bias_acceleration, size
+    size = np.ones_like(poses)
+    size[..., :3, 3:] = reach[..., None]
+    yield from _of_frames(tree, "pose", poses, size)
+    size = np.ones_like(jacobians)
+    size[..., :3, :] = sizes.length / sizes.scales
+    yield from _of_frames(tree, "jacobian", jacobians, size)
+    if found.bias_accelerations is not None:
+        size = np.ones_like(found.bias_accelerations) * sizes.rate[:, None, None] ** 2
+        size[..., :3] *= sizes.length
+        yield from _of_frames(tree, "bias_acceleration", found.bias_accelerations, size)
+
+
+def _of_frames(tree: Tree, what: str, values: Array, size: Array) -> Iterator[Row]:
+    """Rows of the functions of all frames, and of the tip by itself.
+
+    Args:
+        tree: The tree of the formulation.
+        what: What is given of a frame.
+        values: Of each frame, (s, frames, …).
+        size: The sizes of its entries.
+
+    Yields:
+        The rows, as of `_geometry`.
+    """
+    yield f"frame_{what}s", values, size
+    if tree.tip is not None:
+        yield f"tip_{what}", values[:, tree.tip], size[:, tree.tip]

@@ -17,7 +17,7 @@ class NotApplicableError(Exception):
 
 
 class Quantities(NamedTuple):
-    """Everything that a formulation computes at `s` states.
+    """Everything that a formulation computes at `s` states, of the bodies alone.
 
     Generalised forces and columns of Jacobians are those of all joints, free and constrained, in
     the order of the hybrid system: `size` of them. Axes are the world's.
@@ -26,14 +26,14 @@ class Quantities(NamedTuple):
         mass_matrix: (s, size, size).
         residual: R of M a = R + B u, (s, size).
         inverse_dynamics: M a − R, (s, size).
-        poses: homogeneous transforms of the tree's seats (motors, then the tip), with the axes of
-            their joints, in m, (s, seats, 4, 4).
+        poses: homogeneous transforms of the tree's seats (motors, then the named frames), in m,
+            (s, seats, 4, 4).
         jacobians: of the seats, linear rows first, (s, seats, 6, size).
         kinetic_energy: in J, (s,).
         potential_energy: in J, zero at world Z = 0, (s,).
         positions: of the tree's points in m, (s, points, 3), or None if not computed.
-        tip_bias_acceleration: of the tip where a is zero, linear entries first, (s, 6), or None
-            if not computed.
+        bias_accelerations: of the named frames where a is zero, linear entries first,
+            (s, frames, 6), or None if not computed.
     """
 
     mass_matrix: Array
@@ -44,7 +44,29 @@ class Quantities(NamedTuple):
     kinetic_energy: Array
     potential_energy: Array
     positions: Array | None = None
-    tip_bias_acceleration: Array | None = None
+    bias_accelerations: Array | None = None
+
+    def with_passive(self, tree: Tree, states: States) -> Quantities:
+        """The same with armature, dampers and springs, which formulations leave out.
+
+        Args:
+            tree: The tree of the formulation.
+            states: The states.
+
+        Returns:
+            The quantities.
+        """
+        passive, q = tree.passive, tree.at_joints(states.q)
+        v, a = tree.spread(states.v), tree.spread(states.a)
+        forces = passive.forces(q, v)
+        kinetic, potential = passive.energies(q, v)
+        return self._replace(
+            mass_matrix=self.mass_matrix + np.diag(passive.armature),
+            residual=self.residual + forces,
+            inverse_dynamics=self.inverse_dynamics + passive.armature * a - forces,
+            kinetic_energy=self.kinetic_energy + kinetic,
+            potential_energy=self.potential_energy + potential,
+        )
 
 
 class Formulation(Protocol):

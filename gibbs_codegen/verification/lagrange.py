@@ -14,8 +14,9 @@ import numpy as np
 
 from gibbs_codegen.verification.differences import STEP, derivative
 from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.joints import Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Point, Tree
+from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
 
 _COMPLEX_STEP = 1e-40
@@ -53,8 +54,8 @@ class Lagrange:
         velocity = _along(self._mass_places, q, v)
         twists = self._twists(q[:, None], np.eye(tree.size), tree.seats)
 
-        def tip_twist(q: Array, v: Array) -> Array:
-            return self._twists(q, v, [tree.tip])[..., 0, :]
+        def frame_twists(q: Array, v: Array) -> Array:
+            return self._twists(q, v, tree.seats[len(tree.motors) :])
 
         return Quantities(
             mass_matrix=matrix,
@@ -65,7 +66,7 @@ class Lagrange:
             kinetic_energy=0.5 * np.sum(velocity**2, axis=-1) @ masses,
             potential_energy=tree.gravity * (self._mass_places(q)[..., 2] @ masses),
             positions=self._places(q, tree.points),
-            tip_bias_acceleration=self._change(tip_twist, q, v),
+            bias_accelerations=self._change(frame_twists, q, v),
         )
 
     def _momentum(self, q: Array, v: Array) -> Array:

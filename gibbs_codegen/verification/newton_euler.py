@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.joints import WORLD, Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Frames, Point, Tree
+from gibbs_codegen.verification.tree import Frames, Tree
 from gibbs_codegen.verification.vectors import Array, cross, times
 
 
@@ -58,8 +59,7 @@ class NewtonEuler:
         q, v, a = map(tree.spread, (states.q, states.v, states.a))
         frames = tree.frames(q)
         steady = self._motions(v, np.zeros_like(a), frames)
-        tip = steady[tree.tip.joint]
-        _, bias = tip.at(frames.rotations[tree.tip.joint] @ tree.tip.local)
+        named = tree.seats[len(tree.motors) :]
         return Quantities(
             mass_matrix=self.mass_matrix(states.q),
             residual=-self._efforts(steady, frames, tree.gravity),
@@ -69,7 +69,7 @@ class NewtonEuler:
             kinetic_energy=self._kinetic_energy(steady, frames),
             potential_energy=self._potential_energy(frames),
             positions=tree.positions(frames, tree.points),
-            tip_bias_acceleration=np.concatenate([bias, tip.angular_acceleration], axis=-1),
+            bias_accelerations=np.stack([self._bias(steady, frames, x) for x in named], axis=1),
         )
 
     def mass_matrix(self, q: Array) -> Array:
@@ -181,6 +181,22 @@ class NewtonEuler:
                 )
             motions.append(motion)
         return motions
+
+    @staticmethod
+    def _bias(motions: list[_Motion], frames: Frames, point: Point) -> Array:
+        """Acceleration of a point and its frame without accelerations of the coordinates.
+
+        Args:
+            motions: Of all joints.
+            frames: Where they are.
+            point: The point.
+
+        Returns:
+            World axes, (states, 6), linear entries first.
+        """
+        motion = motions[point.joint]
+        _, linear = motion.at(frames.rotations[point.joint] @ point.local)
+        return np.concatenate([linear, motion.angular_acceleration], axis=-1)
 
     def _jacobian(self, frames: Frames, point: Point) -> Array:
         """World-axes Jacobian of a point (states, 6, size), linear rows first."""

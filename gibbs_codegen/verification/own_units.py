@@ -46,11 +46,11 @@ class InOwnUnits:
         lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
         q = states.q / np.where(lengths, self._length, 1.0)
         v, a, u = states.v / free * time, states.a / free * time**2, states.u
-        found = self._inner.at(States(q, v, a, u))
+        found = self._inner.at(States(q, v, a, u, states.W))
         energy = self._mass * (self._length / time) ** 2
         twist = np.repeat([self._length, 1.0], 3)
         found.poses[..., :3, 3] *= self._length
-        positions, bias = found.positions, found.tip_bias_acceleration
+        positions, bias = found.positions, found.bias_accelerations
         return found._replace(
             mass_matrix=found.mass_matrix * energy * time**2 / np.outer(units, units),
             residual=found.residual * energy / units,
@@ -59,7 +59,7 @@ class InOwnUnits:
             kinetic_energy=found.kinetic_energy * energy,
             potential_energy=found.potential_energy * energy,
             positions=None if positions is None else positions * self._length,
-            tip_bias_acceleration=None if bias is None else bias * twist / time**2,
+            bias_accelerations=None if bias is None else bias * twist / time**2,
         )
 
 

@@ -2,12 +2,230 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import astuple, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
-from gibbs_codegen.robot.model import Body, Link, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import (
+    Body,
+    Link,
+    Passive,
+    Pose,
+    RigidBody,
+    Robot,
+    Rod,
+    Rotor,
+    Vector3,
+)
+from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
+
+
+class Dimension(NamedTuple):
+    """The powers of length, mass and time in a unit."""
+
+    length: int = 0
+    mass: int = 0
+    time: int = 0
+
+    def unit(self, length: float, mass: float, time: float) -> float:
+        """The unit of this dimension among coherent units.
+
+        Args:
+            length, mass, time: Units of those, in m, kg and s.
+
+        Returns:
+            In SI units.
+        """
+        return float(length**self.length * mass**self.mass * time**self.time)
+
+
+LENGTH, MASS, INERTIA = Dimension(1), Dimension(mass=1), Dimension(2, 1)
+ACCELERATION, DENSITY = Dimension(1, time=-2), Dimension(-1, 1)
+# Damping, armature, stiffness and rest of joints that turn; of those that slide with the next.
+_PASSIVE = (Dimension(2, 1, -1), Dimension(2, 1), Dimension(2, 1, -2), Dimension())
+_SLIDING = (Dimension(0, 1, -1), Dimension(0, 1), Dimension(0, 1, -2), Dimension(1))
+# What becomes of a number of a robot, by its name, its value and its dimension.
+Change = Callable[[str, float, Dimension], float]
+
+
+def mapped(robot: Robot, change: Change) -> Robot:
+    """The robot with every number changed that can be a parameter, zeros included.
+
+    Args:
+        robot: The robot.
+        change: What becomes of a number.
+
+    Returns:
+        The robot with the changed numbers.
+    """
+    base = robot.base
+    drags = enumerate(base.drag, start=1)
+    gravity = change("gravity", robot.gravity, ACCELERATION)
+    drag = tuple(change(f"base_drag_{k}", drag, LENGTH) for k, drag in drags)
+    arms = tuple(_of_body(prefix, arm, change) for prefix, arm in _arms(robot))
+    body = _of_rigid_body("base", base.body, change) if base.body else None
+    links = tuple(
+        _of_link(parameter_prefix(robot, i), link, change)
+        for i, link in enumerate(robot.links, start=1)
+    )
+    return replace(
+        robot,
+        base=replace(base, arms=arms, drag=drag, body=body),
+        links=links,
+        gravity=gravity,
+        thrusters=tuple(
+            _of_rotor(rotor_prefix(robot, k), rotor, change)
+            for k, rotor in enumerate(robot.thrusters, start=1)
+        ),
+        frames=tuple(
+            replace(frame, pose=_of_pose(f"frame_{identifier(frame.name)}", frame.pose, change))
+            for frame in robot.frames
+        ),
+    )
+
+
+def _of_vector(prefix: str, vector: Vector3, change: Change) -> Vector3:
+    """A vector with changed components.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        vector: The components (m).
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new components (m).
+    """
+    x, y, z = (
+        change(f"{prefix}_{a}", value, LENGTH) for a, value in zip("xyz", vector, strict=True)
+    )
+    return x, y, z
+
+
+def _of_pose(prefix: str, pose: Pose, change: Change) -> Pose:
+    """A pose at a changed place.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        pose: The pose.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new pose, turned as before.
+    """
+    return replace(pose, xyz=_of_vector(prefix, pose.xyz, change))
+
+
+def _of_rotor(prefix: str, rotor: Rotor, change: Change) -> Rotor:
+    """A rotor with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        rotor: The rotor.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new rotor.
+    """
+    position = _of_vector(prefix, rotor.position, change)
+    return replace(rotor, position=position, drag=change(f"{prefix}_drag", rotor.drag, LENGTH))
+
+
+def _of_link(prefix: str, link: Link, change: Change) -> Link:
+    """A link with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        link: The link.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new link.
+    """
+    link = replace(link, body=_of_body(prefix, link.body, change))
+    if link.pose is not None:
+        link = replace(link, pose=_of_pose(prefix, link.pose, change))
+    else:
+        a = None if link.a is None else change(f"{prefix}_a", link.a, LENGTH)
+        link = replace(link, a=a, d=change(f"{prefix}_d", link.d, LENGTH))
+    if not link.moves:
+        return link
+    dimensions = _PASSIVE if link.joint == "revolute" else _SLIDING
+    names = ("damping", "armature", "stiffness", "rest")
+    own = zip(names, astuple(link.passive), dimensions, strict=True)
+    passive = Passive(*(change(f"{prefix}_{name}", value, unit) for name, value, unit in own))
+    return replace(link, passive=passive)
+
+
+def _of_body(prefix: str, body: Body, change: Change) -> Body:
+    """A rod or a rigid body with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        body: The body.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new body, of the same kind.
+    """
+    if isinstance(body, Rod):
+        return _of_rod(prefix, body, change)
+    return _of_rigid_body(prefix, body, change)
+
+
+def _of_rod(prefix: str, rod: Rod, change: Change) -> Rod:
+    """A rod with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        rod: The rod.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new rod.
+    """
+    length = change(f"{prefix}_length", rod.length, LENGTH)
+    density = change(f"{prefix}_mass_per_length", rod.mass_per_length, DENSITY)
+    own = zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
+    x, y, z = (change(f"{prefix}_section_inertia_{axes}", i, INERTIA) for axes, i in own)
+    return Rod(length, density, (x, y, z))
+
+
+def _of_rigid_body(prefix: str, body: RigidBody, change: Change) -> RigidBody:
+    """A rigid body with changed numbers.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        body: The body.
+        change: Gives a parameter's value from its name, its own value and its dimension.
+
+    Returns:
+        The new body.
+    """
+    length = change(f"{prefix}_length", body.length, LENGTH)
+    mass = change(f"{prefix}_mass", body.mass, MASS)
+    com = _of_vector(f"{prefix}_com", body.com, change)
+    own = zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
+    xx, yy, zz, xy, xz, yz = (change(f"{prefix}_inertia_{axes}", i, INERTIA) for axes, i in own)
+    return RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
+
+
+class _Numbers(dict[str, float]):
+    """Numbers by the names of their parameters, as they are come by."""
+
+    def note(self, name: str, value: float, _: Dimension) -> float:
+        """Note a number, which stays the same.
+
+        Args:
+            name: Of its parameter.
+            value: The number.
+            _: Its dimension.
+
+        Returns:
+            The number.
+        """
+        self[name] = value
+        return value
 
 
 def parameter_values(robot: Robot) -> dict[str, float]:
@@ -19,16 +237,24 @@ def parameter_values(robot: Robot) -> dict[str, float]:
     Returns:
         The numbers under the names of parameters, in SI units.
     """
-    base = robot.base
-    values = {"gravity": robot.gravity}
-    values |= {f"base_drag_{k}": drag for k, drag in enumerate(base.drag, start=1)}
-    for prefix, body in bodies(robot):
-        values |= body_values(prefix, body)
-    for i, link in enumerate(robot.links, start=1):
-        if link.a is not None:
-            values[f"link{i}_a"] = link.a
-        values[f"link{i}_d"] = link.d
-    return values
+    found = _Numbers()
+    mapped(robot, found.note)
+    return found
+
+
+def body_values(prefix: str, body: Body) -> dict[str, float]:
+    """Numbers of a body.
+
+    Args:
+        prefix: What the names of its parameters begin with.
+        body: The body.
+
+    Returns:
+        The numbers by name.
+    """
+    found = _Numbers()
+    _of_body(prefix, body, found.note)
+    return found
 
 
 def prepared(module: ModuleType, robot: Robot) -> Any:
@@ -45,30 +271,6 @@ def prepared(module: ModuleType, robot: Robot) -> Any:
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
 
-def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
-    """Numbers of a body.
-
-    Args:
-        prefix: What the names of its parameters begin with.
-        body: The body.
-
-    Yields:
-        Names and numbers: length, mass, and the others in order.
-    """
-    yield f"{prefix}_length", body.length
-    if isinstance(body, Rod):
-        yield f"{prefix}_mass_per_length", body.mass_per_length
-        names = [f"section_inertia_{axis}" for axis in ("xx", "yy", "zz")]
-        entries: tuple[float, ...] = body.section_inertia
-    else:
-        yield f"{prefix}_mass", body.mass
-        names = [f"com_{axis}" for axis in "xyz"]
-        names += [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
-        entries = (*body.com, *body.inertia)
-    for name, value in zip(names, entries, strict=True):
-        yield f"{prefix}_{name}", value
-
-
 def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     """The robot with other numbers.
 
@@ -79,30 +281,7 @@ def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     Returns:
         The robot with these numbers, and its own for what has none there.
     """
-
-    def of_body(prefix: str, body: Body) -> Body:
-        own = body_values(prefix, body)
-        length, mass, *rest = (values.get(name, value) for name, value in own)
-        if isinstance(body, Rod):
-            x, y, z = rest
-            return Rod(length, mass, (x, y, z))
-        x, y, z, xx, yy, zz, xy, xz, yz = rest
-        return RigidBody(length, mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
-
-    def of_link(i: int, link: Link) -> Link:
-        a = None if link.a is None else values.get(f"link{i}_a", link.a)
-        body = of_body(f"link{i}", link.body)
-        return replace(link, body=body, a=a, d=values.get(f"link{i}_d", link.d))
-
-    base = robot.base
-    drags = enumerate(base.drag, start=1)
-    other = replace(
-        base,
-        arms=tuple(of_body(prefix, arm) for prefix, arm in _arms(robot)),
-        drag=tuple(values.get(f"base_drag_{k}", drag) for k, drag in drags),
-    )
-    links = tuple(of_link(i, link) for i, link in enumerate(robot.links, start=1))
-    return replace(robot, base=other, links=links, gravity=values.get("gravity", robot.gravity))
+    return mapped(robot, lambda name, value, _: values.get(name, value))
 
 
 def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
@@ -117,17 +296,7 @@ def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
     Returns:
         The robot whose numbers are multiples of those units.
     """
-
-    def unit(name: str) -> float:
-        if name == "gravity":
-            return length / time**2
-        if "inertia" in name:
-            return mass * length**2
-        if name.endswith("_mass_per_length"):
-            return mass / length
-        return mass if name.endswith("_mass") else length
-
-    return with_values(robot, {n: x / unit(n) for n, x in parameter_values(robot).items()})
+    return mapped(robot, lambda _, value, dimension: value / dimension.unit(length, mass, time))
 
 
 def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
@@ -140,7 +309,10 @@ def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
         What the names of its parameters begin with, and the body.
     """
     yield from _arms(robot)
-    yield from ((f"link{i}", link.body) for i, link in enumerate(robot.links, start=1))
+    if robot.base.body:
+        yield "base", robot.base.body
+    for i, link in enumerate(robot.links, start=1):
+        yield parameter_prefix(robot, i), link.body
 
 
 def _arms(robot: Robot) -> Iterator[tuple[str, Body]]:

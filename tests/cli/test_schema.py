@@ -90,10 +90,10 @@ def faulty(document: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"{key} is of another type", changed
         container[key] = was
         if isinstance(was, dict) and key != "parameters":
-            was["colour"] = 1
+            was["the colour"] = 1
             yield f"colour in {key}", changed
-            del was["colour"]
-    yield "colour", {**changed, "colour": 1}
+            del was["the colour"]
+    yield "the colour", {**changed, "colour": 1}
     yield "nothing", {}
 
 
@@ -146,7 +146,7 @@ def test_the_schema_refuses_nothing_that_is_read(
         ("scenario", 'kind = "harmonic"', 'kind = "circle"'),
         ("scenario", "amplitude = 2, growth", "growth"),
         ("scenario", "duration    = 12.", "duration    = 99999."),
-        ("scenario", "[arm.tip]", "[arm.posture_deg]\nd_8 = 1\n[arm.tip]"),
+        ("scenario", "[arm.tip]", "[arm.posture_deg]\nd-8 = 1\n[arm.tip]"),
         ("scenario", "[arm.tip]", "[control]\nfrequency = 0\n[arm.tip]"),
     ],
 )

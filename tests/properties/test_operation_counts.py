@@ -43,7 +43,10 @@ COUNTED = (
         (benchmark_robot(3), (335, 134, 219, 366, 270, 72, 338, 119)),
         (benchmark_robot(3, origin="motor1"), (440, 192, 275, 397, 329, 78, 452, 143)),
         (benchmark_robot(7), (980, 501, 517, 1156, 568, 72, 760, 262)),
-        (benchmark_robot(30), (8462, 6376, 2234, 5841, 2285, 72, 3161, 1103)),
+        pytest.param(
+            *(benchmark_robot(30), (8462, 6376, 2234, 5841, 2285, 72, 3161, 1103)),
+            marks=pytest.mark.slow,
+        ),
         (random_robot(1, 4, 3), (878, 391, 510, 1035, 551, 102, 628, 241)),
     ],
     ids=lambda value: f"{value.base.origin}-{len(value.links)}" if isinstance(value, Robot) else "",

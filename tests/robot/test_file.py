@@ -53,6 +53,8 @@ def test_robots_that_ship() -> None:
         "quadrotor_2link",
         "octorotor_7link",
         "decarotor_3link",
+        "hextilt_flying_arm_5",
+        "hydrus",
     }
     for name in shipped_robots():
         assert read_robot(name)[0].name == name

@@ -17,7 +17,6 @@ from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import (
     Layout,
     coordinate_places,
-    joint_kind,
     layout_of,
     velocity_places,
 )
@@ -104,15 +103,10 @@ def test_joined_is_the_inverse_of_split(places, joints: int, attitude: str) -> N
     assert found.joined(base, moved) == values
 
 
-def test_kinds_of_joints() -> None:
-    assert joint_kind("theta_7") == "revolute"
-    assert joint_kind("d_8") == "prismatic"
-    assert {joint_kind(name) for name in ("x", "theta_m1", "theta_", "tau_7", "d_12345")} == {None}
-
-
 @pytest.mark.parametrize(
     ("attitude", "names"),
     [
+        ("xyz", ("theta_m1", "theta_0")),
         ("xyz", ("theta_m1", "theta_0", "theta_1", "x", "y")),
         ("xyz", ("x", "y", "z", "theta_7", "theta_m1", "theta_0", "theta_1")),
         ("xyz", ("x", "y", "z", "qx", "qy", "qz", "qw")),

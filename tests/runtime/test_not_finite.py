@@ -17,6 +17,7 @@ from support.tools import tool
 from gibbs_codegen.interface import Signature, signatures
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Link, Rod
+from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
@@ -57,7 +58,8 @@ def batch_of(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def arguments(signature: Signature) -> dict[str, np.ndarray]:
-    return {n: np.ones(w) for n, w in zip(signature.arguments, signature.widths, strict=True)}
+    shapes = zip(signature.arguments, signature.argument_shapes, strict=True)
+    return {name: np.ones(shape) for name, shape in shapes}
 
 
 def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
@@ -72,7 +74,7 @@ def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
     return None
 
 
-FORMS = {s.name: s for s in signatures(9, 9, 19, 9, 12)}
+FORMS = {s.name: s for s in signatures(module_lists(read_robot("hexarotor_3link")[0]))}
 OVERFLOWING = [name for name, form in FORMS.items() if too_large(form)]
 
 

@@ -128,6 +128,7 @@ def test_all_keys() -> None:
             tip=Line((1, 0, 0), (1, 1, 0), 3),
             guess={"d_8": 0.25, "theta_7": pytest.approx(20 * degree), "theta_9": -90 * degree},
             limits={"d_8": (0, 0.5), "theta_9": (np.radians(-120), 0)},
+            units=frozenset({("d_8", "m"), ("theta_7", "rad"), ("theta_9", "rad")}),
         ),
         start=StartOffset(
             (0.1, -0.2, 0.3), (pytest.approx(5 * degree), 0, pytest.approx(-15 * degree))
@@ -266,7 +267,7 @@ centre = [0, 0]
 radius = -1
 [arm.posture_deg]
 theta_7 = true
-d_8 = 1
+d-8 = 1
 [control]
 law = "openloop"
 frequency = 0
@@ -289,8 +290,8 @@ mass = nan
         "s.toml:7: base.path.centre: must have 3 numbers, not 2",
         "s.toml:8: base.path.radius: must be at least 0, not -1",
         "s.toml:10: arm.posture_deg.theta_7: must be a number, not a boolean",
-        "s.toml:11: arm.posture_deg.d_8: must be the name of a revolute joint, theta_…; prismatic "
-        "joints belong in the table without _deg",
+        "s.toml:11: arm.posture_deg.'d-8': must be the name of a joint: of its coordinate, such as "
+        "theta_7",
         "s.toml:13: control.law: must be one of 'computed_torque', 'open_loop', 'off', not "
         "'openloop'; did you mean 'open_loop'?",
         "s.toml:14: control.frequency: must be at least 1e-09, not 0",
@@ -312,10 +313,11 @@ def tables(value: object, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...
 
 @pytest.mark.parametrize("path", [p for p in tables(FULL) if p != ("parameters",)], ids=".".join)
 def test_unknown_keys_of_any_table(path: tuple[str, ...]) -> None:
-    found = "\n".join(faults(document(with_change((*path, "colour"), 1))))
+    key = "the colour"
+    found = "\n".join(faults(document(with_change((*path, key), 1))))
     named = path and path[-1].removesuffix("_deg") in ("guess", "limits")
     said = "must be the name of a" if named else "unknown key"
-    assert f"{'.'.join((*path, 'colour'))}: {said}" in found
+    assert f"'{key}': {said}" in found or f"{key}: {said}" in found
 
 
 @pytest.mark.parametrize("path", [p for p in tables(FULL) if p], ids=".".join)
@@ -347,9 +349,8 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("base.attitude", {"kind": "level", "arm": 2}, "arm: unknown key"),
         ("arm.posture_deg", {"theta_7": 0}, "tip already says what the arm does"),
         ("arm.tip_beside_base", {"kind": "fixed", "position": [0] * 3}, "tip already says what"),
-        ("arm.guess", {"theta_7": 1}, "theta_7: must be the name of a prismatic joint, d_…"),
-        ("arm.guess_deg", {"theta_": 1}, "must be the name of a revolute joint, theta_…"),
-        ("arm.guess_deg", {"theta_7\n": 1}, r"'theta_7\n': must be the name of a revolute joint"),
+        ("arm.guess_deg", {"": 1}, "must be the name of a joint: of its coordinate"),
+        ("arm.guess_deg", {"theta_7\n": 1}, r"'theta_7\n': must be the name of a joint"),
         ("arm.guess_deg", {"theta_7": [1]}, "theta_7: must be a number, not a list"),
         ("arm.limits_deg", {"theta_9": [0, 0]}, "the lower limit must be below the upper"),
         ("arm.limits_deg", {"theta_9": [9, -9]}, "the lower limit must be below the upper"),

@@ -99,6 +99,10 @@ def test_the_paper_s_motion_takes_no_more_knots_and_little_time(hexa: Vehicle) -
             "arm: guess: theta_7 = -0.5 rad is outside its limits, 0 to 1 rad",
         ),
         (ArmTask(posture={"theta_3": 0.0}), "has no joint theta_3"),
+        (
+            ArmTask(posture={"theta_7": 0.0}, units=frozenset({("theta_7", "m")})),
+            "theta_7 is the coordinate of a revolute joint: it belongs in the tables that end",
+        ),
     ],
 )
 def test_what_is_outside_limits_is_named(hexa: Vehicle, arm: ArmTask, message: str) -> None:

@@ -144,7 +144,7 @@ def test_a_rod_worked_by_hand(
     v = np.zeros((1, 6))
     if state == "turning":
         v[0, 2] = 3.0
-    still = States(q, v, np.zeros((1, 6)), np.zeros((1, 2)))
+    still = States(q, v, np.zeros((1, 6)), np.zeros((1, 2)), np.zeros((1, 2, 6)))
     found = formulation(tree).at(still).inverse_dynamics[0][tree.free]
     expected = np.zeros(6)
     expected[5] = effort["z"]

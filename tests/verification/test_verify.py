@@ -19,9 +19,10 @@ from support.random_robots import robots
 from support.tools import tool
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.pipeline import generate
+from gibbs_codegen.pipeline import generate, generate_robot
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.verification.contents import compare_c_defaults
 from gibbs_codegen.verification.modules import verify
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -55,6 +56,24 @@ def test_shipped_robots_pass(name: str, shipped: Callable[[str], ModuleType]) ->
     assert {"Newton–Euler", "Lagrange", "other parameters", "power balance, Ė = vᵀB u"} <= against
 
 
+@pytest.fixture(scope="module")
+def quaternion(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A module of a robot whose base has a quaternion, which `generate` has checked."""
+    robot = read_robot("quadrotor_2link")[0]
+    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    out = tmp_path_factory.mktemp("quaternion")
+    return generate_robot(robot, robot_text(robot), out)[1]
+
+
+def test_a_quaternion_passes_in_both_back_ends(quaternion: Path) -> None:
+    tool("cc")
+    found = verify(quaternion, states=3)
+    assert found.passed, found.failures
+    assert set(found.not_done) <= {"Pinocchio", "MuJoCo"}
+    compared = {c.what for c in found.comparisons["numpy"] if c.against == "Newton–Euler"}
+    assert {"residual", "tip_bias_acceleration", "integrate", "difference"} <= compared
+
+
 @settings(max_examples=2)
 @given(robot=robots(most_rotors=7, most_links=6))
 def test_random_robots_pass(robot: Robot) -> None:
@@ -82,8 +101,14 @@ def test_both_back_ends_are_verified(copied: Path) -> None:
 @pytest.mark.parametrize(
     ("faults", "least"), [(8, 8), pytest.param(30, 29, marks=pytest.mark.slow)]
 )
-def test_planted_faults_are_found(faults: int, least: int, copied: Path) -> None:
+@pytest.mark.parametrize("attitude", ["angles", "quaternion"])
+def test_planted_faults_are_found(
+    faults: int, least: int, attitude: str, copied: Path, quaternion: Path
+) -> None:
     """So many times one sign or one index of the NumPy module altered."""
+    if attitude == "quaternion":
+        shutil.rmtree(copied)
+        shutil.copytree(quaternion, copied)
     path = copied / "numpy_module.py"
     missed = []
     for text, what in planted(path.read_text(encoding="utf-8"), faults, seed=11):

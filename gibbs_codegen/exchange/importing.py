@@ -1,0 +1,119 @@
+"""From a file in another format to a robot, stage by stage.
+
+read_urdf, read_mjcf  file       → Source: links, joints, rotors, frames
+tree_of               Source     → SourceTree, checked
+without_anchor        SourceTree → its root the robot's, and not the world
+read_rotors           file       → rotors that replace those found
+snapped_source        Source     → with exact angles
+locked, rerooted      SourceTree → with fixed joints, its root the base
+welded                SourceTree → Robot, and what was done
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.exchange.snapping import snapped_source
+from gibbs_codegen.exchange.source import Source, Told
+from gibbs_codegen.exchange.tree import (
+    SourceTree,
+    check_kinds,
+    locked,
+    rerooted,
+    tree_of,
+    without_anchor,
+)
+from gibbs_codegen.exchange.urdf import read_urdf
+from gibbs_codegen.exchange.welding import welded
+from gibbs_codegen.exchange.xml_file import parse_xml, read_bytes
+from gibbs_codegen.robot.model import Attitude, Robot
+from gibbs_codegen.robot.names import name_from
+
+# Of a rotor of an aerial robot it is about a hundredth of a metre.
+_SUSPICIOUS_DRAG = 0.1
+
+
+@dataclass(frozen=True)
+class ImportOptions:
+    """What a user may ask for.
+
+    Attributes:
+        attitude: what describes the attitude of the base.
+        rotors: file of rotors that replace those found.
+        lock: where joints are locked, rad or m, by their names.
+        base: link that is the base; None for the root.
+        snap: whether angles are made exact and noise is set to zero.
+    """
+
+    attitude: Attitude
+    rotors: Path | None = None
+    lock: Mapping[str, float] = field(default_factory=dict)
+    base: str | None = None
+    snap: bool = True
+
+
+def import_robot(path: Path, options: ImportOptions) -> tuple[Robot, list[Told]]:
+    """Read a robot from a file in another format.
+
+    Args:
+        path: The file: .urdf, .xacro, or .xml for MJCF or URDF.
+        options: What is asked for.
+
+    Returns:
+        The robot, and what was done, line by line.
+
+    Raises:
+        SourceFileError: If the file is refused.
+        UsageError: If there is no such file, joint or link.
+    """
+    tree = without_anchor(tree_of(_read(path, options)))
+    if options.rotors is not None:
+        from gibbs_codegen.exchange.rotor_file import read_rotors  # Late: it imports pydantic.
+
+        rotors = read_rotors(options.rotors, tree)
+        tree = replace(tree, source=replace(tree.source, rotors=rotors))
+    source = snapped_source(tree.source) if options.snap else tree.source
+    tree = locked(SourceTree(source, tree.root), options.lock)
+    check_kinds(tree)
+    if options.base is not None:
+        tree = rerooted(tree, options.base)
+    name = name_from(source.name or path.name.split(".")[0])
+    robot, done = welded(tree, name, options.attitude, options.snap)
+    return robot, [*tree.source.told, *done, *_rotor_lines(source)]
+
+
+def _read(path: Path, options: ImportOptions) -> Source:
+    data, file = read_bytes(path), str(path)
+    if path.suffix.lower() == ".xacro":
+        from gibbs_codegen.exchange.xacro import expanded
+
+        data = expanded(path)
+    tag = parse_xml(data, file).tag
+    if tag == "mujoco":
+        from gibbs_codegen.exchange.mjcf import read_mjcf
+
+        return read_mjcf(path, data, options.base)
+    if tag != "robot":
+        raise UsageError(
+            f"{printable(path)}: its root element is <{printable(tag, 40)}>; URDF has <robot>, "
+            "MJCF has <mujoco>"
+        )
+    return read_urdf(data, file)
+
+
+def _rotor_lines(source: Source) -> list[Told]:
+    lines = []
+    for rotor in source.rotors:
+        limits = "" if rotor.limits is None else f", {rotor.limits[0]:g} to {rotor.limits[1]:g} N"
+        detail = f"on {rotor.on}, drag {rotor.drag:g} m{limits} ({rotor.found_by})"
+        lines.append(Told("rotor", rotor.name, detail))
+        if abs(rotor.drag) > _SUSPICIOUS_DRAG:
+            lines.append(
+                Told("note", rotor.name, f"a drag of {rotor.drag:g} m is large; check its factor")
+            )
+    if not source.rotors:
+        lines.append(Told("note", "rotors", "none were found; --rotors FILE gives them"))
+    return lines

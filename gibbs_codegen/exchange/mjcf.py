@@ -1,0 +1,259 @@
+"""MJCF, read through MuJoCo's own compiler: defaults, classes and inertia from shapes are its work.
+
+A body with several joints becomes several links, those before the last without mass. A ball joint
+becomes three hinges about x, y and z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import Fault, UsageError, printable
+from gibbs_codegen.exchange.mjcf_rotors import efforts, mjcf_rotors
+from gibbs_codegen.exchange.mjcf_text import reduced_mjcf
+from gibbs_codegen.exchange.placement import Placement, of_quaternion, vector
+from gibbs_codegen.exchange.source import (
+    Inertial,
+    Source,
+    SourceFileError,
+    SourceFrame,
+    SourceJoint,
+    SourceLink,
+    Told,
+)
+from gibbs_codegen.robot.model import AXES, JointLimits, Passive
+
+_FREE, _BALL, _SLIDE, _HINGE = range(4)
+WORLD = 0
+
+
+def read_mjcf(path: Path, data: bytes, base: str | None) -> Source:
+    """Read a robot in MJCF.
+
+    Args:
+        path: The file, in whose folder meshes and included files are found.
+        data: Its text.
+        base: Link that is to be the base, which tells which of several robots is meant.
+
+    Returns:
+        What the file says.
+    """
+    text, told = reduced_mjcf(path, data)
+    model = _compiled(text, path)
+    return _Reader(model, str(path), told).source(base)
+
+
+def _compiled(text: str, path: Path) -> Any:
+    """The compiled model.
+
+    Args:
+        text: The reduced MJCF.
+        path: The file that it is from.
+
+    Returns:
+        The model.
+
+    Raises:
+        UsageError: If MuJoCo is not installed.
+        SourceFileError: If MuJoCo refuses the model.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        raise UsageError(
+            f"{printable(path)}: MJCF needs MuJoCo: pip install 'gibbs_codegen[mujoco]'"
+        ) from None
+    # Else warnings are printed, and written to a file in the working directory.
+    former = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        return mujoco.MjModel.from_xml_string(text)
+    except (ValueError, mujoco.FatalError, mujoco.UnexpectedError) as error:
+        words = printable(" ".join(str(error).split()), 300)
+        raise SourceFileError(str(path), [Fault("", f"MuJoCo refuses it: {words}")]) from None
+    finally:
+        mujoco.set_mju_user_warning(former)
+
+
+class _Reader:
+    """Takes a compiled model apart."""
+
+    def __init__(self, model: Any, file: str, told: list[Told]) -> None:
+        self.model, self.file, self.told = model, file, told
+        self.names = [_name(model, model.name_bodyadr, b, "body") for b in range(model.nbody)]
+        self.joint_names = [_name(model, model.name_jntadr, j, "joint") for j in range(model.njnt)]
+        self.efforts = efforts(model)
+
+    def source(self, base: str | None) -> Source:
+        """What the file says of one robot.
+
+        Args:
+            base: A link of that robot; None where there is one robot only.
+
+        Returns:
+            The links in the order of the tree.
+        """
+        model = self.model
+        root = self._root(base)
+        bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
+        links: dict[str, SourceLink] = {}
+        joints: list[SourceJoint] = []
+        self._tell_of_root(root)
+        for body in bodies:
+            for link, joint in self._joints(body) if body != root else ():
+                if link in links:
+                    message = f"two links are called {printable(link)}; give bodies other names"
+                    raise SourceFileError(self.file, [Fault("", message)])
+                links[link] = SourceLink(link)
+                joints.append(joint)
+            links[self.names[body]] = SourceLink(self.names[body], self._inertial(body))
+        rotors, told = mjcf_rotors(model, self.names, bodies)
+        return Source(
+            self.file,
+            _text(model, 0),
+            links,
+            tuple(joints),
+            rotors,
+            frames=tuple(self._frames(bodies)),
+            gravity=self._gravity(),
+            told=(*self.told, *told),
+        )
+
+    def _root(self, base: str | None) -> int:
+        model = self.model
+        roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == WORLD]
+        if base in self.names[1:]:
+            return int(model.body_rootid[self.names.index(str(base), 1)])
+        flying = [b for b in roots if model.body_jntnum[b] and self._type(b) == _FREE]
+        found = flying or roots
+        if len(found) != 1:
+            names = ", ".join(printable(self.names[b], 60) for b in found[:5]) or "none"
+            message = f"holds {len(found)} robots ({names}); --base LINK tells which is meant"
+            raise SourceFileError(self.file, [Fault("", message)])
+        return found[0]
+
+    def _type(self, body: int) -> int:
+        return int(self.model.jnt_type[self.model.body_jntadr[body]])
+
+    def _tell_of_root(self, body: int) -> None:
+        first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
+        for j in range(first, first + count):
+            if self.model.jnt_type[j] != _FREE:
+                why = "a joint between the world and the root: the robot flies"
+                self.told.append(Told("left out", self.joint_names[j], why))
+
+    def _inertial(self, body: int) -> Inertial:
+        model = self.model
+        w, x, y, z = model.body_iquat[body]
+        axes = of_quaternion(x, y, z, w)
+        inertia = axes @ np.diag(model.body_inertia[body]) @ axes.T
+        place = Placement(vector(model.body_ipos[body]))
+        return Inertial(float(model.body_mass[body]), place, (inertia + inertia.T) / 2)
+
+    def _joints(self, body: int) -> Iterator[tuple[str, SourceJoint]]:
+        """Joints of a body, each with the name of the link that it moves."""
+        model = self.model
+        parent = self.names[model.body_parentid[body]]
+        w, x, y, z = model.body_quat[body]
+        pose = Placement.of_matrix(model.body_pos[body], of_quaternion(x, y, z, w))
+        first, count = model.body_jntadr[body], model.body_jntnum[body]
+        parts = [part for j in range(first, first + count) for part in self._parts(j)]
+        if not parts:
+            yield (
+                self.names[body],
+                SourceJoint(f"{self.names[body]}_mount", "fixed", parent, self.names[body], pose),
+            )
+        for number, (name, j, axis) in enumerate(parts, start=1):
+            link = self.names[body] if number == len(parts) else f"{self.names[body]}_{name}"
+            anchor = np.array(model.jnt_pos[j])
+            joint = SourceJoint(
+                name,
+                "prismatic" if model.jnt_type[j] == _SLIDE else "revolute",
+                parent,
+                link,
+                pose @ Placement(vector(anchor)),
+                axis,
+                Placement(vector(-anchor)),
+                *self._properties(j),
+                continuous=model.jnt_type[j] == _HINGE and not model.jnt_limited[j],
+            )
+            yield link, joint
+            parent, pose = link, Placement()
+
+    def _parts(self, j: int) -> list[tuple[str, int, Any]]:
+        """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
+        name = self.joint_names[j]
+        if self.model.jnt_type[j] != _BALL:
+            return [(name, j, vector(self.model.jnt_axis[j]))]
+        why = "a ball joint, as three hinges about x, y and z; its spring, damping and limits"
+        self.told.append(Told("left out", name, why))
+        return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
+
+    def _properties(self, j: int) -> tuple[Passive, JointLimits]:
+        model = self.model
+        if model.jnt_type[j] == _BALL:
+            return Passive(), JointLimits()
+        dof, place = model.jnt_dofadr[j], model.jnt_qposadr[j]
+        zero = float(model.qpos0[place])
+        if zero:
+            self.told.append(Told("note", self.joint_names[j], f"counts from its ref, {zero:g}"))
+        if model.dof_frictionloss[dof]:
+            friction = f"dry friction {model.dof_frictionloss[dof]:g}"
+            self.told.append(Told("left out", self.joint_names[j], friction))
+        stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
+        rest = float(model.qpos_spring[place]) - zero if stiffness else 0.0
+        passive = Passive(
+            float(np.ravel(model.dof_damping[dof])[0]),
+            float(model.dof_armature[dof]),
+            stiffness,
+            rest,
+        )
+        low = high = None
+        if model.jnt_limited[j]:
+            low, high = (float(bound) - zero for bound in model.jnt_range[j])
+        return passive, JointLimits(low, high, self.efforts.get(j))
+
+    def _frames(self, bodies: list[int]) -> Iterator[SourceFrame]:
+        model = self.model
+        rotors = {
+            int(s)
+            for s, t in zip(model.actuator_trnid[:, 0], model.actuator_trntype, strict=True)
+            if t == 4
+        }
+        for s in range(model.nsite):
+            name = _text(model, model.name_siteadr[s])
+            if name and model.site_bodyid[s] in bodies and s not in rotors:
+                w, x, y, z = model.site_quat[s]
+                pose = Placement.of_matrix(model.site_pos[s], of_quaternion(x, y, z, w))
+                yield SourceFrame(name, self.names[model.site_bodyid[s]], pose)
+
+    def _gravity(self) -> float:
+        x, y, z = (float(value) for value in self.model.opt.gravity)
+        if x or y or z > 0.0:
+            self.told.append(Told("note", "gravity", f"{x:g} {y:g} {z:g} is not downwards along z"))
+        return abs(z)
+
+
+def _name(model: Any, addresses: Any, number: int, what: str) -> str:
+    """The name of a body or joint, or what it is with its number.
+
+    Args:
+        model: The model.
+        addresses: Where the names of its kind begin.
+        number: Its number.
+        what: What it is, in a word.
+
+    Returns:
+        The name.
+    """
+    return _text(model, addresses[number]) or f"{what}_{number}"
+
+
+def _text(model: Any, address: int) -> str:
+    """The name that begins at an address."""
+    end = model.names.index(b"\0", address)
+    return bytes(model.names[address:end]).decode("utf-8", "replace")

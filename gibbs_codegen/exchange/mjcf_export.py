@@ -1,0 +1,236 @@
+"""MJCF of a robot: rotors are sites with motors whose gears are a force and the torque with it.
+
+MuJoCo has no moving body without mass: such links give their joints to the link that follows.
+"""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.exchange.placement import HERE, Placement
+from gibbs_codegen.exchange.source import Inertial, Source, SourceJoint, SourceRotor
+from gibbs_codegen.exchange.urdf_text import numbers
+from gibbs_codegen.robot.rigid_body import inertia_fault
+
+
+def mjcf_text(source: Source, root: str) -> str:
+    """The text of an MJCF file.
+
+    Args:
+        source: The robot.
+        root: Name of its root.
+
+    Returns:
+        The text.
+    """
+    writer = _Writer(source)
+    top = ET.Element("mujoco", model=source.name)
+    ET.SubElement(top, "compiler", angle="radian", autolimits="true", fusestatic="false")
+    ET.SubElement(top, "option", gravity=f"0 0 {-source.gravity!r}")
+    world = ET.SubElement(top, "worldbody")
+    writer.body(world, root, [(None, HERE)])
+    actuator = ET.SubElement(top, "actuator")
+    for rotor in source.rotors:
+        writer.rotor(actuator, rotor)
+    for joint in source.joints:
+        if joint.kind != "fixed":
+            _motor(actuator, joint)
+    for frame in source.frames:
+        place = {"pos": numbers(frame.pose.xyz), "quat": _quaternion(frame.pose)}
+        name = writer.site_name(frame.name)
+        ET.SubElement(writer.place_of(frame.on, frame.name), "site", {"name": name, **place})
+    ET.indent(top)
+    return ET.tostring(top, encoding="unicode") + "\n"
+
+
+# A joint with the placement of its frame in that of the carrying body; None for the root's.
+_Group = list[tuple[SourceJoint | None, Placement]]
+
+
+class _Writer:
+    """Writes bodies, and knows where they are in the document."""
+
+    def __init__(self, source: Source) -> None:
+        self._source = source
+        self._below: dict[str, list[SourceJoint]] = {}
+        for joint in source.joints:
+            self._below.setdefault(joint.parent, []).append(joint)
+        self._bodies: dict[str, ET.Element] = {}
+        self._sites: set[str] = set()
+
+    def body(self, parent: ET.Element, name: str, group: _Group) -> None:
+        """Write a body and what hangs on it.
+
+        Args:
+            parent: The element of what carries it.
+            name: Name of its link.
+            group: Joints that move it, its own last, each with its frame in the carrying body's.
+
+        Raises:
+            UsageError: If it moves and has no mass, and not one link follows it.
+        """
+        inertial, below = self._source.links[name].inertial, self._below.get(name, [])
+        (joint, frame) = group[-1]
+        if joint is not None and joint.kind != "fixed" and not _weighs(inertial):
+            if len(below) == 1:
+                further = [*group, (below[0], frame @ below[0].pose)]
+                self.body(parent, below[0].child, further)
+                return
+            raise UsageError(
+                f"link {printable(name, 60)} moves and has no mass, and not one link follows it; "
+                "MuJoCo has no such body: give it mass, or export URDF"
+            )
+        place = {"pos": numbers(frame.xyz), "quat": _quaternion(frame)}
+        element = ET.SubElement(parent, "body", {"name": name, **place})
+        self._bodies[name] = element
+        if joint is None:
+            ET.SubElement(element, "freejoint", name="root")
+        _inertial(element, name, inertial)
+        for moved, its_frame in group:
+            if moved is not None and moved.kind != "fixed":
+                _joint(element, moved, frame.inverse @ its_frame)
+        for found in below:
+            self.body(element, found.child, [(found, found.pose)])
+
+    def rotor(self, actuator: ET.Element, rotor: SourceRotor) -> None:
+        """Write a rotor as a site and a motor.
+
+        Args:
+            actuator: The element that holds motors.
+            rotor: The rotor.
+        """
+        site = self.site_name(rotor.name)
+        element = self.place_of(rotor.on, rotor.name)
+        ET.SubElement(element, "site", name=site, pos=numbers(rotor.position))
+        push = np.array(rotor.direction)
+        given = {
+            "name": rotor.name,
+            "site": site,
+            "gear": numbers([*push, *(rotor.drag * push)]),
+        }
+        if rotor.limits is not None:
+            given["ctrlrange"] = numbers(rotor.limits)
+        if rotor.time_constant:
+            given |= {"dyntype": "filterexact", "dynprm": repr(rotor.time_constant)}
+        ET.SubElement(actuator, "general" if rotor.time_constant else "motor", given)
+
+    def place_of(self, link: str, what: str) -> ET.Element:
+        """The body of a link.
+
+        Args:
+            link: Name of the link.
+            what: What is to be placed on it.
+
+        Returns:
+            Its element.
+
+        Raises:
+            UsageError: If the link has no body of its own.
+        """
+        if link not in self._bodies:
+            raise UsageError(
+                f"{printable(what, 60)} is on link {printable(link, 60)}, which has no mass and no "
+                "body in MuJoCo; export URDF"
+            )
+        return self._bodies[link]
+
+    def site_name(self, name: str) -> str:
+        """A name for a site that no other has.
+
+        Args:
+            name: The name as near as can be.
+
+        Returns:
+            The name.
+        """
+        while name in self._sites:
+            name += "_"
+        self._sites.add(name)
+        return name
+
+
+def _weighs(inertial: Inertial) -> bool:
+    return inertial.mass > 0.0 or bool(inertial.inertia.any())
+
+
+def _inertial(element: ET.Element, name: str, inertial: Inertial) -> None:
+    """Write the inertia of a link.
+
+    Args:
+        element: Its body.
+        name: Its name.
+        inertial: What it weighs.
+
+    Raises:
+        UsageError: If MuJoCo would refuse it.
+    """
+    if not _weighs(inertial):
+        return
+    i = inertial.inertia
+    entries = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+    if fault := inertia_fault(inertial.mass, entries):
+        raise UsageError(
+            f"the inertia of link {printable(name, 60)} {fault}, and MuJoCo refuses it; export URDF"
+        )
+    moments, axes = np.linalg.eigh(i)
+    place = inertial.pose.matrix @ axes * np.linalg.det(axes)
+    given = {
+        "pos": numbers(inertial.pose.xyz),
+        "mass": repr(inertial.mass),
+        "diaginertia": numbers(np.maximum(moments, 0.0)),
+        "xyaxes": numbers(place.T[:2].ravel()),
+    }
+    ET.SubElement(element, "inertial", given)
+
+
+def _joint(element: ET.Element, joint: SourceJoint, frame: Placement) -> None:
+    """Write a joint.
+
+    Args:
+        element: The body that it moves.
+        joint: The joint.
+        frame: Its frame in the body's, its coordinate and those after it at zero.
+    """
+    passive, limits = joint.passive, joint.limits
+    given = {
+        "name": joint.name,
+        "type": "slide" if joint.kind == "prismatic" else "hinge",
+        "axis": numbers(frame.matrix @ np.array(joint.axis)),
+        "pos": numbers(frame.xyz),
+    }
+    for key, value in (
+        ("damping", passive.damping),
+        ("armature", passive.armature),
+        ("stiffness", passive.stiffness),
+        ("springref", passive.rest),
+    ):
+        if value:
+            given[key] = repr(value)
+    if limits.low is not None and limits.high is not None:
+        given["range"] = numbers((limits.low, limits.high))
+    ET.SubElement(element, "joint", given)
+
+
+def _motor(actuator: ET.Element, joint: SourceJoint) -> None:
+    given = {"name": f"tau_{joint.name}", "joint": joint.name}
+    if (effort := joint.limits.effort) is not None:
+        given["ctrlrange"] = numbers((-effort, effort))
+    ET.SubElement(actuator, "motor", given)
+
+
+def _quaternion(pose: Placement) -> str:
+    """The rotation as w x y z."""
+    half = [math.radians(float(angle)) / 2 for angle in pose.rpy_deg]
+    (cr, cp, cy), (sr, sp, sy) = map(math.cos, half), map(math.sin, half)
+    return numbers(
+        (
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        )
+    )

@@ -1,0 +1,110 @@
+"""Rotors in MJCF: a motor at a site, whose gear is a force and the torque that goes with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.exchange.placement import Array, of_quaternion, vector
+from gibbs_codegen.exchange.source import SourceRotor, Told
+
+_JOINT, _SITE = 0, 4
+_FILTERS = (2, 3)
+
+
+def mjcf_rotors(
+    model: Any, names: Sequence[str], bodies: Sequence[int]
+) -> tuple[tuple[SourceRotor, ...], list[Told]]:
+    """The rotors of a compiled model.
+
+    Args:
+        model: The model.
+        names: Names of its bodies.
+        bodies: Numbers of the robot's bodies.
+
+    Returns:
+        The rotors in the order of the actuators, and what was left out.
+    """
+    rotors, told = [], []
+    for k in range(model.nu):
+        if model.actuator_trntype[k] != _SITE:
+            continue
+        site, gear = model.actuator_trnid[k, 0], np.array(model.actuator_gear[k])
+        body, size = model.site_bodyid[site], float(np.linalg.norm(gear[:3]))
+        size = 1.0 if abs(size - 1.0) < 4e-16 else size
+        name = _name(model, k) or f"rotor_{k}"
+        if body not in bodies:
+            continue
+        if size == 0.0:
+            told.append(Told("left out", name, "an actuator of torque without a force, no rotor"))
+            continue
+        w, x, y, z = model.site_quat[site]
+        turn = of_quaternion(x, y, z, w)
+        direction = gear[:3] / size
+        drag = float(direction @ gear[3:]) / size
+        if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
+            told.append(Told("left out", name, "torque across the thrust"))
+        rotors.append(
+            SourceRotor(
+                name,
+                names[body],
+                vector(model.site_pos[site]),
+                vector(turn @ direction),
+                drag,
+                _range(model, k, size),
+                float(model.actuator_dynprm[k, 0]) or None
+                if model.actuator_dyntype[k] in _FILTERS
+                else None,
+                found_by="motor at a site",
+            )
+        )
+    return tuple(rotors), told
+
+
+def efforts(model: Any) -> dict[int, float]:
+    """The largest torque or force of motors at joints.
+
+    Args:
+        model: The compiled model.
+
+    Returns:
+        The effort in N m or N by the number of the joint.
+    """
+    found = {}
+    for k in range(model.nu):
+        if model.actuator_trntype[k] != _JOINT:
+            continue
+        limits = _range(model, k, abs(float(model.actuator_gear[k, 0])))
+        if limits is not None and (most := max(map(abs, limits))) > 0.0:
+            found[int(model.actuator_trnid[k, 0])] = most
+    return found
+
+
+def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
+    """Least and largest force of an actuator.
+
+    Args:
+        model: The compiled model.
+        k: Number of the actuator.
+        gear: Force per unit of actuation.
+
+    Returns:
+        The bounds, or None where there are none.
+    """
+    bounds: list[Array] = []
+    if model.actuator_ctrllimited[k]:
+        bounds.append(float(model.actuator_gainprm[k, 0]) * np.array(model.actuator_ctrlrange[k]))
+    if model.actuator_forcelimited[k]:
+        bounds.append(np.array(model.actuator_forcerange[k]))
+    if not bounds:
+        return None
+    low = gear * max(float(min(pair)) for pair in bounds)
+    high = gear * min(float(max(pair)) for pair in bounds)
+    return (low, high) if low < high else None
+
+
+def _name(model: Any, k: int) -> str:
+    address = model.name_actuatoradr[k]
+    return bytes(model.names[address : model.names.index(b"\0", address)]).decode()

@@ -1,0 +1,227 @@
+"""MJCF with no more in it than masses, joints, sites and motors.
+
+MuJoCo's compiler then opens no file but meshes that masses are computed from, and what has no part
+in the equations of motion, such as pictures and sensors, cannot fail for want of a file.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+from gibbs_codegen.errors import Fault, printable
+from gibbs_codegen.exchange.source import SourceFileError, Told
+from gibbs_codegen.exchange.urdf_values import child, children, described
+from gibbs_codegen.exchange.xml_file import Element, parse_xml, read_bytes
+
+_KEPT = ("compiler", "option", "default", "asset", "worldbody", "actuator")
+_PICTURES = ("texture", "material", "skin", "light", "camera", "hfield", "plugin", "flexcomp")
+_LEFT_OUT = {
+    "equality": "equality constraints, such as closed loops",
+    "tendon": "tendons and their springs",
+    "contact": "contacts",
+    "sensor": "sensors",
+    "keyframe": "keyframes",
+    "deformable": "deformable bodies",
+}
+# What a compiler may be told; versions differ in what else they know.
+_SETTINGS = {
+    *("angle", "eulerseq", "autolimits", "inertiafromgeom", "inertiagrouprange", "strippath"),
+    *("meshdir", "assetdir", "exactmeshinertia", "alignfree"),
+}
+_CHANGING = {"balanceinertia", "boundmass", "boundinertia", "settotalmass"}
+_MOST_INCLUDES = 50
+_MOST_COPIES = 1000
+_TEXTS = {"name", "class", "childclass", "file", "mesh", "meshdir", "assetdir", "model", "joint"}
+
+
+def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
+    """Read a file with what it includes, and keep what has mass, moves or drives.
+
+    Args:
+        path: The file, in whose folder others are found.
+        data: Its text.
+
+    Returns:
+        The MJCF to be compiled, and what was left out.
+    """
+    root = parse_xml(data, str(path))
+    _include(root, path)
+    _check(root, str(path))
+    counts: Counter[str] = Counter()
+    for section in children(root):
+        if section.tag not in _KEPT:
+            counts[section.tag] += len(section)
+            root.remove(section)
+    told = [Told("left out", _LEFT_OUT.get(tag, f"<{tag}>"), f"{n}") for tag, n in counts.items()]
+    for element in [found for found in root.iter() if isinstance(found, Element)]:
+        element.attrib.pop("material", None)
+        for picture in children(element):
+            if picture.tag in _PICTURES:
+                element.remove(picture)
+    shapes = _Shapes(root)
+    for world in root.iter("worldbody"):
+        if isinstance(world, Element):
+            shapes.strip(world, "", True)
+    told.append(Told("left out", "shapes that give no mass", f"{shapes.count}"))
+    told += _only_motors(root)
+    told += _settle(root, path)
+    return ET.tostring(root, encoding="unicode"), told
+
+
+def _include(root: Element, path: Path) -> None:
+    """Put the contents of included files in place of `<include>`.
+
+    Args:
+        root: The document, which is changed.
+        path: Its file.
+
+    Raises:
+        SourceFileError: If files include too many others.
+    """
+    for _ in range(_MOST_INCLUDES):
+        found = next(((p, e) for p in root.iter() for e in p if e.tag == "include"), (None, None))
+        if found[0] is None or found[1] is None:
+            return
+        parent, element = found
+        place = [*parent].index(element)
+        parent.remove(element)
+        file = path.parent / element.get("file", "")
+        for number, fresh in enumerate(parse_xml(read_bytes(file), str(file))):
+            parent.insert(place + number, fresh)
+    fault = Fault("<include>", f"more than {_MOST_INCLUDES} files are included")
+    raise SourceFileError(str(path), [fault])
+
+
+def _check(root: Element, file: str) -> None:
+    """Refuse what would keep the compiler busy without end, or is no number.
+
+    Args:
+        root: The document.
+        file: Its name for messages.
+
+    Raises:
+        SourceFileError: If there is such a thing.
+    """
+    faults, copies = [], 1
+    for element in root.iter():
+        line = element.line if isinstance(element, Element) else None
+        where = described(element) if isinstance(element, Element) else ""
+        if element.tag == "replicate":
+            count = element.get("count", "1")
+            copies *= int(count) if count.isdigit() and len(count) < 6 else _MOST_COPIES + 1
+            if copies > _MOST_COPIES:
+                faults.append(Fault(where, f"more than {_MOST_COPIES} copies", line))
+        if element.tag == "composite":
+            faults.append(Fault(where, "composite bodies are not imported", line))
+        for key, text in element.attrib.items():
+            words = text.lower().replace("+", "").replace("-", "").split()
+            if key not in _TEXTS and {"nan", "inf", "infinity"} & {*words}:
+                faults.append(Fault(where, f"{key} must be finite, not {printable(text)}", line))
+    if faults:
+        raise SourceFileError(file, faults)
+
+
+class _Shapes:
+    """Removes shapes that give no mass, and counts them."""
+
+    def __init__(self, root: Element) -> None:
+        self.count = 0
+        self._computed = any(c.get("inertiafromgeom") == "true" for c in root.iter("compiler"))
+        self._masses: dict[str, str | None] = {}
+        for default in children(root):
+            if default.tag == "default":
+                self._read(default, None)
+
+    def _read(self, default: Element, mass: str | None) -> None:
+        """Learn the mass of shapes of each class, which a class within a class inherits."""
+        geom = child(default, "geom")
+        mass = mass if geom is None else geom.get("mass", mass)
+        self._masses[default.get("class", "main")] = mass
+        for inner in children(default):
+            if inner.tag == "default":
+                self._read(inner, mass)
+
+    def strip(self, element: Element, kind: str, weighed: bool) -> None:
+        """Remove the shapes of an element and of the bodies in it.
+
+        Args:
+            element: A body, or what holds bodies.
+            kind: The class that its shapes have unless they name another.
+            weighed: Whether its mass is given, so that no shape counts.
+        """
+        for found in children(element):
+            inner = found.get("childclass", kind)
+            if found.tag == "body":
+                given = child(found, "inertial") is not None
+                self.strip(found, inner, given and not self._computed)
+            elif found.tag in ("frame", "replicate"):
+                self.strip(found, inner, weighed)
+            elif found.tag == "geom":
+                given_class = found.get("class", kind) or "main"
+                mass = found.get("mass", self._masses.get(given_class))
+                if weighed or _is_zero(mass):
+                    element.remove(found)
+                    self.count += 1
+
+
+def _is_zero(text: str | None) -> bool:
+    try:
+        return text is not None and float(text) == 0.0
+    except ValueError:
+        return False
+
+
+def _only_motors(root: Element) -> Iterator[Told]:
+    """Remove actuators that are no motors at a site or joint.
+
+    Args:
+        root: The document, which is changed.
+
+    Yields:
+        What was left out.
+    """
+    for section in root.iter("actuator"):
+        for actuator in [found for found in section if isinstance(found, Element)]:
+            acts = "site" in actuator.attrib or "joint" in actuator.attrib
+            if actuator.tag not in ("motor", "general") or not acts or "refsite" in actuator.attrib:
+                section.remove(actuator)
+                name = printable(actuator.get("name", "without a name"), 60)
+                yield Told("left out", name, f"<{printable(actuator.tag, 40)}>, which is no motor")
+
+
+def _settle(root: Element, path: Path) -> Iterator[Told]:
+    """Leave the compiler no choice: no welding, and folders by their full paths.
+
+    Args:
+        root: The document, which is changed.
+        path: Its file.
+
+    Yields:
+        Settings with which MuJoCo changes masses or inertias.
+    """
+    meshes = any("mesh" in found.attrib for found in root.iter("geom"))
+    for section in children(root):
+        if section.tag == "asset" and not meshes:
+            root.remove(section)
+        if section.tag == "option":
+            section.attrib = {k: v for k, v in section.attrib.items() if k == "gravity"}
+            section[:] = []
+    if root.find("compiler") is None:
+        root.insert(0, Element("compiler"))
+    for compiler in root.iter("compiler"):
+        folder = compiler.get("meshdir", compiler.get("assetdir", ""))
+        for key in sorted(_CHANGING & set(compiler.attrib)):
+            setting = f"{compiler.get(key)}: with it MuJoCo changes masses or inertias"
+            yield Told("note", key, printable(setting))
+        kept = (
+            _SETTINGS
+            | _CHANGING
+            | ({"coordinate"} if compiler.get("coordinate") == "global" else set())
+        )
+        compiler.attrib = {key: text for key, text in compiler.attrib.items() if key in kept}
+        compiler.attrib.pop("assetdir", None)
+        compiler.set("meshdir", str(path.parent.absolute() / folder))
+        compiler.set("fusestatic", "false")

@@ -1,0 +1,204 @@
+"""Where a frame is in another, with angles as exact fractions of a degree and a rotation matrix.
+
+Both are kept, since a robot file gives angles while welding needs matrices. Angles that a source
+gives come through unchanged as long as no rotated frame is composed with another rotated one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gibbs_codegen.robot.model import Angles3, Pose, Vector3
+
+Array = NDArray[np.float64]
+
+LEVEL: Angles3 = (Fraction(0), Fraction(0), Fraction(0))
+# Of products of rotations: a few units in the last place, in degrees and in entries of a matrix.
+_ROUNDING_DEG = Fraction(1, 10**12)
+_ROUNDING = 1e-15
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A frame in another: `xyz` (3) in m, then R = R_z·R_y·R_x of `rpy_deg`."""
+
+    xyz: Vector3 = (0.0, 0.0, 0.0)
+    rpy_deg: Angles3 = LEVEL
+
+    @staticmethod
+    def of_matrix(xyz: Sequence[float] | Array, matrix: Array) -> Placement:
+        """The placement of a rotation matrix.
+
+        Args:
+            xyz: Origin, m.
+            matrix: Axes of the frame in columns (3, 3).
+
+        Returns:
+            The placement.
+        """
+        return Placement(vector(xyz), angles_of(matrix))
+
+    @cached_property
+    def matrix(self) -> Array:
+        """Axes of the frame in columns (3, 3)."""
+        roll, pitch, yaw = self.rpy_deg
+        turned: Array = about("z", yaw) @ about("y", pitch) @ about("x", roll)
+        return turned
+
+    @property
+    def is_identity(self) -> bool:
+        """Whether it is the other frame itself."""
+        return self.rpy_deg == LEVEL and not any(self.xyz)
+
+    @property
+    def pose(self) -> Pose:
+        """As a robot has it."""
+        return Pose(self.xyz, self.rpy_deg)
+
+    def point(self, place: Sequence[float] | Array) -> Array:
+        """A point of the frame in the other one.
+
+        Args:
+            place: The point (3), m.
+
+        Returns:
+            The point (3) in the axes and from the origin of the other frame, m.
+        """
+        inner = np.asarray(place, float)
+        turned: Array = inner if self.rpy_deg == LEVEL else self.matrix @ inner
+        there: Array = turned + np.array(self.xyz)
+        return there
+
+    def __matmul__(self, inner: Placement) -> Placement:
+        """The inner frame, which is given in this one, in the other."""
+        xyz = vector(self.point(inner.xyz))
+        if self.rpy_deg == LEVEL:
+            return Placement(xyz, inner.rpy_deg)
+        if inner.rpy_deg == LEVEL:
+            return Placement(xyz, self.rpy_deg)
+        return Placement.of_matrix(xyz, self.matrix @ inner.matrix)
+
+    @property
+    def inverse(self) -> Placement:
+        """The other frame in this one."""
+        xyz = vector(-(self.matrix.T @ np.array(self.xyz)))
+        if self.rpy_deg == LEVEL:
+            return Placement(xyz)
+        return Placement.of_matrix(xyz, self.matrix.T)
+
+
+HERE = Placement()
+
+
+def vector(values: Sequence[float] | Array) -> Vector3:
+    """Three numbers as a tuple of floats, without negative zeros.
+
+    Args:
+        values: The numbers (3).
+
+    Returns:
+        The tuple.
+    """
+    x, y, z = (float(value) + 0.0 for value in values)
+    return x, y, z
+
+
+def degrees(radians: float) -> Fraction:
+    """An angle as the shortest decimal of its degrees, which loses nothing that matters.
+
+    Args:
+        radians: The angle, finite.
+
+    Returns:
+        The angle in degrees, from −360 to 360.
+    """
+    angle = Fraction(repr(math.degrees(math.remainder(radians, 4 * math.pi))))
+    return angle - 360 if angle > 360 else angle + 360 if angle < -360 else angle
+
+
+def about(letter: str, angle: Fraction) -> Array:
+    """Rotation about a coordinate axis, exact for multiples of 90°.
+
+    Args:
+        letter: The axis, x, y or z.
+        angle: The angle in degrees.
+
+    Returns:
+        The matrix (3, 3).
+    """
+    turns = round(angle / 90)
+    rest = angle - 90 * turns
+    c, s = math.cos(math.radians(rest)), math.sin(math.radians(rest))
+    s = 0.5 if rest == 30 else -0.5 if rest == -30 else s
+    for _ in range(turns % 4):
+        c, s = -s, c
+    first = "xyz".index(letter)
+    p, q = (first + 1) % 3, (first + 2) % 3
+    matrix: Array = np.eye(3)
+    matrix[p, p] = matrix[q, q] = c
+    matrix[p, q], matrix[q, p] = -s, s
+    return matrix + 0.0
+
+
+def of_quaternion(x: float, y: float, z: float, w: float) -> Array:
+    """The rotation of a quaternion, which need not be of unit length.
+
+    Args:
+        x, y, z, w: The quaternion, not zero.
+
+    Returns:
+        The matrix (3, 3).
+    """
+    v, n = np.array([x, y, z]), x * x + y * y + z * z + w * w
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: Array = ((w * w - v @ v) * np.eye(3) + 2 * np.outer(v, v) + 2 * w * cross) / n
+    return turned
+
+
+def about_axis(axis: Sequence[float], radians: float) -> Array:
+    """Rotation about any axis, by Rodrigues' formula.
+
+    Args:
+        axis: The unit axis (3).
+        radians: The angle.
+
+    Returns:
+        The matrix (3, 3).
+    """
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned: Array = np.eye(3) + math.sin(radians) * cross
+    turned += 2 * math.sin(radians / 2) ** 2 * (cross @ cross)
+    return turned
+
+
+def angles_of(matrix: Array) -> Angles3:
+    """Roll, pitch and yaw of a rotation, accurate at and near a pitch of ±90° too.
+
+    Args:
+        matrix: The rotation (3, 3).
+
+    Returns:
+        The angles in degrees.
+    """
+    level = math.hypot(matrix[0, 0], matrix[1, 0])
+    pitch = math.atan2(-matrix[2, 0], level if level > _ROUNDING else 0.0)
+    # At ±90° roll and yaw turn about one axis, and yaw may be anything: 0.
+    yaw = math.atan2(matrix[1, 0], matrix[0, 0]) if level > _ROUNDING else 0.0
+    c, s = math.cos(yaw), math.sin(yaw)
+    roll = math.atan2(s * matrix[0, 2] - c * matrix[1, 2], c * matrix[1, 1] - s * matrix[0, 1])
+    r, p, y = (_without_rounding(degrees(angle)) for angle in (roll, pitch, yaw))
+    return r, p, y
+
+
+def _without_rounding(angle: Fraction) -> Fraction:
+    """The multiple of 15° that the angle is, but for rounding; else the angle."""
+    multiple = Fraction(15 * round(angle / 15))
+    return multiple if abs(angle - multiple) <= _ROUNDING_DEG else angle

@@ -1,0 +1,175 @@
+"""A robot of this package as links and joints, as other formats have them: rods become links."""
+
+from __future__ import annotations
+
+from gibbs_codegen.exchange.placement import HERE, Placement, vector
+from gibbs_codegen.exchange.source import (
+    Inertial,
+    Source,
+    SourceFrame,
+    SourceJoint,
+    SourceLink,
+    SourceRotor,
+)
+from gibbs_codegen.robot.model import BASE, Body, Link, Robot, Rotor, as_rigid_body
+from gibbs_codegen.robot.names import default_prefix, joint_name
+from gibbs_codegen.robot.rigid_body import inertia_matrix
+
+ROOT = "base"
+
+
+def source_of(robot: Robot) -> Source:
+    """The links and joints of a robot.
+
+    The root is a link "base", whose frame is at the point whose position is x, y, z.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Its links and joints, as of a file.
+    """
+    centre, names, body = _centre(robot), _names(robot), robot.base.body
+    links = {ROOT: SourceLink(ROOT, _inertial(body, centre) if body else Inertial())}
+    joints: list[SourceJoint] = []
+    rotors: list[SourceRotor] = []
+    for k in range(1, robot.base.rotors + 1):
+        rotor, rod = _motor(robot, k), centre @ _rod_frame(robot, k)
+        links[rotor.on] = SourceLink(rotor.on, _inertial(robot.base.arm(k), HERE))
+        joints.append(SourceJoint(f"{rotor.on}_mount", "fixed", ROOT, rotor.on, rod))
+        rotors.append(rotor)
+    for i, link in enumerate(robot.links, start=1):
+        links[names[i]] = SourceLink(names[i], _inertial(link.body, HERE))
+        joints.append(_joint(robot, i, names, centre))
+    rotors += [_placed(rotor, k, names, centre) for k, rotor in enumerate(robot.thrusters, start=1)]
+    frames = []
+    for frame in robot.frames:
+        own = Placement(frame.pose.xyz, frame.pose.rpy_deg)
+        pose = centre @ own if frame.on == BASE else own
+        frames.append(SourceFrame(frame.name, names[frame.on], pose))
+    return Source(
+        f"{robot.name}.toml",
+        robot.name,
+        links,
+        tuple(joints),
+        tuple(rotors),
+        frames=tuple(frames),
+        gravity=robot.gravity,
+    )
+
+
+def _motor(robot: Robot, k: int) -> SourceRotor:
+    """The motor of a rod, on a link of the rod."""
+    base = robot.base
+    seen_from_motor = k == 1 and base.azimuth_deg is None
+    place = (0.0 if seen_from_motor else base.arm(k).length, 0.0, 0.0)
+    return SourceRotor(f"rotor{k}", f"arm{k}", place, base.thrust[k - 1], base.drag[k - 1])
+
+
+def _placed(rotor: Rotor, k: int, names: list[str], centre: Placement) -> SourceRotor:
+    """A rotor that is placed on a body.
+
+    Args:
+        rotor: The rotor.
+        k: Its number, from 1.
+        names: Names of base and links.
+        centre: The frame of the base in that of the root.
+
+    Returns:
+        The rotor.
+    """
+    return SourceRotor(
+        rotor.name or default_prefix("rotor", k),
+        names[rotor.on],
+        vector(centre.point(rotor.position)) if rotor.on == BASE else rotor.position,
+        rotor.direction,
+        rotor.drag,
+        rotor.limits,
+        rotor.time_constant,
+    )
+
+
+def _centre(robot: Robot) -> Placement:
+    """The frame of the base in that of the root."""
+    base = robot.base
+    if base.origin != "motor1":
+        return HERE
+    if base.azimuth_deg is None:
+        return Placement((base.arm(1).length, 0.0, 0.0))
+    motor = Placement(rpy_deg=_rod_frame(robot, 1).rpy_deg).point((base.arm(1).length, 0.0, 0.0))
+    return Placement(vector(-motor))
+
+
+def _rod_frame(robot: Robot, k: int) -> Placement:
+    """The frame of a rod in that of the base."""
+    if k == 1 and robot.base.azimuth_deg is None:
+        return Placement((-robot.base.arm(1).length, 0.0, 0.0))
+    return Placement(rpy_deg=(HERE.rpy_deg[0], HERE.rpy_deg[1], robot.base.arm_angle_deg(k)))
+
+
+def _names(robot: Robot) -> list[str]:
+    """Names of the base and the links, none of them twice."""
+    names = [ROOT]
+    taken = {ROOT, *(f"arm{k}" for k in range(1, robot.base.rotors + 1))}
+    for i, link in enumerate(robot.links, start=1):
+        name = link.name or default_prefix("link", i)
+        while name in taken:
+            name += "_"
+        taken.add(name)
+        names.append(name)
+    return names
+
+
+def _inertial(body: Body, frame: Placement) -> Inertial:
+    rigid = as_rigid_body(body)
+    place = Placement(vector(frame.point(rigid.com)))
+    return Inertial(rigid.mass, place, inertia_matrix(rigid.inertia))
+
+
+def _joint(robot: Robot, i: int, names: list[str], centre: Placement) -> SourceJoint:
+    """The joint of a link.
+
+    Args:
+        robot: The robot.
+        i: Number of the link, from 1.
+        names: Names of base and links.
+        centre: The frame of the base in that of the root.
+
+    Returns:
+        The joint, its pose in the frame of the carrying link.
+    """
+    link = robot.links[i - 1]
+    name = link.coordinate or link.name or joint_name(link.joint, robot.rotors + i)
+    limits, pose = link.limits, _pose(robot, i, link)
+    return SourceJoint(
+        name,
+        link.joint,
+        names[robot.parents[i - 1]],
+        names[i],
+        centre @ pose if robot.parents[i - 1] == BASE else pose,
+        link.axis,
+        passive=link.passive,
+        limits=limits,
+        continuous=link.joint == "revolute" and limits.low is None and limits.high is None,
+    )
+
+
+def _pose(robot: Robot, i: int, link: Link) -> Placement:
+    """Where a joint is, its coordinate at zero.
+
+    Args:
+        robot: The robot.
+        i: Number of the link, from 1.
+        link: The link.
+
+    Returns:
+        The pose in the frame of the carrying body.
+    """
+    if link.pose is not None:
+        return Placement(link.pose.xyz, link.pose.rpy_deg)
+    parent = robot.parents[i - 1]
+    before = robot.links[parent - 1].body.length if parent != BASE else 0.0
+    step = Placement(
+        (before if link.a is None else link.a, 0.0, 0.0), (link.alpha_deg, *HERE.rpy_deg[1:])
+    )
+    return step @ Placement((0.0, 0.0, link.d), (*HERE.rpy_deg[:2], link.theta_deg))

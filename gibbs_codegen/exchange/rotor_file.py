@@ -1,0 +1,175 @@
+"""Files that say where the rotors are: `[[rotor]]` in TOML, or a platform of eagle_mpc in YAML.
+
+They replace the rotors found in the robot's own file. `on` is a link of that file, also one that
+is welded to another; without it, the root.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from gibbs_codegen.errors import Fault, UsageError, printable
+from gibbs_codegen.exchange.placement import of_quaternion, vector
+from gibbs_codegen.exchange.source import SourceFileError, SourceRotor
+from gibbs_codegen.exchange.tree import SourceTree, near
+from gibbs_codegen.exchange.xml_file import read_bytes
+from gibbs_codegen.files.fields import Tables
+from gibbs_codegen.files.table import Table
+from gibbs_codegen.files.toml import checked
+from gibbs_codegen.robot.model import MAX_ROTORS
+from gibbs_codegen.robot.placed_tables import RotorTable
+
+
+class RotorFileTable(Table):
+    """A file of rotors."""
+
+    rotor: Annotated[list[RotorTable], Tables("rotor", MAX_ROTORS, "rotors")] = Field(
+        description="the rotors, in the order of their thrusts"
+    )
+
+
+def read_rotors(path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
+    """Read a file of rotors.
+
+    Args:
+        path: The file, in TOML, or in YAML if its name ends so.
+        tree: The robot, on whose links the rotors are.
+
+    Returns:
+        The rotors, in order.
+
+    Raises:
+        SourceFileError: If the file is refused, or a link is unknown.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        fault = Fault("", f"not UTF-8 text (byte {error.start}); save it as UTF-8")
+        raise SourceFileError(str(path), [fault]) from None
+    is_yaml = path.suffix.lower() in (".yaml", ".yml")
+    rotors = _of_yaml(text, path, tree) if is_yaml else _of_toml(text, path, tree)
+    links = tree.source.links
+    faults = [
+        Fault(f"rotor[{i}].on", f"there is no link {printable(r.on, 60)}{near(r.on, links)}")
+        for i, r in enumerate(rotors)
+        if r.on not in links
+    ]
+    if faults:
+        raise SourceFileError(str(path), faults)
+    return rotors
+
+
+def _of_toml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
+    """Rotors as a robot file has them.
+
+    Args:
+        text: The file.
+        path: Its path.
+        tree: The robot.
+
+    Returns:
+        The rotors.
+    """
+    found = checked(text, str(path), RotorFileTable, SourceFileError)
+    return tuple(
+        SourceRotor(
+            rotor.name or f"rotor_{number}",
+            _link(rotor.on, tree),
+            rotor.position,
+            rotor.direction,
+            rotor.drag,
+            rotor.limits,
+            rotor.time_constant,
+            found_by=path.name,
+        )
+        for number, rotor in enumerate(found.rotor)
+    )
+
+
+def _link(name: str, tree: SourceTree) -> str:
+    """The link that is meant; "base" is the root, unless there is a link of that name."""
+    return tree.root if name == "base" and name not in tree.source.links else name
+
+
+def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]:
+    """Rotors of a platform of eagle_mpc.
+
+    Args:
+        text: The file.
+        path: Its path.
+        tree: The robot.
+
+    Returns:
+        The rotors; thrust is along z of their frames.
+
+    Raises:
+        UsageError: If PyYAML is not installed.
+        SourceFileError: If the file is refused: KeyError, ValueError and the like stay inside.
+    """
+    try:
+        import yaml
+    except ImportError:
+        raise UsageError(
+            f"{printable(path)}: YAML needs PyYAML (pip install pyyaml); or give the rotors as "
+            "[[rotor]] tables in TOML"
+        ) from None
+    try:
+        if "&" in text:  # Aliases of anchors can expand without end; platforms have none.
+            raise ValueError("anchors are not read")
+        platform = yaml.safe_load(text)["platform"]
+        return tuple(_eagle(platform, entry, tree, path) for entry in platform["$rotors"])
+    except (
+        yaml.YAMLError,
+        ValueError,
+        TypeError,
+        KeyError,
+        ZeroDivisionError,
+        RecursionError,
+    ) as e:
+        fault = Fault(
+            "",
+            "no platform of eagle_mpc: platform with cf, cm, max_thrust, min_thrust and $rotors, "
+            "each with translation, orientation and spin_direction; "
+            + printable(f"{type(e).__name__}: {e}", 100),
+        )
+        raise SourceFileError(str(path), [fault]) from None
+
+
+def _eagle(
+    platform: Mapping[str, Any], entry: Mapping[str, Any], tree: SourceTree, path: Path
+) -> SourceRotor:
+    """One rotor of a platform.
+
+    Args:
+        platform: The platform, with the coefficients of all rotors.
+        entry: What it says of the rotor.
+        tree: The robot.
+        path: The file.
+
+    Returns:
+        The rotor.
+
+    Raises:
+        ValueError: If a number is not finite.
+    """
+    spin = entry["spin_direction"]
+    x, y, z, w = (float(value) for value in entry["orientation"])
+    rotor = SourceRotor(
+        f"rotor_{platform['$rotors'].index(entry)}",
+        str(platform.get("base_link_name") or tree.root),
+        vector(entry["translation"]),
+        vector(of_quaternion(x, y, z, w)[:, 2]),
+        float(spin[0] if isinstance(spin, list) else spin)
+        * (float(platform["cm"]) / float(platform["cf"])),
+        (float(platform["min_thrust"]), float(platform["max_thrust"])),
+        found_by=path.name,
+    )
+    numbers = (*rotor.position, *rotor.direction, rotor.drag, *(rotor.limits or ()))
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError("a number is not finite")
+    return rotor

@@ -1,0 +1,133 @@
+"""Angles that were meant to be multiples of 15°, and numbers that are rounding or CAD noise.
+
+A robot file's angles are structural: 1.5708 for 90° makes terms of 1e-6 that the equations then
+carry everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+
+from gibbs_codegen.exchange.placement import Array, Placement, vector
+from gibbs_codegen.exchange.source import Inertial, Source, SourceJoint, Told
+from gibbs_codegen.robot.model import Angles3, Vector3
+
+SNAP = 2e-5
+_SNAP_DEG = Fraction(math.degrees(SNAP))
+# Lengths in m, and products of inertia in parts of the trace, that nobody has measured.
+_NOISE = 1e-12
+
+
+def snapped_source(source: Source) -> Source:
+    """Snap every angle and axis of a file, and tell of those of joints.
+
+    Args:
+        source: The file.
+
+    Returns:
+        The file, with exact angles.
+    """
+    told, joints = list(source.told), []
+    for joint in source.joints:
+        exact = _snapped_joint(joint)
+        if exact.pose.rpy_deg != joint.pose.rpy_deg:
+            change = f"{_shown(joint.pose.rpy_deg)} to {_shown(exact.pose.rpy_deg)} degrees"
+            told.append(Told("snapped", joint.name, change))
+        if exact.axis != joint.axis:
+            change = f"axis {_listed(joint.axis)} to {_listed(exact.axis)}"
+            told.append(Told("snapped", joint.name, change))
+        joints.append(exact)
+    links = {
+        name: replace(link, inertial=_snapped_inertial(link.inertial))
+        for name, link in source.links.items()
+    }
+    frames = [replace(frame, pose=snapped(frame.pose)) for frame in source.frames]
+    rotors = [replace(rotor, direction=_snapped_axis(rotor.direction)) for rotor in source.rotors]
+    return replace(
+        source,
+        joints=tuple(joints),
+        links=links,
+        frames=tuple(frames),
+        rotors=tuple(rotors),
+        told=tuple(told),
+    )
+
+
+def _snapped_joint(joint: SourceJoint) -> SourceJoint:
+    axis = joint.axis if joint.kind == "fixed" else _snapped_axis(joint.axis)
+    return replace(joint, pose=snapped(joint.pose), offset=snapped(joint.offset), axis=axis)
+
+
+def _snapped_inertial(inertial: Inertial) -> Inertial:
+    return replace(inertial, pose=snapped(inertial.pose))
+
+
+def snapped(pose: Placement) -> Placement:
+    """The pose with angles that are all but multiples of 15° made exact.
+
+    Args:
+        pose: The pose.
+
+    Returns:
+        The pose, the same one if nothing is to be done.
+    """
+    roll, pitch, yaw = map(_snapped_angle, pose.rpy_deg)
+    exact = (roll, pitch, yaw)
+    if abs(pitch) == 90 and not all(angle % 15 == 0 for angle in exact):
+        # Here roll and yaw turn about one axis: what counts is their sum or difference.
+        roll = _snapped_angle(roll - yaw if pitch == 90 else roll + yaw)
+        exact = (roll, pitch, Fraction(0))
+    return pose if exact == pose.rpy_deg else Placement(pose.xyz, exact)
+
+
+def _snapped_angle(angle: Fraction) -> Fraction:
+    multiple = Fraction(15 * round(angle / 15))
+    return multiple if abs(angle - multiple) <= _SNAP_DEG else angle
+
+
+def _snapped_axis(axis: Vector3) -> Vector3:
+    """The axis, or the coordinate axis that it all but is."""
+    k = int(np.argmax(np.abs(axis)))
+    if sum(abs(value) > SNAP for value in axis) > 1:
+        return quiet(axis)
+    exact = [0.0, 0.0, 0.0]
+    exact[k] = math.copysign(1.0, axis[k])
+    return vector(exact)
+
+
+def quiet(values: Vector3) -> Vector3:
+    """Lengths, or components of a unit vector, without noise.
+
+    Args:
+        values: Lengths in m or components (3).
+
+    Returns:
+        The values, what is below 1e-12 set to 0.
+    """
+    return vector([0.0 if abs(value) < _NOISE else value for value in values])
+
+
+def quiet_inertia(matrix: Array) -> Array:
+    """An inertia without noise in its products.
+
+    Args:
+        matrix: The inertia (3, 3).
+
+    Returns:
+        The inertia, products below 1e-12 of its trace set to 0.
+    """
+    noise = np.abs(matrix) < _NOISE * abs(np.trace(matrix))
+    found: Array = np.where(noise & ~np.eye(3, dtype=bool), 0.0, matrix)
+    return found
+
+
+def _shown(angles: Angles3) -> str:
+    return " ".join(f"{float(angle):.9g}" for angle in angles)
+
+
+def _listed(values: Vector3) -> str:
+    return " ".join(f"{value:.9g}" for value in values)

@@ -1,0 +1,40 @@
+"""xacro, expanded to URDF by the package xacrodoc."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from gibbs_codegen.errors import Fault, UsageError, printable
+from gibbs_codegen.exchange.source import SourceFileError
+from gibbs_codegen.exchange.xml_file import parse_xml, read_bytes
+
+
+def expanded(path: Path) -> bytes:
+    """Expand a file.
+
+    xacro evaluates expressions and reads other files: what it is given is trusted as a program is.
+
+    Args:
+        path: The file.
+
+    Returns:
+        The URDF.
+
+    Raises:
+        UsageError: If xacrodoc is not installed.
+        SourceFileError: If the file cannot be expanded.
+    """
+    parse_xml(read_bytes(path), str(path))
+    try:
+        from xacrodoc import XacroDoc
+    except ImportError:
+        raise UsageError(
+            f"{printable(path)}: xacro needs xacrodoc: pip install 'gibbs_codegen[xacro]'; or "
+            "expand it to URDF"
+        ) from None
+    try:
+        text: str = XacroDoc.from_file(str(path)).to_urdf_string()
+    except Exception as error:  # Whatever its expressions raise.
+        words = printable(f"{type(error).__name__}: {error}", 300)
+        raise SourceFileError(str(path), [Fault("", f"cannot be expanded: {words}")]) from None
+    return text.encode()

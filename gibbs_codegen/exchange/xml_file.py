@@ -1,0 +1,108 @@
+"""XML files read safely: no document types and no entities, bounded in size and depth.
+
+The expat parser of the standard library tells of a document type before it reads any entity, and
+the file is refused there, so that nothing is ever expanded or fetched.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any, cast
+from xml.parsers import expat
+
+from gibbs_codegen.errors import Fault, UsageError, printable
+from gibbs_codegen.exchange.source import SourceFileError
+
+MAX_BYTES = 10_000_000
+# Published robots have fewer than 2000 elements within 10 levels.
+MAX_ELEMENTS = 200_000
+MAX_DEPTH = 100
+
+
+class Element(ET.Element):
+    """An element that knows its line."""
+
+    line: int | None = None
+
+
+class _Refused(Exception):  # noqa: N818 - it never leaves this module
+    """Why the parser was stopped."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """The bytes of a file.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Its bytes.
+
+    Raises:
+        UsageError: If there is no such file, or it cannot be read.
+        SourceFileError: If it is too large.
+    """
+    try:
+        if not path.is_file():
+            what = "is not a file" if path.exists() else "no such file"
+            raise UsageError(f"{printable(path)}: {what}; give a URDF, xacro or MJCF file")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise UsageError(f"{printable(path)}: cannot be read: {error.strerror}") from None
+    except ValueError:  # A path with a null character.
+        raise UsageError(f"{printable(path)}: no such file") from None
+    if len(data) > MAX_BYTES:
+        raise SourceFileError(
+            str(path), [Fault("", f"larger than {MAX_BYTES} bytes; robots have far less text")]
+        )
+    return data
+
+
+def parse_xml(data: bytes, file: str) -> Element:
+    """The root element of a document.
+
+    Args:
+        data: The document.
+        file: Name of the file for messages.
+
+    Returns:
+        The root element; every element has its line.
+
+    Raises:
+        SourceFileError: If it is not well-formed XML, declares a document type, or is too large.
+    """
+    builder = ET.TreeBuilder(element_factory=Element)
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    depth = count = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth, count = depth + 1, count + 1
+        if depth > MAX_DEPTH:
+            raise _Refused(f"elements are nested more than {MAX_DEPTH} deep")
+        if count > MAX_ELEMENTS:
+            raise _Refused(f"more than {MAX_ELEMENTS} elements; robots have far fewer")
+        cast(Element, builder.start(tag, attributes)).line = parser.CurrentLineNumber
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: Any) -> None:
+        raise _Refused("declares a document type (DOCTYPE), which could expand or fetch entities")
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.CharacterDataHandler = builder.data
+    parser.StartDoctypeDeclHandler = parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(data, True)
+        return cast(Element, builder.close())
+    except (_Refused, expat.ExpatError, LookupError, ValueError) as error:
+        text = str(error) if isinstance(error, _Refused) else f"not well-formed XML: {error}"
+        line = parser.ErrorLineNumber if isinstance(error, expat.ExpatError) else None
+        line = line or parser.CurrentLineNumber
+        raise SourceFileError(file, [Fault("", printable(text), line)]) from None

@@ -1,0 +1,172 @@
+"""What is exported is loaded by Pinocchio and MuJoCo, agrees with them, and is imported again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.typing import NDArray
+from support.pinocchio_oracle import Oracle
+from support.random_robots import random_tree
+from support.robot_in_pinocchio import PinocchioRobot
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.exchange.exporting import Format, export_robot
+from gibbs_codegen.exchange.importing import ImportOptions, import_robot
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import coordinate_of, identifier
+
+Array = NDArray[np.float64]
+SOURCES = Path(__file__).parent / "sources"
+TREES = ("hextilt_flying_arm_5", "hydrus", "everything")
+PAPERS = ("hexarotor_3link", "quadrotor_2link")
+
+
+def tree(name: str) -> Robot:
+    """A robot that was imported."""
+    rotors = SOURCES / f"{name}_rotors.toml"
+    options = ImportOptions("xyz", rotors=rotors if rotors.exists() else None)
+    return import_robot(SOURCES / f"{name}.urdf", options)[0]
+
+
+def again(robot: Robot, form: Format, folder: Path) -> Robot:
+    """The robot, exported and imported."""
+    path = folder / f"robot{'.urdf' if form == 'urdf' else '.xml'}"
+    path.write_text(export_robot(robot, form)[0])
+    return import_robot(path, ImportOptions("xyz", snap=False))[0]
+
+
+def state(nv: int, seed: int = 0) -> tuple[Array, Array]:
+    """A state of the free-flyer with so many velocities."""
+    random = np.random.default_rng(seed)
+    q = random.uniform(-1.0, 1.0, nv + 1)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    return q, random.uniform(-1.0, 1.0, nv)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_pinocchio_agrees_with_exported_urdf(name: str) -> None:
+    robot = tree(name)
+    ours = PinocchioRobot(robot)
+    model = pin.buildModelFromXML(export_robot(robot, "urdf")[0], pin.JointModelFreeFlyer())
+    q, v = state(model.nv)
+    found = ours.at(q, v, np.zeros(len(robot.thrusters) + len(robot.links)))
+    places = [model.joints[model.getJointId(str(link.coordinate))].idx_v for link in robot.links]
+    order = [*range(6), *places]
+    own_q, own_v = q.copy(), np.zeros_like(v)
+    own_q[np.array(places) + 1], own_v[order] = q[7:], v
+    data = model.createData()
+    matrix = pin.crba(model, data, own_q)
+    matrix = (np.triu(matrix) + np.triu(matrix, 1).T)[np.ix_(order, order)]
+    assert np.abs(matrix - found.mass_matrix).max() < 1e-12 * np.abs(matrix).max()
+    nonlinear = pin.nonLinearEffects(model, data, own_q, own_v)[order]
+    assert np.abs(nonlinear - found.nonlinear).max() < 1e-12 * np.abs(nonlinear).max()
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_mujoco_agrees_with_exported_mjcf(name: str) -> None:
+    import mujoco
+
+    robot = tree(name)
+    ours = PinocchioRobot(robot)
+    model = mujoco.MjModel.from_xml_string(export_robot(robot, "mjcf")[0])
+    q, v = state(model.nv)
+    found = ours.at(q, v, np.zeros(len(robot.thrusters) + len(robot.links)))
+    data = mujoco.MjData(model)
+    places = [int(model.joint(str(link.coordinate)).qposadr[0]) for link in robot.links]
+    data.qpos[:7] = q[[0, 1, 2, 6, 3, 4, 5]]
+    data.qpos[places] = q[7:]
+    mujoco.mj_fwdPosition(model, data)
+    matrix = np.empty((model.nv, model.nv))
+    for row, unit in zip(matrix, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    turn = np.eye(model.nv)  # MuJoCo has the linear velocity in world axes.
+    turn[:3, :3] = pin.Quaternion(q[3:7]).toRotationMatrix()
+    order = [*range(6), *(place - 1 for place in places)]
+    matrix = (turn.T @ matrix @ turn)[np.ix_(order, order)]
+    assert np.abs(matrix - found.mass_matrix).max() < 1e-12 * np.abs(matrix).max()
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("name", TREES)
+def test_trees_come_back(name: str, form: Format, tmp_path: Path) -> None:
+    robot = tree(name)
+    back = again(robot, form, tmp_path)
+    assert [link.coordinate for link in back.links] == [link.coordinate for link in robot.links]
+    assert [rotor.limits for rotor in back.thrusters] == [r.limits for r in robot.thrusters]
+    for one, other in zip(robot.links, back.links, strict=True):
+        assert one.passive.damping == other.passive.damping
+        assert (one.limits.low, one.limits.high) == (other.limits.low, other.limits.high)
+    q, v = state(6 + len(robot.links))
+    u = np.ones(len(robot.thrusters) + len(robot.links))
+    for found, expected in zip(
+        PinocchioRobot(back).at(q, v, u), PinocchioRobot(robot).at(q, v, u), strict=True
+    ):
+        assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("name", PAPERS)
+def test_paper_robots_come_back(
+    name: str, form: Format, tmp_path: Path, shipped: Callable[[str], ModuleType]
+) -> None:
+    robot, module = read_robot(name)[0], shipped(name)
+    back = again(robot, form, tmp_path)
+    size, joints = len(module.COORDINATES), len(robot.links)
+    q = np.random.default_rng(1).uniform(-1.0, 1.0, size)
+    turn, rates = np.eye(3), np.zeros((3, 3))
+    for k, letter in reversed([*enumerate(robot.base.attitude)]):
+        # The rate about an axis, in the axes that the turns after it lead to.
+        rates[:, k] = turn.T @ np.eye(3)["xyz".index(letter)]
+        turn = pin.utils.rotate(letter, q[k]) @ turn
+    jacobian = np.zeros((size, size))  # From q̇ to v of the free-flyer.
+    jacobian[:3, -3:] = turn.T
+    jacobian[3:6, :3] = rates
+    jacobian[6:, 3 : 3 + joints] = np.eye(joints)
+    free = np.concatenate([q[-3:], pin.Quaternion(turn).coeffs(), q[3 : 3 + joints]])
+    found = PinocchioRobot(back).at(free, np.zeros(size), np.zeros(robot.rotors + joints))
+    matrix, inputs = module.mass_matrix(q), module.input_matrix(q)
+    assert np.abs(jacobian.T @ found.mass_matrix @ jacobian - matrix).max() < 1e-11
+    assert np.abs(jacobian.T @ found.inputs - inputs).max() < 1e-12
+
+
+def test_mujoco_s_limits_are_told() -> None:
+    robot = import_robot(SOURCES / "features.urdf", ImportOptions("xyz"))[0]
+    with pytest.raises(UsageError, match=r"inertia of link .* export URDF"):
+        export_robot(robot, "mjcf")
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+@pytest.mark.parametrize("seed", range(12))
+def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None:
+    robot = random_tree(seed)
+    robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    back = again(robot, form, tmp_path)
+    ours, theirs = Oracle(robot, rigid_base=True), PinocchioRobot(back)
+    names = [coordinate_of(robot, i) for i in robot.moving]
+    its_names = [identifier(str(link.coordinate)) for link in back.links]
+    assert sorted(names) == sorted(its_names)
+    order = [*range(6), *(6 + its_names.index(name) for name in names)]
+    q, v = state(6 + len(names), seed)
+    its_q = q.copy()
+    its_q[[place + 1 for place in order[6:]]] = q[7:]
+    count = len(robot.thrusters) + robot.base.rotors
+    found = theirs.at(its_q, np.zeros_like(v), np.zeros(count + len(names)))
+    armature = np.zeros(len(v))
+    armature[6:] = [robot.links[i - 1].passive.armature for i in robot.moving]
+    matrix = ours.mass_matrix(q) - np.diag(armature)
+    difference = found.mass_matrix[np.ix_(order, order)] - matrix
+    assert np.abs(difference).max() < 1e-12 * np.abs(matrix).max()
+    inputs = ours.input_matrix(q)[:, :count]
+    assert np.allclose(found.inputs[order, :count], inputs, rtol=0.0, atol=1e-12)
+    if form == "mjcf":
+        for name, i in zip(names, robot.moving, strict=True):
+            passive = back.links[its_names.index(name)].passive
+            assert passive.damping == robot.links[i - 1].passive.damping
+            assert passive.armature == robot.links[i - 1].passive.armature

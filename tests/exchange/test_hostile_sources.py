@@ -1,0 +1,238 @@
+"""Hostile URDF, MJCF and files of rotors: refused in words, exit code 2, nothing written."""
+
+from __future__ import annotations
+
+import os
+import random
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gibbs_codegen.cli.app import main
+
+SOURCES = Path(__file__).parent / "sources"
+LINK = (
+    '<link name="{}"><inertial><mass value="1"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+)
+JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/></joint>'
+
+
+def chain(count: int, kind: str) -> str:
+    """A chain of links on joints of a kind."""
+    links = "".join(LINK.format(f"l{i}") for i in range(count + 1))
+    joints = "".join(JOINT.format(f"j{i}", kind, f"l{i}", f"l{i + 1}") for i in range(count))
+    return f'<robot name="r">{links}{joints}</robot>'
+
+
+LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
+TWO = LINK.format("a") + LINK.format("b")
+MJCF = "<mujoco><worldbody><body><freejoint/>{}</body></worldbody></mujoco>"
+HOSTILE: dict[str, tuple[str | bytes, str]] = {
+    "nothing": ("", "not well-formed XML"),
+    "junk": (bytes(range(256)) * 64, "not well-formed XML"),
+    "zeros": (bytes(100_000), "not well-formed XML"),
+    "text": ("a robot", "not well-formed XML"),
+    "encoding": ('<?xml version="1.0" encoding="ebcdic-zz"?><robot/>', "not well-formed XML"),
+    "entities": (
+        f'<!DOCTYPE r [<!ENTITY l0 "ha">{LAUGHS}]><robot name="&l9;"/>',
+        "declares a document type",
+    ),
+    "external": ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "declares a document type"),
+    "undeclared": ("<robot>&a;</robot>", "not well-formed XML"),
+    "unclosed": ("<robot><link", "not well-formed XML"),
+    "nested": ("<robot>" + "<a>" * 100_000, "nested more than 100 deep"),
+    "flood": ("<robot>" + "<a/>" * 300_000 + "</robot>", "more than 200000 elements"),
+    "fifty megabytes": (b"<robot>" + b" " * 50_000_000 + b"</robot>", "larger than 10000000 bytes"),
+    "other": ("<svg/>", "URDF has <robot>, MJCF has <mujoco>"),
+    "sdf": ('<sdf version="1.6"/>', "URDF has <robot>, MJCF has <mujoco>"),
+    "empty": ("<robot/>", "has no <link>"),
+    "cycle": (
+        f"<robot>{TWO}{JOINT.format('1', 'fixed', 'a', 'b')}{JOINT.format('2', 'fixed', 'b', 'a')}"
+        "</robot>",
+        "form a closed loop",
+    ),
+    "own parent": (f"<robot>{TWO}{JOINT.format('1', 'fixed', 'b', 'b')}</robot>", "closed loop"),
+    "two roots": (f"<robot>{TWO}</robot>", "2 links that no joint carries, a, b"),
+    "twice": (f"<robot>{LINK.format('a')}{LINK.format('a')}</robot>", "another link of that name"),
+    "no mass": ('<robot><link name="a"/></robot>', "mass"),
+    "huge": (f"<robot>{LINK.format('a').replace('1', '1e400')}</robot>", "finite number"),
+    "digits": (f"<robot>{LINK.format('a').replace('1', '9' * 9000)}</robot>", "finite number"),
+    "controls": ('<robot><link name="a&#10;&#9;b"/></robot>', "printable characters"),
+    "long": (f'<robot><link name="{"a" * 9999}"/></robot>', "200 printable characters"),
+    "many links": (chain(65, "continuous"), "65 moving links"),
+    "floating": (chain(3, "floating"), "is floating, which is possible at the root only"),
+    "mjcf of nothing": ("<mujoco/>", "holds 0 robots"),
+    "mjcf nan": (MJCF.format('<geom size="nan"/>'), "size must be finite"),
+    "mjcf shape": (MJCF.format('<geom type="dodo"/>'), "MuJoCo refuses it"),
+    "mjcf inertia": (
+        MJCF.format('<inertial mass="1" pos="0 0 0" diaginertia="1 1 9"/>'),
+        "MuJoCo refuses it",
+    ),
+    "mjcf mesh": (
+        '<mujoco><asset><mesh name="m" file="no.obj"/></asset><worldbody><body><freejoint/>'
+        '<geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+        "no.obj",
+    ),
+    "mjcf include": ('<mujoco><include file="no.xml"/></mujoco>', "no.xml: no such file"),
+    "mjcf itself": ('<mujoco><include file="robot.xml"/></mujoco>', "more than 50 files"),
+    "mjcf copies": (
+        MJCF.format(
+            '<replicate count="9999"><replicate count="9999"><geom size="1"/>'
+            "</replicate></replicate>"
+        ),
+        "more than 1000 copies",
+    ),
+    "mjcf two": (
+        "<mujoco><worldbody>"
+        + '<body><freejoint/><geom size="1"/></body>' * 2
+        + "</worldbody></mujoco>",
+        "holds 2 robots (body_1, body_2); --base LINK tells which is meant",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_hostile_files_are_refused(
+    name: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    data, message = HOSTILE[name]
+    monkeypatch.chdir(tmp_path)
+    source = tmp_path / "robot.xml"
+    source.write_bytes(data if isinstance(data, bytes) else data.encode())
+    begin = time.perf_counter()
+    code = main(["import", "robot.xml", "--attitude", "xyz", "--out", "out.toml"])
+    assert time.perf_counter() - begin < 20
+    said = capfd.readouterr()
+    assert code == 2
+    assert message in said.err
+    assert len(said.err) < 5000
+    assert said.out == ""
+    assert os.listdir() == ["robot.xml"]
+
+
+def test_long_chains_of_welds_are_no_trouble(tmp_path: Path) -> None:
+    path = tmp_path / "robot.urdf"
+    path.write_text(chain(200, "fixed"))
+    assert main(["import", str(path), "--attitude", "xyz", "--out", str(tmp_path / "o.toml")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[[rotor]]\non = 'hab'", "rotor 1: on: there is no link hab; did you mean hub?"),
+        ("[[rotor]]\ndrag = nan", "rotors.toml:2: rotor 1: drag: must be a finite number"),
+        ("[[rotor]]\npositon = [0, 0, 0]", "unknown key; did you mean position?"),
+        ("rotor = 3", "must be an array of tables"),
+        ("", "missing"),
+    ],
+)
+def test_files_of_rotors(
+    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rotors, out = tmp_path / "rotors.toml", tmp_path / "out.toml"
+    rotors.write_text(text)
+    words = ["import", str(SOURCES / "features.urdf"), "--attitude", "xyz"]
+    assert main([*words, "--rotors", str(rotors), "--out", str(out)]) == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+WORDS = (
+    *("nan", "inf", "-1", "0", "1e400", "1e-320", "1e49", "", "x", "base", "world", "hub", "&lt;"),
+    *("fixed", "floating", "prismatic", "continuous", "0 0 0", "1 0", "0 0 1", "9" * 400, "☃"),
+)
+
+
+def mutant(text: str, choose: random.Random) -> bytes:
+    """The text with a few things broken: bytes, values, lines or elements."""
+    data = bytearray(text.encode())
+    for _ in range(choose.randint(1, 4)):
+        kind, place = choose.randrange(6), choose.randrange(len(data))
+        if kind == 0:
+            data[place] = choose.randrange(256)
+        elif kind == 1:
+            del data[place : place + choose.randint(1, 60)]
+        elif kind == 2:
+            piece = data[place : place + choose.randint(1, 300)]
+            other = choose.randrange(len(data))
+            data[other:other] = piece
+        else:  # Another value for an attribute: what most faults of people are.
+            first = data.find(b'="', place)
+            last = data.find(b'"', first + 2)
+            if 0 <= first < last:
+                data[first + 2 : last] = choose.choice(WORDS).encode()
+    return bytes(data)
+
+
+def check_mutants(name: str, seeds: range, folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Import mutants of a file: each is imported, or refused with a message."""
+    text = (SOURCES / name).read_text()
+    source, out = folder / name, folder / "out.toml"
+    for seed in seeds:
+        source.write_bytes(mutant(text, random.Random(seed)))  # noqa: S311
+        code = main(["import", str(source), "--attitude", "xyz", "--out", str(out)])
+        said = capfd.readouterr()
+        assert code in (0, 2), seed
+        assert out.exists() == (code == 0), seed
+        assert (said.err != "") == (code == 2), seed
+        out.unlink(missing_ok=True)
+
+
+FILES = ("features.urdf", "everything.urdf", "hydrus.urdf", "arm_with_ball_joint.xml")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_mutants(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    check_mutants(name, range(15), tmp_path, capfd)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FILES)
+def test_thousands_of_mutants(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    check_mutants(name, range(15, 2500), tmp_path, capfd)
+
+
+@pytest.fixture
+def imported(tmp_path: Path) -> Callable[..., int]:
+    """Import a file of features to out.toml."""
+    words = ["import", str(SOURCES / "features.urdf"), "--attitude", "xyz"]
+    return lambda *more: main([*words, "--out", str(tmp_path / "out.toml"), *more])
+
+
+def test_a_file_is_replaced_by_force_only(
+    imported: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out.toml"
+    out.write_text("mine")
+    assert imported() == 2
+    assert "exists already" in capsys.readouterr().err
+    assert out.read_text() == "mine"
+    assert imported("--force") == 0
+    assert out.read_text().startswith("# Imported from features.urdf by gibbs-codegen import.")
+    assert [path.name for path in tmp_path.iterdir()] == ["out.toml"]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--lock", "right=fast"], "give JOINT or JOINT=VALUE, VALUE in rad or m"),
+        (["--lock", "right=nan"], "give JOINT or JOINT=VALUE, VALUE in rad or m"),
+        (["--attitude", "zzz"], "--attitude must be one of xyz"),
+        (["--rotors", "no.toml"], "no.toml: no such file"),
+        (["--rotors", "."], "is not a file"),
+    ],
+)
+def test_wrong_options(
+    words: list[str],
+    message: str,
+    imported: Callable[..., int],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert imported(*words) == 2
+    assert message in capsys.readouterr().err

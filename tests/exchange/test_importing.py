@@ -1,0 +1,293 @@
+"""Features of published files: anchors, welds, locks, rotors, snapping, names, other roots."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from conftest import ROOT
+from numpy.typing import NDArray
+from support.robot_in_pinocchio import PinocchioRobot, placed
+
+from gibbs_codegen.cli.app import main
+from gibbs_codegen.errors import GibbsCodegenError
+from gibbs_codegen.exchange.importing import ImportOptions, import_robot
+from gibbs_codegen.exchange.source import Told
+from gibbs_codegen.robot.model import RigidBody, Robot
+
+Array = NDArray[np.float64]
+SOURCES = Path(__file__).parent / "sources"
+FEATURES = (SOURCES / "features.urdf").read_text()
+
+
+def imported(text: str, folder: Path, **options: object) -> tuple[Robot, list[Told]]:
+    """Import a text, with angles for the attitude."""
+    path = folder / ("robot.xml" if "<mujoco" in text else "robot.urdf")
+    path.write_text(text)
+    return import_robot(path, ImportOptions("xyz", **options))  # type: ignore[arg-type]
+
+
+def told(report: list[Told], kind: str) -> list[str]:
+    """What the report says was done."""
+    return [line.subject for line in report if line.kind == kind]
+
+
+def test_features_of_published_files(tmp_path: Path) -> None:
+    robot, report = imported(FEATURES, tmp_path)
+    assert robot.name == "features_of_published_files"
+    left, right = robot.links
+    assert told(report, "base") == ["hub"]
+    assert told(report, "welded") == ["prop_0", "prop_1", "stiff", "shifted"]
+    assert told(report, "locked") == ["spin_0", "spin_1", "stuck", "slid"]
+    assert told(report, "left out") == ["transmissions", "x", "right", "world"]
+    assert {"boom-left", "boom_left", "x", "rotors"} == set(told(report, "note"))
+    assert left.pose is not None
+    assert right.pose is not None
+    # What was 1.5708 is 90 degrees, and an axis of 3e-6 beside 1 is x.
+    assert left.pose.rpy_deg == (0, 0, 90)
+    assert (left.axis, right.axis) == ((0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
+    assert (left.name, left.coordinate, left.passive.damping) == ("boom-left", "x_joint", 0.05)
+    assert (left.limits.low, left.limits.effort, left.limits.velocity) == (-1.0, None, 2.0)
+    assert (right.limits.low, right.limits.high) == (None, None)
+    # In generated code boom-left and boom_left would be one name.
+    assert right.name == "boom_left_link"
+    assert robot.allow_impossible_inertia
+    # The slider stands at 0.1 for good.
+    assert robot.frames[-1].pose.xyz == pytest.approx((0.0, 0.0, -0.3))
+    assert isinstance(robot.base.body, RigidBody)
+    assert robot.base.body.com[0] == robot.base.body.inertia[3] == 0.0
+    ccw, cw = robot.thrusters
+    assert (ccw.drag, cw.drag, cw.time_constant) == (-0.016, 0.016, 0.0125)
+    assert cw.direction == (0.0, 0.0, -1.0)
+    assert cw.limits == pytest.approx((0.0, 8.54858e-06 * 838**2))
+
+
+def test_without_snapping_every_digit_stays(tmp_path: Path) -> None:
+    robot, report = imported(FEATURES, tmp_path, snap=False)
+    assert not told(report, "snapped")
+    pose = robot.links[0].pose
+    assert pose is not None
+    assert pose.rpy_deg[2] == Fraction(repr(np.rad2deg(1.5708).item()))
+    assert robot.links[1].axis[2] == pytest.approx(3e-6)
+    assert isinstance(robot.base.body, RigidBody)
+    assert robot.base.body.inertia[3] == 1e-21
+
+
+def test_locks_are_where_they_were_asked_for(tmp_path: Path) -> None:
+    robot, _ = imported(FEATURES, tmp_path, lock={"x": 0.5, "stuck": 0.0, "root_joint": 0.0})
+    assert [link.coordinate for link in robot.links] == ["right"]
+    boom = next(frame for frame in robot.frames if frame.name == "boom-left")
+    # About -z, on a mount that stands at 90 degrees.
+    turned = placed(boom.pose).rotation
+    assert np.allclose(turned, pin.utils.rotate("z", np.pi / 2 - 0.5), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"lock": {"rigth": 0.0}}, "--lock rigth: no such joint; did you mean right?"),
+        ({"base": "hab"}, "--base hab: no such link; did you mean hub?"),
+    ],
+)
+def test_unknown_names(options: dict[str, object], message: str, tmp_path: Path) -> None:
+    with pytest.raises(GibbsCodegenError, match=re.escape(message)):
+        imported(FEATURES, tmp_path, **options)
+
+
+FAULTS = [
+    ('<link name="hub">', '<link name="prop_0">', "there is another link of that name", 13),
+    ('<joint name="right"', '<joint name="x"', "there is another joint of that name", 11),
+    ('<child link="stiff"/>', '<child link="stif"/>', "there is no link stif; did you mean", 19),
+    ('<child link="stiff"/>', '<child link="hub"/>', "is carried by joint root_joint already", 19),
+    ('<mass value="1.5"/>', '<mass value="nan"/>', "must be a finite number", 6),
+    ('<mass value="1.5"/>', '<mass value="-1"/>', "value must be at least 0, not -1", 6),
+    ('<mass value="1.5"/>', '<mass value="1e60"/>', "must be a finite number up to", 6),
+    ('type="floating"', 'type="loating"', "type must be one of revolute, continuous", 5),
+    ('xyz="0 0.2 0"', 'xyz="0 0.2"', "xyz must have 3 numbers, not 2", 9),
+    ('<axis xyz="0 0 -1"/><limit', '<axis xyz="0 0 0"/><limit', "its axis has no length", 9),
+    ('lower="-1" upper="1"', 'lower="1" upper="-1"', "lower 1 is above upper -1", 9),
+    (
+        'type="continuous"><origin xyz="0 -',
+        'type="planar"><origin xyz="0 -',
+        "at the root only",
+        11,
+    ),
+    ('<joint name="x"', '<joint name=""', "has no name", 9),
+    ("ccw</turn", "left</turn", "<turningDirection> must be cw or ccw, not left", 24),
+    (
+        "<linkName>prop_0",
+        "<linkName>prop_9",
+        "rotor prop_9 is on link prop_9, which is missing",
+        None,
+    ),
+    ('<robot name="', '<!DOCTYPE robot><robot name="', "declares a document type", 3),
+]
+
+
+@pytest.mark.parametrize(("right", "wrong", "message", "line"), FAULTS)
+def test_faults_have_their_lines(
+    right: str, wrong: str, message: str, line: int | None, tmp_path: Path
+) -> None:
+    assert right in FEATURES
+    with pytest.raises(GibbsCodegenError) as caught:
+        imported(FEATURES.replace(right, wrong, 1), tmp_path)
+    assert message in str(caught.value)
+    if line is not None:
+        assert f"robot.urdf:{line}:" in str(caught.value)
+
+
+def moving(robot: Robot, q: Array, v: Array, frame: str) -> tuple[pin.SE3, Array, float]:
+    """Pose and local velocity of a frame, and the kinetic energy."""
+    model = PinocchioRobot(robot)
+    order = model.order()
+    own_q, own_v = q.copy(), np.zeros_like(v)
+    own_q[np.array(order[6:]) + 1], own_v[order] = q[7:], v
+    pin.forwardKinematics(model.model, model.data, own_q, own_v)
+    found = next((f for f in robot.frames if f.name == frame), None)
+    on = found.on if found else [link.name for link in robot.links].index(frame) + 1
+    seat = placed(found.pose) if found else pin.SE3.Identity()
+    joint = model.joints[on]
+    velocity = seat.actInv(model.data.v[joint]).vector
+    energy = pin.computeKineticEnergy(model.model, model.data, own_q, own_v)
+    return model.data.oMi[joint] * seat, velocity, energy
+
+
+@pytest.mark.parametrize("base", ["a4", "b2", "tilt_left", "finger_1", "battery"])
+def test_another_base_is_the_same_machine(base: str) -> None:
+    rotors = SOURCES / "everything_rotors.toml"
+    path = SOURCES / "everything.urdf"
+    robot, _ = import_robot(path, ImportOptions("xyz", rotors=rotors, snap=False))
+    other, _ = import_robot(path, ImportOptions("xyz", rotors=rotors, snap=False, base=base))
+    random = np.random.default_rng(3)
+    names = [link.coordinate for link in robot.links]
+    order = [names.index(link.coordinate) for link in other.links]
+    assert sorted(order) == [*range(10)]
+    q, v = random.uniform(-1.0, 1.0, 17), random.uniform(-1.0, 1.0, 16)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    pose, velocity, energy = moving(robot, q, v, base)
+    turn = pin.Quaternion(pose.rotation).coeffs()
+    its_q = np.concatenate([pose.translation, turn, q[7:][order]])
+    its_v = np.concatenate([velocity, v[6:][order]])
+    back, _, its_energy = moving(other, its_q, its_v, "frame")
+    assert its_energy == pytest.approx(energy, rel=1e-12)
+    assert np.allclose(back.homogeneous, pin.XYZQUATToSE3(q[:7]).homogeneous, atol=1e-12)
+
+
+def test_mjcf_is_what_mujoco_makes_of_it() -> None:
+    import mujoco
+
+    path = SOURCES / "arm_with_ball_joint.xml"
+    robot, report = import_robot(path, ImportOptions("xyz", snap=False))
+    names = [link.coordinate for link in robot.links]
+    assert names == ["s1", "s2", "slide", "b_x", "b_y", "b_z", "t"]
+    assert told(report, "left out")[-1] == "b"
+    first = robot.links[0]
+    assert (first.passive.armature, first.passive.stiffness) == (0.01, 2.0)
+    # Angles count from ref, 10 degrees.
+    assert first.passive.rest == pytest.approx(np.deg2rad(10.0))
+    assert first.limits.low == pytest.approx(np.deg2rad(-100.0))
+    assert robot.links[-1].limits.effort == 3.0
+    (rotor,) = robot.thrusters
+    assert (rotor.on, rotor.limits) == (7, (0.0, 10.0))
+    assert rotor.drag == pytest.approx(-0.02)
+    assert [frame.name for frame in robot.frames if frame.on == 3] == ["tool"]
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    random = np.random.default_rng(5)
+    q = random.uniform(-1.0, 1.0, 14)
+    q[3:7] /= np.linalg.norm(q[3:7])
+    data.qpos[:7] = q[[0, 1, 2, 6, 3, 4, 5]]
+    data.qpos[7:10] = q[7:10] + model.qpos0[7:10]
+    ball = (
+        pin.utils.rotate("x", q[10]) @ pin.utils.rotate("y", q[11]) @ pin.utils.rotate("z", q[12])
+    )
+    data.qpos[10:14] = np.roll(pin.Quaternion(ball).coeffs(), 1)
+    data.qpos[14] = q[13]
+    mujoco.mj_fwdPosition(model, data)
+    matrix = np.empty((model.nv, model.nv))
+    for row, unit in zip(matrix, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    to_mujoco = np.eye(model.nv)  # Linear velocity in world axes; of the ball, ω in its own.
+    to_mujoco[:3, :3] = pin.Quaternion(q[3:7]).toRotationMatrix()
+    z, yz = pin.utils.rotate("z", q[12]).T, pin.utils.rotate("y", q[11]).T
+    to_mujoco[9:12, 9:12] = np.column_stack([z @ yz @ np.eye(3)[0], z @ np.eye(3)[1], np.eye(3)[2]])
+    armature = np.diag(model.dof_armature)
+    expected = to_mujoco.T @ (matrix - armature) @ to_mujoco
+    found = PinocchioRobot(robot).at(q, np.zeros(13), np.zeros(8)).mass_matrix
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+
+
+def test_pictures_of_mjcf_are_not_needed(tmp_path: Path) -> None:
+    text = """<mujoco model="X"><compiler meshdir="assets" coordinate="local" convexhull="false"/>
+    <option collision="all" gravity="0 0 -3.7"/>
+    <default><default class="m"><geom mass="0"/><default class="v"><geom type="mesh"/></default>
+    </default></default>
+    <asset><texture type="2d" file="a.png"/><material name="a" texture="a"/>
+      <mesh file="b.obj"/></asset>
+    <worldbody><body name="quad" childclass="m"><freejoint/><geom class="v" mesh="b" material="a"/>
+      <geom type="box" size=".1 .2 .3" mass="2" material="a"/><site name="s" pos="1 0 0"/></body>
+    </worldbody>
+    <actuator><motor name="u" site="s" gear="0 0 2 0 0 -.04" ctrlrange="0 3"/>
+      <motor name="roll" site="s" gear="0 0 0 1 0 0"/></actuator></mujoco>"""
+    robot, report = imported(text, tmp_path)
+    assert robot.total_mass == 2.0
+    assert robot.gravity == 3.7
+    assert [(r.drag, r.limits) for r in robot.thrusters] == [(-0.02, (0.0, 6.0))]
+    assert "roll" in told(report, "left out")
+
+
+def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
+    pytest.importorskip("yaml")
+    platform = tmp_path / "platform.yaml"
+    platform.write_text(
+        "platform:\n  cf: 1.0e-5\n  cm: 2.0e-7\n  max_thrust: 9.0\n  min_thrust: 0.1\n"
+        "  $rotors:\n    - translation: [0.1, 0.2, 0.3]\n      orientation: [0.0, 1.0, 0.0, 1.0]\n"
+        "      spin_direction: [-1]\n"
+    )
+    robot, _ = imported(FEATURES, tmp_path, rotors=platform)
+    (rotor,) = robot.thrusters
+    assert rotor.direction == (1.0, 0.0, 0.0)
+    assert rotor.drag == pytest.approx(-0.02)
+    # The joints of the rotors that it replaces stay locked.
+    assert len(robot.links) == 2
+
+
+def test_the_worked_example_of_the_docs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "import.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r"^```xml\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    shown, link = re.findall(r"^```text\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    Path("two_props.urdf").write_text(source)
+    assert main(["import", "two_props.urdf"]) == 0
+    printed = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert printed == [line.split() for line in shown.splitlines()[1:]]
+    text = Path("two_props.toml").read_text()
+    for line in link.splitlines():
+        assert any(written.startswith(line) for written in text.splitlines()), line
+
+
+def test_servos_are_no_rotors(tmp_path: Path) -> None:
+    servo = FEATURES.replace("</motorNumber>", "</motorNumber><motorType>position</motorType>", 1)
+    robot, _ = imported(servo, tmp_path)
+    assert [rotor.name for rotor in robot.thrusters] == ["prop_0"]
+    assert [link.coordinate for link in robot.links] == ["x_joint", "right", "spin_1"]
+
+
+def test_xacro_is_expanded(tmp_path: Path) -> None:
+    pytest.importorskip("xacrodoc")
+    path = tmp_path / "robot.urdf.xacro"
+    path.write_text(
+        '<robot name="Two" xmlns:xacro="http://www.ros.org/wiki/xacro">'
+        '<xacro:property name="m" value="2"/><link name="b"><inertial><mass value="${m * 2}"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
+    )
+    assert import_robot(path, ImportOptions("xyz"))[0].total_mass == 4.0
+    path.write_text(path.read_text().replace("m * 2", "n"))
+    with pytest.raises(GibbsCodegenError, match="cannot be expanded: "):
+        import_robot(path, ImportOptions("xyz"))
