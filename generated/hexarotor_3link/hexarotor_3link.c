@@ -391,14 +391,21 @@ const Constants
     R(0.5),
     R(0.041666666666666664),
     R(1.9080000000000002e-06),
-    R(3.0),
-    R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
     R(3.0),
     R(9.0),
     R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
+    R(3.0),
+    R(9.0),
+    R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
     R(0.12500572400000001),
     R(1.2719999999999994e-06),
     R(4.5),
+    R(3.0),
+    R(4.5),
+    R(3.0),
     R(13.5),
     R(36.0),
     R(4.2399999999999983e-07),
@@ -416,6 +423,7 @@ const Constants
     -R(0.24999999999999994),
     R(0.75),
     R(0.125),
+    R(0.5),
     R(0.0625),
     R(0.10825317547305482),
     R(0.010418097666666667),
@@ -430,9 +438,11 @@ const Constants
     R(0.12500699600000001),
     R(3.9998168403872447),
     R(7.9995522810579329),
+    R(0.1111111111111111),
     R(6.3599999999999971e-07),
     R(4.5),
     R(2.1199999999999991e-07),
+    R(8.9999980920000002),
 };
 
 int hexarotor_3link_init_constants(
@@ -574,32 +584,35 @@ int hexarotor_3link_init_constants(
 
     /* inertia of the base, about the origin */
     const STEPWISE real k96 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k97 = base_arm_length * base_arm_mass_per_length;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k97 = R(0.5) * k96;
-    const STEPWISE real k98 = R(0.8660254037844386) * k96;
-    const STEPWISE real k99 = k8 - k14;
-    const STEPWISE real k100 = R(0.8660254037844386) * k99;
+    const STEPWISE real k98 = R(0.5) * k96;
+    const STEPWISE real k99 = R(0.8660254037844386) * k96;
+    const STEPWISE real k100 = k8 - k14;
     const STEPWISE real k101 = R(0.8660254037844386) * k100;
-    const STEPWISE real k102 = k8 - k101;
-    const STEPWISE real k103 = k14 + k101;
-    const STEPWISE real k104 = R(0.5) * k100;
-    const STEPWISE real k105 = k102 + k103;
-    const STEPWISE real k106 = base_arm_length * k97;
-    const STEPWISE real k107 = k105 - k106;
-    const STEPWISE real k108 = k105 + k106;
-    const STEPWISE real k109 = k8 + k14;
-    const STEPWISE real k110 = base_arm_length * k96;
-    const STEPWISE real k111 = k109 + k110;
-    const STEPWISE real k112 = R(0.5) * k89;
-    const STEPWISE real k113 = k93 + k112;
-    const STEPWISE real k114 = k66 + k67;
-    const STEPWISE real k115 = R(2.0) * k66;
-    const STEPWISE real k116 = R(1.0) / k115;
-    const STEPWISE real k117 = R(1.0) / k114;
-    const STEPWISE real k118 = R(0.5) * k67;
-    const STEPWISE real k119 = R(0.5) * k82;
-    const STEPWISE real k120 = R(0.5) * k78;
+    const STEPWISE real k102 = R(0.8660254037844386) * k101;
+    const STEPWISE real k103 = k8 - k102;
+    const STEPWISE real k104 = k14 + k102;
+    const STEPWISE real k105 = R(0.5) * k101;
+    const STEPWISE real k106 = k103 + k104;
+    const STEPWISE real k107 = base_arm_length * k98;
+    const STEPWISE real k108 = k106 - k107;
+    const STEPWISE real k109 = k106 + k107;
+    const STEPWISE real k110 = k8 + k14;
+    const STEPWISE real k111 = base_arm_length * k96;
+    const STEPWISE real k112 = k110 + k111;
+    const STEPWISE real k113 = R(0.5) * k89;
+    const STEPWISE real k114 = k93 + k113;
+    const STEPWISE real k115 = k66 + k67;
+    const STEPWISE real k116 = R(2.0) * k66;
+    const STEPWISE real k117 = R(1.0) / k116;
+    const STEPWISE real k118 = R(1.0) / k115;
+    const STEPWISE real k119 = R(1.0) / k82;
+    const STEPWISE real k120 = R(0.5) * k67;
+    const STEPWISE real k121 = R(0.5) * k82;
+    const STEPWISE real k122 = R(0.5) * k78;
+    const STEPWISE real k123 = k28 - k34;
     int good = k82 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i]);
@@ -612,22 +625,36 @@ int hexarotor_3link_init_constants(
     good &= is_finite(k8);
     constants->k14 = k14;
     good &= is_finite(k14);
+    constants->k20 = k20;
+    good &= is_finite(k20);
     constants->link2_length = link2_length;
     good &= is_finite(link2_length);
+    constants->k28 = k28;
+    good &= is_finite(k28);
     constants->k34 = k34;
     good &= is_finite(k34);
+    constants->k40 = k40;
+    good &= is_finite(k40);
     constants->link3_length = link3_length;
     good &= is_finite(link3_length);
     constants->k48 = k48;
     good &= is_finite(k48);
     constants->k54 = k54;
     good &= is_finite(k54);
+    constants->k60 = k60;
+    good &= is_finite(k60);
     constants->k66 = k66;
     good &= is_finite(k66);
     constants->k67 = k67;
     good &= is_finite(k67);
+    constants->k69 = k69;
+    good &= is_finite(k69);
+    constants->k70 = k70;
+    good &= is_finite(k70);
     constants->k71 = k71;
     good &= is_finite(k71);
+    constants->k72 = k72;
+    good &= is_finite(k72);
     constants->k76 = k76;
     good &= is_finite(k76);
     constants->k77 = k77;
@@ -666,28 +693,28 @@ int hexarotor_3link_init_constants(
     good &= is_finite(k97);
     constants->k98 = k98;
     good &= is_finite(k98);
-    constants->k102 = k102;
-    good &= is_finite(k102);
+    constants->k99 = k99;
+    good &= is_finite(k99);
     constants->k103 = k103;
     good &= is_finite(k103);
     constants->k104 = k104;
     good &= is_finite(k104);
     constants->k105 = k105;
     good &= is_finite(k105);
-    constants->k107 = k107;
-    good &= is_finite(k107);
+    constants->k106 = k106;
+    good &= is_finite(k106);
     constants->k108 = k108;
     good &= is_finite(k108);
     constants->k109 = k109;
     good &= is_finite(k109);
-    constants->k111 = k111;
-    good &= is_finite(k111);
-    constants->k113 = k113;
-    good &= is_finite(k113);
+    constants->k110 = k110;
+    good &= is_finite(k110);
+    constants->k112 = k112;
+    good &= is_finite(k112);
     constants->k114 = k114;
     good &= is_finite(k114);
-    constants->k116 = k116;
-    good &= is_finite(k116);
+    constants->k115 = k115;
+    good &= is_finite(k115);
     constants->k117 = k117;
     good &= is_finite(k117);
     constants->k118 = k118;
@@ -696,6 +723,12 @@ int hexarotor_3link_init_constants(
     good &= is_finite(k119);
     constants->k120 = k120;
     good &= is_finite(k120);
+    constants->k121 = k121;
+    good &= is_finite(k121);
+    constants->k122 = k122;
+    good &= is_finite(k122);
+    constants->k123 = k123;
+    good &= is_finite(k123);
     return !good;
 }
 
@@ -2025,10 +2058,10 @@ static INLINE void forward_dynamics_lane(
     const real k86 = constants->k86;
     const real k89 = constants->k89;
     const real k90 = constants->k90;
-    const real k113 = constants->k113;
     const real k114 = constants->k114;
-    const real k116 = constants->k116;
+    const real k115 = constants->k115;
     const real k117 = constants->k117;
+    const real k118 = constants->k118;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2140,7 +2173,7 @@ static INLINE void forward_dynamics_lane(
     const real t76 = F_1 * base_arm_length - F_3 * k89 - F_5 * k89;
     const real t77 = R(0.8660254037844386) * F_2 - R(0.8660254037844386) * F_6;
     const real t78 = F_4 - R(0.5) * F_2 - R(0.5) * F_6;
-    const real t79 = F_2 * k113 + F_4 * base_arm_length + F_6 * k113;
+    const real t79 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114;
 
     /* articulated inertia and load of link 3, about joint 9 */
     const real t80 = t54 * t60 + t48 * t56 - t52 * t61;
@@ -2202,7 +2235,7 @@ static INLINE void forward_dynamics_lane(
     const real t124 = t115 + c4 * t121 - s4 * t122;
 
     /* acceleration of the base, by LDL^T */
-    const real t125 = R(1.0) / (t109 + k114 - t74 * t113);
+    const real t125 = R(1.0) / (t109 + k115 - t74 * t113);
     const real t126 = t116 * t125;
     const real t127 = t114 + c4 * t118 - s4 * t117 - t124 * t126;
     const real t128 = R(1.0) / (k82 - t73 * t112 - t116 * t126);
@@ -2214,8 +2247,8 @@ static INLINE void forward_dynamics_lane(
     const real t134 = t130 * t133 + t123 * t129;
     const real t135 = t127 * t128;
     const real t136 = t126 * t135 - t124 * t125;
-    const real t137 = (tau_8 + s4 * t121 + c4 * t122) * k117;
-    const real t138 = (tau_7 + R(2.0) * k66 * t17 - t79) * k116;
+    const real t137 = (tau_8 + s4 * t121 + c4 * t122) * k118;
+    const real t138 = (tau_7 + R(2.0) * k66 * t17 - t79) * k117;
 
     /* acceleration of joint 7 */
     const real t139 = t138 + t111 - t112 * t135 - t113 * t136;
@@ -2754,13 +2787,13 @@ static INLINE void hybrid_mass_matrix_lane(
     const real k86 = constants->k86;
     const real k87 = constants->k87;
     const real k96 = constants->k96;
-    const real k97 = constants->k97;
     const real k98 = constants->k98;
-    const real k105 = constants->k105;
-    const real k107 = constants->k107;
+    const real k99 = constants->k99;
+    const real k106 = constants->k106;
     const real k108 = constants->k108;
     const real k109 = constants->k109;
-    const real k111 = constants->k111;
+    const real k110 = constants->k110;
+    const real k112 = constants->k112;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2773,25 +2806,25 @@ static INLINE void hybrid_mass_matrix_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
-    mass_matrix[41 * stride] = k107;
-    mass_matrix[42 * stride] = k108;
-    mass_matrix[43 * stride] = k111;
-    mass_matrix[44 * stride] = k108;
-    mass_matrix[45 * stride] = k107;
-    mass_matrix[59 * stride] = k107;
-    mass_matrix[60 * stride] = k105;
+    mass_matrix[41 * stride] = k108;
+    mass_matrix[42 * stride] = k109;
+    mass_matrix[43 * stride] = k112;
+    mass_matrix[44 * stride] = k109;
+    mass_matrix[45 * stride] = k108;
+    mass_matrix[59 * stride] = k108;
+    mass_matrix[60 * stride] = k106;
     mass_matrix[71 * stride] = -R(1.0);
-    mass_matrix[78 * stride] = k108;
-    mass_matrix[80 * stride] = k105;
+    mass_matrix[78 * stride] = k109;
+    mass_matrix[80 * stride] = k106;
     mass_matrix[91 * stride] = -R(1.0);
-    mass_matrix[97 * stride] = k111;
-    mass_matrix[100 * stride] = k109;
+    mass_matrix[97 * stride] = k112;
+    mass_matrix[100 * stride] = k110;
     mass_matrix[111 * stride] = -R(1.0);
-    mass_matrix[116 * stride] = k108;
-    mass_matrix[120 * stride] = k105;
+    mass_matrix[116 * stride] = k109;
+    mass_matrix[120 * stride] = k106;
     mass_matrix[131 * stride] = -R(1.0);
-    mass_matrix[135 * stride] = k107;
-    mass_matrix[140 * stride] = k105;
+    mass_matrix[135 * stride] = k108;
+    mass_matrix[140 * stride] = k106;
     mass_matrix[151 * stride] = -R(1.0);
     mass_matrix[220 * stride] = k82;
     mass_matrix[240 * stride] = k82;
@@ -2971,13 +3004,13 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[257 * stride] = t94;
 
     /* composite inertia of the base and base arm 2 */
-    const real t95 = s3 * k98;
-    const real t96 = c3 * k98;
+    const real t95 = s3 * k99;
+    const real t96 = c3 * k99;
 
     /* mass matrix, columns of the joints carried in to joint 2 */
-    const real t97 = s3 * k97;
+    const real t97 = s3 * k98;
     const real t98 = t96 + t97;
-    const real t99 = c3 * k97;
+    const real t99 = c3 * k98;
     const real t100 = t95 - t99;
 
     /* mass matrix, column of joint 2 */
@@ -2987,7 +3020,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[125 * stride] = -t102;
     mass_matrix[212 * stride] = t102;
     mass_matrix[215 * stride] = -t102;
-    const real t103 = s2 * k107;
+    const real t103 = s2 * k108;
     mass_matrix[3 * stride] = t103;
     mass_matrix[7 * stride] = t103;
     mass_matrix[57 * stride] = t103;
@@ -3014,7 +3047,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[144 * stride] = -t109;
     mass_matrix[213 * stride] = t109;
     mass_matrix[216 * stride] = -t109;
-    const real t110 = s2 * k108;
+    const real t110 = s2 * k109;
     mass_matrix[4 * stride] = t110;
     mass_matrix[6 * stride] = t110;
     mass_matrix[76 * stride] = t110;
@@ -3039,7 +3072,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t116 = c2 * t113;
     mass_matrix[106 * stride] = -t116;
     mass_matrix[214 * stride] = -t116;
-    const real t117 = s2 * k111;
+    const real t117 = s2 * k112;
     mass_matrix[5 * stride] = t117;
     mass_matrix[95 * stride] = t117;
     const real t118 = c1 * t114 - s1 * t115;
@@ -3177,11 +3210,11 @@ static INLINE void hybrid_residual_lane(
     const real k87 = constants->k87;
     const real k88 = constants->k88;
     const real k96 = constants->k96;
-    const real k97 = constants->k97;
     const real k98 = constants->k98;
-    const real k102 = constants->k102;
+    const real k99 = constants->k99;
     const real k103 = constants->k103;
     const real k104 = constants->k104;
+    const real k105 = constants->k105;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3374,11 +3407,11 @@ static INLINE void hybrid_residual_lane(
     const real t140 = s3 * t21 + c3 * t15 + base_arm_length * t138;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t141 = k98 * (s3 * t15 - c3 * t21 - base_arm_length * t137);
-    const real t142 = k102 * t138;
-    const real t143 = k103 * t139;
-    const real t144 = k104 * (t137 - t26 - t134 * t134);
-    const real t145 = k97 * t140;
+    const real t141 = k99 * (s3 * t15 - c3 * t21 - base_arm_length * t137);
+    const real t142 = k103 * t138;
+    const real t143 = k104 * t139;
+    const real t144 = k105 * (t137 - t26 - t134 * t134);
+    const real t145 = k98 * t140;
     const real t146 = t141 + t142 + t143 + t144 - t145;
     residual[3 * stride] = -t146;
 
@@ -3694,11 +3727,11 @@ static INLINE void constraint_torques_lane(
     const real k8 = constants->k8;
     const real k14 = constants->k14;
     const real k96 = constants->k96;
-    const real k97 = constants->k97;
     const real k98 = constants->k98;
-    const real k102 = constants->k102;
+    const real k99 = constants->k99;
     const real k103 = constants->k103;
     const real k104 = constants->k104;
+    const real k105 = constants->k105;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3727,7 +3760,7 @@ static INLINE void constraint_torques_lane(
     const real t13 = t9 + t11 * t11;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t14 = k104 * (t13 - t9 - t10 * t10);
+    const real t14 = k105 * (t13 - t9 - t10 * t10);
 
     /* motion of the base */
     const real t15 = a_z + gravity;
@@ -3741,10 +3774,10 @@ static INLINE void constraint_torques_lane(
     const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t22 = k102 * t19;
-    const real t23 = k97 * t21;
-    const real t24 = k98 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
-    const real t25 = k103 * t20;
+    const real t22 = k103 * t19;
+    const real t23 = k98 * t21;
+    const real t24 = k99 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
+    const real t25 = k104 * t20;
 
     /* constraint torque on base arm 2 */
     const real t26 = t23 + t24 + t25 + F_2 * base_arm_length - t14 - t22;
@@ -3923,9 +3956,9 @@ static INLINE void gibbs_lane(
     const real k85 = constants->k85;
     const real k86 = constants->k86;
     const real k87 = constants->k87;
-    const real k118 = constants->k118;
-    const real k119 = constants->k119;
     const real k120 = constants->k120;
+    const real k121 = constants->k121;
+    const real k122 = constants->k122;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4053,11 +4086,11 @@ static INLINE void gibbs_lane(
     const real t90 = t24 * t31 + t76;
 
     /* Gibbs function of the base */
-    const real t91 = t61 * t61 * k118;
-    const real t92 = k118 * t62 * t62;
-    const real t93 = t54 * t54 * k119;
-    const real t94 = k119 * t56 * t56;
-    const real t95 = k119 * t57 * t57;
+    const real t91 = t61 * t61 * k120;
+    const real t92 = k120 * t62 * t62;
+    const real t93 = t54 * t54 * k121;
+    const real t94 = k121 * t56 * t56;
+    const real t95 = k121 * t57 * t57;
     const real t96 = R(0.5) * t60 * t50 * t60;
     const real t97 = R(0.5) * t62 * t50 * t62;
     const real t98 = R(0.5) * t60 * t51 * t60;
@@ -4095,10 +4128,10 @@ static INLINE void gibbs_lane(
         t112 - t113 - t123 - t124 - t125 - t126 - t127;
 
     /* Gibbs function of link 1 */
-    const real t129 = k120 * t73 * t73;
+    const real t129 = k122 * t73 * t73;
     const real t130 = k78 * t28 * t73;
     const real t131 = k78 * t26 * t70;
-    const real t132 = t70 * t70 * k120 + t129 + t130 - t131;
+    const real t132 = t70 * t70 * k122 + t129 + t130 - t131;
 
     /* Gibbs function of link 2 */
     const real t133 = R(0.5) * t78 * t43 * t78;
@@ -4311,9 +4344,9 @@ static INLINE void kinetic_energy_lane(
     const real k85 = constants->k85;
     const real k86 = constants->k86;
     const real k87 = constants->k87;
-    const real k118 = constants->k118;
-    const real k119 = constants->k119;
     const real k120 = constants->k120;
+    const real k121 = constants->k121;
+    const real k122 = constants->k122;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4391,11 +4424,11 @@ static INLINE void kinetic_energy_lane(
     const real t48 = t47 - link2_length * (s5 * t18 - c5 * t17);
 
     /* Gibbs function of the base */
-    const real t49 = t15 * t15 * k118;
-    const real t50 = v_theta_0 * v_theta_0 * k118;
-    const real t51 = k119 * t39 * t39;
-    const real t52 = k119 * t41 * t41;
-    const real t53 = k119 * t42 * t42;
+    const real t49 = t15 * t15 * k120;
+    const real t50 = v_theta_0 * v_theta_0 * k120;
+    const real t51 = k121 * t39 * t39;
+    const real t52 = k121 * t41 * t41;
+    const real t53 = k121 * t42 * t42;
     const real t54 = R(0.5) * t16 * t16 * t37;
     const real t55 = R(0.5) * v_theta_0 * v_theta_0 * t37;
     const real t56 = R(0.5) * t15 * t15 * t38;
@@ -4409,7 +4442,7 @@ static INLINE void kinetic_energy_lane(
         t62;
 
     /* Gibbs function of link 1 */
-    const real t64 = t17 * t17 * k120 + t18 * t18 * k120;
+    const real t64 = t17 * t17 * k122 + t18 * t18 * k122;
 
     /* Gibbs function of link 2 */
     const real t65 = R(0.5) * t17 * t17 * t31;
@@ -4635,6 +4668,1377 @@ hexarotor_3link_potential_energy_batch(
             constants,
             last_q,
             energy + whole * (1 * LANES));
+    }
+}
+
+/* ---- gravity_forces ---- */
+
+static INLINE void gravity_forces_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void gravity_forces_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT force,
+    const int stride)
+{
+    (void)q;
+    const real k71 = constants->k71;
+    const real k76 = constants->k76;
+    const real k83 = constants->k83;
+    const real k88 = constants->k88;
+    const real k119 = constants->k119;
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+    force[6 * stride] = R(0.0);
+    force[7 * stride] = R(0.0);
+    force[8 * stride] = -k88;
+
+    /* inertia of link 3, turned by the joints */
+    const real t15 = k71 * c6;
+    const real t16 = k71 * s6;
+
+    /* composite inertia of links 2 and 3, about joint 8 */
+    const real t17 = t15 + c5 * k76;
+
+    /* composite inertia of links 1 to 3, about joint 7 */
+    const real t18 = c4 * t17;
+    const real t19 = s4 * t17;
+
+    /* axes of the base */
+    const real t20 = c1 * c2;
+
+    /* centre of mass from the origin */
+    const real t21 = (t16 + s5 * k76) * k119;
+
+    /* axes of the base */
+    const real t22 = c1 * s2;
+
+    /* joint 7 and the axes of link 1 */
+    const real t23 = s1 * s4 - c4 * t22;
+
+    /* centre of mass from the origin */
+    const real t24 = (c3 * k83 + t18) * k119;
+    const real t25 = s2 * t21 + c2 * t24;
+    const real t26 = s1 * (c2 * t21 - s2 * t24);
+    const real t27 = c1 * (s3 * k83 + t19) * k119 - t26;
+
+    /* weight at the centre of mass */
+    const real t28 = k88 * t27;
+    force[0 * stride] = -t28;
+    const real t29 = k88 * c1 * t25;
+    force[1 * stride] = t29;
+    const real t30 = k88 * (s1 * c2 * t25 + s2 * t27);
+    force[2 * stride] = -t30;
+    const real t31 = k88 * (t19 * k119 * t22 + s1 * t18 * k119);
+    force[3 * stride] = -t31;
+    const real t32 = k88 * (t21 * t23 - t20 * t17 * k119);
+    force[4 * stride] = t32;
+    const real t33 = k88 * (t23 * t16 * k119 - t20 * t15 * k119);
+    force[5 * stride] = t33;
+}
+
+void
+hexarotor_3link_gravity_forces(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT force)
+{
+    real angle[6], sine[6], cosine[6];
+    gravity_forces_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    gravity_forces_lane(constants, sine, cosine, q, force, 1);
+}
+
+static WIDE void gravity_forces_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT force)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        gravity_forces_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        gravity_forces_lane(constants, sine + lane, cosine + lane, q + lane, force + lane,
+            LANES);
+    }
+}
+
+void
+hexarotor_3link_gravity_forces_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT force)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        gravity_forces_block(
+            constants,
+            q + block * (9 * LANES),
+            force + block * (9 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        gravity_forces_block(
+            constants,
+            last_q,
+            force + whole * (9 * LANES));
+    }
+}
+
+/* ---- wrench_forces ---- */
+
+static INLINE void wrench_forces_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)W;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void wrench_forces_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real W_base_fx = W[0 * stride];
+    const real W_base_fy = W[1 * stride];
+    const real W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride];
+    const real W_base_ty = W[4 * stride];
+    const real W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride];
+    const real W_tip_fy = W[7 * stride];
+    const real W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride];
+    const real W_tip_ty = W[10 * stride];
+    const real W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+
+    /* step from link 2 to link 3 */
+    const real t15 = link2_length * c5;
+    const real t16 = link2_length * s5;
+
+    /* step from the base to link 1 */
+    const real t17 = c3 * base_arm_length;
+    const real t18 = s3 * base_arm_length;
+
+    /* axes of the base */
+    const real t19 = s1 * c2;
+    const real t20 = c1 * c2;
+    const real t21 = c2 * s3;
+    const real t22 = s1 * s2;
+    const real t23 = c1 * s2;
+    const real t24 = c2 * c3;
+    const real t25 = c1 * s3 + c3 * t22;
+    const real t26 = s1 * s3 - c3 * t23;
+    const real t27 = c1 * c3 - s3 * t22;
+    const real t28 = s1 * c3 + s3 * t23;
+
+    /* joint 7 and the axes of link 1 */
+    const real t29 = c2 * c4;
+    const real t30 = c1 * s4 + c4 * t22;
+    const real t31 = s1 * s4 - c4 * t23;
+    const real t32 = c2 * s4;
+    const real t33 = c1 * c4 - s4 * t22;
+    const real t34 = s1 * c4 + s4 * t23;
+
+    /* joint 9 and the axes of link 3 */
+    const real t35 = c6 * t29 + s2 * s6;
+    const real t36 = c6 * t30 - s6 * t19;
+    const real t37 = c6 * t31 + s6 * t20;
+    const real t38 = s2 * c6 - s6 * t29;
+    const real t39 = s6 * t30 + c6 * t19;
+    const real t40 = c6 * t20 - s6 * t31;
+
+    /* wrench on base, in the frame of its link */
+    const real t41 = W_base_fx * t24 + W_base_fy * t25 + W_base_fz * t26;
+    const real t42 = W_base_fy * t27 + W_base_fz * t28 - W_base_fx * t21;
+    const real t43 = W_base_fx * s2 + W_base_fz * t20 - W_base_fy * t19;
+    const real t44 = W_base_tx * t24 + W_base_ty * t25 + W_base_tz * t26;
+    const real t45 = W_base_ty * t27 + W_base_tz * t28 - W_base_tx * t21;
+    const real t46 = W_base_tx * s2 + W_base_tz * t20 - W_base_ty * t19;
+    const real t47 = t45 - base_arm_length * t43;
+
+    /* wrench on tip, in the frame of its link */
+    const real t48 = W_tip_fx * t35 + W_tip_fy * t36 + W_tip_fz * t37;
+    const real t49 = W_tip_fx * t38 + W_tip_fz * t40 - W_tip_fy * t39;
+    const real t50 = W_tip_fy * t33 + W_tip_fz * t34 - W_tip_fx * t32;
+    const real t51 = W_tip_tx * t35 + W_tip_ty * t36 + W_tip_tz * t37;
+    const real t52 = W_tip_tx * t38 + W_tip_tz * t40 - W_tip_ty * t39;
+    const real t53 = W_tip_ty * t33 + W_tip_tz * t34 - W_tip_tx * t32;
+    const real t54 = t52 + link3_length * t50;
+    const real t55 = t53 - link3_length * t49;
+    force[5 * stride] = -t55;
+
+    /* wrenches carried in to the base */
+    const real t56 = c6 * t48 - s6 * t49;
+    const real t57 = s6 * t48 + c6 * t49;
+    const real t58 = c6 * t51 - s6 * t54 - t16 * t50;
+    const real t59 = s6 * t51 + c6 * t54 + t15 * t50;
+    force[3 * stride] = t59;
+    const real t60 = t55 + t16 * t56 - t15 * t57;
+    force[4 * stride] = -t60;
+    const real t61 = c4 * t56 - s4 * t50;
+    const real t62 = c4 * t50 + s4 * t56;
+    const real t63 = c4 * t58 + t18 * t57 - s4 * t60;
+    const real t64 = s4 * t58 + c4 * t60 - t17 * t57;
+    const real t65 = t59 + t17 * t62 - t18 * t61;
+    const real t66 = c3 * t41 + t61 - s3 * t42;
+    const real t67 = s3 * t41 + c3 * t42 + t62;
+    const real t68 = t43 + t57;
+    const real t69 = s3 * t44 + c3 * t47 + t64;
+    force[1 * stride] = t69;
+    const real t70 = t46 + base_arm_length * t42 + t65;
+    force[2 * stride] = t70;
+    const real t71 = c2 * t68 - s2 * t66;
+    const real t72 = c2 * t66 + s2 * t68;
+    force[6 * stride] = t72;
+    const real t73 = c2 * (c3 * t44 + t63 - s3 * t47);
+    const real t74 = t73 + s2 * t70;
+    force[0 * stride] = t74;
+    const real t75 = c1 * t67 - s1 * t71;
+    force[7 * stride] = t75;
+    const real t76 = c1 * t71 + s1 * t67;
+    force[8 * stride] = t76;
+}
+
+void
+hexarotor_3link_wrench_forces(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force)
+{
+    real angle[6], sine[6], cosine[6];
+    wrench_forces_angles(constants, q, W, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    wrench_forces_lane(constants, sine, cosine, q, W, force, 1);
+}
+
+static WIDE void wrench_forces_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        wrench_forces_angles(constants, q + lane, W + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        wrench_forces_lane(constants, sine + lane, cosine + lane, q + lane, W + lane, force
+            + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_wrench_forces_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        wrench_forces_block(
+            constants,
+            q + block * (9 * LANES),
+            W + block * (12 * LANES),
+            force + block * (9 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_W[12 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            12,
+            rest,
+            W + whole * (12 * LANES),
+            last_W);
+        wrench_forces_block(
+            constants,
+            last_q,
+            last_W,
+            force + whole * (9 * LANES));
+    }
+}
+
+/* ---- forward_dynamics_with_wrenches ---- */
+
+static INLINE void forward_dynamics_with_wrenches_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    (void)u;
+    (void)W;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void forward_dynamics_with_wrenches_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration,
+    const int stride)
+{
+    (void)q;
+    const real gravity = constants->gravity;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real k34 = constants->k34;
+    const real link3_length = constants->link3_length;
+    const real k48 = constants->k48;
+    const real k54 = constants->k54;
+    const real k66 = constants->k66;
+    const real k67 = constants->k67;
+    const real k71 = constants->k71;
+    const real k76 = constants->k76;
+    const real k77 = constants->k77;
+    const real k78 = constants->k78;
+    const real k82 = constants->k82;
+    const real k85 = constants->k85;
+    const real k86 = constants->k86;
+    const real k89 = constants->k89;
+    const real k90 = constants->k90;
+    const real k114 = constants->k114;
+    const real k115 = constants->k115;
+    const real k117 = constants->k117;
+    const real k118 = constants->k118;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real F_1 = u[0 * stride];
+    const real F_2 = u[1 * stride];
+    const real F_3 = u[2 * stride];
+    const real F_4 = u[3 * stride];
+    const real F_5 = u[4 * stride];
+    const real F_6 = u[5 * stride];
+    const real tau_7 = u[6 * stride];
+    const real tau_8 = u[7 * stride];
+    const real tau_9 = u[8 * stride];
+    const real W_base_fx = W[0 * stride];
+    const real W_base_fy = W[1 * stride];
+    const real W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride];
+    const real W_base_ty = W[4 * stride];
+    const real W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride];
+    const real W_tip_fy = W[7 * stride];
+    const real W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride];
+    const real W_tip_ty = W[10 * stride];
+    const real W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
+    const real t15 = v_theta_m1 * s2;
+    const real t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t16;
+    const real t18 = t15 * t16;
+    const real t19 = R(2.0) * v_theta_0 * t15;
+    const real t20 = v_theta_1 + t15;
+    const real t21 = v_theta_0 * t20;
+    const real t22 = t16 * t20;
+    const real t23 = t20 * t20;
+
+    /* motion of link 1 */
+    const real t24 = v_theta_7 + t20;
+    const real t25 = t19 - v_theta_0 * t24;
+    const real t26 = t18 - t16 * t24;
+    const real t27 = t24 * t24;
+    const real t28 = c4 * t16 + v_theta_0 * s4;
+    const real t29 = v_theta_0 * c4 - s4 * t16;
+    const real t30 = s4 * t25 + c4 * t26;
+    const real t31 = t28 * t28;
+    const real t32 = t24 * t28;
+    const real t33 = t30 - t32;
+    const real t34 = t17 - t28 * t29;
+    const real t35 = s4 * t26 + t24 * t29 - c4 * t25;
+    const real t36 = t30 + t32;
+
+    /* motion of link 2 */
+    const real t37 = v_theta_8 - t29;
+    const real t38 = t37 * t37;
+    const real t39 = t27 + t38;
+    const real t40 = R(2.0) * t28;
+    const real t41 = t34 - t37 * t40;
+    const real t42 = t31 + t38;
+    const real t43 = R(2.0) * t24;
+    const real t44 = t35 + t37 * t43;
+
+    /* motion of link 3 */
+    const real t45 = s5 * t36 - c5 * t39;
+    const real t46 = c5 * t33 + s5 * t42;
+    const real t47 = s5 * t44 - c5 * t41;
+    const real t48 = link2_length * t47;
+    const real t49 = v_theta_9 + t37;
+    const real t50 = t49 * t49;
+    const real t51 = t27 + t50;
+    const real t52 = t34 - t40 * t49;
+    const real t53 = t31 + t50;
+    const real t54 = t35 + t43 * t49;
+
+    /* inertia of link 3, turned by the joints */
+    const real t55 = k71 * c6;
+    const real t56 = k71 * s6;
+    const real t57 = s6 * k85;
+    const real t58 = s6 * t57;
+    const real t59 = k48 - t58;
+    const real t60 = k54 + t58;
+    const real t61 = c6 * t57;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t62 = t61 * (t51 - t53);
+    const real t63 = k71 * (s6 * t36 - c6 * t51);
+    const real t64 = k71 * (c6 * t33 + s6 * t53);
+
+    /* step from link 2 to link 3 */
+    const real t65 = link2_length * c5;
+    const real t66 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
+    const real t67 = c5 * k76;
+    const real t68 = s5 * k76;
+    const real t69 = s5 * k86;
+    const real t70 = s5 * t69;
+    const real t71 = k77 + t70;
+    const real t72 = k34 - t70;
+    const real t73 = c5 * t69;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t74 = t55 + t67;
+    const real t75 = t73 - t61 - t55 * t66 - t56 * t65;
+
+    /* axes of the base */
+    const real t76 = s1 * c2;
+    const real t77 = c1 * c2;
+    const real t78 = c2 * s3;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t79 = t54 * t60 + t48 * t56 - t52 * t61;
+    const real t80 = t54 * t61 + t48 * t55 - t52 * t59;
+    const real t81 = link2_length * t45 * t56;
+    const real t82 = link2_length * t46 * t55;
+    const real t83 = t33 * t59 + t36 * t60 + t81 + t82 - t62;
+
+    /* equation of joint 9, its acceleration eliminated */
+    const real t84 = R(1.0) / (t59 + t60);
+    const real t85 = t56 * t84;
+    const real t86 = t55 * t84;
+    const real t87 = t56 * t85;
+    const real t88 = t55 * t86;
+    const real t89 = t55 * t85;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t90 = t66 * t87 + t65 * t89;
+    const real t91 = t66 * t89 + t65 * t88;
+    const real t92 = t33 * t71 + t36 * t72 + t73 * (t39 - t42);
+    const real t93 = t68 - t90;
+    const real t94 = t67 - t91;
+
+    /* equation of joint 8, its acceleration eliminated */
+    const real t95 = R(1.0) / (t65 * t91 + t66 * t90 - t71 - t72);
+    const real t96 = t93 * t95;
+    const real t97 = t94 * t95;
+    const real t98 = t89 - t94 * t96;
+
+    /* articulated inertia and load of links 1 to 3, about joint 7 */
+    const real t99 = k78 + t72 + t60 + R(2.0) * t56 * t66;
+
+    /* equation of joint 7, its acceleration eliminated */
+    const real t100 = R(1.0) / (k78 + t71 + t59 + R(2.0) * t55 * t65);
+    const real t101 = t74 * t100;
+    const real t102 = t75 * t100;
+    const real t103 = t56 + t68 + t75 * t101;
+
+    /* articulated inertia and load of the base and links 1 to 3 */
+    const real t104 = k67 * t19 + k66 * (t19 - R(2.0) * t20 * v_theta_0);
+    const real t105 = k67 * t18 + k66 * (t18 - R(2.0) * t20 * t16);
+
+    /* acceleration of the base, by LDL^T */
+    const real t106 = R(1.0) / (t99 + k115 - t75 * t102);
+    const real t107 = t103 * t106;
+    const real t108 = R(1.0) / (k82 - t74 * t101 - t103 * t107);
+    const real t109 = R(1.0) / (k82 + t94 * t97 - t88);
+    const real t110 = t98 * t109;
+    const real t111 = R(1.0) / (k82 + t93 * t96 - t87 - t98 * t110);
+
+    /* accelerations of the attitude angles */
+    const real t112 = R(1.0) / c2;
+
+    /* axes of the base */
+    const real t113 = s1 * s2;
+    const real t114 = c1 * s2;
+    const real t115 = c2 * c3;
+    const real t116 = c1 * s3 + c3 * t113;
+    const real t117 = s1 * s3 - c3 * t114;
+    const real t118 = c1 * c3 - s3 * t113;
+    const real t119 = s1 * c3 + s3 * t114;
+
+    /* joint 7 and the axes of link 1 */
+    const real t120 = c2 * c4;
+    const real t121 = c1 * s4 + c4 * t113;
+    const real t122 = s1 * s4 - c4 * t114;
+    const real t123 = c2 * s4;
+    const real t124 = c1 * c4 - s4 * t113;
+    const real t125 = s1 * c4 + s4 * t114;
+
+    /* joint 9 and the axes of link 3 */
+    const real t126 = c6 * t120 + s2 * s6;
+    const real t127 = c6 * t121 - s6 * t76;
+    const real t128 = c6 * t122 + s6 * t77;
+    const real t129 = s2 * c6 - s6 * t120;
+    const real t130 = s6 * t121 + c6 * t76;
+    const real t131 = c6 * t77 - s6 * t122;
+
+    /* wrench on base, in the frame of its link */
+    const real t132 = W_base_fx * t115 + W_base_fy * t116 + W_base_fz * t117;
+    const real t133 = W_base_fy * t118 + W_base_fz * t119 - W_base_fx * t78;
+    const real t134 = W_base_fx * s2 + W_base_fz * t77 - W_base_fy * t76;
+    const real t135 = W_base_tx * t115 + W_base_ty * t116 + W_base_tz * t117;
+    const real t136 = W_base_ty * t118 + W_base_tz * t119 - W_base_tx * t78;
+    const real t137 = W_base_tx * s2 + W_base_tz * t77 - W_base_ty * t76;
+
+    /* wrench on tip, in the frame of its link */
+    const real t138 = W_tip_fx * t126 + W_tip_fy * t127 + W_tip_fz * t128;
+    const real t139 = W_tip_fx * t129 + W_tip_fz * t131 - W_tip_fy * t130;
+    const real t140 = W_tip_fy * t124 + W_tip_fz * t125 - W_tip_fx * t123;
+    const real t141 = W_tip_tx * t126 + W_tip_ty * t127 + W_tip_tz * t128;
+    const real t142 = W_tip_tx * t129 + W_tip_tz * t131 - W_tip_ty * t130;
+    const real t143 = W_tip_ty * t124 + W_tip_tz * t125 - W_tip_tx * t123;
+    const real t144 = t142 + link3_length * t140;
+    const real t145 = R(0.8660254037844386) * F_2 + t132 - R(0.8660254037844386) * F_6;
+    const real t146 = F_4 + t133 - R(0.5) * F_2 - R(0.5) * F_6;
+    const real t147 = F_3 * k90 - F_5 * k90 - t135;
+    const real t148 = F_1 * base_arm_length + t136 - F_3 * k89 - F_5 * k89;
+    const real t149 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114 + t137;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t150 = k71 * (s6 * t54 - c6 * t52) + t140;
+
+    /* equation of joint 9, its acceleration eliminated */
+    const real t151 = t84 * (tau_9 + t83 + link3_length * t139 - t143);
+    const real t152 = t63 + s6 * t139 - c6 * t138 - t56 * t151;
+    const real t153 = t64 + s6 * t138 + c6 * t139 - t55 * t151;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t154 = t79 + s6 * t144 + t66 * t150 - c6 * t141;
+    const real t155 = t80 + s6 * t141 + c6 * t144 + t65 * t150;
+
+    /* equation of joint 8, its acceleration eliminated */
+    const real t156 = tau_8 + t92 + t66 * t152 + t65 * t153 - tau_9;
+    const real t157 = t95 * t156;
+    const real t158 = k76 * t45 + t152 + t93 * t157;
+    const real t159 = k76 * t46 + t153 + t94 * t157;
+
+    /* articulated inertia and load of links 1 to 3, about joint 7 */
+    const real t160 = k78 * t35 + t41 * t73 + t44 * t72 + t154;
+    const real t161 = k78 * t34 + t41 * t71 + t44 * t73 - t155;
+
+    /* equation of joint 7, its acceleration eliminated */
+    const real t162 = t100 * (tau_7 - t161);
+    const real t163 = k76 * t47 + t150 - t74 * t162;
+
+    /* articulated inertia and load of the base and links 1 to 3 */
+    const real t164 = c3 * t145 - s3 * t146;
+    const real t165 = s3 * t145 + c3 * t146;
+    const real t166 = t104 - c3 * t147 - s3 * t148;
+    const real t167 = t105 + s3 * t147 - c3 * t148;
+    const real t168 = F_5 + F_1 + F_3 + t134 + t159;
+    const real t169 = t160 + t75 * t162 + s4 * t167 - c4 * t166;
+
+    /* acceleration of the base, by LDL^T */
+    const real t170 = t163 + c4 * t165 - s4 * t164 - t107 * t169;
+    const real t171 = t158 + t110 * t168 - c4 * t164 - s4 * t165;
+    const real t172 = t111 * t171;
+    const real t173 = t110 * t172 + t109 * t168;
+    const real t174 = t108 * t170;
+    const real t175 = t107 * t174 - t106 * t169;
+    const real t176 = k118 * (tau_8 - s4 * t166 - c4 * t167);
+    const real t177 = k117 * (tau_7 + R(2.0) * k66 * t17 - t149);
+
+    /* acceleration of joint 7 */
+    const real t178 = t177 + t162 - t101 * t174 - t102 * t175;
+    acceleration[3 * stride] = t178;
+
+    /* acceleration of joint 8 */
+    const real t179 = t96 * t172 + t97 * t173 - t157;
+    const real t180 = t176 + t179;
+    acceleration[4 * stride] = t180;
+
+    /* acceleration of joint 9 */
+    const real t181 = t86 * (t173 + t65 * t179);
+    const real t182 = t179 + t85 * (t172 + t66 * t179) + t181 - t151;
+    acceleration[5 * stride] = -t182;
+
+    /* acceleration of the base */
+    const real t183 = c4 * t175 - s4 * t176;
+    const real t184 = s4 * t175 + c4 * t176;
+    acceleration[1 * stride] = t184;
+
+    /* acceleration of the origin, in world axes */
+    const real t185 = t17 - t177;
+    const real t186 = c3 * (v_theta_0 * v_theta_0 + t23) - s3 * (t17 - t185);
+    const real t187 = s3 * (t16 * t16 + t23) - c3 * (t17 + t185);
+    const real t188 = s3 * (t21 + t21 + t183 - t19);
+    const real t189 = base_arm_length * (c3 * (t22 + t22 - t18 - t184) + t188);
+    const real t190 = c4 * t172 + s4 * t174 - base_arm_length * t186;
+    const real t191 = c4 * t174 + base_arm_length * t187 - s4 * t172;
+    const real t192 = t173 - t189;
+    const real t193 = c2 * t192 + s2 * t190;
+    const real t194 = s2 * t192 - c2 * t190;
+    acceleration[6 * stride] = t194;
+    const real t195 = c1 * t191 - s1 * t193;
+    acceleration[7 * stride] = t195;
+
+    /* accelerations of the attitude angles */
+    const real t196 = t112 * t183;
+    acceleration[0 * stride] = t196;
+    const real t197 = t177 + s2 * t196;
+    acceleration[2 * stride] = -t197;
+
+    /* acceleration of the origin, in world axes */
+    const real t198 = gravity - c1 * t193 - s1 * t191;
+    acceleration[8 * stride] = -t198;
+}
+
+void
+hexarotor_3link_forward_dynamics_with_wrenches(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration)
+{
+    real angle[6], sine[6], cosine[6];
+    forward_dynamics_with_wrenches_angles(constants, q, v, u, W, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    forward_dynamics_with_wrenches_lane(constants, sine, cosine, q, v, u, W,
+        acceleration, 1);
+}
+
+static WIDE void forward_dynamics_with_wrenches_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        forward_dynamics_with_wrenches_angles(constants, q + lane, v + lane, u + lane, W +
+            lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        forward_dynamics_with_wrenches_lane(constants, sine + lane, cosine + lane, q + lane,
+            v + lane, u + lane, W + lane, acceleration + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_forward_dynamics_with_wrenches_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        forward_dynamics_with_wrenches_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            u + block * (9 * LANES),
+            W + block * (12 * LANES),
+            acceleration + block * (9 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        real last_u[9 * LANES];
+        real last_W[12 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        fill_lanes(
+            9,
+            rest,
+            u + whole * (9 * LANES),
+            last_u);
+        fill_lanes(
+            12,
+            rest,
+            W + whole * (12 * LANES),
+            last_W);
+        forward_dynamics_with_wrenches_block(
+            constants,
+            last_q,
+            last_v,
+            last_u,
+            last_W,
+            acceleration + whole * (9 * LANES));
+    }
+}
+
+/* ---- joint_wrenches ---- */
+
+static INLINE void joint_wrenches_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    (void)a;
+    (void)u;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void joint_wrenches_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches,
+    const int stride)
+{
+    (void)q;
+    const real gravity = constants->gravity;
+    const real base_arm_length = constants->base_arm_length;
+    const real k8 = constants->k8;
+    const real k14 = constants->k14;
+    const real k20 = constants->k20;
+    const real link2_length = constants->link2_length;
+    const real k28 = constants->k28;
+    const real k34 = constants->k34;
+    const real k40 = constants->k40;
+    const real k48 = constants->k48;
+    const real k54 = constants->k54;
+    const real k60 = constants->k60;
+    const real k69 = constants->k69;
+    const real k70 = constants->k70;
+    const real k71 = constants->k71;
+    const real k72 = constants->k72;
+    const real k85 = constants->k85;
+    const real k96 = constants->k96;
+    const real k97 = constants->k97;
+    const real k98 = constants->k98;
+    const real k99 = constants->k99;
+    const real k103 = constants->k103;
+    const real k104 = constants->k104;
+    const real k105 = constants->k105;
+    const real k123 = constants->k123;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real a_theta_m1 = a[0 * stride];
+    const real a_theta_0 = a[1 * stride];
+    const real a_theta_1 = a[2 * stride];
+    const real a_theta_7 = a[3 * stride];
+    const real a_theta_8 = a[4 * stride];
+    const real a_theta_9 = a[5 * stride];
+    const real a_x = a[6 * stride];
+    const real a_y = a[7 * stride];
+    const real a_z = a[8 * stride];
+    const real F_2 = u[1 * stride];
+    const real F_3 = u[2 * stride];
+    const real F_4 = u[3 * stride];
+    const real F_5 = u[4 * stride];
+    const real F_6 = u[5 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
+    const real t15 = v_theta_m1 * s2;
+    const real t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t15;
+    const real t18 = v_theta_0 * t16;
+    const real t19 = v_theta_1 + t15;
+    const real t20 = t19 * t19;
+
+    /* motion of link 1 */
+    const real t21 = v_theta_7 + t19;
+    const real t22 = t21 * t21;
+    const real t23 = c4 * t16 + v_theta_0 * s4;
+    const real t24 = v_theta_0 * c4 - s4 * t16;
+    const real t25 = t23 * t23;
+    const real t26 = t21 * t23;
+
+    /* motion of link 2 */
+    const real t27 = v_theta_8 - t24;
+    const real t28 = t27 * t27;
+    const real t29 = t22 + t28;
+    const real t30 = R(2.0) * t23;
+    const real t31 = t25 + t28;
+    const real t32 = R(2.0) * t21;
+
+    /* motion of link 3 */
+    const real t33 = v_theta_9 + t27;
+    const real t34 = t33 * t33;
+    const real t35 = t22 + t34;
+    const real t36 = t25 + t34;
+
+    /* inertia of link 3, turned by the joints */
+    const real t37 = k71 * c6;
+    const real t38 = k71 * s6;
+    const real t39 = s6 * k85;
+    const real t40 = s6 * t39;
+    const real t41 = k48 - t40;
+    const real t42 = k54 + t40;
+    const real t43 = c6 * t39;
+
+    /* inertia forces of link 3, about joint 9 */
+    const real t44 = t43 * (t35 - t36);
+
+    /* step from link 2 to link 3 */
+    const real t45 = link2_length * c5;
+    const real t46 = link2_length * s5;
+
+    /* motion of the base */
+    const real t47 = c3 * t16 + v_theta_0 * s3;
+    const real t48 = v_theta_0 * c3 - s3 * t16;
+    const real t49 = t47 * t48;
+    const real t50 = t19 * t47;
+    const real t51 = t19 * t48;
+    const real t52 = t20 + t48 * t48;
+    const real t53 = t20 + t47 * t47;
+
+    /* inertia forces of base arm 2, about joint 2 */
+    const real t54 = k98 * t52;
+    const real t55 = k99 * t53;
+    const real t56 = k105 * (t52 - t53);
+
+    /* motion of the base */
+    const real t57 = a_z + gravity;
+    const real t58 = a_y * c1 + s1 * t57;
+    const real t59 = c1 * t57 - a_y * s1;
+    const real t60 = a_x * s2 + c2 * t59;
+    const real t61 = a_x * c2 - s2 * t59;
+    const real t62 = a_theta_0 + t15 * t16;
+    const real t63 = t17 + t17 - a_theta_m1 * c2;
+    const real t64 = a_theta_1 + t18 + a_theta_m1 * s2;
+    const real t65 = v_theta_0 * t19 - t63;
+    const real t66 = t16 * t19 - t62;
+
+    /* motion of link 1 */
+    const real t67 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t18 - t64);
+    const real t68 = s3 * (t16 * t16 + t20) - c3 * (t18 + t64);
+    const real t69 = s3 * (R(2.0) * t19 * v_theta_0 - t63);
+    const real t70 = base_arm_length * (c3 * (R(2.0) * t19 * t16 - t62) + t69);
+    const real t71 = t61 - base_arm_length * t67;
+    const real t72 = t58 - base_arm_length * t68;
+    const real t73 = t60 + t70;
+    const real t74 = v_theta_0 * t21 - t63;
+    const real t75 = t16 * t21 - t62;
+    const real t76 = c4 * t71 + s4 * t72;
+    const real t77 = c4 * t72 - s4 * t71;
+    const real t78 = t23 * t24 - a_theta_7 - t64;
+    const real t79 = t21 * t24 + c4 * t74 - s4 * t75;
+
+    /* motion of link 2 */
+    const real t80 = a_theta_8 + s4 * t74 + c4 * t75;
+    const real t81 = t26 + t80;
+    const real t82 = t27 * t30 + t78;
+    const real t83 = t26 - t80;
+    const real t84 = t27 * t32 + t79;
+
+    /* motion of link 3 */
+    const real t85 = t76 - link2_length * (c5 * t29 - s5 * t83);
+    const real t86 = t73 - link2_length * (s5 * t31 - c5 * t81);
+    const real t87 = t77 - link2_length * (c5 * t82 + s5 * t84);
+    const real t88 = a_theta_9 + t80;
+    const real t89 = t26 + t88;
+    const real t90 = t30 * t33 + t78;
+    const real t91 = t26 - t88;
+    const real t92 = t32 * t33 + t79;
+
+    /* inertia forces of link 3, about joint 9 */
+    const real t93 = t38 * t87;
+    const real t94 = t37 * t87;
+    const real t95 = t38 * t85;
+    const real t96 = t42 * t91;
+    const real t97 = t44 + t37 * t86 + t41 * t89 - t95 - t96;
+    wrenches[47 * stride] = t97;
+
+    /* motion of the base */
+    const real t98 = c3 * t65 - s3 * t66;
+    const real t99 = s3 * t65 + c3 * t66;
+    const real t100 = t49 + t64;
+    const real t101 = t50 + t99;
+    const real t102 = t49 - t64;
+    const real t103 = t51 + t98;
+
+    /* motion of base arm 2 */
+    const real t104 = base_arm_length * t52 - s3 * t58 - c3 * t61;
+    const real t105 = c3 * t58 + base_arm_length * t100 - s3 * t61;
+    const real t106 = t60 + base_arm_length * t101;
+
+    /* inertia forces of base arm 2, about joint 2 */
+    const real t107 = k97 * t104;
+    const real t108 = k99 * t102;
+    const real t109 = t107 + t108 - t54;
+    const real t110 = k97 * t105;
+    const real t111 = k98 * t100;
+    const real t112 = t55 + t110 - t111;
+    const real t113 = k97 * t106;
+    const real t114 = k98 * t101;
+    const real t115 = k99 * t103;
+    const real t116 = t114 + t115 - t113;
+    wrenches[2 * stride] = -t116;
+    const real t117 = k104 * t103;
+    const real t118 = k105 * t101;
+    const real t119 = k20 * (t51 - t98);
+    const real t120 = k99 * t106;
+    const real t121 = t117 + t118 - t119 - t120;
+    const real t122 = k20 * (t50 - t99);
+    const real t123 = k98 * t106;
+    const real t124 = k103 * t101;
+    const real t125 = k105 * t103;
+    const real t126 = t122 + t123 - t124 - t125;
+    const real t127 = k103 * t100;
+    const real t128 = k98 * t105;
+    const real t129 = k99 * t104;
+    const real t130 = k104 * t102;
+
+    /* wrench through joint 2 */
+    const real t131 = t128 + t129 + t130 + F_2 * base_arm_length - t56 - t127;
+    wrenches[5 * stride] = -t131;
+
+    /* inertia forces of base arm 3, about joint 3 */
+    const real t132 = t54 + t107 + t108;
+    const real t133 = t55 + t110 + t111;
+    const real t134 = t118 + t119 + t120 - t117;
+    const real t135 = t122 + t125 - t123 - t124;
+    const real t136 = t56 + t129 + t130 - t127 - t128;
+    wrenches[11 * stride] = -t136;
+
+    /* inertia forces of base arm 4, about joint 4 */
+    const real t137 = k96 * t52 + t107;
+    wrenches[12 * stride] = -t137;
+    const real t138 = t113 + k96 * t101;
+    wrenches[14 * stride] = t138;
+    const real t139 = t119 - k14 * t103;
+    wrenches[15 * stride] = -t139;
+    const real t140 = k8 * t101 + k96 * t106 - t122;
+    wrenches[16 * stride] = -t140;
+    const real t141 = k8 * t100 + k96 * t105 - k14 * t102;
+
+    /* wrench through joint 4 */
+    const real t142 = F_4 * base_arm_length - t141;
+    wrenches[17 * stride] = -t142;
+
+    /* inertia forces of base arm 5, about joint 5 */
+    const real t143 = t54 + t107 - t108;
+    const real t144 = t110 + t111 - t55;
+    const real t145 = t117 + t118 + t120 - t119;
+    const real t146 = t123 + t124 + t125 - t122;
+    const real t147 = t56 + t127 + t128 + t129 - t130;
+    wrenches[23 * stride] = t147;
+
+    /* inertia forces of base arm 6, about joint 6 */
+    const real t148 = t54 + t108 - t107;
+    const real t149 = t55 + t111 - t110;
+    const real t150 = t113 + t115 - t114;
+    wrenches[26 * stride] = t150;
+    const real t151 = t117 + t120 - t118 - t119;
+    const real t152 = t122 + t123 + t125 - t124;
+
+    /* wrench through joint 6 */
+    const real t153 = t56 + t128 + t130 + F_6 * base_arm_length - t127 - t129;
+    wrenches[29 * stride] = -t153;
+
+    /* wrench through joint 2 */
+    const real t154 = R(0.5) * t109 - R(0.8660254037844386) * t112;
+    wrenches[0 * stride] = t154;
+    const real t155 = R(0.5) * t121 + R(0.8660254037844386) * t126;
+    wrenches[3 * stride] = -t155;
+    const real t156 = R(0.5) * t126 - R(0.8660254037844386) * t121;
+    wrenches[4 * stride] = -t156;
+    const real t157 = F_2 + R(0.5) * t112 + R(0.8660254037844386) * t109;
+    wrenches[1 * stride] = -t157;
+
+    /* wrench through joint 3 */
+    const real t158 = R(0.5) * t132 + R(0.8660254037844386) * t133;
+    wrenches[6 * stride] = -t158;
+    const real t159 = R(0.5) * t133 - R(0.8660254037844386) * t132;
+    wrenches[7 * stride] = t159;
+    const real t160 = R(0.5) * t134 + R(0.8660254037844386) * t135;
+    wrenches[9 * stride] = -t160;
+    const real t161 = F_3 + t115 - t113 - t114;
+    wrenches[8 * stride] = -t161;
+    const real t162 = F_3 * base_arm_length + R(0.5) * t135 - R(0.8660254037844386) * t134;
+    wrenches[10 * stride] = t162;
+
+    /* wrench through joint 4 */
+    const real t163 = F_4 - t110 - k96 * t100;
+    wrenches[13 * stride] = -t163;
+
+    /* wrench through joint 5 */
+    const real t164 = R(0.5) * t143 - R(0.8660254037844386) * t144;
+    wrenches[18 * stride] = -t164;
+    const real t165 = R(0.5) * t144 + R(0.8660254037844386) * t143;
+    wrenches[19 * stride] = t165;
+    const real t166 = R(0.5) * t145 - R(0.8660254037844386) * t146;
+    wrenches[21 * stride] = t166;
+    const real t167 = F_5 - t113 - t114 - t115;
+    wrenches[20 * stride] = -t167;
+    const real t168 = F_5 * base_arm_length - R(0.5) * t146 - R(0.8660254037844386) * t145;
+    wrenches[22 * stride] = t168;
+
+    /* wrench through joint 6 */
+    const real t169 = R(0.5) * t148 + R(0.8660254037844386) * t149;
+    wrenches[24 * stride] = -t169;
+    const real t170 = R(0.5) * t151 - R(0.8660254037844386) * t152;
+    wrenches[27 * stride] = -t170;
+    const real t171 = R(0.5) * t152 + R(0.8660254037844386) * t151;
+    wrenches[28 * stride] = -t171;
+    const real t172 = F_6 + R(0.8660254037844386) * t148 - R(0.5) * t149;
+    wrenches[25 * stride] = -t172;
+
+    /* inertia forces of link 3, about joint 9 */
+    const real t173 = t38 * t91 + k72 * t85 - t35 * t37;
+    const real t174 = t37 * t89 + k72 * t86 - t36 * t38;
+    const real t175 = t37 * t90 + t38 * t92 - k72 * t87;
+    wrenches[44 * stride] = t175;
+    const real t176 = t43 * t90 + t42 * t92 + k60 * t79 - t93;
+    const real t177 = t41 * t90 + t43 * t92 + k60 * t78 - t94;
+
+    /* inertia of link 2, turned by the joints */
+    const real t178 = k69 * c5;
+    const real t179 = k69 * s5;
+    const real t180 = s5 * k123;
+    const real t181 = s5 * t180;
+    const real t182 = k28 - t181;
+    const real t183 = k34 + t181;
+    const real t184 = c5 * t180;
+
+    /* inertia forces of links 2 and 3, about joint 8 */
+    const real t185 = t77 * t179;
+    const real t186 = k40 * t79 + t82 * t184 + t84 * t183 - t185;
+    const real t187 = t77 * t178;
+    const real t188 = k40 * t78 + t82 * t182 + t84 * t184 - t187;
+    const real t189 = (t29 - t31) * t184;
+    const real t190 = t76 * t179;
+    const real t191 = t83 * t183;
+    const real t192 = t73 * t178 + t81 * t182 + t189 - t190 - t191;
+    const real t193 = t173 + k70 * t76 + t83 * t179 - t29 * t178;
+    wrenches[30 * stride] = t193;
+    const real t194 = t174 + k70 * t73 + t81 * t178 - t31 * t179;
+    wrenches[32 * stride] = t194;
+    const real t195 = t175 + t82 * t178 + t84 * t179 - k70 * t77;
+    wrenches[31 * stride] = -t195;
+    wrenches[38 * stride] = t195;
+    const real t196 = t176 + t46 * t175 + t186;
+    wrenches[33 * stride] = t196;
+    const real t197 = t177 + t45 * t175 + t188;
+    wrenches[35 * stride] = -t197;
+    const real t198 = t97 + t45 * t174 + t192 - t46 * t173;
+    wrenches[34 * stride] = -t198;
+    wrenches[41 * stride] = t198;
+
+    /* wrench through joint 8, in its frame */
+    const real t199 = c5 * t193 + s5 * t194;
+    wrenches[36 * stride] = t199;
+    const real t200 = c5 * t194 - s5 * t193;
+    wrenches[37 * stride] = t200;
+    const real t201 = c5 * t196 - s5 * t197;
+    wrenches[39 * stride] = t201;
+    const real t202 = s5 * t196 + c5 * t197;
+    wrenches[40 * stride] = -t202;
+
+    /* wrench through joint 9, in its frame */
+    const real t203 = c6 * t173 + s6 * t174;
+    wrenches[42 * stride] = t203;
+    const real t204 = c6 * t174 - s6 * t173;
+    wrenches[43 * stride] = t204;
+    const real t205 = c6 * t176 - s6 * t177;
+    wrenches[45 * stride] = t205;
+    const real t206 = s6 * t176 + c6 * t177;
+    wrenches[46 * stride] = -t206;
+}
+
+void
+hexarotor_3link_joint_wrenches(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches)
+{
+    real angle[6], sine[6], cosine[6];
+    joint_wrenches_angles(constants, q, v, a, u, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    joint_wrenches_lane(constants, sine, cosine, q, v, a, u, wrenches, 1);
+}
+
+static WIDE void joint_wrenches_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        joint_wrenches_angles(constants, q + lane, v + lane, a + lane, u + lane, angle +
+            lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        joint_wrenches_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a +
+            lane, u + lane, wrenches + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_joint_wrenches_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        joint_wrenches_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            a + block * (9 * LANES),
+            u + block * (9 * LANES),
+            wrenches + block * (48 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        real last_a[9 * LANES];
+        real last_u[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        fill_lanes(
+            9,
+            rest,
+            a + whole * (9 * LANES),
+            last_a);
+        fill_lanes(
+            9,
+            rest,
+            u + whole * (9 * LANES),
+            last_u);
+        joint_wrenches_block(
+            constants,
+            last_q,
+            last_v,
+            last_a,
+            last_u,
+            wrenches + whole * (48 * LANES));
     }
 }
 
@@ -5458,6 +6862,1532 @@ hexarotor_3link_tip_bias_acceleration_batch(
             last_q,
             last_v,
             bias_acceleration + whole * (6 * LANES));
+    }
+}
+
+/* ---- frame_poses ---- */
+
+static INLINE void frame_poses_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void frame_poses_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT poses,
+    const int stride)
+{
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real x = q[6 * stride];
+    const real y = q[7 * stride];
+    const real z = q[8 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+    poses[2 * stride] = s2;
+    poses[12 * stride] = R(0.0);
+    poses[13 * stride] = R(0.0);
+    poses[14 * stride] = R(0.0);
+    poses[15 * stride] = R(1.0);
+    poses[28 * stride] = R(0.0);
+    poses[29 * stride] = R(0.0);
+    poses[30 * stride] = R(0.0);
+    poses[31 * stride] = R(1.0);
+
+    /* axes of the base */
+    const real t15 = s1 * c2;
+    poses[6 * stride] = -t15;
+    const real t16 = c1 * c2;
+    poses[10 * stride] = t16;
+    const real t17 = c2 * s3;
+    poses[1 * stride] = -t17;
+    const real t18 = s1 * s2;
+    const real t19 = c1 * s2;
+    const real t20 = c2 * c3;
+    poses[0 * stride] = t20;
+    const real t21 = c1 * s3 + c3 * t18;
+    poses[4 * stride] = t21;
+    const real t22 = s1 * s3 - c3 * t19;
+    poses[8 * stride] = t22;
+    const real t23 = c1 * c3 - s3 * t18;
+    poses[5 * stride] = t23;
+    const real t24 = s1 * c3 + s3 * t19;
+    poses[9 * stride] = t24;
+
+    /* joint 7 and the axes of link 1 */
+    const real t25 = base_arm_length * t20;
+    const real t26 = base_arm_length * t21;
+    const real t27 = base_arm_length * t22;
+    const real t28 = c2 * c4;
+    const real t29 = c1 * s4 + c4 * t18;
+    const real t30 = s1 * s4 - c4 * t19;
+    const real t31 = c2 * s4;
+    poses[18 * stride] = t31;
+    const real t32 = c1 * c4 - s4 * t18;
+    poses[22 * stride] = -t32;
+    const real t33 = s1 * c4 + s4 * t19;
+    poses[26 * stride] = -t33;
+
+    /* joint 9 and the axes of link 3 */
+    const real t34 = t25 + link2_length * (c5 * t28 + s2 * s5);
+    const real t35 = t26 + link2_length * (c5 * t29 - s5 * t15);
+    const real t36 = t27 + link2_length * (c5 * t30 + s5 * t16);
+    const real t37 = c6 * t28 + s2 * s6;
+    poses[16 * stride] = t37;
+    const real t38 = c6 * t29 - s6 * t15;
+    poses[20 * stride] = t38;
+    const real t39 = c6 * t30 + s6 * t16;
+    poses[24 * stride] = t39;
+    const real t40 = s2 * c6 - s6 * t28;
+    poses[17 * stride] = t40;
+    const real t41 = s6 * t29 + c6 * t15;
+    poses[21 * stride] = -t41;
+    const real t42 = c6 * t16 - s6 * t30;
+    poses[25 * stride] = t42;
+
+    /* position of base */
+    const real t43 = x + t25;
+    poses[3 * stride] = t43;
+    const real t44 = y + t26;
+    poses[7 * stride] = t44;
+    const real t45 = z + t27;
+    poses[11 * stride] = t45;
+
+    /* position of tip */
+    const real t46 = x + t34 + link3_length * t37;
+    poses[19 * stride] = t46;
+    const real t47 = y + t35 + link3_length * t38;
+    poses[23 * stride] = t47;
+    const real t48 = z + t36 + link3_length * t39;
+    poses[27 * stride] = t48;
+}
+
+void
+hexarotor_3link_frame_poses(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT poses)
+{
+    real angle[6], sine[6], cosine[6];
+    frame_poses_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    frame_poses_lane(constants, sine, cosine, q, poses, 1);
+}
+
+static WIDE void frame_poses_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT poses)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_poses_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_poses_lane(constants, sine + lane, cosine + lane, q + lane, poses + lane,
+            LANES);
+    }
+}
+
+void
+hexarotor_3link_frame_poses_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT poses)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_poses_block(
+            constants,
+            q + block * (9 * LANES),
+            poses + block * (32 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        frame_poses_block(
+            constants,
+            last_q,
+            poses + whole * (32 * LANES));
+    }
+}
+
+/* ---- frame_jacobians ---- */
+
+static INLINE void frame_jacobians_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void frame_jacobians_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+    jacobians[6 * stride] = R(1.0);
+    jacobians[16 * stride] = R(1.0);
+    jacobians[26 * stride] = R(1.0);
+    jacobians[27 * stride] = R(1.0);
+    jacobians[29 * stride] = s2;
+    jacobians[37 * stride] = c1;
+    jacobians[46 * stride] = s1;
+    jacobians[60 * stride] = R(1.0);
+    jacobians[70 * stride] = R(1.0);
+    jacobians[80 * stride] = R(1.0);
+    jacobians[81 * stride] = R(1.0);
+    jacobians[83 * stride] = s2;
+    jacobians[84 * stride] = s2;
+    jacobians[91 * stride] = c1;
+    jacobians[100 * stride] = s1;
+
+    /* axes of the base */
+    const real t15 = s1 * c2;
+    jacobians[38 * stride] = -t15;
+    jacobians[92 * stride] = -t15;
+    jacobians[93 * stride] = -t15;
+    const real t16 = c1 * c2;
+    jacobians[47 * stride] = t16;
+    jacobians[101 * stride] = t16;
+    jacobians[102 * stride] = t16;
+    const real t17 = s1 * s2;
+    const real t18 = c1 * s2;
+
+    /* joint 7 and the axes of link 1 */
+    const real t19 = base_arm_length * c2 * c3;
+    const real t20 = base_arm_length * (c1 * s3 + c3 * t17);
+    jacobians[18 * stride] = t20;
+    const real t21 = base_arm_length * (s1 * s3 - c3 * t18);
+    jacobians[9 * stride] = -t21;
+    const real t22 = c2 * c4;
+    const real t23 = c1 * s4 + c4 * t17;
+    const real t24 = s1 * s4 - c4 * t18;
+    const real t25 = c2 * s4;
+    jacobians[85 * stride] = t25;
+    jacobians[86 * stride] = t25;
+    const real t26 = c1 * c4 - s4 * t17;
+    jacobians[94 * stride] = -t26;
+    jacobians[95 * stride] = -t26;
+    const real t27 = s1 * c4 + s4 * t18;
+    jacobians[103 * stride] = -t27;
+    jacobians[104 * stride] = -t27;
+
+    /* joint 9 and the axes of link 3 */
+    const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
+    const real t29 = t20 + link2_length * (c5 * t23 - s5 * t15);
+    const real t30 = t21 + link2_length * (c5 * t24 + s5 * t16);
+
+    /* position of tip */
+    const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
+    const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
+    jacobians[72 * stride] = t32;
+    const real t33 = t30 + link3_length * (c6 * t24 + s6 * t16);
+    jacobians[63 * stride] = -t33;
+
+    /* columns of the base */
+    const real t34 = c1 * t33 - s1 * t32;
+    jacobians[55 * stride] = t34;
+    const real t35 = s1 * t31;
+    jacobians[64 * stride] = t35;
+    const real t36 = c1 * t31;
+    jacobians[73 * stride] = -t36;
+    const real t37 = t16 * t32 + t15 * t33;
+    jacobians[56 * stride] = -t37;
+    const real t38 = t16 * t31 - s2 * t33;
+    jacobians[65 * stride] = t38;
+    const real t39 = t15 * t31 + s2 * t32;
+    jacobians[74 * stride] = t39;
+
+    /* column of joint 7 */
+    const real t40 = t19 - t31;
+    const real t41 = t20 - t32;
+    const real t42 = t21 - t33;
+    const real t43 = t16 * t41 + t15 * t42;
+    jacobians[57 * stride] = t43;
+    const real t44 = s2 * t42 - t16 * t40;
+    jacobians[66 * stride] = t44;
+    const real t45 = t15 * t40 + s2 * t41;
+    jacobians[75 * stride] = -t45;
+
+    /* column of joint 8 */
+    const real t46 = t26 * t42 - t27 * t41;
+    jacobians[58 * stride] = t46;
+    const real t47 = t25 * t42 + t27 * t40;
+    jacobians[67 * stride] = t47;
+    const real t48 = t25 * t41 + t26 * t40;
+    jacobians[76 * stride] = -t48;
+
+    /* column of joint 9 */
+    const real t49 = t28 - t31;
+    const real t50 = t29 - t32;
+    const real t51 = t30 - t33;
+    const real t52 = t26 * t51 - t27 * t50;
+    jacobians[59 * stride] = t52;
+    const real t53 = t25 * t51 + t27 * t49;
+    jacobians[68 * stride] = t53;
+    const real t54 = t25 * t50 + t26 * t49;
+    jacobians[77 * stride] = -t54;
+
+    /* columns of the base */
+    const real t55 = c1 * t21 - s1 * t20;
+    jacobians[1 * stride] = t55;
+    const real t56 = s1 * t19;
+    jacobians[10 * stride] = t56;
+    const real t57 = c1 * t19;
+    jacobians[19 * stride] = -t57;
+    const real t58 = t16 * t20 + t15 * t21;
+    jacobians[2 * stride] = -t58;
+    const real t59 = t16 * t19 - s2 * t21;
+    jacobians[11 * stride] = t59;
+    const real t60 = t15 * t19 + s2 * t20;
+    jacobians[20 * stride] = t60;
+}
+
+void
+hexarotor_3link_frame_jacobians(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians)
+{
+    real angle[6], sine[6], cosine[6];
+    for (int i = 0; i < 108; ++i) {
+        jacobians[i] = R(0.0);
+    }
+    frame_jacobians_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    frame_jacobians_lane(constants, sine, cosine, q, jacobians, 1);
+}
+
+static WIDE void frame_jacobians_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    for (int i = 0; i < 108 * LANES; ++i) {
+        jacobians[i] = R(0.0);
+    }
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_jacobians_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_jacobians_lane(constants, sine + lane, cosine + lane, q + lane, jacobians +
+            lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_frame_jacobians_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_jacobians_block(
+            constants,
+            q + block * (9 * LANES),
+            jacobians + block * (108 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        frame_jacobians_block(
+            constants,
+            last_q,
+            jacobians + whole * (108 * LANES));
+    }
+}
+
+/* ---- frame_velocities ---- */
+
+static INLINE void frame_velocities_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void frame_velocities_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride];
+    const real v_y = v[7 * stride];
+    const real v_z = v[8 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
+    const real t15 = v_theta_m1 * c2;
+    const real t16 = v_theta_1 + v_theta_m1 * s2;
+
+    /* motion of link 1 */
+    const real t17 = v_theta_7 + t16;
+    const real t18 = c4 * t15 + v_theta_0 * s4;
+
+    /* motion of link 2 */
+    const real t19 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
+
+    /* motion of link 3 */
+    const real t20 = v_theta_9 + t19;
+
+    /* motion of base in world axes */
+    const real t21 = c3 * base_arm_length;
+    const real t22 = s3 * base_arm_length;
+
+    /* axes of the base */
+    const real t23 = s1 * c2;
+    const real t24 = c1 * c2;
+
+    /* motion of link 1 */
+    const real t25 = base_arm_length * s3 * t16;
+    const real t26 = base_arm_length * c3 * t16;
+    const real t27 = base_arm_length * (v_theta_0 * c3 - s3 * t15);
+
+    /* motion of link 3 */
+    const real t28 = link2_length * (s5 * t18 - c5 * t17);
+
+    /* axes of the base */
+    const real t29 = s1 * s2;
+    const real t30 = c1 * s2;
+
+    /* joint 7 and the axes of link 1 */
+    const real t31 = c2 * c4;
+    const real t32 = c1 * s4 + c4 * t29;
+    const real t33 = s1 * s4 - c4 * t30;
+    const real t34 = c2 * s4;
+    const real t35 = c1 * c4 - s4 * t29;
+    const real t36 = s1 * c4 + s4 * t30;
+
+    /* motion of tip in world axes */
+    const real t37 = link3_length * c6;
+    const real t38 = link3_length * s6;
+
+    /* motion of link 3 */
+    const real t39 = link2_length * s5 * t19 + c4 * t25 - s4 * t26;
+    const real t40 = t28 - s4 * t25 - c4 * t26;
+
+    /* motion of base in world axes */
+    const real t41 = t16 * t22;
+    const real t42 = t16 * t21;
+    const real t43 = v_theta_0 * t21 - t15 * t22;
+    const real t44 = v_x - c2 * t41 - s2 * t43;
+    velocities[0 * stride] = t44;
+    const real t45 = v_y + c1 * t42 + t23 * t43 - t29 * t41;
+    velocities[1 * stride] = t45;
+    const real t46 = v_z + t30 * t41 + s1 * t42 - t24 * t43;
+    velocities[2 * stride] = t46;
+    const real t47 = c2 * t15 + s2 * t16;
+    velocities[3 * stride] = t47;
+    const real t48 = t15 * t29 + v_theta_0 * c1 - t16 * t23;
+    velocities[4 * stride] = t48;
+    const real t49 = v_theta_0 * s1 + t16 * t24 - t15 * t30;
+    velocities[5 * stride] = t49;
+
+    /* motion of tip in world axes */
+    const real t50 = t39 + t20 * t38;
+    const real t51 = t27 - link2_length * c5 * t19 - t20 * t37;
+    const real t52 = t40 + t18 * t38 - t17 * t37;
+    const real t53 = v_x + t34 * t52 - t31 * t50 - s2 * t51;
+    velocities[6 * stride] = t53;
+    const real t54 = v_y + t23 * t51 - t32 * t50 - t35 * t52;
+    velocities[7 * stride] = t54;
+    const real t55 = v_z - t33 * t50 - t24 * t51 - t36 * t52;
+    velocities[8 * stride] = t55;
+    const real t56 = t18 * t31 + s2 * t17 + t20 * t34;
+    velocities[9 * stride] = t56;
+    const real t57 = t17 * t23 + t20 * t35 - t18 * t32;
+    velocities[10 * stride] = -t57;
+    const real t58 = t18 * t33 + t17 * t24 - t20 * t36;
+    velocities[11 * stride] = t58;
+}
+
+void
+hexarotor_3link_frame_velocities(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities)
+{
+    real angle[6], sine[6], cosine[6];
+    frame_velocities_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    frame_velocities_lane(constants, sine, cosine, q, v, velocities, 1);
+}
+
+static WIDE void frame_velocities_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_velocities_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_velocities_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
+            velocities + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_frame_velocities_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_velocities_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            velocities + block * (12 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        frame_velocities_block(
+            constants,
+            last_q,
+            last_v,
+            velocities + whole * (12 * LANES));
+    }
+}
+
+/* ---- frame_bias_accelerations ---- */
+
+static INLINE void frame_bias_accelerations_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void frame_bias_accelerations_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real link3_length = constants->link3_length;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
+    const real t15 = v_theta_m1 * s2;
+    const real t16 = v_theta_m1 * c2;
+    const real t17 = v_theta_0 * t16;
+    const real t18 = t15 * t16;
+    const real t19 = R(2.0) * t17;
+    const real t20 = R(2.0) * v_theta_0 * t15;
+    const real t21 = v_theta_1 + t15;
+    const real t22 = t20 - v_theta_0 * t21;
+    const real t23 = t18 - t16 * t21;
+    const real t24 = t21 * t21;
+    const real t25 = v_theta_0 * v_theta_0 + t24;
+    const real t26 = t18 - R(2.0) * t21 * t16;
+    const real t27 = t16 * t16 + t24;
+    const real t28 = t20 - R(2.0) * t21 * v_theta_0;
+
+    /* motion of link 1 */
+    const real t29 = base_arm_length * c3 * t25;
+    const real t30 = base_arm_length * (c3 * t19 - s3 * t27);
+    const real t31 = v_theta_7 + t21;
+    const real t32 = t20 - v_theta_0 * t31;
+    const real t33 = t18 - t16 * t31;
+    const real t34 = t31 * t31;
+    const real t35 = c4 * t16 + v_theta_0 * s4;
+    const real t36 = v_theta_0 * c4 - s4 * t16;
+    const real t37 = s4 * t32 + c4 * t33;
+    const real t38 = t35 * t35;
+    const real t39 = t31 * t35;
+    const real t40 = t37 - t39;
+    const real t41 = t17 - t35 * t36;
+    const real t42 = s4 * t33 + t31 * t36 - c4 * t32;
+    const real t43 = t37 + t39;
+
+    /* motion of link 2 */
+    const real t44 = v_theta_8 - t36;
+    const real t45 = t44 * t44;
+    const real t46 = R(2.0) * t35;
+    const real t47 = R(2.0) * t31;
+
+    /* motion of link 3 */
+    const real t48 = c5 * (t41 - t44 * t46);
+    const real t49 = link2_length * (s5 * t43 - c5 * (t34 + t45));
+    const real t50 = link2_length * (c5 * t40 + s5 * (t38 + t45));
+    const real t51 = link2_length * (s5 * (t42 + t44 * t47) - t48);
+    const real t52 = v_theta_9 + t44;
+    const real t53 = t42 + t31 * t52;
+    const real t54 = t41 - t35 * t52;
+    const real t55 = t52 * t52;
+
+    /* motion of base in world axes */
+    const real t56 = c3 * base_arm_length;
+    const real t57 = s3 * base_arm_length;
+
+    /* axes of the base */
+    const real t58 = s1 * c2;
+    const real t59 = c1 * c2;
+    const real t60 = s1 * s2;
+    const real t61 = c1 * s2;
+
+    /* joint 7 and the axes of link 1 */
+    const real t62 = c2 * c4;
+    const real t63 = c1 * s4 + c4 * t60;
+    const real t64 = s1 * s4 - c4 * t61;
+    const real t65 = c2 * s4;
+    const real t66 = c1 * c4 - s4 * t60;
+    const real t67 = s1 * c4 + s4 * t61;
+
+    /* motion of link 3 */
+    const real t68 = t49 + s4 * t30 - c4 * t29;
+    const real t69 = base_arm_length * (c3 * t26 + s3 * t28) + t50;
+    const real t70 = t51 - s4 * t29 - c4 * t30;
+
+    /* motion of tip in world axes */
+    const real t71 = link3_length * c6;
+    const real t72 = link3_length * s6;
+    const real t73 = (t41 - t46 * t52) * t71;
+
+    /* motion of base in world axes */
+    const real t74 = t25 * t56;
+    const real t75 = t19 * t56 - t27 * t57;
+    const real t76 = t26 * t56 + t28 * t57;
+    const real t77 = c2 * t74 + s2 * t76;
+    bias_accelerations[0 * stride] = -t77;
+    const real t78 = c1 * t75 + t58 * t76 - t60 * t74;
+    bias_accelerations[1 * stride] = t78;
+    const real t79 = t61 * t74 + s1 * t75 - t59 * t76;
+    bias_accelerations[2 * stride] = t79;
+    const real t80 = c2 * t22 - s2 * t17;
+    bias_accelerations[3 * stride] = -t80;
+    const real t81 = t22 * t60 + t17 * t58 - c1 * t23;
+    bias_accelerations[4 * stride] = -t81;
+    const real t82 = t22 * t61 + s1 * t23 + t17 * t59;
+    bias_accelerations[5 * stride] = t82;
+
+    /* motion of tip in world axes */
+    const real t83 = t68 + t43 * t72 - (t34 + t55) * t71;
+    const real t84 = t69 + t40 * t71 + (t38 + t55) * t72;
+    const real t85 = t70 + (t42 + t47 * t52) * t72 - t73;
+    const real t86 = t62 * t83 + t65 * t85 - s2 * t84;
+    bias_accelerations[6 * stride] = t86;
+    const real t87 = t63 * t83 + t58 * t84 - t66 * t85;
+    bias_accelerations[7 * stride] = t87;
+    const real t88 = t59 * t84 + t67 * t85 - t64 * t83;
+    bias_accelerations[8 * stride] = -t88;
+    const real t89 = s2 * t54 + t53 * t62 - t37 * t65;
+    bias_accelerations[9 * stride] = t89;
+    const real t90 = t53 * t63 + t37 * t66 - t54 * t58;
+    bias_accelerations[10 * stride] = t90;
+    const real t91 = t53 * t64 + t54 * t59 + t37 * t67;
+    bias_accelerations[11 * stride] = t91;
+}
+
+void
+hexarotor_3link_frame_bias_accelerations(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations)
+{
+    real angle[6], sine[6], cosine[6];
+    frame_bias_accelerations_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    frame_bias_accelerations_lane(constants, sine, cosine, q, v, bias_accelerations, 1);
+}
+
+static WIDE void frame_bias_accelerations_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_bias_accelerations_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_bias_accelerations_lane(constants, sine + lane, cosine + lane, q + lane, v +
+            lane, bias_accelerations + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_frame_bias_accelerations_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_bias_accelerations_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            bias_accelerations + block * (12 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        frame_bias_accelerations_block(
+            constants,
+            last_q,
+            last_v,
+            bias_accelerations + whole * (12 * LANES));
+    }
+}
+
+/* ---- centre_of_mass ---- */
+
+static INLINE void centre_of_mass_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void centre_of_mass_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT position,
+    const int stride)
+{
+    const real k71 = constants->k71;
+    const real k76 = constants->k76;
+    const real k83 = constants->k83;
+    const real k119 = constants->k119;
+    const real x = q[6 * stride];
+    const real y = q[7 * stride];
+    const real z = q[8 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+
+    /* composite inertia of links 2 and 3, about joint 8 */
+    const real t15 = k71 * c6 + c5 * k76;
+
+    /* centre of mass from the origin */
+    const real t16 = (k71 * s6 + s5 * k76) * k119;
+    const real t17 = (c3 * k83 + c4 * t15) * k119;
+    const real t18 = (s3 * k83 + s4 * t15) * k119;
+
+    /* centre of mass in the world */
+    const real t19 = c2 * t16 - s2 * t17;
+    const real t20 = x + s2 * t16 + c2 * t17;
+    position[0 * stride] = t20;
+    const real t21 = y + c1 * t18 - s1 * t19;
+    position[1 * stride] = t21;
+    const real t22 = z + c1 * t19 + s1 * t18;
+    position[2 * stride] = t22;
+}
+
+void
+hexarotor_3link_centre_of_mass(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT position)
+{
+    real angle[6], sine[6], cosine[6];
+    centre_of_mass_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    centre_of_mass_lane(constants, sine, cosine, q, position, 1);
+}
+
+static WIDE void centre_of_mass_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT position)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_lane(constants, sine + lane, cosine + lane, q + lane, position +
+            lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_centre_of_mass_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT position)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        centre_of_mass_block(
+            constants,
+            q + block * (9 * LANES),
+            position + block * (3 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        centre_of_mass_block(
+            constants,
+            last_q,
+            position + whole * (3 * LANES));
+    }
+}
+
+/* ---- centre_of_mass_jacobian ---- */
+
+static INLINE void centre_of_mass_jacobian_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void centre_of_mass_jacobian_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian,
+    const int stride)
+{
+    (void)q;
+    const real k71 = constants->k71;
+    const real k76 = constants->k76;
+    const real k83 = constants->k83;
+    const real k119 = constants->k119;
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+    jacobian[0 * stride] = R(0.0);
+    jacobian[6 * stride] = R(1.0);
+    jacobian[7 * stride] = R(0.0);
+    jacobian[8 * stride] = R(0.0);
+    jacobian[15 * stride] = R(0.0);
+    jacobian[16 * stride] = R(1.0);
+    jacobian[17 * stride] = R(0.0);
+    jacobian[24 * stride] = R(0.0);
+    jacobian[25 * stride] = R(0.0);
+    jacobian[26 * stride] = R(1.0);
+
+    /* inertia of link 3, turned by the joints */
+    const real t15 = k71 * c6;
+    const real t16 = k71 * s6;
+
+    /* composite inertia of links 2 and 3, about joint 8 */
+    const real t17 = t15 + c5 * k76;
+
+    /* composite inertia of links 1 to 3, about joint 7 */
+    const real t18 = c4 * t17;
+    const real t19 = s4 * t17;
+
+    /* axes of the base */
+    const real t20 = s1 * c2;
+    const real t21 = c1 * c2;
+
+    /* column of joint 7 */
+    const real t22 = t18 * k119;
+    const real t23 = t19 * k119;
+
+    /* centre of mass from the origin */
+    const real t24 = (t16 + s5 * k76) * k119;
+
+    /* column of joint 8 */
+    const real t25 = t17 * k119;
+
+    /* column of joint 9 */
+    const real t26 = t15 * k119;
+
+    /* axes of the base */
+    const real t27 = s1 * s2;
+    const real t28 = c1 * s2;
+
+    /* joint 7 and the axes of link 1 */
+    const real t29 = c2 * c4;
+    const real t30 = c1 * s4 + c4 * t27;
+    const real t31 = s1 * s4 - c4 * t28;
+
+    /* centre of mass from the origin */
+    const real t32 = (c3 * k83 + t18) * k119;
+    const real t33 = (s3 * k83 + t19) * k119;
+    const real t34 = c2 * t24 - s2 * t32;
+    const real t35 = s2 * t24 + c2 * t32;
+    const real t36 = c1 * t33 - s1 * t34;
+    jacobian[18 * stride] = t36;
+    const real t37 = c1 * t34 + s1 * t33;
+    jacobian[9 * stride] = -t37;
+
+    /* columns of the base */
+    const real t38 = c1 * t37 - s1 * t36;
+    jacobian[1 * stride] = t38;
+    const real t39 = s1 * t35;
+    jacobian[10 * stride] = t39;
+    const real t40 = c1 * t35;
+    jacobian[19 * stride] = -t40;
+    const real t41 = t21 * t36 + t20 * t37;
+    jacobian[2 * stride] = -t41;
+    const real t42 = t21 * t35 - s2 * t37;
+    jacobian[11 * stride] = t42;
+    const real t43 = t20 * t35 + s2 * t36;
+    jacobian[20 * stride] = t43;
+
+    /* column of joint 7 */
+    const real t44 = c2 * t23;
+    jacobian[3 * stride] = -t44;
+    const real t45 = t23 * t27 - c1 * t22;
+    jacobian[12 * stride] = -t45;
+    const real t46 = t23 * t28 + s1 * t22;
+    jacobian[21 * stride] = t46;
+
+    /* column of joint 8 */
+    const real t47 = t24 * t29 - s2 * t25;
+    jacobian[4 * stride] = -t47;
+    const real t48 = t24 * t30 + t20 * t25;
+    jacobian[13 * stride] = -t48;
+    const real t49 = t24 * t31 - t21 * t25;
+    jacobian[22 * stride] = -t49;
+
+    /* column of joint 9 */
+    const real t50 = t16 * k119;
+    const real t51 = t29 * t50 - s2 * t26;
+    jacobian[5 * stride] = -t51;
+    const real t52 = t30 * t50 + t20 * t26;
+    jacobian[14 * stride] = -t52;
+    const real t53 = t31 * t50 - t21 * t26;
+    jacobian[23 * stride] = -t53;
+}
+
+void
+hexarotor_3link_centre_of_mass_jacobian(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian)
+{
+    real angle[6], sine[6], cosine[6];
+    centre_of_mass_jacobian_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    centre_of_mass_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
+}
+
+static WIDE void centre_of_mass_jacobian_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_jacobian_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_jacobian_lane(constants, sine + lane, cosine + lane, q + lane,
+            jacobian + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_centre_of_mass_jacobian_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        centre_of_mass_jacobian_block(
+            constants,
+            q + block * (9 * LANES),
+            jacobian + block * (27 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        centre_of_mass_jacobian_block(
+            constants,
+            last_q,
+            jacobian + whole * (27 * LANES));
+    }
+}
+
+/* ---- centroidal_momentum ---- */
+
+static INLINE void centroidal_momentum_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_7 = q[3 * stride];
+    const real theta_8 = q[4 * stride];
+    const real theta_9 = q[5 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_7;
+    const real t12 = theta_8 + theta_9;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_8;
+    angle[5 * stride] = t12;
+}
+
+static INLINE void centroidal_momentum_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real k34 = constants->k34;
+    const real k48 = constants->k48;
+    const real k54 = constants->k54;
+    const real k66 = constants->k66;
+    const real k67 = constants->k67;
+    const real k71 = constants->k71;
+    const real k76 = constants->k76;
+    const real k77 = constants->k77;
+    const real k78 = constants->k78;
+    const real k82 = constants->k82;
+    const real k83 = constants->k83;
+    const real k84 = constants->k84;
+    const real k85 = constants->k85;
+    const real k86 = constants->k86;
+    const real k87 = constants->k87;
+    const real k119 = constants->k119;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_7 = v[3 * stride];
+    const real v_theta_8 = v[4 * stride];
+    const real v_theta_9 = v[5 * stride];
+    const real v_x = v[6 * stride];
+    const real v_y = v[7 * stride];
+    const real v_z = v[8 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    const real s6 = sine[5 * stride];
+    const real c6 = cosine[5 * stride];
+
+    /* motion of the base */
+    const real t15 = v_theta_m1 * c2;
+    const real t16 = v_theta_1 + v_theta_m1 * s2;
+
+    /* motion of link 1 */
+    const real t17 = v_theta_7 + t16;
+    const real t18 = c4 * t15 + v_theta_0 * s4;
+
+    /* motion of link 2 */
+    const real t19 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
+
+    /* motion of link 3 */
+    const real t20 = v_theta_9 + t19;
+
+    /* inertia of link 3, turned by the joints */
+    const real t21 = k71 * c6;
+    const real t22 = k71 * s6;
+    const real t23 = s6 * k85;
+    const real t24 = s6 * t23;
+    const real t25 = k48 - t24;
+    const real t26 = k54 + t24;
+    const real t27 = c6 * t23;
+
+    /* step from link 2 to link 3 */
+    const real t28 = link2_length * c5;
+    const real t29 = link2_length * s5;
+
+    /* inertia of link 2, turned by the joints */
+    const real t30 = c5 * k76;
+    const real t31 = s5 * k76;
+    const real t32 = s5 * k86;
+    const real t33 = s5 * t32;
+    const real t34 = k77 + t33;
+    const real t35 = k34 - t33;
+    const real t36 = c5 * t32;
+
+    /* step from the base to link 1 */
+    const real t37 = c3 * base_arm_length;
+    const real t38 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
+    const real t39 = s3 * k87;
+    const real t40 = s3 * t39;
+    const real t41 = k84 + t40;
+    const real t42 = k66 - t40;
+    const real t43 = c3 * t39;
+
+    /* composite inertia of links 2 and 3, about joint 8 */
+    const real t44 = t21 + t30;
+
+    /* motion of link 1 */
+    const real t45 = v_theta_0 * c3 - s3 * t15;
+
+    /* centre of mass from the origin */
+    const real t46 = (t22 + t31) * k119;
+
+    /* motion of link 1 */
+    const real t47 = s3 * t16;
+    const real t48 = c3 * t16;
+    const real t49 = base_arm_length * t47;
+    const real t50 = base_arm_length * t48;
+    const real t51 = base_arm_length * t45;
+
+    /* motion of link 3 */
+    const real t52 = s5 * t19;
+    const real t53 = c5 * t19;
+    const real t54 = s5 * t18 - c5 * t17;
+
+    /* centre of mass from the origin */
+    const real t55 = (c3 * k83 + c4 * t44) * k119;
+    const real t56 = (s3 * k83 + s4 * t44) * k119;
+
+    /* motion of link 1 */
+    const real t57 = s4 * t50 - c4 * t49;
+    const real t58 = s4 * t49 + c4 * t50;
+
+    /* motion of link 3 */
+    const real t59 = link2_length * t54 - t58;
+
+    /* inertia forces of link 3, about joint 9 */
+    const real t60 = t18 * t26 + t22 * t59 - t17 * t27;
+    const real t61 = t18 * t27 + t21 * t59 - t17 * t25;
+    const real t62 = t22 * (link2_length * t52 - t57);
+    const real t63 = t21 * (t51 - link2_length * t53);
+    const real t64 = t20 * t25 + t20 * t26 + t62 - t63;
+    const real t65 = k71 * s6 * t20;
+    const real t66 = k71 * c6 * t20;
+    const real t67 = k71 * (s6 * t18 - c6 * t17);
+
+    /* inertia forces of links 2 and 3, about joint 8 */
+    const real t68 = t17 * t36 + t18 * t35 - t31 * t58;
+    const real t69 = t18 * t36 + t17 * t34 + t30 * t58;
+    const real t70 = t31 * t57;
+    const real t71 = t19 * t34 + t19 * t35 - t30 * t51 - t70;
+    const real t72 = t65 + k76 * t52;
+    const real t73 = t66 + k76 * t53;
+    const real t74 = t67 + k76 * t54;
+    const real t75 = t64 + t28 * t66 + t29 * t65 + t71;
+
+    /* inertia forces of links 1 to 3, about joint 7 */
+    const real t76 = t60 + t29 * t67 + t68 + k78 * t18;
+    const real t77 = t61 + t28 * t67 - t69 - k78 * t17;
+    const real t78 = s4 * t74 - c4 * t72;
+    const real t79 = s4 * t72 + c4 * t74;
+
+    /* inertia forces of the base and links 1 to 3 */
+    const real t80 = t77 + t38 * t78 + t37 * t79;
+    const real t81 = v_theta_0 * t43 + t15 * t42 + k67 * t15;
+    const real t82 = t15 * t43 + v_theta_0 * t41 + v_theta_0 * k67;
+    const real t83 = t78 - k83 * t47;
+    const real t84 = t79 - k83 * t48;
+    const real t85 = t73 - k83 * t45;
+    const real t86 = s4 * t75 + c4 * t76 + t38 * t73 + t81;
+    const real t87 = s4 * t76 + t82 - c4 * t75 - t37 * t73;
+    const real t88 = t80 - t16 * t41 - t16 * t42;
+
+    /* momentum in world axes */
+    const real t89 = t46 * t84 + t56 * t85 - t86;
+    const real t90 = t87 + t55 * t85 - t46 * t83;
+    const real t91 = t55 * t84 + t56 * t83 - t88;
+    const real t92 = c2 * t85 - s2 * t83;
+    const real t93 = v_x * k82 + c2 * t83 + s2 * t85;
+    momentum[0 * stride] = t93;
+    const real t94 = v_y * k82 - c1 * t84 - s1 * t92;
+    momentum[1 * stride] = t94;
+    const real t95 = v_z * k82 + c1 * t92 - s1 * t84;
+    momentum[2 * stride] = t95;
+    const real t96 = c2 * t91 + s2 * t89;
+    const real t97 = s2 * t91 - c2 * t89;
+    momentum[3 * stride] = t97;
+    const real t98 = c1 * t90 - s1 * t96;
+    momentum[4 * stride] = t98;
+    const real t99 = c1 * t96 + s1 * t90;
+    momentum[5 * stride] = t99;
+}
+
+void
+hexarotor_3link_centroidal_momentum(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum)
+{
+    real angle[6], sine[6], cosine[6];
+    centroidal_momentum_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(2, angle + 4, sine + 4, cosine + 4);
+    centroidal_momentum_lane(constants, sine, cosine, q, v, momentum, 1);
+}
+
+static WIDE void centroidal_momentum_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum)
+{
+    real angle[6 * LANES], sine[6 * LANES], cosine[6 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centroidal_momentum_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(6 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centroidal_momentum_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
+            momentum + lane, LANES);
+    }
+}
+
+void
+hexarotor_3link_centroidal_momentum_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        centroidal_momentum_block(
+            constants,
+            q + block * (9 * LANES),
+            v + block * (9 * LANES),
+            momentum + block * (6 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[9 * LANES];
+        real last_v[9 * LANES];
+        fill_lanes(
+            9,
+            rest,
+            q + whole * (9 * LANES),
+            last_q);
+        fill_lanes(
+            9,
+            rest,
+            v + whole * (9 * LANES),
+            last_v);
+        centroidal_momentum_block(
+            constants,
+            last_q,
+            last_v,
+            momentum + whole * (6 * LANES));
     }
 }
 

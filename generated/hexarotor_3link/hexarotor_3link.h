@@ -86,6 +86,14 @@
  *
  *     O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7, joint8, joint9, tip
  *
+ * Frames, in order:
+ *
+ *     base, tip
+ *
+ * Bodies, in order:
+ *
+ *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
+ *
  * Every function has a form for any number of states, with _batch at the end of its name. Its
  * arrays are rows of blocks of LANES = 8 states: entry e of state i stands at
  * [(i / LANES) * width * LANES + e * LANES + i % LANES], width being the entries of one state. The
@@ -121,6 +129,8 @@ typedef double hexarotor_3link_real;
 #define HEXAROTOR_3LINK_HYBRID_COORDINATES 19
 #define HEXAROTOR_3LINK_INPUTS 9
 #define HEXAROTOR_3LINK_POINTS 12
+#define HEXAROTOR_3LINK_FRAMES 2
+#define HEXAROTOR_3LINK_BODIES 8
 #define HEXAROTOR_3LINK_PARAMETERS 16
 
 /** States in a block of the _batch functions. */
@@ -209,20 +219,45 @@ enum {
     HEXAROTOR_3LINK_U_TAU_9,
 };
 
+/** Places in frames, also of rows in W. */
+enum {
+    HEXAROTOR_3LINK_F_BASE,
+    HEXAROTOR_3LINK_F_TIP,
+};
+
+/** Places in bodies. */
+enum {
+    HEXAROTOR_3LINK_B_BASE_ARM2,
+    HEXAROTOR_3LINK_B_BASE_ARM3,
+    HEXAROTOR_3LINK_B_BASE_ARM4,
+    HEXAROTOR_3LINK_B_BASE_ARM5,
+    HEXAROTOR_3LINK_B_BASE_ARM6,
+    HEXAROTOR_3LINK_B_LINK1,
+    HEXAROTOR_3LINK_B_LINK2,
+    HEXAROTOR_3LINK_B_LINK3,
+};
+
 /** What the functions need of the parameters, computed once. */
 typedef struct hexarotor_3link_constants {
     hexarotor_3link_real gravity;
     hexarotor_3link_real base_arm_length;
     hexarotor_3link_real k8;
     hexarotor_3link_real k14;
+    hexarotor_3link_real k20;
     hexarotor_3link_real link2_length;
+    hexarotor_3link_real k28;
     hexarotor_3link_real k34;
+    hexarotor_3link_real k40;
     hexarotor_3link_real link3_length;
     hexarotor_3link_real k48;
     hexarotor_3link_real k54;
+    hexarotor_3link_real k60;
     hexarotor_3link_real k66;
     hexarotor_3link_real k67;
+    hexarotor_3link_real k69;
+    hexarotor_3link_real k70;
     hexarotor_3link_real k71;
+    hexarotor_3link_real k72;
     hexarotor_3link_real k76;
     hexarotor_3link_real k77;
     hexarotor_3link_real k78;
@@ -242,21 +277,24 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real k96;
     hexarotor_3link_real k97;
     hexarotor_3link_real k98;
-    hexarotor_3link_real k102;
+    hexarotor_3link_real k99;
     hexarotor_3link_real k103;
     hexarotor_3link_real k104;
     hexarotor_3link_real k105;
-    hexarotor_3link_real k107;
+    hexarotor_3link_real k106;
     hexarotor_3link_real k108;
     hexarotor_3link_real k109;
-    hexarotor_3link_real k111;
-    hexarotor_3link_real k113;
+    hexarotor_3link_real k110;
+    hexarotor_3link_real k112;
     hexarotor_3link_real k114;
-    hexarotor_3link_real k116;
+    hexarotor_3link_real k115;
     hexarotor_3link_real k117;
     hexarotor_3link_real k118;
     hexarotor_3link_real k119;
     hexarotor_3link_real k120;
+    hexarotor_3link_real k121;
+    hexarotor_3link_real k122;
+    hexarotor_3link_real k123;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -740,6 +778,155 @@ hexarotor_3link_potential_energy_batch(
     hexarotor_3link_real *energy);
 
 /**
+ * @brief Generalised forces of gravity: gravity's part of R.
+ *
+ * They are minus what Pinocchio calls the generalised gravity.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
+ *     theta_9 [N m], x [N], y [N], z [N]
+ * @note 60 operations, 6 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: eqs. 5 and 6 at rest.
+ */
+void
+hexarotor_3link_gravity_forces(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *force);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_gravity_forces_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *force);
+
+/**
+ * @brief Generalised forces of wrenches on the frames: the sum of J^T W.
+ *
+ * They add to B u. The wrenches are carried in from body to body, without a Jacobian.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] W wrenches on the frames, at their origins, in world axes, 12 entries: force [N] and
+ *     torque [N m], a row for each of base, tip
+ * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
+ *     theta_9 [N m], x [N], y [N], z [N]
+ * @note 199 operations, 6 sine-cosine pairs; about 1168 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: eq. 7.
+ */
+void
+hexarotor_3link_wrench_forces(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *W,
+    hexarotor_3link_real *force);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_wrench_forces_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *W,
+    hexarotor_3link_real *force);
+
+/**
+ * @brief Accelerations a of M a = R + B u + the sum of J^T W.
+ *
+ * As forward_dynamics, with wrenches on the frames.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
+ *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
+ *     m], tau_8 [N m], tau_9 [N m]
+ * @param[in] W wrenches on the frames, at their origins, in world axes, 12 entries: force [N] and
+ *     torque [N m], a row for each of base, tip
+ * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+ *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
+ *     [m/s^2]
+ * @note 535 operations, 6 sine-cosine pairs; about 2240 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: eq. 19, solved for the free coordinates.
+ */
+void
+hexarotor_3link_forward_dynamics_with_wrenches(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *u,
+    const hexarotor_3link_real *W,
+    hexarotor_3link_real *acceleration);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_forward_dynamics_with_wrenches_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *u,
+    const hexarotor_3link_real *W,
+    hexarotor_3link_real *acceleration);
+
+/**
+ * @brief The whole wrench through every joint: what the parent does to the body, at the joint.
+ *
+ * It is in the axes of the joint's frame, which the robot file gives the body. Gravity, inertia and
+ * thrusts of all that the joint carries balance it, at the given accelerations, which need not fit
+ * the inputs. Where they do, its component along a joint that moves is the joint's input less
+ * armature, damper and spring.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
+ *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[in] a their accelerations, 9 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
+ *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
+ *     [m/s^2], a_z [m/s^2]
+ * @param[in] u inputs, 9 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N
+ *     m], tau_8 [N m], tau_9 [N m]
+ * @param[out] wrenches 8 x 6: [N] in the first three, [N m] in the others, a row for each of
+ *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
+ * @note 492 operations, 6 sine-cosine pairs; about 1904 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: eqs. 6 and 14, all six components.
+ */
+void
+hexarotor_3link_joint_wrenches(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a,
+    const hexarotor_3link_real *u,
+    hexarotor_3link_real *wrenches);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_joint_wrenches_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    const hexarotor_3link_real *a,
+    const hexarotor_3link_real *u,
+    hexarotor_3link_real *wrenches);
+
+/**
  * @brief World positions of POINTS in m, one row each.
  *
  * @param[in] constants what hexarotor_3link_init_constants() made, or
@@ -854,6 +1041,212 @@ hexarotor_3link_tip_bias_acceleration_batch(
     const hexarotor_3link_real *q,
     const hexarotor_3link_real *v,
     hexarotor_3link_real *bias_acceleration);
+
+/**
+ * @brief Homogeneous transforms from the frames to the world.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[out] poses 2 x 4 x 4: axes [1] and position [m], a block for each of base, tip
+ * @note 87 operations, 6 sine-cosine pairs; about 912 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: forward kinematics.
+ */
+void
+hexarotor_3link_frame_poses(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *poses);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_frame_poses_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *poses);
+
+/**
+ * @brief Jacobians of the frames: linear rows, then angular rows, in world axes.
+ *
+ * They take v to the velocities of the frames in m/s and rad/s.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[out] jacobians 2 x 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
+ *     a block for each of base, tip
+ * @note 133 operations, 6 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: forward kinematics.
+ */
+void
+hexarotor_3link_frame_jacobians(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *jacobians);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_frame_jacobians_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *jacobians);
+
+/**
+ * @brief Velocities of the frames' origins, then angular velocities, in world axes.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
+ *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[out] velocities 2 x 6: [m/s] in the first three, [rad/s] in the others, a row for each of
+ *     base, tip
+ * @note 137 operations, 6 sine-cosine pairs; about 1024 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: forward kinematics.
+ */
+void
+hexarotor_3link_frame_velocities(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *velocities);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_frame_velocities_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *velocities);
+
+/**
+ * @brief Accelerations of the frames where a is zero, gravity left out, in world axes.
+ *
+ * They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus this,
+ * linear entries first, then angular.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
+ *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[out] bias_accelerations 2 x 6: [m/s^2] in the first three, [rad/s^2] in the others, a row
+ *     for each of base, tip
+ * @note 205 operations, 6 sine-cosine pairs; about 1216 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: forward kinematics.
+ */
+void
+hexarotor_3link_frame_bias_accelerations(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *bias_accelerations);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_frame_bias_accelerations_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *bias_accelerations);
+
+/**
+ * @brief World position of the centre of mass.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[out] position 3: [m]
+ * @note 32 operations, 6 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: the first moment of mass.
+ */
+void
+hexarotor_3link_centre_of_mass(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *position);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_centre_of_mass_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *position);
+
+/**
+ * @brief Jacobian of the centre of mass, in world axes.
+ *
+ * Times the robot's mass it takes v to the linear momentum.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[out] jacobian 3 x 9: [m/rad or 1]
+ * @note 95 operations, 6 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: the first moment of mass.
+ */
+void
+hexarotor_3link_centre_of_mass_jacobian(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *jacobian);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_centre_of_mass_jacobian_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    hexarotor_3link_real *jacobian);
+
+/**
+ * @brief Linear momentum, then angular momentum about the centre of mass, in world axes.
+ *
+ * The same as Pinocchio's computeCentroidalMomentum.
+ *
+ * @param[in] constants what hexarotor_3link_init_constants() made, or
+ *     &hexarotor_3link_default_constants
+ * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
+ *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
+ * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
+ *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+ * @param[out] momentum 6: [kg m/s] in the first three, [kg m^2/s] in the others
+ * @note 220 operations, 6 sine-cosine pairs; about 1328 bytes of stack for one state of doubles,
+ *     optimised.
+ * @par Source: eq. 6 with rates for accelerations.
+ */
+void
+hexarotor_3link_centroidal_momentum(
+    const hexarotor_3link_constants *constants,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *momentum);
+
+/** @brief The same for `count` states in blocks. */
+void
+hexarotor_3link_centroidal_momentum_batch(
+    const hexarotor_3link_constants *constants,
+    size_t count,
+    const hexarotor_3link_real *q,
+    const hexarotor_3link_real *v,
+    hexarotor_3link_real *momentum);
 
 /**
  * @brief Rates of the coordinates q.

@@ -10,7 +10,8 @@
  *     casadi.external("NAME_casadi_FUNCTION", "LIBRARY.so", {"enable_fd": True})
  *
  * is one of the header's functions, NAME being the robot's; enable_fd has CasADi differentiate it
- * by finite differences. The parameters are those of the robot file.
+ * by finite differences. The parameters are those of the robot file. An array of three axes is a
+ * matrix in CasADi, with one block below the other.
  */
 
 #include "hexarotor_3link.h"
@@ -130,6 +131,38 @@ const char *CASADI(potential_energy_name_out)(casadi_int);
 const casadi_int *CASADI(potential_energy_sparsity_in)(casadi_int);
 const casadi_int *CASADI(potential_energy_sparsity_out)(casadi_int);
 int CASADI(potential_energy_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(gravity_forces)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(gravity_forces_n_in)(void);
+casadi_int CASADI(gravity_forces_n_out)(void);
+const char *CASADI(gravity_forces_name_in)(casadi_int);
+const char *CASADI(gravity_forces_name_out)(casadi_int);
+const casadi_int *CASADI(gravity_forces_sparsity_in)(casadi_int);
+const casadi_int *CASADI(gravity_forces_sparsity_out)(casadi_int);
+int CASADI(gravity_forces_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(wrench_forces)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(wrench_forces_n_in)(void);
+casadi_int CASADI(wrench_forces_n_out)(void);
+const char *CASADI(wrench_forces_name_in)(casadi_int);
+const char *CASADI(wrench_forces_name_out)(casadi_int);
+const casadi_int *CASADI(wrench_forces_sparsity_in)(casadi_int);
+const casadi_int *CASADI(wrench_forces_sparsity_out)(casadi_int);
+int CASADI(wrench_forces_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(forward_dynamics_with_wrenches)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(forward_dynamics_with_wrenches_n_in)(void);
+casadi_int CASADI(forward_dynamics_with_wrenches_n_out)(void);
+const char *CASADI(forward_dynamics_with_wrenches_name_in)(casadi_int);
+const char *CASADI(forward_dynamics_with_wrenches_name_out)(casadi_int);
+const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_in)(casadi_int);
+const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_out)(casadi_int);
+int CASADI(forward_dynamics_with_wrenches_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(joint_wrenches)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(joint_wrenches_n_in)(void);
+casadi_int CASADI(joint_wrenches_n_out)(void);
+const char *CASADI(joint_wrenches_name_in)(casadi_int);
+const char *CASADI(joint_wrenches_name_out)(casadi_int);
+const casadi_int *CASADI(joint_wrenches_sparsity_in)(casadi_int);
+const casadi_int *CASADI(joint_wrenches_sparsity_out)(casadi_int);
+int CASADI(joint_wrenches_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(positions)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(positions_n_in)(void);
 casadi_int CASADI(positions_n_out)(void);
@@ -162,6 +195,62 @@ const char *CASADI(tip_bias_acceleration_name_out)(casadi_int);
 const casadi_int *CASADI(tip_bias_acceleration_sparsity_in)(casadi_int);
 const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int);
 int CASADI(tip_bias_acceleration_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_poses)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(frame_poses_n_in)(void);
+casadi_int CASADI(frame_poses_n_out)(void);
+const char *CASADI(frame_poses_name_in)(casadi_int);
+const char *CASADI(frame_poses_name_out)(casadi_int);
+const casadi_int *CASADI(frame_poses_sparsity_in)(casadi_int);
+const casadi_int *CASADI(frame_poses_sparsity_out)(casadi_int);
+int CASADI(frame_poses_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_jacobians)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(frame_jacobians_n_in)(void);
+casadi_int CASADI(frame_jacobians_n_out)(void);
+const char *CASADI(frame_jacobians_name_in)(casadi_int);
+const char *CASADI(frame_jacobians_name_out)(casadi_int);
+const casadi_int *CASADI(frame_jacobians_sparsity_in)(casadi_int);
+const casadi_int *CASADI(frame_jacobians_sparsity_out)(casadi_int);
+int CASADI(frame_jacobians_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_velocities)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(frame_velocities_n_in)(void);
+casadi_int CASADI(frame_velocities_n_out)(void);
+const char *CASADI(frame_velocities_name_in)(casadi_int);
+const char *CASADI(frame_velocities_name_out)(casadi_int);
+const casadi_int *CASADI(frame_velocities_sparsity_in)(casadi_int);
+const casadi_int *CASADI(frame_velocities_sparsity_out)(casadi_int);
+int CASADI(frame_velocities_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_bias_accelerations)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(frame_bias_accelerations_n_in)(void);
+casadi_int CASADI(frame_bias_accelerations_n_out)(void);
+const char *CASADI(frame_bias_accelerations_name_in)(casadi_int);
+const char *CASADI(frame_bias_accelerations_name_out)(casadi_int);
+const casadi_int *CASADI(frame_bias_accelerations_sparsity_in)(casadi_int);
+const casadi_int *CASADI(frame_bias_accelerations_sparsity_out)(casadi_int);
+int CASADI(frame_bias_accelerations_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(centre_of_mass)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(centre_of_mass_n_in)(void);
+casadi_int CASADI(centre_of_mass_n_out)(void);
+const char *CASADI(centre_of_mass_name_in)(casadi_int);
+const char *CASADI(centre_of_mass_name_out)(casadi_int);
+const casadi_int *CASADI(centre_of_mass_sparsity_in)(casadi_int);
+const casadi_int *CASADI(centre_of_mass_sparsity_out)(casadi_int);
+int CASADI(centre_of_mass_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(centre_of_mass_jacobian)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(centre_of_mass_jacobian_n_in)(void);
+casadi_int CASADI(centre_of_mass_jacobian_n_out)(void);
+const char *CASADI(centre_of_mass_jacobian_name_in)(casadi_int);
+const char *CASADI(centre_of_mass_jacobian_name_out)(casadi_int);
+const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_in)(casadi_int);
+const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_out)(casadi_int);
+int CASADI(centre_of_mass_jacobian_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(centroidal_momentum)(const real **, real **, casadi_int *, real *, int);
+casadi_int CASADI(centroidal_momentum_n_in)(void);
+casadi_int CASADI(centroidal_momentum_n_out)(void);
+const char *CASADI(centroidal_momentum_name_in)(casadi_int);
+const char *CASADI(centroidal_momentum_name_out)(casadi_int);
+const casadi_int *CASADI(centroidal_momentum_sparsity_in)(casadi_int);
+const casadi_int *CASADI(centroidal_momentum_sparsity_out)(casadi_int);
+int CASADI(centroidal_momentum_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(coordinate_rates)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(coordinate_rates_n_in)(void);
 casadi_int CASADI(coordinate_rates_n_out)(void);
@@ -191,7 +280,7 @@ int CASADI(difference_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int
 #endif
 
 /* What stands for an input that is not given. */
-static const real zeros[9] = {0};
+static const real zeros[12] = {0};
 
 /* Copies a row-major matrix to a column-major one, unless `to` is null. */
 static void store(const int rows, const int columns, const real *from, real *to)
@@ -1209,6 +1298,325 @@ int CASADI(potential_energy_work)(
     return 0;
 }
 
+/* ---- gravity_forces ---- */
+
+int CASADI(gravity_forces)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_gravity_forces(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        w + 0);
+    store(9, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(gravity_forces_n_in)(void)
+{
+    return 1;
+}
+
+casadi_int CASADI(gravity_forces_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(gravity_forces_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const char *CASADI(gravity_forces_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "force",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(gravity_forces_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(gravity_forces_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(gravity_forces_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 1;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 9;
+    return 0;
+}
+
+/* ---- wrench_forces ---- */
+
+int CASADI(wrench_forces)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    store(6, 2, arg[1] ? arg[1] : zeros, w + 9);
+    hexarotor_3link_wrench_forces(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        w + 9,
+        w + 0);
+    store(9, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(wrench_forces_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(wrench_forces_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(wrench_forces_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "W",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(wrench_forces_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "force",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(wrench_forces_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {2, 6, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(wrench_forces_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(wrench_forces_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 21;
+    return 0;
+}
+
+/* ---- forward_dynamics_with_wrenches ---- */
+
+int CASADI(forward_dynamics_with_wrenches)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    store(6, 2, arg[3] ? arg[3] : zeros, w + 9);
+    hexarotor_3link_forward_dynamics_with_wrenches(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        arg[2] ? arg[2] : zeros,
+        w + 9,
+        w + 0);
+    store(9, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(forward_dynamics_with_wrenches_n_in)(void)
+{
+    return 4;
+}
+
+casadi_int CASADI(forward_dynamics_with_wrenches_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(forward_dynamics_with_wrenches_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+        "u",
+        "W",
+    };
+    return i >= 0 && i < 4 ? names[i] : 0;
+}
+
+const char *CASADI(forward_dynamics_with_wrenches_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "acceleration",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+        {9, 1, 1},
+        {2, 6, 1},
+    };
+    return i >= 0 && i < 4 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(forward_dynamics_with_wrenches_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 4;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 21;
+    return 0;
+}
+
+/* ---- joint_wrenches ---- */
+
+int CASADI(joint_wrenches)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_joint_wrenches(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        arg[2] ? arg[2] : zeros,
+        arg[3] ? arg[3] : zeros,
+        w + 0);
+    store(8, 6, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(joint_wrenches_n_in)(void)
+{
+    return 4;
+}
+
+casadi_int CASADI(joint_wrenches_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(joint_wrenches_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+        "a",
+        "u",
+    };
+    return i >= 0 && i < 4 ? names[i] : 0;
+}
+
+const char *CASADI(joint_wrenches_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "wrenches",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(joint_wrenches_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+        {9, 1, 1},
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 4 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(joint_wrenches_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {8, 6, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(joint_wrenches_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 4;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 48;
+    return 0;
+}
+
 /* ---- positions ---- */
 
 int CASADI(positions)(
@@ -1496,6 +1904,533 @@ const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int i)
 }
 
 int CASADI(tip_bias_acceleration_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 6;
+    return 0;
+}
+
+/* ---- frame_poses ---- */
+
+int CASADI(frame_poses)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_frame_poses(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        w + 0);
+    store(8, 4, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(frame_poses_n_in)(void)
+{
+    return 1;
+}
+
+casadi_int CASADI(frame_poses_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(frame_poses_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const char *CASADI(frame_poses_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "poses",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(frame_poses_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(frame_poses_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {8, 4, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(frame_poses_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 1;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 32;
+    return 0;
+}
+
+/* ---- frame_jacobians ---- */
+
+int CASADI(frame_jacobians)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_frame_jacobians(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        w + 0);
+    store(12, 9, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(frame_jacobians_n_in)(void)
+{
+    return 1;
+}
+
+casadi_int CASADI(frame_jacobians_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(frame_jacobians_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const char *CASADI(frame_jacobians_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "jacobians",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(frame_jacobians_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(frame_jacobians_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {12, 9, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(frame_jacobians_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 1;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 108;
+    return 0;
+}
+
+/* ---- frame_velocities ---- */
+
+int CASADI(frame_velocities)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_frame_velocities(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        w + 0);
+    store(2, 6, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(frame_velocities_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(frame_velocities_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(frame_velocities_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(frame_velocities_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "velocities",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(frame_velocities_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(frame_velocities_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {2, 6, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(frame_velocities_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 12;
+    return 0;
+}
+
+/* ---- frame_bias_accelerations ---- */
+
+int CASADI(frame_bias_accelerations)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_frame_bias_accelerations(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        w + 0);
+    store(2, 6, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(frame_bias_accelerations_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(frame_bias_accelerations_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(frame_bias_accelerations_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(frame_bias_accelerations_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "bias_accelerations",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(frame_bias_accelerations_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(frame_bias_accelerations_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {2, 6, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(frame_bias_accelerations_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 2;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 12;
+    return 0;
+}
+
+/* ---- centre_of_mass ---- */
+
+int CASADI(centre_of_mass)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_centre_of_mass(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        w + 0);
+    store(3, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(centre_of_mass_n_in)(void)
+{
+    return 1;
+}
+
+casadi_int CASADI(centre_of_mass_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(centre_of_mass_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const char *CASADI(centre_of_mass_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "position",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(centre_of_mass_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(centre_of_mass_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {3, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(centre_of_mass_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 1;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 3;
+    return 0;
+}
+
+/* ---- centre_of_mass_jacobian ---- */
+
+int CASADI(centre_of_mass_jacobian)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_centre_of_mass_jacobian(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        w + 0);
+    store(3, 9, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(centre_of_mass_jacobian_n_in)(void)
+{
+    return 1;
+}
+
+casadi_int CASADI(centre_of_mass_jacobian_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(centre_of_mass_jacobian_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const char *CASADI(centre_of_mass_jacobian_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "jacobian",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {3, 9, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(centre_of_mass_jacobian_work)(
+    casadi_int *sz_arg,
+    casadi_int *sz_res,
+    casadi_int *sz_iw,
+    casadi_int *sz_w)
+{
+    *sz_arg = 1;
+    *sz_res = 1;
+    *sz_iw = 0;
+    *sz_w = 27;
+    return 0;
+}
+
+/* ---- centroidal_momentum ---- */
+
+int CASADI(centroidal_momentum)(
+    const real **arg,
+    real **res,
+    casadi_int *iw,
+    real *w,
+    int mem)
+{
+    (void)iw;
+    (void)mem;
+    hexarotor_3link_centroidal_momentum(
+        &hexarotor_3link_default_constants,
+        arg[0] ? arg[0] : zeros,
+        arg[1] ? arg[1] : zeros,
+        w + 0);
+    store(6, 1, w + 0, res[0]);
+    return 0;
+}
+
+casadi_int CASADI(centroidal_momentum_n_in)(void)
+{
+    return 2;
+}
+
+casadi_int CASADI(centroidal_momentum_n_out)(void)
+{
+    return 1;
+}
+
+const char *CASADI(centroidal_momentum_name_in)(casadi_int i)
+{
+    static const char *const names[] = {
+        "q",
+        "v",
+    };
+    return i >= 0 && i < 2 ? names[i] : 0;
+}
+
+const char *CASADI(centroidal_momentum_name_out)(casadi_int i)
+{
+    static const char *const names[] = {
+        "momentum",
+    };
+    return i >= 0 && i < 1 ? names[i] : 0;
+}
+
+const casadi_int *CASADI(centroidal_momentum_sparsity_in)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {9, 1, 1},
+        {9, 1, 1},
+    };
+    return i >= 0 && i < 2 ? dense[i] : 0;
+}
+
+const casadi_int *CASADI(centroidal_momentum_sparsity_out)(casadi_int i)
+{
+    static const casadi_int dense[][3] = {
+        {6, 1, 1},
+    };
+    return i >= 0 && i < 1 ? dense[i] : 0;
+}
+
+int CASADI(centroidal_momentum_work)(
     casadi_int *sz_arg,
     casadi_int *sz_res,
     casadi_int *sz_iw,

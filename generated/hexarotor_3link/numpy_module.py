@@ -79,6 +79,12 @@ POINTS = (
     "O1", "O2", "motor1", "motor2", "motor3", "motor4", "motor5", "motor6", "joint7", "joint8",
     "joint9", "tip",
 )
+FRAMES = (
+    "base", "tip",
+)
+BODIES = (
+    "base_arm2", "base_arm3", "base_arm4", "base_arm5", "base_arm6", "link1", "link2", "link3",
+)
 
 # These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (
@@ -254,39 +260,42 @@ def _constants(values):
 
     # inertia of the base, about the origin
     k96 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k97 = base_arm_length * base_arm_mass_per_length
 
     # constant terms and factors of the functions
-    k97 = 0.5 * k96
-    k98 = 0.8660254037844386 * k96
-    k99 = k8 - k14
-    k100 = 0.8660254037844386 * k99
+    k98 = 0.5 * k96
+    k99 = 0.8660254037844386 * k96
+    k100 = k8 - k14
     k101 = 0.8660254037844386 * k100
-    k102 = k8 - k101
-    k103 = k14 + k101
-    k104 = 0.5 * k100
-    k105 = k102 + k103
-    k106 = base_arm_length * k97
-    k107 = k105 - k106
-    k108 = k105 + k106
-    k109 = k8 + k14
-    k110 = base_arm_length * k96
-    k111 = k109 + k110
-    k112 = 0.5 * k89
-    k113 = k93 + k112
-    k114 = k66 + k67
-    k115 = 2.0 * k66
-    k116 = 1.0 / k115
-    k117 = 1.0 / k114
-    k118 = 0.5 * k67
-    k119 = 0.5 * k82
-    k120 = 0.5 * k78
+    k102 = 0.8660254037844386 * k101
+    k103 = k8 - k102
+    k104 = k14 + k102
+    k105 = 0.5 * k101
+    k106 = k103 + k104
+    k107 = base_arm_length * k98
+    k108 = k106 - k107
+    k109 = k106 + k107
+    k110 = k8 + k14
+    k111 = base_arm_length * k96
+    k112 = k110 + k111
+    k113 = 0.5 * k89
+    k114 = k93 + k113
+    k115 = k66 + k67
+    k116 = 2.0 * k66
+    k117 = 1.0 / k116
+    k118 = 1.0 / k115
+    k119 = 1.0 / k82
+    k120 = 0.5 * k67
+    k121 = 0.5 * k82
+    k122 = 0.5 * k78
+    k123 = k28 - k34
     if not k82 > 0.0:
         raise ZeroDivisionError
     return (
-        gravity, base_arm_length, k8, k14, link2_length, k34, link3_length, k48, k54, k66, k67, k71,
-        k76, k77, k78, k80, k82, k83, k84, k85, k86, k87, k88, k89, k90, k91, k94, k95, k96, k97,
-        k98, k102, k103, k104, k105, k107, k108, k109, k111, k113, k114, k116, k117, k118, k119,
-        k120,
+        gravity, base_arm_length, k8, k14, k20, link2_length, k28, k34, k40, link3_length, k48, k54,
+        k60, k66, k67, k69, k70, k71, k72, k76, k77, k78, k80, k82, k83, k84, k85, k86, k87, k88,
+        k89, k90, k91, k94, k95, k96, k97, k98, k99, k103, k104, k105, k106, k108, k109, k110, k112,
+        k114, k115, k117, k118, k119, k120, k121, k122, k123,
     )
 
 
@@ -392,32 +401,34 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
-def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
+def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64]:
     """An argument of a function as an array, once its axes have been checked.
 
     Args:
         name: What an error calls the argument.
         values: One state or a batch of states, as NumPy takes them.
-        width: Entries of one state.
+        shape: Shape of one state, of one axis or of two.
 
     Returns:
-        Array (..., width).
+        Array (..., width), the entries of one state along the last axis, row by row.
 
     Raises:
         TypeError, ValueError: As of `real_numbers`.
-        ValueError: The last axis has another length, or there are too many axes.
+        ValueError: The last axes have other lengths, or there are too many axes.
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT:
         array = values
     else:
         array = real_numbers(name, values)
-    if array.ndim == 0 or array.shape[-1] != width:
-        raise ValueError(
-            f"{name} must have {width} entries along its last axis, not shape {array.shape}"
-        )
+    if array.shape[-len(shape) :] != shape:
+        if len(shape) == 1:
+            must = f"{shape[0]} entries along its last axis"
+        else:
+            must = f"{shape[0]} rows of {shape[1]} entries along its last two axes"
+        raise ValueError(f"{name} must have {must}, not shape {array.shape}")
     if array.ndim > _MOST_AXES:
         raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
-    return array
+    return array if len(shape) == 1 else array.reshape(*array.shape[:-2], shape[0] * shape[1])
 
 
 def sqrt(x: Any) -> Any:
@@ -488,10 +499,11 @@ class Evaluator:
         coordinates: Sequence[str],
         velocities: Sequence[str],
         inputs: Sequence[str],
+        frames: Sequence[str],
         default_constants: tuple[float, ...],
     ) -> None:
         """Take the names that reports use, and the constants of calls that give none."""
-        self._report = NotFiniteReport(module, coordinates, velocities, inputs)
+        self._report = NotFiniteReport(module, coordinates, velocities, inputs, frames)
         self._default = default_constants
 
     def __call__(
@@ -576,10 +588,12 @@ class NotFiniteReport:
         coordinates: Sequence[str],
         velocities: Sequence[str],
         inputs: Sequence[str],
+        frames: Sequence[str],
     ) -> None:
-        """Take the module's name, and those of the entries of q, of v and a, and of u."""
+        """Take the module's name, those of the entries of q, of v and a, and of u, and frames."""
         self._module = module
         self._labels = {"q": coordinates, "v": velocities, "a": velocities, "u": inputs}
+        self._labels["W"] = [frame for frame in frames for _ in range(6)]
 
     def __call__(
         self,
@@ -644,7 +658,7 @@ def shaped(
     return array.reshape(*batch, *shape)
 
 
-_evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, prepare(PARAMETERS))
+_evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, FRAMES, prepare(PARAMETERS))
 
 
 def mass_matrix_and_residual(
@@ -681,23 +695,23 @@ def mass_matrix_and_residual(
 def _mass_matrix_and_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k82 = k[16]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
-    k88 = k[22]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k82 = k[23]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
+    k88 = k[29]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -990,22 +1004,22 @@ def mass_matrix(
 
 def _mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k82 = k[16]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k82 = k[23]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1173,22 +1187,22 @@ def residual(
 def _residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
-    k88 = k[22]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
+    k88 = k[29]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1396,10 +1410,10 @@ def input_matrix(
 
 
 def _input_matrix(k, sin, cos, q):
-    k80 = k[15]
-    k90 = k[24]
-    k94 = k[26]
-    k95 = k[27]
+    k80 = k[22]
+    k90 = k[31]
+    k94 = k[33]
+    k95 = k[34]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1504,25 +1518,25 @@ def forward_dynamics(
 def _forward_dynamics(k, sin, cos, q, v, u):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k82 = k[16]
-    k85 = k[19]
-    k86 = k[20]
-    k89 = k[23]
-    k90 = k[24]
-    k113 = k[39]
-    k114 = k[40]
-    k116 = k[41]
-    k117 = k[42]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k82 = k[23]
+    k85 = k[26]
+    k86 = k[27]
+    k89 = k[30]
+    k90 = k[31]
+    k114 = k[47]
+    k115 = k[48]
+    k117 = k[49]
+    k118 = k[50]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1646,7 +1660,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t76 = F_1 * base_arm_length - F_3 * k89 - F_5 * k89
     t77 = 0.8660254037844386 * F_2 - 0.8660254037844386 * F_6
     t78 = F_4 - 0.5 * F_2 - 0.5 * F_6
-    t79 = F_2 * k113 + F_4 * base_arm_length + F_6 * k113
+    t79 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114
 
     # articulated inertia and load of link 3, about joint 9
     t80 = t54 * t60 + t48 * t56 - t52 * t61
@@ -1708,7 +1722,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t124 = t115 + t8 * t121 - t9 * t122
 
     # acceleration of the base, by LDL^T
-    t125 = 1.0 / (t109 + k114 - t74 * t113)
+    t125 = 1.0 / (t109 + k115 - t74 * t113)
     t126 = t116 * t125
     t127 = t114 + t8 * t118 - t9 * t117 - t124 * t126
     t128 = 1.0 / (k82 - t73 * t112 - t116 * t126)
@@ -1720,8 +1734,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t134 = t130 * t133 + t123 * t129
     t135 = t127 * t128
     t136 = t126 * t135 - t124 * t125
-    t137 = (tau_8 + t9 * t121 + t8 * t122) * k117
-    t138 = (tau_7 + 2.0 * k66 * t17 - t79) * k116
+    t137 = (tau_8 + t9 * t121 + t8 * t122) * k118
+    t138 = (tau_7 + 2.0 * k66 * t17 - t79) * k117
 
     # acceleration of joint 7
     t139 = t138 + t111 - t112 * t135 - t113 * t136
@@ -1800,22 +1814,22 @@ def inverse_dynamics(
 def _inverse_dynamics(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k82 = k[16]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k82 = k[23]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2059,30 +2073,30 @@ def hybrid_mass_matrix(
 
 def _hybrid_mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k82 = k[16]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
-    k96 = k[28]
-    k97 = k[29]
-    k98 = k[30]
-    k105 = k[34]
-    k107 = k[35]
-    k108 = k[36]
-    k109 = k[37]
-    k111 = k[38]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k82 = k[23]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
+    k96 = k[35]
+    k98 = k[37]
+    k99 = k[38]
+    k106 = k[42]
+    k108 = k[43]
+    k109 = k[44]
+    k110 = k[45]
+    k112 = k[46]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2211,19 +2225,19 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t94 = t1 * t90 - t2 * t61
 
     # composite inertia of the base and base arm 2
-    t95 = t6 * k98
-    t96 = t5 * k98
+    t95 = t6 * k99
+    t96 = t5 * k99
 
     # mass matrix, columns of the joints carried in to joint 2
-    t97 = t6 * k97
+    t97 = t6 * k98
     t98 = t96 + t97
-    t99 = t5 * k97
+    t99 = t5 * k98
     t100 = t95 - t99
 
     # mass matrix, column of joint 2
     t101 = t4 * t98
     t102 = t3 * t98
-    t103 = t4 * k107
+    t103 = t4 * k108
     t104 = t1 * t100 + t2 * t101
     t105 = t2 * t100 - t1 * t101
 
@@ -2234,7 +2248,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     # mass matrix, column of joint 3
     t108 = t4 * t106
     t109 = t3 * t106
-    t110 = t4 * k108
+    t110 = t4 * k109
     t111 = t1 * t107 + t2 * t108
     t112 = t2 * t107 - t1 * t108
 
@@ -2245,19 +2259,19 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     # mass matrix, column of joint 4
     t115 = t4 * t113
     t116 = t3 * t113
-    t117 = t4 * k111
+    t117 = t4 * k112
     t118 = t1 * t114 - t2 * t115
     t119 = t1 * t115 + t2 * t114
     return (
         t77, t71, t67, t103, t110, t117, t110, t103, t82, t87, t92, 0.0, -t79, t78, 0.0, 0.0, 0.0,
         0.0, 0.0, t71, t70, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t56, -t62, t72, t75, -t76, 0.0, 0.0,
-        0.0, 0.0, 0.0, t67, t45, t64, k107, k108, k111, k108, k107, t52, t57, t63, -t66, t68, t69,
-        0.0, 0.0, 0.0, 0.0, 0.0, t103, 0.0, k107, k105, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t102,
-        t104, t105, -1.0, 0.0, 0.0, 0.0, 0.0, t110, 0.0, k108, 0.0, k105, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, t109, t111, t112, 0.0, -1.0, 0.0, 0.0, 0.0, t117, 0.0, k111, 0.0, 0.0, k109, 0.0, 0.0,
-        0.0, 0.0, 0.0, -t116, t118, t119, 0.0, 0.0, -1.0, 0.0, 0.0, t110, 0.0, k108, 0.0, 0.0, 0.0,
-        k105, 0.0, 0.0, 0.0, 0.0, -t102, -t104, -t105, 0.0, 0.0, 0.0, -1.0, 0.0, t103, 0.0, k107,
-        0.0, 0.0, 0.0, 0.0, k105, 0.0, 0.0, 0.0, -t109, -t111, -t112, 0.0, 0.0, 0.0, 0.0, -1.0, t82,
+        0.0, 0.0, 0.0, t67, t45, t64, k108, k109, k112, k109, k108, t52, t57, t63, -t66, t68, t69,
+        0.0, 0.0, 0.0, 0.0, 0.0, t103, 0.0, k108, k106, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t102,
+        t104, t105, -1.0, 0.0, 0.0, 0.0, 0.0, t110, 0.0, k109, 0.0, k106, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, t109, t111, t112, 0.0, -1.0, 0.0, 0.0, 0.0, t117, 0.0, k112, 0.0, 0.0, k110, 0.0, 0.0,
+        0.0, 0.0, 0.0, -t116, t118, t119, 0.0, 0.0, -1.0, 0.0, 0.0, t110, 0.0, k109, 0.0, 0.0, 0.0,
+        k106, 0.0, 0.0, 0.0, 0.0, -t102, -t104, -t105, 0.0, 0.0, 0.0, -1.0, 0.0, t103, 0.0, k108,
+        0.0, 0.0, 0.0, 0.0, k106, 0.0, 0.0, 0.0, -t109, -t111, -t112, 0.0, 0.0, 0.0, 0.0, -1.0, t82,
         t38, t52, 0.0, 0.0, 0.0, 0.0, 0.0, t51, 0.0, 0.0, -t81, t83, t84, 0.0, 0.0, 0.0, 0.0, 0.0,
         t87, -t56, t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t53, t59, t86, -t88, t89, 0.0, 0.0, 0.0, 0.0,
         0.0, t92, -t62, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t59, t58, t91, -t93, t94, 0.0, 0.0, 0.0,
@@ -2309,28 +2323,28 @@ def _hybrid_residual(k, sin, cos, q, v):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
-    k88 = k[22]
-    k96 = k[28]
-    k97 = k[29]
-    k98 = k[30]
-    k102 = k[31]
-    k103 = k[32]
-    k104 = k[33]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
+    k88 = k[29]
+    k96 = k[35]
+    k98 = k[37]
+    k99 = k[38]
+    k103 = k[39]
+    k104 = k[40]
+    k105 = k[41]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2521,11 +2535,11 @@ def _hybrid_residual(k, sin, cos, q, v):
     t140 = t6 * t21 + t5 * t15 + base_arm_length * t138
 
     # inertia forces of base arm 2, about joint 2
-    t141 = k98 * (t6 * t15 - t5 * t21 - base_arm_length * t137)
-    t142 = k102 * t138
-    t143 = k103 * t139
-    t144 = k104 * (t137 - t26 - t134 * t134)
-    t145 = k97 * t140
+    t141 = k99 * (t6 * t15 - t5 * t21 - base_arm_length * t137)
+    t142 = k103 * t138
+    t143 = k104 * t139
+    t144 = k105 * (t137 - t26 - t134 * t134)
+    t145 = k98 * t140
     t146 = t141 + t142 + t143 + t144 - t145
 
     # inertia forces of base arm 3, about joint 3
@@ -2571,10 +2585,10 @@ def hybrid_input_matrix(
 
 def _hybrid_input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k80 = k[15]
-    k90 = k[24]
-    k94 = k[26]
-    k95 = k[27]
+    k80 = k[22]
+    k90 = k[31]
+    k94 = k[33]
+    k95 = k[34]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2687,12 +2701,12 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    k96 = k[28]
-    k97 = k[29]
-    k98 = k[30]
-    k102 = k[31]
-    k103 = k[32]
-    k104 = k[33]
+    k96 = k[35]
+    k98 = k[37]
+    k99 = k[38]
+    k103 = k[39]
+    k104 = k[40]
+    k105 = k[41]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2726,7 +2740,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t13 = t9 + t11 * t11
 
     # inertia forces of base arm 2, about joint 2
-    t14 = k104 * (t13 - t9 - t10 * t10)
+    t14 = k105 * (t13 - t9 - t10 * t10)
 
     # motion of the base
     t15 = a_z + gravity
@@ -2740,10 +2754,10 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
 
     # inertia forces of base arm 2, about joint 2
-    t22 = k102 * t19
-    t23 = k97 * t21
-    t24 = k98 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
-    t25 = k103 * t20
+    t22 = k103 * t19
+    t23 = k98 * t21
+    t24 = k99 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
+    t25 = k104 * t20
 
     # constraint torque on base arm 2
     t26 = t23 + t24 + t25 + F_2 * base_arm_length - t14 - t22
@@ -2803,24 +2817,24 @@ def gibbs(
 def _gibbs(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k67 = k[10]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k78 = k[14]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
-    k118 = k[43]
-    k119 = k[44]
-    k120 = k[45]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
+    k120 = k[52]
+    k121 = k[53]
+    k122 = k[54]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2960,11 +2974,11 @@ def _gibbs(k, sin, cos, q, v, a):
     t90 = t24 * t31 + t76
 
     # Gibbs function of the base
-    t91 = t61 * t61 * k118
-    t92 = k118 * t62 * t62
-    t93 = t54 * t54 * k119
-    t94 = k119 * t56 * t56
-    t95 = k119 * t57 * t57
+    t91 = t61 * t61 * k120
+    t92 = k120 * t62 * t62
+    t93 = t54 * t54 * k121
+    t94 = k121 * t56 * t56
+    t95 = k121 * t57 * t57
     t96 = 0.5 * t60 * t50 * t60
     t97 = 0.5 * t62 * t50 * t62
     t98 = 0.5 * t60 * t51 * t60
@@ -3004,10 +3018,10 @@ def _gibbs(k, sin, cos, q, v, a):
     )
 
     # Gibbs function of link 1
-    t129 = k120 * t73 * t73
+    t129 = k122 * t73 * t73
     t130 = k78 * t28 * t73
     t131 = k78 * t26 * t70
-    t132 = t70 * t70 * k120 + t129 + t130 - t131
+    t132 = t70 * t70 * k122 + t129 + t130 - t131
 
     # Gibbs function of link 2
     t133 = 0.5 * t78 * t43 * t78
@@ -3116,22 +3130,22 @@ def kinetic_energy(
 
 def _kinetic_energy(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[4]
-    k34 = k[5]
-    k48 = k[7]
-    k54 = k[8]
-    k66 = k[9]
-    k71 = k[11]
-    k76 = k[12]
-    k77 = k[13]
-    k83 = k[17]
-    k84 = k[18]
-    k85 = k[19]
-    k86 = k[20]
-    k87 = k[21]
-    k118 = k[43]
-    k119 = k[44]
-    k120 = k[45]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
+    k120 = k[52]
+    k121 = k[53]
+    k122 = k[54]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3221,11 +3235,11 @@ def _kinetic_energy(k, sin, cos, q, v):
     t48 = t47 - link2_length * (t11 * t18 - t10 * t17)
 
     # Gibbs function of the base
-    t49 = t15 * t15 * k118
-    t50 = v_theta_0 * v_theta_0 * k118
-    t51 = k119 * t39 * t39
-    t52 = k119 * t41 * t41
-    t53 = k119 * t42 * t42
+    t49 = t15 * t15 * k120
+    t50 = v_theta_0 * v_theta_0 * k120
+    t51 = k121 * t39 * t39
+    t52 = k121 * t41 * t41
+    t53 = k121 * t42 * t42
     t54 = 0.5 * t16 * t16 * t37
     t55 = 0.5 * v_theta_0 * v_theta_0 * t37
     t56 = 0.5 * t15 * t15 * t38
@@ -3238,7 +3252,7 @@ def _kinetic_energy(k, sin, cos, q, v):
     t63 = t49 + t50 + t51 + t52 + t53 + t54 + t55 + t56 + t57 + t58 + t59 + t60 - t61 - t62
 
     # Gibbs function of link 1
-    t64 = t17 * t17 * k120 + t18 * t18 * k120
+    t64 = t17 * t17 * k122 + t18 * t18 * k122
 
     # Gibbs function of link 2
     t65 = 0.5 * t17 * t17 * t31
@@ -3295,10 +3309,10 @@ def potential_energy(
 
 def _potential_energy(k, sin, cos, q):
     gravity = k[0]
-    k71 = k[11]
-    k76 = k[12]
-    k82 = k[16]
-    k83 = k[17]
+    k71 = k[17]
+    k76 = k[19]
+    k82 = k[23]
+    k83 = k[24]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3338,6 +3352,1013 @@ def _potential_energy(k, sin, cos, q):
     )
 
 
+def gravity_forces(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Generalised forces of gravity: gravity's part of R.
+
+    They are minus what Pinocchio calls the generalised gravity.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
+        m], theta_9 [N m], x [N], y [N], z [N]
+    Source: eqs. 5 and 6 at rest. 60 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _gravity_forces,
+        constants,
+        state_array("q", q, 9),
+    )
+    return shaped(entries, (9,), batch)
+
+
+def _gravity_forces(k, sin, cos, q):
+    k71 = k[17]
+    k76 = k[19]
+    k83 = k[24]
+    k88 = k[29]
+    k119 = k[51]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # inertia of link 3, turned by the joints
+    t15 = k71 * t13
+    t16 = k71 * t14
+
+    # composite inertia of links 2 and 3, about joint 8
+    t17 = t15 + t10 * k76
+
+    # composite inertia of links 1 to 3, about joint 7
+    t18 = t8 * t17
+    t19 = t9 * t17
+
+    # axes of the base
+    t20 = t1 * t3
+
+    # centre of mass from the origin
+    t21 = (t16 + t11 * k76) * k119
+
+    # axes of the base
+    t22 = t1 * t4
+
+    # joint 7 and the axes of link 1
+    t23 = t2 * t9 - t8 * t22
+
+    # centre of mass from the origin
+    t24 = (t5 * k83 + t18) * k119
+    t25 = t4 * t21 + t3 * t24
+    t26 = t2 * (t3 * t21 - t4 * t24)
+    t27 = t1 * (t6 * k83 + t19) * k119 - t26
+
+    # weight at the centre of mass
+    t28 = k88 * t27
+    t29 = k88 * t1 * t25
+    t30 = k88 * (t2 * t3 * t25 + t4 * t27)
+    t31 = k88 * (t19 * k119 * t22 + t2 * t18 * k119)
+    t32 = k88 * (t21 * t23 - t20 * t17 * k119)
+    t33 = k88 * (t23 * t16 * k119 - t20 * t15 * k119)
+    return (
+        -t28, t29, -t30, -t31, t32, t33, 0.0, 0.0, -k88,
+    )
+
+
+def wrench_forces(
+    q: ArrayLike,
+    W: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Generalised forces of wrenches on the frames: the sum of J^T W.
+
+    They add to B u. The wrenches are carried in from body to body, without a Jacobian.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    W: wrenches on the frames, at their origins, in world axes, force [N] and torque [N m], a row
+        for each of base, tip
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
+        m], theta_9 [N m], x [N], y [N], z [N]
+    Source: eq. 7. 199 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _wrench_forces,
+        constants,
+        state_array("q", q, 9),
+        state_array("W", W, 2, 6),
+    )
+    return shaped(entries, (9,), batch)
+
+
+def _wrench_forces(k, sin, cos, q, W):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    link3_length = k[9]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    W_base_fx = W[0]
+    W_base_fy = W[1]
+    W_base_fz = W[2]
+    W_base_tx = W[3]
+    W_base_ty = W[4]
+    W_base_tz = W[5]
+    W_tip_fx = W[6]
+    W_tip_fy = W[7]
+    W_tip_fz = W[8]
+    W_tip_tx = W[9]
+    W_tip_ty = W[10]
+    W_tip_tz = W[11]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # step from link 2 to link 3
+    t15 = link2_length * t10
+    t16 = link2_length * t11
+
+    # step from the base to link 1
+    t17 = t5 * base_arm_length
+    t18 = t6 * base_arm_length
+
+    # axes of the base
+    t19 = t2 * t3
+    t20 = t1 * t3
+    t21 = t3 * t6
+    t22 = t2 * t4
+    t23 = t1 * t4
+    t24 = t3 * t5
+    t25 = t1 * t6 + t5 * t22
+    t26 = t2 * t6 - t5 * t23
+    t27 = t1 * t5 - t6 * t22
+    t28 = t2 * t5 + t6 * t23
+
+    # joint 7 and the axes of link 1
+    t29 = t3 * t8
+    t30 = t1 * t9 + t8 * t22
+    t31 = t2 * t9 - t8 * t23
+    t32 = t3 * t9
+    t33 = t1 * t8 - t9 * t22
+    t34 = t2 * t8 + t9 * t23
+
+    # joint 9 and the axes of link 3
+    t35 = t13 * t29 + t4 * t14
+    t36 = t13 * t30 - t14 * t19
+    t37 = t13 * t31 + t14 * t20
+    t38 = t4 * t13 - t14 * t29
+    t39 = t14 * t30 + t13 * t19
+    t40 = t13 * t20 - t14 * t31
+
+    # wrench on base, in the frame of its link
+    t41 = W_base_fx * t24 + W_base_fy * t25 + W_base_fz * t26
+    t42 = W_base_fy * t27 + W_base_fz * t28 - W_base_fx * t21
+    t43 = W_base_fx * t4 + W_base_fz * t20 - W_base_fy * t19
+    t44 = W_base_tx * t24 + W_base_ty * t25 + W_base_tz * t26
+    t45 = W_base_ty * t27 + W_base_tz * t28 - W_base_tx * t21
+    t46 = W_base_tx * t4 + W_base_tz * t20 - W_base_ty * t19
+    t47 = t45 - base_arm_length * t43
+
+    # wrench on tip, in the frame of its link
+    t48 = W_tip_fx * t35 + W_tip_fy * t36 + W_tip_fz * t37
+    t49 = W_tip_fx * t38 + W_tip_fz * t40 - W_tip_fy * t39
+    t50 = W_tip_fy * t33 + W_tip_fz * t34 - W_tip_fx * t32
+    t51 = W_tip_tx * t35 + W_tip_ty * t36 + W_tip_tz * t37
+    t52 = W_tip_tx * t38 + W_tip_tz * t40 - W_tip_ty * t39
+    t53 = W_tip_ty * t33 + W_tip_tz * t34 - W_tip_tx * t32
+    t54 = t52 + link3_length * t50
+    t55 = t53 - link3_length * t49
+
+    # wrenches carried in to the base
+    t56 = t13 * t48 - t14 * t49
+    t57 = t14 * t48 + t13 * t49
+    t58 = t13 * t51 - t14 * t54 - t16 * t50
+    t59 = t14 * t51 + t13 * t54 + t15 * t50
+    t60 = t55 + t16 * t56 - t15 * t57
+    t61 = t8 * t56 - t9 * t50
+    t62 = t8 * t50 + t9 * t56
+    t63 = t8 * t58 + t18 * t57 - t9 * t60
+    t64 = t9 * t58 + t8 * t60 - t17 * t57
+    t65 = t59 + t17 * t62 - t18 * t61
+    t66 = t5 * t41 + t61 - t6 * t42
+    t67 = t6 * t41 + t5 * t42 + t62
+    t68 = t43 + t57
+    t69 = t6 * t44 + t5 * t47 + t64
+    t70 = t46 + base_arm_length * t42 + t65
+    t71 = t3 * t68 - t4 * t66
+    t72 = t3 * t66 + t4 * t68
+    t73 = t3 * (t5 * t44 + t63 - t6 * t47)
+    t74 = t73 + t4 * t70
+    t75 = t1 * t67 - t2 * t71
+    t76 = t1 * t71 + t2 * t67
+    return (
+        t74, t69, t70, t59, -t60, -t55, t72, t75, t76,
+    )
+
+
+def forward_dynamics_with_wrenches(
+    q: ArrayLike,
+    v: ArrayLike,
+    u: ArrayLike,
+    W: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Accelerations a of M a = R + B u + the sum of J^T W.
+
+    As forward_dynamics, with wrenches on the frames.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N m], tau_8 [N m], tau_9
+        [N m]
+    W: wrenches on the frames, at their origins, in world axes, force [N] and torque [N m], a row
+        for each of base, tip
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+        a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
+        [m/s^2]
+    Source: eq. 19, solved for the free coordinates. 535 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _forward_dynamics_with_wrenches,
+        constants,
+        state_array("q", q, 9),
+        state_array("v", v, 9),
+        state_array("u", u, 9),
+        state_array("W", W, 2, 6),
+    )
+    return shaped(entries, (9,), batch)
+
+
+def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
+    gravity = k[0]
+    base_arm_length = k[1]
+    link2_length = k[5]
+    k34 = k[7]
+    link3_length = k[9]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k82 = k[23]
+    k85 = k[26]
+    k86 = k[27]
+    k89 = k[30]
+    k90 = k[31]
+    k114 = k[47]
+    k115 = k[48]
+    k117 = k[49]
+    k118 = k[50]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+    F_1 = u[0]
+    F_2 = u[1]
+    F_3 = u[2]
+    F_4 = u[3]
+    F_5 = u[4]
+    F_6 = u[5]
+    tau_7 = u[6]
+    tau_8 = u[7]
+    tau_9 = u[8]
+    W_base_fx = W[0]
+    W_base_fy = W[1]
+    W_base_fz = W[2]
+    W_base_tx = W[3]
+    W_base_ty = W[4]
+    W_base_tz = W[5]
+    W_tip_fx = W[6]
+    W_tip_fy = W[7]
+    W_tip_fz = W[8]
+    W_tip_tx = W[9]
+    W_tip_ty = W[10]
+    W_tip_tz = W[11]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # motion of the base
+    t15 = v_theta_m1 * t4
+    t16 = v_theta_m1 * t3
+    t17 = v_theta_0 * t16
+    t18 = t15 * t16
+    t19 = 2.0 * v_theta_0 * t15
+    t20 = v_theta_1 + t15
+    t21 = v_theta_0 * t20
+    t22 = t16 * t20
+    t23 = t20 * t20
+
+    # motion of link 1
+    t24 = v_theta_7 + t20
+    t25 = t19 - v_theta_0 * t24
+    t26 = t18 - t16 * t24
+    t27 = t24 * t24
+    t28 = t8 * t16 + v_theta_0 * t9
+    t29 = v_theta_0 * t8 - t9 * t16
+    t30 = t9 * t25 + t8 * t26
+    t31 = t28 * t28
+    t32 = t24 * t28
+    t33 = t30 - t32
+    t34 = t17 - t28 * t29
+    t35 = t9 * t26 + t24 * t29 - t8 * t25
+    t36 = t30 + t32
+
+    # motion of link 2
+    t37 = v_theta_8 - t29
+    t38 = t37 * t37
+    t39 = t27 + t38
+    t40 = 2.0 * t28
+    t41 = t34 - t37 * t40
+    t42 = t31 + t38
+    t43 = 2.0 * t24
+    t44 = t35 + t37 * t43
+
+    # motion of link 3
+    t45 = t11 * t36 - t10 * t39
+    t46 = t10 * t33 + t11 * t42
+    t47 = t11 * t44 - t10 * t41
+    t48 = link2_length * t47
+    t49 = v_theta_9 + t37
+    t50 = t49 * t49
+    t51 = t27 + t50
+    t52 = t34 - t40 * t49
+    t53 = t31 + t50
+    t54 = t35 + t43 * t49
+
+    # inertia of link 3, turned by the joints
+    t55 = k71 * t13
+    t56 = k71 * t14
+    t57 = t14 * k85
+    t58 = t14 * t57
+    t59 = k48 - t58
+    t60 = k54 + t58
+    t61 = t13 * t57
+
+    # articulated inertia and load of link 3, about joint 9
+    t62 = t61 * (t51 - t53)
+    t63 = k71 * (t14 * t36 - t13 * t51)
+    t64 = k71 * (t13 * t33 + t14 * t53)
+
+    # step from link 2 to link 3
+    t65 = link2_length * t10
+    t66 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
+    t67 = t10 * k76
+    t68 = t11 * k76
+    t69 = t11 * k86
+    t70 = t11 * t69
+    t71 = k77 + t70
+    t72 = k34 - t70
+    t73 = t10 * t69
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t74 = t55 + t67
+    t75 = t73 - t61 - t55 * t66 - t56 * t65
+
+    # axes of the base
+    t76 = t2 * t3
+    t77 = t1 * t3
+    t78 = t3 * t6
+
+    # articulated inertia and load of link 3, about joint 9
+    t79 = t54 * t60 + t48 * t56 - t52 * t61
+    t80 = t54 * t61 + t48 * t55 - t52 * t59
+    t81 = link2_length * t45 * t56
+    t82 = link2_length * t46 * t55
+    t83 = t33 * t59 + t36 * t60 + t81 + t82 - t62
+
+    # equation of joint 9, its acceleration eliminated
+    t84 = 1.0 / (t59 + t60)
+    t85 = t56 * t84
+    t86 = t55 * t84
+    t87 = t56 * t85
+    t88 = t55 * t86
+    t89 = t55 * t85
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t90 = t66 * t87 + t65 * t89
+    t91 = t66 * t89 + t65 * t88
+    t92 = t33 * t71 + t36 * t72 + t73 * (t39 - t42)
+    t93 = t68 - t90
+    t94 = t67 - t91
+
+    # equation of joint 8, its acceleration eliminated
+    t95 = 1.0 / (t65 * t91 + t66 * t90 - t71 - t72)
+    t96 = t93 * t95
+    t97 = t94 * t95
+    t98 = t89 - t94 * t96
+
+    # articulated inertia and load of links 1 to 3, about joint 7
+    t99 = k78 + t72 + t60 + 2.0 * t56 * t66
+
+    # equation of joint 7, its acceleration eliminated
+    t100 = 1.0 / (k78 + t71 + t59 + 2.0 * t55 * t65)
+    t101 = t74 * t100
+    t102 = t75 * t100
+    t103 = t56 + t68 + t75 * t101
+
+    # articulated inertia and load of the base and links 1 to 3
+    t104 = k67 * t19 + k66 * (t19 - 2.0 * t20 * v_theta_0)
+    t105 = k67 * t18 + k66 * (t18 - 2.0 * t20 * t16)
+
+    # acceleration of the base, by LDL^T
+    t106 = 1.0 / (t99 + k115 - t75 * t102)
+    t107 = t103 * t106
+    t108 = 1.0 / (k82 - t74 * t101 - t103 * t107)
+    t109 = 1.0 / (k82 + t94 * t97 - t88)
+    t110 = t98 * t109
+    t111 = 1.0 / (k82 + t93 * t96 - t87 - t98 * t110)
+
+    # accelerations of the attitude angles
+    t112 = 1.0 / t3
+
+    # axes of the base
+    t113 = t2 * t4
+    t114 = t1 * t4
+    t115 = t3 * t5
+    t116 = t1 * t6 + t5 * t113
+    t117 = t2 * t6 - t5 * t114
+    t118 = t1 * t5 - t6 * t113
+    t119 = t2 * t5 + t6 * t114
+
+    # joint 7 and the axes of link 1
+    t120 = t3 * t8
+    t121 = t1 * t9 + t8 * t113
+    t122 = t2 * t9 - t8 * t114
+    t123 = t3 * t9
+    t124 = t1 * t8 - t9 * t113
+    t125 = t2 * t8 + t9 * t114
+
+    # joint 9 and the axes of link 3
+    t126 = t13 * t120 + t4 * t14
+    t127 = t13 * t121 - t14 * t76
+    t128 = t13 * t122 + t14 * t77
+    t129 = t4 * t13 - t14 * t120
+    t130 = t14 * t121 + t13 * t76
+    t131 = t13 * t77 - t14 * t122
+
+    # wrench on base, in the frame of its link
+    t132 = W_base_fx * t115 + W_base_fy * t116 + W_base_fz * t117
+    t133 = W_base_fy * t118 + W_base_fz * t119 - W_base_fx * t78
+    t134 = W_base_fx * t4 + W_base_fz * t77 - W_base_fy * t76
+    t135 = W_base_tx * t115 + W_base_ty * t116 + W_base_tz * t117
+    t136 = W_base_ty * t118 + W_base_tz * t119 - W_base_tx * t78
+    t137 = W_base_tx * t4 + W_base_tz * t77 - W_base_ty * t76
+
+    # wrench on tip, in the frame of its link
+    t138 = W_tip_fx * t126 + W_tip_fy * t127 + W_tip_fz * t128
+    t139 = W_tip_fx * t129 + W_tip_fz * t131 - W_tip_fy * t130
+    t140 = W_tip_fy * t124 + W_tip_fz * t125 - W_tip_fx * t123
+    t141 = W_tip_tx * t126 + W_tip_ty * t127 + W_tip_tz * t128
+    t142 = W_tip_tx * t129 + W_tip_tz * t131 - W_tip_ty * t130
+    t143 = W_tip_ty * t124 + W_tip_tz * t125 - W_tip_tx * t123
+    t144 = t142 + link3_length * t140
+    t145 = 0.8660254037844386 * F_2 + t132 - 0.8660254037844386 * F_6
+    t146 = F_4 + t133 - 0.5 * F_2 - 0.5 * F_6
+    t147 = F_3 * k90 - F_5 * k90 - t135
+    t148 = F_1 * base_arm_length + t136 - F_3 * k89 - F_5 * k89
+    t149 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114 + t137
+
+    # articulated inertia and load of link 3, about joint 9
+    t150 = k71 * (t14 * t54 - t13 * t52) + t140
+
+    # equation of joint 9, its acceleration eliminated
+    t151 = t84 * (tau_9 + t83 + link3_length * t139 - t143)
+    t152 = t63 + t14 * t139 - t13 * t138 - t56 * t151
+    t153 = t64 + t14 * t138 + t13 * t139 - t55 * t151
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t154 = t79 + t14 * t144 + t66 * t150 - t13 * t141
+    t155 = t80 + t14 * t141 + t13 * t144 + t65 * t150
+
+    # equation of joint 8, its acceleration eliminated
+    t156 = tau_8 + t92 + t66 * t152 + t65 * t153 - tau_9
+    t157 = t95 * t156
+    t158 = k76 * t45 + t152 + t93 * t157
+    t159 = k76 * t46 + t153 + t94 * t157
+
+    # articulated inertia and load of links 1 to 3, about joint 7
+    t160 = k78 * t35 + t41 * t73 + t44 * t72 + t154
+    t161 = k78 * t34 + t41 * t71 + t44 * t73 - t155
+
+    # equation of joint 7, its acceleration eliminated
+    t162 = t100 * (tau_7 - t161)
+    t163 = k76 * t47 + t150 - t74 * t162
+
+    # articulated inertia and load of the base and links 1 to 3
+    t164 = t5 * t145 - t6 * t146
+    t165 = t6 * t145 + t5 * t146
+    t166 = t104 - t5 * t147 - t6 * t148
+    t167 = t105 + t6 * t147 - t5 * t148
+    t168 = F_5 + F_1 + F_3 + t134 + t159
+    t169 = t160 + t75 * t162 + t9 * t167 - t8 * t166
+
+    # acceleration of the base, by LDL^T
+    t170 = t163 + t8 * t165 - t9 * t164 - t107 * t169
+    t171 = t158 + t110 * t168 - t8 * t164 - t9 * t165
+    t172 = t111 * t171
+    t173 = t110 * t172 + t109 * t168
+    t174 = t108 * t170
+    t175 = t107 * t174 - t106 * t169
+    t176 = k118 * (tau_8 - t9 * t166 - t8 * t167)
+    t177 = k117 * (tau_7 + 2.0 * k66 * t17 - t149)
+
+    # acceleration of joint 7
+    t178 = t177 + t162 - t101 * t174 - t102 * t175
+
+    # acceleration of joint 8
+    t179 = t96 * t172 + t97 * t173 - t157
+    t180 = t176 + t179
+
+    # acceleration of joint 9
+    t181 = t86 * (t173 + t65 * t179)
+    t182 = t179 + t85 * (t172 + t66 * t179) + t181 - t151
+
+    # acceleration of the base
+    t183 = t8 * t175 - t9 * t176
+    t184 = t9 * t175 + t8 * t176
+
+    # acceleration of the origin, in world axes
+    t185 = t17 - t177
+    t186 = t5 * (v_theta_0 * v_theta_0 + t23) - t6 * (t17 - t185)
+    t187 = t6 * (t16 * t16 + t23) - t5 * (t17 + t185)
+    t188 = t6 * (t21 + t21 + t183 - t19)
+    t189 = base_arm_length * (t5 * (t22 + t22 - t18 - t184) + t188)
+    t190 = t8 * t172 + t9 * t174 - base_arm_length * t186
+    t191 = t8 * t174 + base_arm_length * t187 - t9 * t172
+    t192 = t173 - t189
+    t193 = t3 * t192 + t4 * t190
+    t194 = t4 * t192 - t3 * t190
+    t195 = t1 * t191 - t2 * t193
+
+    # accelerations of the attitude angles
+    t196 = t112 * t183
+    t197 = t177 + t4 * t196
+
+    # acceleration of the origin, in world axes
+    t198 = gravity - t1 * t193 - t2 * t191
+    return (
+        t196, t184, -t197, t178, t180, -t182, t194, t195, -t198,
+    )
+
+
+def joint_wrenches(
+    q: ArrayLike,
+    v: ArrayLike,
+    a: ArrayLike,
+    u: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """The whole wrench through every joint: what the parent does to the body, at the joint.
+
+    It is in the axes of the joint's frame, which the robot file gives the body. Gravity, inertia
+    and thrusts of all that the joint carries balance it, at the given accelerations, which need not
+    fit the inputs. Where they do, its component along a joint that moves is the joint's input less
+    armature, damper and spring.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    a: their accelerations, a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+        a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
+        [m/s^2]
+    u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], F_5 [N], F_6 [N], tau_7 [N m], tau_8 [N m], tau_9
+        [N m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    wrenches: array (..., 8, 6); [N] in the first three, [N m] in the others, a row for each of
+        base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
+    Source: eqs. 6 and 14, all six components. 492 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _joint_wrenches,
+        constants,
+        state_array("q", q, 9),
+        state_array("v", v, 9),
+        state_array("a", a, 9),
+        state_array("u", u, 9),
+    )
+    return shaped(entries, (8, 6), batch)
+
+
+def _joint_wrenches(k, sin, cos, q, v, a, u):
+    gravity = k[0]
+    base_arm_length = k[1]
+    k8 = k[2]
+    k14 = k[3]
+    k20 = k[4]
+    link2_length = k[5]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k48 = k[10]
+    k54 = k[11]
+    k60 = k[12]
+    k69 = k[15]
+    k70 = k[16]
+    k71 = k[17]
+    k72 = k[18]
+    k85 = k[26]
+    k96 = k[35]
+    k97 = k[36]
+    k98 = k[37]
+    k99 = k[38]
+    k103 = k[39]
+    k104 = k[40]
+    k105 = k[41]
+    k123 = k[55]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+    a_theta_m1 = a[0]
+    a_theta_0 = a[1]
+    a_theta_1 = a[2]
+    a_theta_7 = a[3]
+    a_theta_8 = a[4]
+    a_theta_9 = a[5]
+    a_x = a[6]
+    a_y = a[7]
+    a_z = a[8]
+    F_2 = u[1]
+    F_3 = u[2]
+    F_4 = u[3]
+    F_5 = u[4]
+    F_6 = u[5]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # motion of the base
+    t15 = v_theta_m1 * t4
+    t16 = v_theta_m1 * t3
+    t17 = v_theta_0 * t15
+    t18 = v_theta_0 * t16
+    t19 = v_theta_1 + t15
+    t20 = t19 * t19
+
+    # motion of link 1
+    t21 = v_theta_7 + t19
+    t22 = t21 * t21
+    t23 = t8 * t16 + v_theta_0 * t9
+    t24 = v_theta_0 * t8 - t9 * t16
+    t25 = t23 * t23
+    t26 = t21 * t23
+
+    # motion of link 2
+    t27 = v_theta_8 - t24
+    t28 = t27 * t27
+    t29 = t22 + t28
+    t30 = 2.0 * t23
+    t31 = t25 + t28
+    t32 = 2.0 * t21
+
+    # motion of link 3
+    t33 = v_theta_9 + t27
+    t34 = t33 * t33
+    t35 = t22 + t34
+    t36 = t25 + t34
+
+    # inertia of link 3, turned by the joints
+    t37 = k71 * t13
+    t38 = k71 * t14
+    t39 = t14 * k85
+    t40 = t14 * t39
+    t41 = k48 - t40
+    t42 = k54 + t40
+    t43 = t13 * t39
+
+    # inertia forces of link 3, about joint 9
+    t44 = t43 * (t35 - t36)
+
+    # step from link 2 to link 3
+    t45 = link2_length * t10
+    t46 = link2_length * t11
+
+    # motion of the base
+    t47 = t5 * t16 + v_theta_0 * t6
+    t48 = v_theta_0 * t5 - t6 * t16
+    t49 = t47 * t48
+    t50 = t19 * t47
+    t51 = t19 * t48
+    t52 = t20 + t48 * t48
+    t53 = t20 + t47 * t47
+
+    # inertia forces of base arm 2, about joint 2
+    t54 = k98 * t52
+    t55 = k99 * t53
+    t56 = k105 * (t52 - t53)
+
+    # motion of the base
+    t57 = a_z + gravity
+    t58 = a_y * t1 + t2 * t57
+    t59 = t1 * t57 - a_y * t2
+    t60 = a_x * t4 + t3 * t59
+    t61 = a_x * t3 - t4 * t59
+    t62 = a_theta_0 + t15 * t16
+    t63 = t17 + t17 - a_theta_m1 * t3
+    t64 = a_theta_1 + t18 + a_theta_m1 * t4
+    t65 = v_theta_0 * t19 - t63
+    t66 = t16 * t19 - t62
+
+    # motion of link 1
+    t67 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t18 - t64)
+    t68 = t6 * (t16 * t16 + t20) - t5 * (t18 + t64)
+    t69 = t6 * (2.0 * t19 * v_theta_0 - t63)
+    t70 = base_arm_length * (t5 * (2.0 * t19 * t16 - t62) + t69)
+    t71 = t61 - base_arm_length * t67
+    t72 = t58 - base_arm_length * t68
+    t73 = t60 + t70
+    t74 = v_theta_0 * t21 - t63
+    t75 = t16 * t21 - t62
+    t76 = t8 * t71 + t9 * t72
+    t77 = t8 * t72 - t9 * t71
+    t78 = t23 * t24 - a_theta_7 - t64
+    t79 = t21 * t24 + t8 * t74 - t9 * t75
+
+    # motion of link 2
+    t80 = a_theta_8 + t9 * t74 + t8 * t75
+    t81 = t26 + t80
+    t82 = t27 * t30 + t78
+    t83 = t26 - t80
+    t84 = t27 * t32 + t79
+
+    # motion of link 3
+    t85 = t76 - link2_length * (t10 * t29 - t11 * t83)
+    t86 = t73 - link2_length * (t11 * t31 - t10 * t81)
+    t87 = t77 - link2_length * (t10 * t82 + t11 * t84)
+    t88 = a_theta_9 + t80
+    t89 = t26 + t88
+    t90 = t30 * t33 + t78
+    t91 = t26 - t88
+    t92 = t32 * t33 + t79
+
+    # inertia forces of link 3, about joint 9
+    t93 = t38 * t87
+    t94 = t37 * t87
+    t95 = t38 * t85
+    t96 = t42 * t91
+    t97 = t44 + t37 * t86 + t41 * t89 - t95 - t96
+
+    # motion of the base
+    t98 = t5 * t65 - t6 * t66
+    t99 = t6 * t65 + t5 * t66
+    t100 = t49 + t64
+    t101 = t50 + t99
+    t102 = t49 - t64
+    t103 = t51 + t98
+
+    # motion of base arm 2
+    t104 = base_arm_length * t52 - t6 * t58 - t5 * t61
+    t105 = t5 * t58 + base_arm_length * t100 - t6 * t61
+    t106 = t60 + base_arm_length * t101
+
+    # inertia forces of base arm 2, about joint 2
+    t107 = k97 * t104
+    t108 = k99 * t102
+    t109 = t107 + t108 - t54
+    t110 = k97 * t105
+    t111 = k98 * t100
+    t112 = t55 + t110 - t111
+    t113 = k97 * t106
+    t114 = k98 * t101
+    t115 = k99 * t103
+    t116 = t114 + t115 - t113
+    t117 = k104 * t103
+    t118 = k105 * t101
+    t119 = k20 * (t51 - t98)
+    t120 = k99 * t106
+    t121 = t117 + t118 - t119 - t120
+    t122 = k20 * (t50 - t99)
+    t123 = k98 * t106
+    t124 = k103 * t101
+    t125 = k105 * t103
+    t126 = t122 + t123 - t124 - t125
+    t127 = k103 * t100
+    t128 = k98 * t105
+    t129 = k99 * t104
+    t130 = k104 * t102
+
+    # wrench through joint 2
+    t131 = t128 + t129 + t130 + F_2 * base_arm_length - t56 - t127
+
+    # inertia forces of base arm 3, about joint 3
+    t132 = t54 + t107 + t108
+    t133 = t55 + t110 + t111
+    t134 = t118 + t119 + t120 - t117
+    t135 = t122 + t125 - t123 - t124
+    t136 = t56 + t129 + t130 - t127 - t128
+
+    # inertia forces of base arm 4, about joint 4
+    t137 = k96 * t52 + t107
+    t138 = t113 + k96 * t101
+    t139 = t119 - k14 * t103
+    t140 = k8 * t101 + k96 * t106 - t122
+    t141 = k8 * t100 + k96 * t105 - k14 * t102
+
+    # wrench through joint 4
+    t142 = F_4 * base_arm_length - t141
+
+    # inertia forces of base arm 5, about joint 5
+    t143 = t54 + t107 - t108
+    t144 = t110 + t111 - t55
+    t145 = t117 + t118 + t120 - t119
+    t146 = t123 + t124 + t125 - t122
+    t147 = t56 + t127 + t128 + t129 - t130
+
+    # inertia forces of base arm 6, about joint 6
+    t148 = t54 + t108 - t107
+    t149 = t55 + t111 - t110
+    t150 = t113 + t115 - t114
+    t151 = t117 + t120 - t118 - t119
+    t152 = t122 + t123 + t125 - t124
+
+    # wrench through joint 6
+    t153 = t56 + t128 + t130 + F_6 * base_arm_length - t127 - t129
+
+    # wrench through joint 2
+    t154 = 0.5 * t109 - 0.8660254037844386 * t112
+    t155 = 0.5 * t121 + 0.8660254037844386 * t126
+    t156 = 0.5 * t126 - 0.8660254037844386 * t121
+    t157 = F_2 + 0.5 * t112 + 0.8660254037844386 * t109
+
+    # wrench through joint 3
+    t158 = 0.5 * t132 + 0.8660254037844386 * t133
+    t159 = 0.5 * t133 - 0.8660254037844386 * t132
+    t160 = 0.5 * t134 + 0.8660254037844386 * t135
+    t161 = F_3 + t115 - t113 - t114
+    t162 = F_3 * base_arm_length + 0.5 * t135 - 0.8660254037844386 * t134
+
+    # wrench through joint 4
+    t163 = F_4 - t110 - k96 * t100
+
+    # wrench through joint 5
+    t164 = 0.5 * t143 - 0.8660254037844386 * t144
+    t165 = 0.5 * t144 + 0.8660254037844386 * t143
+    t166 = 0.5 * t145 - 0.8660254037844386 * t146
+    t167 = F_5 - t113 - t114 - t115
+    t168 = F_5 * base_arm_length - 0.5 * t146 - 0.8660254037844386 * t145
+
+    # wrench through joint 6
+    t169 = 0.5 * t148 + 0.8660254037844386 * t149
+    t170 = 0.5 * t151 - 0.8660254037844386 * t152
+    t171 = 0.5 * t152 + 0.8660254037844386 * t151
+    t172 = F_6 + 0.8660254037844386 * t148 - 0.5 * t149
+
+    # inertia forces of link 3, about joint 9
+    t173 = t38 * t91 + k72 * t85 - t35 * t37
+    t174 = t37 * t89 + k72 * t86 - t36 * t38
+    t175 = t37 * t90 + t38 * t92 - k72 * t87
+    t176 = t43 * t90 + t42 * t92 + k60 * t79 - t93
+    t177 = t41 * t90 + t43 * t92 + k60 * t78 - t94
+
+    # inertia of link 2, turned by the joints
+    t178 = k69 * t10
+    t179 = k69 * t11
+    t180 = t11 * k123
+    t181 = t11 * t180
+    t182 = k28 - t181
+    t183 = k34 + t181
+    t184 = t10 * t180
+
+    # inertia forces of links 2 and 3, about joint 8
+    t185 = t77 * t179
+    t186 = k40 * t79 + t82 * t184 + t84 * t183 - t185
+    t187 = t77 * t178
+    t188 = k40 * t78 + t82 * t182 + t84 * t184 - t187
+    t189 = (t29 - t31) * t184
+    t190 = t76 * t179
+    t191 = t83 * t183
+    t192 = t73 * t178 + t81 * t182 + t189 - t190 - t191
+    t193 = t173 + k70 * t76 + t83 * t179 - t29 * t178
+    t194 = t174 + k70 * t73 + t81 * t178 - t31 * t179
+    t195 = t175 + t82 * t178 + t84 * t179 - k70 * t77
+    t196 = t176 + t46 * t175 + t186
+    t197 = t177 + t45 * t175 + t188
+    t198 = t97 + t45 * t174 + t192 - t46 * t173
+
+    # wrench through joint 8, in its frame
+    t199 = t10 * t193 + t11 * t194
+    t200 = t10 * t194 - t11 * t193
+    t201 = t10 * t196 - t11 * t197
+    t202 = t11 * t196 + t10 * t197
+
+    # wrench through joint 9, in its frame
+    t203 = t13 * t173 + t14 * t174
+    t204 = t13 * t174 - t14 * t173
+    t205 = t13 * t176 - t14 * t177
+    t206 = t14 * t176 + t13 * t177
+    return (
+        t154, -t157, -t116, -t155, -t156, -t131, -t158, t159, -t161, -t160, t162, -t136, -t137,
+        -t163, t138, -t139, -t140, -t142, -t164, t165, -t167, t166, t168, t147, -t169, -t172, t150,
+        -t170, -t171, -t153, t193, -t195, t194, t196, -t198, -t197, t199, t200, t195, t201, -t202,
+        t198, t203, t204, t175, t205, -t206, t97,
+    )
+
+
 def positions(
     q: ArrayLike,
     constants: tuple[float, ...] | None = None,
@@ -3363,12 +4384,12 @@ def positions(
 
 def _positions(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
-    link3_length = k[6]
-    k80 = k[15]
-    k90 = k[24]
-    k91 = k[25]
-    k95 = k[27]
+    link2_length = k[5]
+    link3_length = k[9]
+    k80 = k[22]
+    k90 = k[31]
+    k91 = k[32]
+    k95 = k[34]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3487,8 +4508,8 @@ def tip_pose(
 
 def _tip_pose(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
-    link3_length = k[6]
+    link2_length = k[5]
+    link3_length = k[9]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3579,8 +4600,8 @@ def tip_jacobian(
 
 def _tip_jacobian(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
-    link3_length = k[6]
+    link2_length = k[5]
+    link3_length = k[9]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3700,8 +4721,8 @@ def tip_bias_acceleration(
 
 def _tip_bias_acceleration(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[4]
-    link3_length = k[6]
+    link2_length = k[5]
+    link3_length = k[9]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3815,6 +4836,961 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t73 = t1 * t70 + t2 * t59
     return (
         -t67, t68, t69, t71, t72, t73,
+    )
+
+
+def frame_poses(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Homogeneous transforms from the frames to the world.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    poses: array (..., 2, 4, 4); axes [1] and position [m], a block for each of base, tip
+    Source: forward kinematics. 87 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_poses,
+        constants,
+        state_array("q", q, 9),
+    )
+    return shaped(entries, (2, 4, 4), batch)
+
+
+def _frame_poses(k, sin, cos, q):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    link3_length = k[9]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    x = q[6]
+    y = q[7]
+    z = q[8]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # axes of the base
+    t15 = t2 * t3
+    t16 = t1 * t3
+    t17 = t3 * t6
+    t18 = t2 * t4
+    t19 = t1 * t4
+    t20 = t3 * t5
+    t21 = t1 * t6 + t5 * t18
+    t22 = t2 * t6 - t5 * t19
+    t23 = t1 * t5 - t6 * t18
+    t24 = t2 * t5 + t6 * t19
+
+    # joint 7 and the axes of link 1
+    t25 = base_arm_length * t20
+    t26 = base_arm_length * t21
+    t27 = base_arm_length * t22
+    t28 = t3 * t8
+    t29 = t1 * t9 + t8 * t18
+    t30 = t2 * t9 - t8 * t19
+    t31 = t3 * t9
+    t32 = t1 * t8 - t9 * t18
+    t33 = t2 * t8 + t9 * t19
+
+    # joint 9 and the axes of link 3
+    t34 = t25 + link2_length * (t10 * t28 + t4 * t11)
+    t35 = t26 + link2_length * (t10 * t29 - t11 * t15)
+    t36 = t27 + link2_length * (t10 * t30 + t11 * t16)
+    t37 = t13 * t28 + t4 * t14
+    t38 = t13 * t29 - t14 * t15
+    t39 = t13 * t30 + t14 * t16
+    t40 = t4 * t13 - t14 * t28
+    t41 = t14 * t29 + t13 * t15
+    t42 = t13 * t16 - t14 * t30
+
+    # position of base
+    t43 = x + t25
+    t44 = y + t26
+    t45 = z + t27
+
+    # position of tip
+    t46 = x + t34 + link3_length * t37
+    t47 = y + t35 + link3_length * t38
+    t48 = z + t36 + link3_length * t39
+    return (
+        t20, -t17, t4, t43, t21, t23, -t15, t44, t22, t24, t16, t45, 0.0, 0.0, 0.0, 1.0, t37, t40,
+        t31, t46, t38, -t41, -t32, t47, t39, t42, -t33, t48, 0.0, 0.0, 0.0, 1.0,
+    )
+
+
+def frame_jacobians(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Jacobians of the frames: linear rows, then angular rows, in world axes.
+
+    They take v to the velocities of the frames in m/s and rad/s.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    jacobians: array (..., 2, 6, 9); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
+        a block for each of base, tip
+    Source: forward kinematics. 133 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_jacobians,
+        constants,
+        state_array("q", q, 9),
+    )
+    return shaped(entries, (2, 6, 9), batch)
+
+
+def _frame_jacobians(k, sin, cos, q):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    link3_length = k[9]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # axes of the base
+    t15 = t2 * t3
+    t16 = t1 * t3
+    t17 = t2 * t4
+    t18 = t1 * t4
+
+    # joint 7 and the axes of link 1
+    t19 = base_arm_length * t3 * t5
+    t20 = base_arm_length * (t1 * t6 + t5 * t17)
+    t21 = base_arm_length * (t2 * t6 - t5 * t18)
+    t22 = t3 * t8
+    t23 = t1 * t9 + t8 * t17
+    t24 = t2 * t9 - t8 * t18
+    t25 = t3 * t9
+    t26 = t1 * t8 - t9 * t17
+    t27 = t2 * t8 + t9 * t18
+
+    # joint 9 and the axes of link 3
+    t28 = t19 + link2_length * (t10 * t22 + t4 * t11)
+    t29 = t20 + link2_length * (t10 * t23 - t11 * t15)
+    t30 = t21 + link2_length * (t10 * t24 + t11 * t16)
+
+    # position of tip
+    t31 = t28 + link3_length * (t13 * t22 + t4 * t14)
+    t32 = t29 + link3_length * (t13 * t23 - t14 * t15)
+    t33 = t30 + link3_length * (t13 * t24 + t14 * t16)
+
+    # columns of the base
+    t34 = t1 * t33 - t2 * t32
+    t35 = t2 * t31
+    t36 = t1 * t31
+    t37 = t16 * t32 + t15 * t33
+    t38 = t16 * t31 - t4 * t33
+    t39 = t15 * t31 + t4 * t32
+
+    # column of joint 7
+    t40 = t19 - t31
+    t41 = t20 - t32
+    t42 = t21 - t33
+    t43 = t16 * t41 + t15 * t42
+    t44 = t4 * t42 - t16 * t40
+    t45 = t15 * t40 + t4 * t41
+
+    # column of joint 8
+    t46 = t26 * t42 - t27 * t41
+    t47 = t25 * t42 + t27 * t40
+    t48 = t25 * t41 + t26 * t40
+
+    # column of joint 9
+    t49 = t28 - t31
+    t50 = t29 - t32
+    t51 = t30 - t33
+    t52 = t26 * t51 - t27 * t50
+    t53 = t25 * t51 + t27 * t49
+    t54 = t25 * t50 + t26 * t49
+
+    # columns of the base
+    t55 = t1 * t21 - t2 * t20
+    t56 = t2 * t19
+    t57 = t1 * t19
+    t58 = t16 * t20 + t15 * t21
+    t59 = t16 * t19 - t4 * t21
+    t60 = t15 * t19 + t4 * t20
+    return (
+        0.0, t55, -t58, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -t21, t56, t59, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        t20, -t57, t60, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, t1, -t15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t2, t16, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, t34, -t37, t43, t46, t52, 1.0, 0.0, 0.0, -t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
+        t32, -t36, t39, -t45, -t48, -t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
+        0.0, t1, -t15, -t15, -t26, -t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0,
+        0.0,
+    )
+
+
+def frame_velocities(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Velocities of the frames' origins, then angular velocities, in world axes.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    velocities: array (..., 2, 6); [m/s] in the first three, [rad/s] in the others, a row for each
+        of base, tip
+    Source: forward kinematics. 137 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_velocities,
+        constants,
+        state_array("q", q, 9),
+        state_array("v", v, 9),
+    )
+    return shaped(entries, (2, 6), batch)
+
+
+def _frame_velocities(k, sin, cos, q, v):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    link3_length = k[9]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+    v_x = v[6]
+    v_y = v[7]
+    v_z = v[8]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # motion of the base
+    t15 = v_theta_m1 * t3
+    t16 = v_theta_1 + v_theta_m1 * t4
+
+    # motion of link 1
+    t17 = v_theta_7 + t16
+    t18 = t8 * t15 + v_theta_0 * t9
+
+    # motion of link 2
+    t19 = v_theta_8 + t9 * t15 - v_theta_0 * t8
+
+    # motion of link 3
+    t20 = v_theta_9 + t19
+
+    # motion of base in world axes
+    t21 = t5 * base_arm_length
+    t22 = t6 * base_arm_length
+
+    # axes of the base
+    t23 = t2 * t3
+    t24 = t1 * t3
+
+    # motion of link 1
+    t25 = base_arm_length * t6 * t16
+    t26 = base_arm_length * t5 * t16
+    t27 = base_arm_length * (v_theta_0 * t5 - t6 * t15)
+
+    # motion of link 3
+    t28 = link2_length * (t11 * t18 - t10 * t17)
+
+    # axes of the base
+    t29 = t2 * t4
+    t30 = t1 * t4
+
+    # joint 7 and the axes of link 1
+    t31 = t3 * t8
+    t32 = t1 * t9 + t8 * t29
+    t33 = t2 * t9 - t8 * t30
+    t34 = t3 * t9
+    t35 = t1 * t8 - t9 * t29
+    t36 = t2 * t8 + t9 * t30
+
+    # motion of tip in world axes
+    t37 = link3_length * t13
+    t38 = link3_length * t14
+
+    # motion of link 3
+    t39 = link2_length * t11 * t19 + t8 * t25 - t9 * t26
+    t40 = t28 - t9 * t25 - t8 * t26
+
+    # motion of base in world axes
+    t41 = t16 * t22
+    t42 = t16 * t21
+    t43 = v_theta_0 * t21 - t15 * t22
+    t44 = v_x - t3 * t41 - t4 * t43
+    t45 = v_y + t1 * t42 + t23 * t43 - t29 * t41
+    t46 = v_z + t30 * t41 + t2 * t42 - t24 * t43
+    t47 = t3 * t15 + t4 * t16
+    t48 = t15 * t29 + v_theta_0 * t1 - t16 * t23
+    t49 = v_theta_0 * t2 + t16 * t24 - t15 * t30
+
+    # motion of tip in world axes
+    t50 = t39 + t20 * t38
+    t51 = t27 - link2_length * t10 * t19 - t20 * t37
+    t52 = t40 + t18 * t38 - t17 * t37
+    t53 = v_x + t34 * t52 - t31 * t50 - t4 * t51
+    t54 = v_y + t23 * t51 - t32 * t50 - t35 * t52
+    t55 = v_z - t33 * t50 - t24 * t51 - t36 * t52
+    t56 = t18 * t31 + t4 * t17 + t20 * t34
+    t57 = t17 * t23 + t20 * t35 - t18 * t32
+    t58 = t18 * t33 + t17 * t24 - t20 * t36
+    return (
+        t44, t45, t46, t47, t48, t49, t53, t54, t55, t56, -t57, t58,
+    )
+
+
+def frame_bias_accelerations(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Accelerations of the frames where a is zero, gravity left out, in world axes.
+
+    They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus this,
+    linear entries first, then angular.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    bias_accelerations: array (..., 2, 6); [m/s^2] in the first three, [rad/s^2] in the others, a
+        row for each of base, tip
+    Source: forward kinematics. 205 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_bias_accelerations,
+        constants,
+        state_array("q", q, 9),
+        state_array("v", v, 9),
+    )
+    return shaped(entries, (2, 6), batch)
+
+
+def _frame_bias_accelerations(k, sin, cos, q, v):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    link3_length = k[9]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # motion of the base
+    t15 = v_theta_m1 * t4
+    t16 = v_theta_m1 * t3
+    t17 = v_theta_0 * t16
+    t18 = t15 * t16
+    t19 = 2.0 * t17
+    t20 = 2.0 * v_theta_0 * t15
+    t21 = v_theta_1 + t15
+    t22 = t20 - v_theta_0 * t21
+    t23 = t18 - t16 * t21
+    t24 = t21 * t21
+    t25 = v_theta_0 * v_theta_0 + t24
+    t26 = t18 - 2.0 * t21 * t16
+    t27 = t16 * t16 + t24
+    t28 = t20 - 2.0 * t21 * v_theta_0
+
+    # motion of link 1
+    t29 = base_arm_length * t5 * t25
+    t30 = base_arm_length * (t5 * t19 - t6 * t27)
+    t31 = v_theta_7 + t21
+    t32 = t20 - v_theta_0 * t31
+    t33 = t18 - t16 * t31
+    t34 = t31 * t31
+    t35 = t8 * t16 + v_theta_0 * t9
+    t36 = v_theta_0 * t8 - t9 * t16
+    t37 = t9 * t32 + t8 * t33
+    t38 = t35 * t35
+    t39 = t31 * t35
+    t40 = t37 - t39
+    t41 = t17 - t35 * t36
+    t42 = t9 * t33 + t31 * t36 - t8 * t32
+    t43 = t37 + t39
+
+    # motion of link 2
+    t44 = v_theta_8 - t36
+    t45 = t44 * t44
+    t46 = 2.0 * t35
+    t47 = 2.0 * t31
+
+    # motion of link 3
+    t48 = t10 * (t41 - t44 * t46)
+    t49 = link2_length * (t11 * t43 - t10 * (t34 + t45))
+    t50 = link2_length * (t10 * t40 + t11 * (t38 + t45))
+    t51 = link2_length * (t11 * (t42 + t44 * t47) - t48)
+    t52 = v_theta_9 + t44
+    t53 = t42 + t31 * t52
+    t54 = t41 - t35 * t52
+    t55 = t52 * t52
+
+    # motion of base in world axes
+    t56 = t5 * base_arm_length
+    t57 = t6 * base_arm_length
+
+    # axes of the base
+    t58 = t2 * t3
+    t59 = t1 * t3
+    t60 = t2 * t4
+    t61 = t1 * t4
+
+    # joint 7 and the axes of link 1
+    t62 = t3 * t8
+    t63 = t1 * t9 + t8 * t60
+    t64 = t2 * t9 - t8 * t61
+    t65 = t3 * t9
+    t66 = t1 * t8 - t9 * t60
+    t67 = t2 * t8 + t9 * t61
+
+    # motion of link 3
+    t68 = t49 + t9 * t30 - t8 * t29
+    t69 = base_arm_length * (t5 * t26 + t6 * t28) + t50
+    t70 = t51 - t9 * t29 - t8 * t30
+
+    # motion of tip in world axes
+    t71 = link3_length * t13
+    t72 = link3_length * t14
+    t73 = (t41 - t46 * t52) * t71
+
+    # motion of base in world axes
+    t74 = t25 * t56
+    t75 = t19 * t56 - t27 * t57
+    t76 = t26 * t56 + t28 * t57
+    t77 = t3 * t74 + t4 * t76
+    t78 = t1 * t75 + t58 * t76 - t60 * t74
+    t79 = t61 * t74 + t2 * t75 - t59 * t76
+    t80 = t3 * t22 - t4 * t17
+    t81 = t22 * t60 + t17 * t58 - t1 * t23
+    t82 = t22 * t61 + t2 * t23 + t17 * t59
+
+    # motion of tip in world axes
+    t83 = t68 + t43 * t72 - (t34 + t55) * t71
+    t84 = t69 + t40 * t71 + (t38 + t55) * t72
+    t85 = t70 + (t42 + t47 * t52) * t72 - t73
+    t86 = t62 * t83 + t65 * t85 - t4 * t84
+    t87 = t63 * t83 + t58 * t84 - t66 * t85
+    t88 = t59 * t84 + t67 * t85 - t64 * t83
+    t89 = t4 * t54 + t53 * t62 - t37 * t65
+    t90 = t53 * t63 + t37 * t66 - t54 * t58
+    t91 = t53 * t64 + t54 * t59 + t37 * t67
+    return (
+        -t77, t78, t79, -t80, -t81, t82, t86, t87, -t88, t89, t90, t91,
+    )
+
+
+def centre_of_mass(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """World position of the centre of mass.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    position: array (..., 3); [m]
+    Source: the first moment of mass. 32 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _centre_of_mass,
+        constants,
+        state_array("q", q, 9),
+    )
+    return shaped(entries, (3,), batch)
+
+
+def _centre_of_mass(k, sin, cos, q):
+    k71 = k[17]
+    k76 = k[19]
+    k83 = k[24]
+    k119 = k[51]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    x = q[6]
+    y = q[7]
+    z = q[8]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # composite inertia of links 2 and 3, about joint 8
+    t15 = k71 * t13 + t10 * k76
+
+    # centre of mass from the origin
+    t16 = (k71 * t14 + t11 * k76) * k119
+    t17 = (t5 * k83 + t8 * t15) * k119
+    t18 = (t6 * k83 + t9 * t15) * k119
+
+    # centre of mass in the world
+    t19 = t3 * t16 - t4 * t17
+    t20 = x + t4 * t16 + t3 * t17
+    t21 = y + t1 * t18 - t2 * t19
+    t22 = z + t1 * t19 + t2 * t18
+    return (
+        t20, t21, t22,
+    )
+
+
+def centre_of_mass_jacobian(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Jacobian of the centre of mass, in world axes.
+
+    Times the robot's mass it takes v to the linear momentum.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    jacobian: array (..., 3, 9); [m/rad or 1]
+    Source: the first moment of mass. 95 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _centre_of_mass_jacobian,
+        constants,
+        state_array("q", q, 9),
+    )
+    return shaped(entries, (3, 9), batch)
+
+
+def _centre_of_mass_jacobian(k, sin, cos, q):
+    k71 = k[17]
+    k76 = k[19]
+    k83 = k[24]
+    k119 = k[51]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # inertia of link 3, turned by the joints
+    t15 = k71 * t13
+    t16 = k71 * t14
+
+    # composite inertia of links 2 and 3, about joint 8
+    t17 = t15 + t10 * k76
+
+    # composite inertia of links 1 to 3, about joint 7
+    t18 = t8 * t17
+    t19 = t9 * t17
+
+    # axes of the base
+    t20 = t2 * t3
+    t21 = t1 * t3
+
+    # column of joint 7
+    t22 = t18 * k119
+    t23 = t19 * k119
+
+    # centre of mass from the origin
+    t24 = (t16 + t11 * k76) * k119
+
+    # column of joint 8
+    t25 = t17 * k119
+
+    # column of joint 9
+    t26 = t15 * k119
+
+    # axes of the base
+    t27 = t2 * t4
+    t28 = t1 * t4
+
+    # joint 7 and the axes of link 1
+    t29 = t3 * t8
+    t30 = t1 * t9 + t8 * t27
+    t31 = t2 * t9 - t8 * t28
+
+    # centre of mass from the origin
+    t32 = (t5 * k83 + t18) * k119
+    t33 = (t6 * k83 + t19) * k119
+    t34 = t3 * t24 - t4 * t32
+    t35 = t4 * t24 + t3 * t32
+    t36 = t1 * t33 - t2 * t34
+    t37 = t1 * t34 + t2 * t33
+
+    # columns of the base
+    t38 = t1 * t37 - t2 * t36
+    t39 = t2 * t35
+    t40 = t1 * t35
+    t41 = t21 * t36 + t20 * t37
+    t42 = t21 * t35 - t4 * t37
+    t43 = t20 * t35 + t4 * t36
+
+    # column of joint 7
+    t44 = t3 * t23
+    t45 = t23 * t27 - t1 * t22
+    t46 = t23 * t28 + t2 * t22
+
+    # column of joint 8
+    t47 = t24 * t29 - t4 * t25
+    t48 = t24 * t30 + t20 * t25
+    t49 = t24 * t31 - t21 * t25
+
+    # column of joint 9
+    t50 = t16 * k119
+    t51 = t29 * t50 - t4 * t26
+    t52 = t30 * t50 + t20 * t26
+    t53 = t31 * t50 - t21 * t26
+    return (
+        0.0, t38, -t41, -t44, -t47, -t51, 1.0, 0.0, 0.0, -t37, t39, t42, -t45, -t48, -t52, 0.0, 1.0,
+        0.0, t36, -t40, t43, t46, -t49, -t53, 0.0, 0.0, 1.0,
+    )
+
+
+def centroidal_momentum(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Linear momentum, then angular momentum about the centre of mass, in world axes.
+
+    The same as Pinocchio's computeCentroidalMomentum.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
+        theta_9 [rad], x [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_7 [rad/s],
+        v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    momentum: array (..., 6); [kg m/s] in the first three, [kg m^2/s] in the others
+    Source: eq. 6 with rates for accelerations. 220 operations, 6 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _centroidal_momentum,
+        constants,
+        state_array("q", q, 9),
+        state_array("v", v, 9),
+    )
+    return shaped(entries, (6,), batch)
+
+
+def _centroidal_momentum(k, sin, cos, q, v):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    k34 = k[7]
+    k48 = k[10]
+    k54 = k[11]
+    k66 = k[13]
+    k67 = k[14]
+    k71 = k[17]
+    k76 = k[19]
+    k77 = k[20]
+    k78 = k[21]
+    k82 = k[23]
+    k83 = k[24]
+    k84 = k[25]
+    k85 = k[26]
+    k86 = k[27]
+    k87 = k[28]
+    k119 = k[51]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_7 = q[3]
+    theta_8 = q[4]
+    theta_9 = q[5]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_7 = v[3]
+    v_theta_8 = v[4]
+    v_theta_9 = v[5]
+    v_x = v[6]
+    v_y = v[7]
+    v_z = v[8]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_7
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_8)
+    t11 = sin(theta_8)
+    t12 = theta_8 + theta_9
+    t13 = cos(t12)
+    t14 = sin(t12)
+
+    # motion of the base
+    t15 = v_theta_m1 * t3
+    t16 = v_theta_1 + v_theta_m1 * t4
+
+    # motion of link 1
+    t17 = v_theta_7 + t16
+    t18 = t8 * t15 + v_theta_0 * t9
+
+    # motion of link 2
+    t19 = v_theta_8 + t9 * t15 - v_theta_0 * t8
+
+    # motion of link 3
+    t20 = v_theta_9 + t19
+
+    # inertia of link 3, turned by the joints
+    t21 = k71 * t13
+    t22 = k71 * t14
+    t23 = t14 * k85
+    t24 = t14 * t23
+    t25 = k48 - t24
+    t26 = k54 + t24
+    t27 = t13 * t23
+
+    # step from link 2 to link 3
+    t28 = link2_length * t10
+    t29 = link2_length * t11
+
+    # inertia of link 2, turned by the joints
+    t30 = t10 * k76
+    t31 = t11 * k76
+    t32 = t11 * k86
+    t33 = t11 * t32
+    t34 = k77 + t33
+    t35 = k34 - t33
+    t36 = t10 * t32
+
+    # step from the base to link 1
+    t37 = t5 * base_arm_length
+    t38 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
+    t39 = t6 * k87
+    t40 = t6 * t39
+    t41 = k84 + t40
+    t42 = k66 - t40
+    t43 = t5 * t39
+
+    # composite inertia of links 2 and 3, about joint 8
+    t44 = t21 + t30
+
+    # motion of link 1
+    t45 = v_theta_0 * t5 - t6 * t15
+
+    # centre of mass from the origin
+    t46 = (t22 + t31) * k119
+
+    # motion of link 1
+    t47 = t6 * t16
+    t48 = t5 * t16
+    t49 = base_arm_length * t47
+    t50 = base_arm_length * t48
+    t51 = base_arm_length * t45
+
+    # motion of link 3
+    t52 = t11 * t19
+    t53 = t10 * t19
+    t54 = t11 * t18 - t10 * t17
+
+    # centre of mass from the origin
+    t55 = (t5 * k83 + t8 * t44) * k119
+    t56 = (t6 * k83 + t9 * t44) * k119
+
+    # motion of link 1
+    t57 = t9 * t50 - t8 * t49
+    t58 = t9 * t49 + t8 * t50
+
+    # motion of link 3
+    t59 = link2_length * t54 - t58
+
+    # inertia forces of link 3, about joint 9
+    t60 = t18 * t26 + t22 * t59 - t17 * t27
+    t61 = t18 * t27 + t21 * t59 - t17 * t25
+    t62 = t22 * (link2_length * t52 - t57)
+    t63 = t21 * (t51 - link2_length * t53)
+    t64 = t20 * t25 + t20 * t26 + t62 - t63
+    t65 = k71 * t14 * t20
+    t66 = k71 * t13 * t20
+    t67 = k71 * (t14 * t18 - t13 * t17)
+
+    # inertia forces of links 2 and 3, about joint 8
+    t68 = t17 * t36 + t18 * t35 - t31 * t58
+    t69 = t18 * t36 + t17 * t34 + t30 * t58
+    t70 = t31 * t57
+    t71 = t19 * t34 + t19 * t35 - t30 * t51 - t70
+    t72 = t65 + k76 * t52
+    t73 = t66 + k76 * t53
+    t74 = t67 + k76 * t54
+    t75 = t64 + t28 * t66 + t29 * t65 + t71
+
+    # inertia forces of links 1 to 3, about joint 7
+    t76 = t60 + t29 * t67 + t68 + k78 * t18
+    t77 = t61 + t28 * t67 - t69 - k78 * t17
+    t78 = t9 * t74 - t8 * t72
+    t79 = t9 * t72 + t8 * t74
+
+    # inertia forces of the base and links 1 to 3
+    t80 = t77 + t38 * t78 + t37 * t79
+    t81 = v_theta_0 * t43 + t15 * t42 + k67 * t15
+    t82 = t15 * t43 + v_theta_0 * t41 + v_theta_0 * k67
+    t83 = t78 - k83 * t47
+    t84 = t79 - k83 * t48
+    t85 = t73 - k83 * t45
+    t86 = t9 * t75 + t8 * t76 + t38 * t73 + t81
+    t87 = t9 * t76 + t82 - t8 * t75 - t37 * t73
+    t88 = t80 - t16 * t41 - t16 * t42
+
+    # momentum in world axes
+    t89 = t46 * t84 + t56 * t85 - t86
+    t90 = t87 + t55 * t85 - t46 * t83
+    t91 = t55 * t84 + t56 * t83 - t88
+    t92 = t3 * t85 - t4 * t83
+    t93 = v_x * k82 + t3 * t83 + t4 * t85
+    t94 = v_y * k82 - t1 * t84 - t2 * t92
+    t95 = v_z * k82 + t1 * t92 - t2 * t84
+    t96 = t3 * t91 + t4 * t89
+    t97 = t4 * t91 - t3 * t89
+    t98 = t1 * t90 - t2 * t96
+    t99 = t1 * t96 + t2 * t90
+    return (
+        t93, t94, t95, t97, t98, t99,
     )
 
 

@@ -73,6 +73,12 @@ INPUTS = (
 POINTS = (
     "O1", "O2", "motor1", "motor2", "motor3", "motor4", "joint5", "joint6", "tip",
 )
+FRAMES = (
+    "base", "tip",
+)
+BODIES = (
+    "base_arm2", "base_arm3", "base_arm4", "link1", "link2",
+)
 
 # These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (
@@ -196,23 +202,25 @@ def _constants(values):
 
     # inertia of the base, about the origin
     k60 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
+    k61 = base_arm_length * base_arm_mass_per_length
 
     # constant terms and factors of the functions
-    k61 = base_arm_length * k60
-    k62 = k8 + k14
-    k63 = k61 + k62
-    k64 = k46 + k47
-    k65 = 2.0 * k46
-    k66 = 1.0 / k65
-    k67 = 1.0 / k64
-    k68 = 0.5 * k47
-    k69 = 0.5 * k54
-    k70 = 0.5 * k40
+    k62 = base_arm_length * k60
+    k63 = k8 + k14
+    k64 = k62 + k63
+    k65 = k46 + k47
+    k66 = 2.0 * k46
+    k67 = 1.0 / k66
+    k68 = 1.0 / k65
+    k69 = 1.0 / k54
+    k70 = 0.5 * k47
+    k71 = 0.5 * k54
+    k72 = 0.5 * k40
     if not k54 > 0.0:
         raise ZeroDivisionError
     return (
-        gravity, base_arm_length, k8, k14, link2_length, k28, k34, k40, k46, k47, k49, k52, k54,
-        k55, k56, k57, k58, k59, k60, k62, k63, k64, k66, k67, k68, k69, k70,
+        gravity, base_arm_length, k8, k14, k20, link2_length, k28, k34, k40, k46, k47, k49, k50,
+        k52, k54, k55, k56, k57, k58, k59, k60, k61, k63, k64, k65, k67, k68, k69, k70, k71, k72,
     )
 
 
@@ -318,32 +326,34 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
-def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
+def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64]:
     """An argument of a function as an array, once its axes have been checked.
 
     Args:
         name: What an error calls the argument.
         values: One state or a batch of states, as NumPy takes them.
-        width: Entries of one state.
+        shape: Shape of one state, of one axis or of two.
 
     Returns:
-        Array (..., width).
+        Array (..., width), the entries of one state along the last axis, row by row.
 
     Raises:
         TypeError, ValueError: As of `real_numbers`.
-        ValueError: The last axis has another length, or there are too many axes.
+        ValueError: The last axes have other lengths, or there are too many axes.
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT:
         array = values
     else:
         array = real_numbers(name, values)
-    if array.ndim == 0 or array.shape[-1] != width:
-        raise ValueError(
-            f"{name} must have {width} entries along its last axis, not shape {array.shape}"
-        )
+    if array.shape[-len(shape) :] != shape:
+        if len(shape) == 1:
+            must = f"{shape[0]} entries along its last axis"
+        else:
+            must = f"{shape[0]} rows of {shape[1]} entries along its last two axes"
+        raise ValueError(f"{name} must have {must}, not shape {array.shape}")
     if array.ndim > _MOST_AXES:
         raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
-    return array
+    return array if len(shape) == 1 else array.reshape(*array.shape[:-2], shape[0] * shape[1])
 
 
 def sqrt(x: Any) -> Any:
@@ -414,10 +424,11 @@ class Evaluator:
         coordinates: Sequence[str],
         velocities: Sequence[str],
         inputs: Sequence[str],
+        frames: Sequence[str],
         default_constants: tuple[float, ...],
     ) -> None:
         """Take the names that reports use, and the constants of calls that give none."""
-        self._report = NotFiniteReport(module, coordinates, velocities, inputs)
+        self._report = NotFiniteReport(module, coordinates, velocities, inputs, frames)
         self._default = default_constants
 
     def __call__(
@@ -502,10 +513,12 @@ class NotFiniteReport:
         coordinates: Sequence[str],
         velocities: Sequence[str],
         inputs: Sequence[str],
+        frames: Sequence[str],
     ) -> None:
-        """Take the module's name, and those of the entries of q, of v and a, and of u."""
+        """Take the module's name, those of the entries of q, of v and a, and of u, and frames."""
         self._module = module
         self._labels = {"q": coordinates, "v": velocities, "a": velocities, "u": inputs}
+        self._labels["W"] = [frame for frame in frames for _ in range(6)]
 
     def __call__(
         self,
@@ -570,7 +583,7 @@ def shaped(
     return array.reshape(*batch, *shape)
 
 
-_evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, prepare(PARAMETERS))
+_evaluate = Evaluator(NAME, COORDINATES, VELOCITIES, INPUTS, FRAMES, prepare(PARAMETERS))
 
 
 def mass_matrix_and_residual(
@@ -607,18 +620,18 @@ def mass_matrix_and_residual(
 def _mass_matrix_and_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k54 = k[12]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
-    k59 = k[17]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k54 = k[14]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
+    k59 = k[19]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -844,17 +857,17 @@ def mass_matrix(
 
 def _mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k54 = k[12]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k54 = k[14]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -991,17 +1004,17 @@ def residual(
 def _residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
-    k59 = k[17]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
+    k59 = k[19]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1162,7 +1175,7 @@ def input_matrix(
 
 def _input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k52 = k[11]
+    k52 = k[13]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1234,17 +1247,17 @@ def forward_dynamics(
 def _forward_dynamics(k, sin, cos, q, v, u):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k54 = k[12]
-    k57 = k[15]
-    k64 = k[21]
-    k66 = k[22]
-    k67 = k[23]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k54 = k[14]
+    k57 = k[17]
+    k65 = k[24]
+    k67 = k[25]
+    k68 = k[26]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1358,7 +1371,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t71 = t55 + t8 * t67 - t44 * t58 - t9 * t68
 
     # acceleration of the base, by LDL^T
-    t72 = 1.0 / (k40 + t43 + k64 - t44 * t60)
+    t72 = 1.0 / (k40 + t43 + k65 - t44 * t60)
     t73 = t62 * t72
     t74 = t61 + t8 * t64 - t9 * t63 - t71 * t73
     t75 = 1.0 / (k54 - t38 * t59 - t62 * t73)
@@ -1370,8 +1383,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t81 = t77 * t80 + t70 * t76
     t82 = t74 * t75
     t83 = t73 * t82 - t71 * t72
-    t84 = (tau_6 + t8 * t68 + t9 * t67) * k67
-    t85 = (tau_5 - t69) * k66
+    t84 = (tau_6 + t8 * t68 + t9 * t67) * k68
+    t85 = (tau_5 - t69) * k67
 
     # acceleration of joint 5
     t86 = t85 + t58 + t60 * t83 - t59 * t82
@@ -1444,17 +1457,17 @@ def inverse_dynamics(
 def _inverse_dynamics(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k54 = k[12]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k54 = k[14]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1642,20 +1655,20 @@ def hybrid_mass_matrix(
 
 def _hybrid_mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k54 = k[12]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
-    k60 = k[18]
-    k62 = k[19]
-    k63 = k[20]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k54 = k[14]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
+    k60 = k[20]
+    k63 = k[22]
+    k64 = k[23]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1760,22 +1773,22 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     # mass matrix, column of joint 2
     t74 = t4 * t73
     t75 = t3 * t73
-    t76 = t4 * k62
+    t76 = t4 * k63
     t77 = t1 * t72 + t2 * t74
     t78 = t2 * t72 - t1 * t74
 
     # mass matrix, column of joint 3
     t79 = t4 * t72
     t80 = t3 * t72
-    t81 = t4 * k63
+    t81 = t4 * k64
     t82 = t1 * t73 - t2 * t79
     t83 = t1 * t79 + t2 * t73
     return (
         t59, t53, t49, t76, t81, t76, t64, t69, 0.0, -t61, t60, 0.0, 0.0, 0.0, t53, t52, -t33, 0.0,
-        0.0, 0.0, -t26, -t44, t54, t57, -t58, 0.0, 0.0, 0.0, t49, -t33, t46, k62, k63, k62, t40,
-        t45, -t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k62, k62, 0.0, 0.0, 0.0, 0.0, t75, t77, t78,
-        -1.0, 0.0, 0.0, t81, 0.0, k63, 0.0, k62, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76,
-        0.0, k62, 0.0, 0.0, k62, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, -t26, t40, 0.0,
+        0.0, 0.0, -t26, -t44, t54, t57, -t58, 0.0, 0.0, 0.0, t49, -t33, t46, k63, k64, k63, t40,
+        t45, -t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k63, k63, 0.0, 0.0, 0.0, 0.0, t75, t77, t78,
+        -1.0, 0.0, 0.0, t81, 0.0, k64, 0.0, k63, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76,
+        0.0, k63, 0.0, 0.0, k63, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, -t26, t40, 0.0,
         0.0, 0.0, t39, 0.0, -t63, t65, t66, 0.0, 0.0, 0.0, t69, -t44, t45, 0.0, 0.0, 0.0, 0.0, t41,
         t68, -t70, t71, 0.0, 0.0, 0.0, 0.0, t54, -t48, t75, -t80, -t75, -t63, t68, k54, 0.0, 0.0,
         0.0, 0.0, 0.0, -t61, t57, t50, t77, t82, -t77, t65, -t70, 0.0, k54, 0.0, 0.0, 0.0, 0.0, t60,
@@ -1821,18 +1834,18 @@ def _hybrid_residual(k, sin, cos, q, v):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
-    k59 = k[17]
-    k60 = k[18]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
+    k59 = k[19]
+    k60 = k[20]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2015,7 +2028,7 @@ def hybrid_input_matrix(
 
 def _hybrid_input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k52 = k[11]
+    k52 = k[13]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2092,7 +2105,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    k60 = k[18]
+    k60 = k[20]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2186,19 +2199,19 @@ def gibbs(
 def _gibbs(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k40 = k[7]
-    k46 = k[8]
-    k47 = k[9]
-    k49 = k[10]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
-    k68 = k[24]
-    k69 = k[25]
-    k70 = k[26]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
+    k70 = k[28]
+    k71 = k[29]
+    k72 = k[30]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2304,11 +2317,11 @@ def _gibbs(k, sin, cos, q, v, a):
     t65 = t21 * t25 + t23 - t57
 
     # Gibbs function of the base
-    t66 = t48 * t48 * k68
-    t67 = k68 * t49 * t49
-    t68 = t41 * t41 * k69
-    t69 = k69 * t43 * t43
-    t70 = k69 * t44 * t44
+    t66 = t48 * t48 * k70
+    t67 = k70 * t49 * t49
+    t68 = t41 * t41 * k71
+    t69 = k71 * t43 * t43
+    t70 = k71 * t44 * t44
     t71 = 0.5 * t47 * t37 * t47
     t72 = 0.5 * t49 * t37 * t49
     t73 = 0.5 * t47 * t38 * t47
@@ -2348,10 +2361,10 @@ def _gibbs(k, sin, cos, q, v, a):
     )
 
     # Gibbs function of link 1
-    t104 = k70 * t60 * t60
+    t104 = k72 * t60 * t60
     t105 = k40 * t24 * t60
     t106 = k40 * t23 * t57
-    t107 = t57 * t57 * k70 + t104 + t105 - t106
+    t107 = t57 * t57 * k72 + t104 + t105 - t106
 
     # Gibbs function of link 2
     t108 = 0.5 * t63 * t30 * t63
@@ -2424,17 +2437,17 @@ def kinetic_energy(
 
 def _kinetic_energy(k, sin, cos, q, v):
     base_arm_length = k[1]
-    k28 = k[5]
-    k34 = k[6]
-    k46 = k[8]
-    k49 = k[10]
-    k55 = k[13]
-    k56 = k[14]
-    k57 = k[15]
-    k58 = k[16]
-    k68 = k[24]
-    k69 = k[25]
-    k70 = k[26]
+    k28 = k[6]
+    k34 = k[7]
+    k46 = k[9]
+    k49 = k[11]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
+    k70 = k[28]
+    k71 = k[29]
+    k72 = k[30]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2504,11 +2517,11 @@ def _kinetic_energy(k, sin, cos, q, v):
     t36 = t8 * t34 - t9 * t33
 
     # Gibbs function of the base
-    t37 = t12 * t12 * k68
-    t38 = v_theta_0 * v_theta_0 * k68
-    t39 = k69 * t29 * t29
-    t40 = k69 * t31 * t31
-    t41 = k69 * t32 * t32
+    t37 = t12 * t12 * k70
+    t38 = v_theta_0 * v_theta_0 * k70
+    t39 = k71 * t29 * t29
+    t40 = k71 * t31 * t31
+    t41 = k71 * t32 * t32
     t42 = 0.5 * t13 * t13 * t27
     t43 = 0.5 * v_theta_0 * v_theta_0 * t27
     t44 = 0.5 * t12 * t12 * t28
@@ -2521,7 +2534,7 @@ def _kinetic_energy(k, sin, cos, q, v):
     t51 = t37 + t38 + t39 + t40 + t41 + t42 + t43 + t44 + t45 + t46 + t47 + t48 - t49 - t50
 
     # Gibbs function of link 1
-    t52 = t14 * t14 * k70 + t15 * t15 * k70
+    t52 = t14 * t14 * k72 + t15 * t15 * k72
 
     # Gibbs function of link 2
     t53 = 0.5 * t14 * t14 * t21
@@ -2566,9 +2579,9 @@ def potential_energy(
 
 def _potential_energy(k, sin, cos, q):
     gravity = k[0]
-    k49 = k[10]
-    k54 = k[12]
-    k55 = k[13]
+    k49 = k[11]
+    k54 = k[14]
+    k55 = k[15]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2604,6 +2617,774 @@ def _potential_energy(k, sin, cos, q):
     )
 
 
+def gravity_forces(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Generalised forces of gravity: gravity's part of R.
+
+    They are minus what Pinocchio calls the generalised gravity.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    force: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
+        m], x [N], y [N], z [N]
+    Source: eqs. 5 and 6 at rest. 49 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _gravity_forces,
+        constants,
+        state_array("q", q, 8),
+    )
+    return shaped(entries, (8,), batch)
+
+
+def _gravity_forces(k, sin, cos, q):
+    k49 = k[11]
+    k55 = k[15]
+    k59 = k[19]
+    k69 = k[27]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # inertia of link 2, turned by the joints
+    t12 = k49 * t10
+
+    # composite inertia of links 1 and 2, about joint 5
+    t13 = t8 * t12
+    t14 = t9 * t12
+
+    # centre of mass from the origin
+    t15 = k49 * t11 * k69
+
+    # axes of the base
+    t16 = t1 * t4
+
+    # centre of mass from the origin
+    t17 = (t5 * k55 + t13) * k69
+    t18 = t3 * t17 + t4 * t15
+    t19 = t2 * (t3 * t15 - t4 * t17)
+    t20 = t1 * (t6 * k55 + t14) * k69 - t19
+
+    # column of joint 6
+    t21 = t15 * (t2 * t9 - t8 * t16)
+
+    # weight at the centre of mass
+    t22 = k59 * t20
+    t23 = k59 * t1 * t18
+    t24 = k59 * (t2 * t3 * t18 + t4 * t20)
+    t25 = k59 * (t14 * k69 * t16 + t2 * t13 * k69)
+    t26 = k59 * (t21 - t1 * t3 * t12 * k69)
+    return (
+        -t22, t23, -t24, -t25, t26, 0.0, 0.0, -k59,
+    )
+
+
+def wrench_forces(
+    q: ArrayLike,
+    W: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Generalised forces of wrenches on the frames: the sum of J^T W.
+
+    They add to B u. The wrenches are carried in from body to body, without a Jacobian.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    W: wrenches on the frames, at their origins, in world axes, force [N] and torque [N m], a row
+        for each of base, tip
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    force: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
+        m], x [N], y [N], z [N]
+    Source: eq. 7. 187 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _wrench_forces,
+        constants,
+        state_array("q", q, 8),
+        state_array("W", W, 2, 6),
+    )
+    return shaped(entries, (8,), batch)
+
+
+def _wrench_forces(k, sin, cos, q, W):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    W_base_fx = W[0]
+    W_base_fy = W[1]
+    W_base_fz = W[2]
+    W_base_tx = W[3]
+    W_base_ty = W[4]
+    W_base_tz = W[5]
+    W_tip_fx = W[6]
+    W_tip_fy = W[7]
+    W_tip_fz = W[8]
+    W_tip_tx = W[9]
+    W_tip_ty = W[10]
+    W_tip_tz = W[11]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # step from the base to link 1
+    t12 = t5 * base_arm_length
+    t13 = t6 * base_arm_length
+
+    # axes of the base
+    t14 = t2 * t3
+    t15 = t1 * t3
+    t16 = t3 * t5
+    t17 = t2 * t4
+    t18 = t1 * t4
+    t19 = t1 * t6 + t5 * t17
+    t20 = t2 * t6 - t5 * t18
+    t21 = t3 * t6
+    t22 = t1 * t5 - t6 * t17
+    t23 = t2 * t5 + t6 * t18
+
+    # joint 5 and the axes of link 1
+    t24 = t3 * t8
+    t25 = t1 * t9 + t8 * t17
+    t26 = t2 * t9 - t8 * t18
+    t27 = t3 * t9
+    t28 = t1 * t8 - t9 * t17
+    t29 = t2 * t8 + t9 * t18
+
+    # joint 6 and the axes of link 2
+    t30 = t10 * t24 + t4 * t11
+    t31 = t10 * t25 - t11 * t14
+    t32 = t10 * t26 + t11 * t15
+    t33 = t4 * t10 - t11 * t24
+    t34 = t11 * t25 + t10 * t14
+    t35 = t10 * t15 - t11 * t26
+
+    # wrench on base, in the frame of its link
+    t36 = W_base_fx * t16 + W_base_fy * t19 + W_base_fz * t20
+    t37 = W_base_fy * t22 + W_base_fz * t23 - W_base_fx * t21
+    t38 = W_base_fx * t4 + W_base_fz * t15 - W_base_fy * t14
+    t39 = W_base_tx * t16 + W_base_ty * t19 + W_base_tz * t20
+    t40 = W_base_ty * t22 + W_base_tz * t23 - W_base_tx * t21
+    t41 = W_base_tx * t4 + W_base_tz * t15 - W_base_ty * t14
+    t42 = t40 - base_arm_length * t38
+
+    # wrench on tip, in the frame of its link
+    t43 = W_tip_fx * t30 + W_tip_fy * t31 + W_tip_fz * t32
+    t44 = W_tip_fx * t33 + W_tip_fz * t35 - W_tip_fy * t34
+    t45 = W_tip_fy * t28 + W_tip_fz * t29 - W_tip_fx * t27
+    t46 = W_tip_tx * t30 + W_tip_ty * t31 + W_tip_tz * t32
+    t47 = W_tip_tx * t33 + W_tip_tz * t35 - W_tip_ty * t34
+    t48 = W_tip_ty * t28 + W_tip_tz * t29 - W_tip_tx * t27
+    t49 = t47 + link2_length * t45
+    t50 = t48 - link2_length * t44
+
+    # wrenches carried in to the base
+    t51 = t10 * t43 - t11 * t44
+    t52 = t11 * t43 + t10 * t44
+    t53 = t10 * t46 - t11 * t49
+    t54 = t11 * t46 + t10 * t49
+    t55 = t8 * t51 - t9 * t45
+    t56 = t8 * t45 + t9 * t51
+    t57 = t8 * t53 + t13 * t52 - t9 * t50
+    t58 = t8 * t50 + t9 * t53 - t12 * t52
+    t59 = t54 + t12 * t56 - t13 * t55
+    t60 = t5 * t36 + t55 - t6 * t37
+    t61 = t6 * t36 + t5 * t37 + t56
+    t62 = t38 + t52
+    t63 = t6 * t39 + t5 * t42 + t58
+    t64 = t41 + base_arm_length * t37 + t59
+    t65 = t3 * t62 - t4 * t60
+    t66 = t3 * t60 + t4 * t62
+    t67 = t3 * (t5 * t39 + t57 - t6 * t42)
+    t68 = t67 + t4 * t64
+    t69 = t1 * t61 - t2 * t65
+    t70 = t1 * t65 + t2 * t61
+    return (
+        t68, t63, t64, t54, -t50, t66, t69, t70,
+    )
+
+
+def forward_dynamics_with_wrenches(
+    q: ArrayLike,
+    v: ArrayLike,
+    u: ArrayLike,
+    W: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Accelerations a of M a = R + B u + the sum of J^T W.
+
+    As forward_dynamics, with wrenches on the frames.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
+        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
+    W: wrenches on the frames, at their origins, in world axes, force [N] and torque [N m], a row
+        for each of base, tip
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    acceleration: array (..., 8); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+        a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
+    Source: eq. 19, solved for the free coordinates. 399 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _forward_dynamics_with_wrenches,
+        constants,
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+        state_array("u", u, 6),
+        state_array("W", W, 2, 6),
+    )
+    return shaped(entries, (8,), batch)
+
+
+def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
+    gravity = k[0]
+    base_arm_length = k[1]
+    link2_length = k[5]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k54 = k[14]
+    k57 = k[17]
+    k65 = k[24]
+    k67 = k[25]
+    k68 = k[26]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_5 = v[3]
+    v_theta_6 = v[4]
+    F_1 = u[0]
+    F_2 = u[1]
+    F_3 = u[2]
+    F_4 = u[3]
+    tau_5 = u[4]
+    tau_6 = u[5]
+    W_base_fx = W[0]
+    W_base_fy = W[1]
+    W_base_fz = W[2]
+    W_base_tx = W[3]
+    W_base_ty = W[4]
+    W_base_tz = W[5]
+    W_tip_fx = W[6]
+    W_tip_fy = W[7]
+    W_tip_fz = W[8]
+    W_tip_tx = W[9]
+    W_tip_ty = W[10]
+    W_tip_tz = W[11]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # motion of the base
+    t12 = v_theta_m1 * t4
+    t13 = v_theta_m1 * t3
+    t14 = v_theta_0 * t13
+    t15 = t12 * t13
+    t16 = 2.0 * v_theta_0 * t12
+    t17 = v_theta_1 + t12
+    t18 = v_theta_0 * t17
+    t19 = t13 * t17
+    t20 = t17 * t17
+
+    # motion of link 1
+    t21 = v_theta_5 + t17
+    t22 = t16 - v_theta_0 * t21
+    t23 = t15 - t13 * t21
+    t24 = t8 * t13 + v_theta_0 * t9
+    t25 = v_theta_0 * t8 - t9 * t13
+    t26 = t9 * t22 + t8 * t23
+    t27 = t21 * t24
+    t28 = t26 - t27
+    t29 = t14 - t24 * t25
+    t30 = t9 * t23 + t21 * t25 - t8 * t22
+    t31 = t26 + t27
+
+    # motion of link 2
+    t32 = v_theta_6 - t25
+    t33 = t32 * t32
+    t34 = t21 * t21 + t33
+    t35 = t29 - 2.0 * t32 * t24
+    t36 = t24 * t24 + t33
+    t37 = t30 + 2.0 * t32 * t21
+
+    # inertia of link 2, turned by the joints
+    t38 = k49 * t10
+    t39 = k49 * t11
+    t40 = t11 * k57
+    t41 = t11 * t40
+    t42 = k28 - t41
+    t43 = k34 + t41
+    t44 = t10 * t40
+
+    # articulated inertia and load of link 2, about joint 6
+    t45 = k49 * (t11 * t31 - t10 * t34)
+    t46 = k49 * (t10 * t28 + t11 * t36)
+
+    # axes of the base
+    t47 = t2 * t3
+    t48 = t1 * t3
+    t49 = t3 * t5
+
+    # articulated inertia and load of link 2, about joint 6
+    t50 = t28 * t42 + t31 * t43 - t44 * (t34 - t36)
+
+    # equation of joint 6, its acceleration eliminated
+    t51 = 1.0 / (t42 + t43)
+    t52 = t39 * t51
+    t53 = t38 * t51
+    t54 = t38 * t52
+
+    # equation of joint 5, its acceleration eliminated
+    t55 = 1.0 / (k40 + t42)
+    t56 = t38 * t55
+    t57 = t44 * t55
+    t58 = t39 - t44 * t56
+
+    # articulated inertia and load of the base and links 1 and 2
+    t59 = k47 * t16 + k46 * (t16 - 2.0 * t17 * v_theta_0)
+    t60 = k47 * t15 + k46 * (t15 - 2.0 * t17 * t13)
+
+    # acceleration of the base, by LDL^T
+    t61 = 1.0 / (k40 + t43 + k65 - t44 * t57)
+    t62 = t58 * t61
+    t63 = 1.0 / (k54 - t38 * t56 - t58 * t62)
+    t64 = 1.0 / (k54 - t38 * t53)
+    t65 = t54 * t64
+    t66 = 1.0 / (k54 - t39 * t52 - t54 * t65)
+
+    # accelerations of the attitude angles
+    t67 = 1.0 / t3
+
+    # axes of the base
+    t68 = t2 * t4
+    t69 = t1 * t4
+    t70 = t1 * t6 + t5 * t68
+    t71 = t2 * t6 - t5 * t69
+    t72 = t3 * t6
+    t73 = t1 * t5 - t6 * t68
+    t74 = t2 * t5 + t6 * t69
+
+    # joint 5 and the axes of link 1
+    t75 = t3 * t8
+    t76 = t1 * t9 + t8 * t68
+    t77 = t2 * t9 - t8 * t69
+    t78 = t3 * t9
+    t79 = t1 * t8 - t9 * t68
+    t80 = t2 * t8 + t9 * t69
+
+    # joint 6 and the axes of link 2
+    t81 = t10 * t75 + t4 * t11
+    t82 = t10 * t76 - t11 * t47
+    t83 = t10 * t77 + t11 * t48
+    t84 = t4 * t10 - t11 * t75
+    t85 = t11 * t76 + t10 * t47
+    t86 = t10 * t48 - t11 * t77
+
+    # wrench on base, in the frame of its link
+    t87 = W_base_fx * t49 + W_base_fy * t70 + W_base_fz * t71
+    t88 = W_base_fy * t73 + W_base_fz * t74 - W_base_fx * t72
+    t89 = W_base_fx * t4 + W_base_fz * t48 - W_base_fy * t47
+    t90 = W_base_tx * t49 + W_base_ty * t70 + W_base_tz * t71
+    t91 = W_base_ty * t73 + W_base_tz * t74 - W_base_tx * t72
+    t92 = W_base_tx * t4 + W_base_tz * t48 - W_base_ty * t47
+
+    # wrench on tip, in the frame of its link
+    t93 = W_tip_fx * t81 + W_tip_fy * t82 + W_tip_fz * t83
+    t94 = W_tip_fx * t84 + W_tip_fz * t86 - W_tip_fy * t85
+    t95 = W_tip_fy * t79 + W_tip_fz * t80 - W_tip_fx * t78
+    t96 = W_tip_tx * t81 + W_tip_ty * t82 + W_tip_tz * t83
+    t97 = W_tip_tx * t84 + W_tip_tz * t86 - W_tip_ty * t85
+    t98 = W_tip_ty * t79 + W_tip_tz * t80 - W_tip_tx * t78
+    t99 = t97 + link2_length * t95
+
+    # articulated inertia and load of link 2, about joint 6
+    t100 = t10 * t96 - t11 * t99
+    t101 = t11 * t96 + t10 * t99
+    t102 = F_2 + t87 - F_4
+    t103 = F_1 * base_arm_length + t91 - F_3 * base_arm_length
+    t104 = F_2 * base_arm_length + F_4 * base_arm_length + t92
+
+    # articulated inertia and load of link 2, about joint 6
+    t105 = k49 * (t11 * t37 - t10 * t35) + t95
+
+    # equation of joint 6, its acceleration eliminated
+    t106 = t51 * (tau_6 + t50 + link2_length * t94 - t98)
+    t107 = t45 + t11 * t94 - t10 * t93 - t39 * t106
+    t108 = t46 + t11 * t93 + t10 * t94 - t38 * t106
+
+    # articulated inertia and load of links 1 and 2, about joint 5
+    t109 = k40 * t30 + t37 * t43 - t35 * t44 - t100
+    t110 = k40 * t29 + t35 * t42 - t37 * t44 - t101
+
+    # equation of joint 5, its acceleration eliminated
+    t111 = t55 * (tau_5 - t110)
+
+    # articulated inertia and load of the base and links 1 and 2
+    t112 = t6 * t88 - t5 * t102
+    t113 = t5 * t88 + t6 * t102
+    t114 = t59 + t5 * t90 - t6 * t103
+    t115 = t60 - t6 * t90 - t5 * t103
+    t116 = t105 + t9 * t112 + t8 * t113 - t38 * t111
+    t117 = F_1 + F_3 + t89 + t108
+    t118 = t109 + t9 * t115 - t44 * t111 - t8 * t114
+
+    # acceleration of the base, by LDL^T
+    t119 = t107 + t8 * t112 + t65 * t117 - t9 * t113
+    t120 = t66 * t119
+    t121 = t65 * t120 + t64 * t117
+    t122 = t63 * (t116 - t62 * t118)
+    t123 = t62 * t122 - t61 * t118
+    t124 = k68 * (tau_6 - t9 * t114 - t8 * t115)
+    t125 = k67 * (tau_5 + 2.0 * k46 * t14 - t104)
+
+    # acceleration of joint 5
+    t126 = t125 + t111 + t57 * t123 - t56 * t122
+
+    # acceleration of joint 6
+    t127 = t124 + t106 - t52 * t120 - t53 * t121
+
+    # acceleration of the base
+    t128 = t8 * t123 - t9 * t124
+    t129 = t9 * t123 + t8 * t124
+
+    # acceleration of the origin, in world axes
+    t130 = t14 - t125
+    t131 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t14 - t130)
+    t132 = t6 * (t13 * t13 + t20) - t5 * (t14 + t130)
+    t133 = t6 * (t18 + t18 + t128 - t16)
+    t134 = base_arm_length * (t5 * (t19 + t19 - t15 - t129) + t133)
+    t135 = t8 * t120 + t9 * t122 - base_arm_length * t131
+    t136 = t8 * t122 + base_arm_length * t132 - t9 * t120
+    t137 = t121 - t134
+    t138 = t4 * t135 + t3 * t137
+    t139 = t4 * t137 - t3 * t135
+    t140 = t1 * t136 - t2 * t138
+
+    # accelerations of the attitude angles
+    t141 = t67 * t128
+    t142 = t125 + t4 * t141
+
+    # acceleration of the origin, in world axes
+    t143 = gravity - t1 * t138 - t2 * t136
+    return (
+        t141, t129, -t142, t126, t127, t139, t140, -t143,
+    )
+
+
+def joint_wrenches(
+    q: ArrayLike,
+    v: ArrayLike,
+    a: ArrayLike,
+    u: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """The whole wrench through every joint: what the parent does to the body, at the joint.
+
+    It is in the axes of the joint's frame, which the robot file gives the body. Gravity, inertia
+    and thrusts of all that the joint carries balance it, at the given accelerations, which need not
+    fit the inputs. Where they do, its component along a joint that moves is the joint's input less
+    armature, damper and spring.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
+        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    a: their accelerations, a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
+        a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
+    u: inputs, F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    wrenches: array (..., 5, 6); [N] in the first three, [N m] in the others, a row for each of
+        base_arm2, base_arm3, base_arm4, link1, link2
+    Source: eqs. 6 and 14, all six components. 268 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _joint_wrenches,
+        constants,
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+        state_array("a", a, 8),
+        state_array("u", u, 6),
+    )
+    return shaped(entries, (5, 6), batch)
+
+
+def _joint_wrenches(k, sin, cos, q, v, a, u):
+    gravity = k[0]
+    base_arm_length = k[1]
+    k8 = k[2]
+    k14 = k[3]
+    k20 = k[4]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k49 = k[11]
+    k50 = k[12]
+    k57 = k[17]
+    k60 = k[20]
+    k61 = k[21]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_5 = v[3]
+    v_theta_6 = v[4]
+    a_theta_m1 = a[0]
+    a_theta_0 = a[1]
+    a_theta_1 = a[2]
+    a_theta_5 = a[3]
+    a_theta_6 = a[4]
+    a_x = a[5]
+    a_y = a[6]
+    a_z = a[7]
+    F_2 = u[1]
+    F_3 = u[2]
+    F_4 = u[3]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # motion of the base
+    t12 = v_theta_m1 * t4
+    t13 = v_theta_m1 * t3
+    t14 = v_theta_0 * t12
+    t15 = v_theta_0 * t13
+    t16 = v_theta_1 + t12
+    t17 = t16 * t16
+
+    # motion of link 1
+    t18 = v_theta_5 + t16
+    t19 = t8 * t13 + v_theta_0 * t9
+    t20 = v_theta_0 * t8 - t9 * t13
+    t21 = t18 * t19
+
+    # motion of link 2
+    t22 = v_theta_6 - t20
+    t23 = t22 * t22
+    t24 = t18 * t18 + t23
+    t25 = t19 * t19 + t23
+
+    # inertia of link 2, turned by the joints
+    t26 = k49 * t10
+    t27 = k49 * t11
+    t28 = t11 * k57
+    t29 = t11 * t28
+    t30 = k28 - t29
+    t31 = k34 + t29
+    t32 = t10 * t28
+
+    # inertia forces of link 2, about joint 6
+    t33 = t32 * (t24 - t25)
+
+    # motion of the base
+    t34 = t5 * t13 + v_theta_0 * t6
+    t35 = v_theta_0 * t5 - t6 * t13
+    t36 = t34 * t35
+    t37 = t16 * t34
+    t38 = t16 * t35
+    t39 = t17 + t35 * t35
+
+    # inertia forces of base arm 2, about joint 2
+    t40 = k60 * (t17 + t34 * t34)
+
+    # motion of the base
+    t41 = a_z + gravity
+    t42 = a_y * t1 + t2 * t41
+    t43 = t1 * t41 - a_y * t2
+    t44 = a_x * t4 + t3 * t43
+    t45 = a_x * t3 - t4 * t43
+    t46 = a_theta_0 + t12 * t13
+    t47 = t14 + t14 - a_theta_m1 * t3
+    t48 = a_theta_1 + t15 + a_theta_m1 * t4
+    t49 = v_theta_0 * t16 - t47
+    t50 = t13 * t16 - t46
+
+    # motion of link 1
+    t51 = t5 * (v_theta_0 * v_theta_0 + t17) - t6 * (t15 - t48)
+    t52 = t6 * (t13 * t13 + t17) - t5 * (t15 + t48)
+    t53 = t6 * (2.0 * t16 * v_theta_0 - t47)
+    t54 = base_arm_length * (t5 * (2.0 * t16 * t13 - t46) + t53)
+    t55 = t45 - base_arm_length * t51
+    t56 = t42 - base_arm_length * t52
+    t57 = t44 + t54
+    t58 = v_theta_0 * t18 - t47
+    t59 = t13 * t18 - t46
+    t60 = t8 * t55 + t9 * t56
+    t61 = t8 * t56 - t9 * t55
+    t62 = t19 * t20 - a_theta_5 - t48
+    t63 = t18 * t20 + t8 * t58 - t9 * t59
+
+    # motion of link 2
+    t64 = a_theta_6 + t9 * t58 + t8 * t59
+    t65 = t21 + t64
+    t66 = 2.0 * t22 * t19 + t62
+    t67 = t21 - t64
+    t68 = 2.0 * t22 * t18 + t63
+
+    # inertia forces of link 2, about joint 6
+    t69 = t27 * t61
+    t70 = t26 * t61
+    t71 = t27 * t60
+    t72 = t31 * t67
+    t73 = t33 + t26 * t57 + t30 * t65 - t71 - t72
+
+    # motion of the base
+    t74 = t5 * t49 - t6 * t50
+    t75 = t6 * t49 + t5 * t50
+    t76 = t36 + t48
+    t77 = t37 + t75
+    t78 = t36 - t48
+    t79 = t38 + t74
+
+    # motion of base arm 2
+    t80 = base_arm_length * t39 - t6 * t42 - t5 * t45
+    t81 = t5 * t42 + base_arm_length * t76 - t6 * t45
+    t82 = t44 + base_arm_length * t77
+
+    # inertia forces of base arm 2, about joint 2
+    t83 = k60 * t78
+    t84 = k61 * t80
+    t85 = k61 * t81
+    t86 = t40 + t85
+    t87 = k61 * t82
+    t88 = k60 * t79
+    t89 = t87 - t88
+    t90 = k8 * t79
+    t91 = k20 * (t38 - t74)
+    t92 = k60 * t82
+    t93 = t91 + t92 - t90
+    t94 = k20 * (t37 - t75)
+    t95 = t94 - k14 * t77
+    t96 = k14 * t76
+    t97 = k8 * t78
+    t98 = k60 * t80
+
+    # wrench through joint 2
+    t99 = F_2 * base_arm_length + t97 + t98 - t96
+
+    # inertia forces of base arm 3, about joint 3
+    t100 = k60 * t39 + t84
+    t101 = t85 + k60 * t76
+    t102 = t91 - k14 * t79
+    t103 = k8 * t76 + k60 * t81 - k14 * t78
+
+    # inertia forces of base arm 4, about joint 4
+    t104 = t40 - t85
+    t105 = t87 + t88
+    t106 = t90 + t92 - t91
+
+    # wrench through joint 4
+    t107 = F_4 * base_arm_length + t97 - t96 - t98
+
+    # wrench through joint 2
+    t108 = F_2 + t83 + t84
+
+    # wrench through joint 3
+    t109 = F_3 - t87 - k60 * t77
+    t110 = F_3 * base_arm_length + t94 - t92 - k8 * t77
+
+    # wrench through joint 4
+    t111 = F_4 + t83 - t84
+
+    # inertia forces of link 2, about joint 6
+    t112 = t27 * t67 + k50 * t60 - t24 * t26
+    t113 = t26 * t65 + k50 * t57 - t25 * t27
+    t114 = t26 * t66 + t27 * t68 - k50 * t61
+    t115 = t32 * t66 + t31 * t68 + k40 * t63 - t69
+    t116 = t30 * t66 + t32 * t68 + k40 * t62 - t70
+
+    # wrench through joint 6, in its frame
+    t117 = t10 * t112 + t11 * t113
+    t118 = t10 * t113 - t11 * t112
+    t119 = t10 * t115 - t11 * t116
+    t120 = t11 * t115 + t10 * t116
+    return (
+        -t86, -t108, t89, -t95, -t93, -t99, -t100, t101, -t109, -t102, t110, t103, -t104, -t111,
+        t105, t95, -t106, -t107, t112, -t114, t113, t115, -t73, -t116, t117, t118, t114, t119,
+        -t120, t73,
+    )
+
+
 def positions(
     q: ArrayLike,
     constants: tuple[float, ...] | None = None,
@@ -2628,8 +3409,8 @@ def positions(
 
 def _positions(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
-    k52 = k[11]
+    link2_length = k[5]
+    k52 = k[13]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2726,7 +3507,7 @@ def tip_pose(
 
 def _tip_pose(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
+    link2_length = k[5]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2810,7 +3591,7 @@ def tip_jacobian(
 
 def _tip_jacobian(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[4]
+    link2_length = k[5]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2913,7 +3694,7 @@ def tip_bias_acceleration(
 
 def _tip_bias_acceleration(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[4]
+    link2_length = k[5]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3002,6 +3783,825 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t56 = t1 * t53 + t2 * t42
     return (
         -t50, t51, t52, t54, t55, t56,
+    )
+
+
+def frame_poses(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Homogeneous transforms from the frames to the world.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    poses: array (..., 2, 4, 4); axes [1] and position [m], a block for each of base, tip
+    Source: forward kinematics. 71 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_poses,
+        constants,
+        state_array("q", q, 8),
+    )
+    return shaped(entries, (2, 4, 4), batch)
+
+
+def _frame_poses(k, sin, cos, q):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    x = q[5]
+    y = q[6]
+    z = q[7]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # axes of the base
+    t12 = t2 * t3
+    t13 = t1 * t3
+    t14 = t3 * t5
+    t15 = t2 * t4
+    t16 = t1 * t4
+    t17 = t1 * t6 + t5 * t15
+    t18 = t2 * t6 - t5 * t16
+    t19 = t3 * t6
+    t20 = t1 * t5 - t6 * t15
+    t21 = t2 * t5 + t6 * t16
+
+    # joint 5 and the axes of link 1
+    t22 = base_arm_length * t14
+    t23 = base_arm_length * t17
+    t24 = base_arm_length * t18
+    t25 = t3 * t8
+    t26 = t1 * t9 + t8 * t15
+    t27 = t2 * t9 - t8 * t16
+    t28 = t3 * t9
+    t29 = t1 * t8 - t9 * t15
+    t30 = t2 * t8 + t9 * t16
+
+    # joint 6 and the axes of link 2
+    t31 = t10 * t25 + t4 * t11
+    t32 = t10 * t26 - t11 * t12
+    t33 = t10 * t27 + t11 * t13
+    t34 = t4 * t10 - t11 * t25
+    t35 = t11 * t26 + t10 * t12
+    t36 = t10 * t13 - t11 * t27
+
+    # position of base
+    t37 = x + t22
+    t38 = y + t23
+    t39 = z + t24
+
+    # position of tip
+    t40 = x + t22 + link2_length * t31
+    t41 = y + t23 + link2_length * t32
+    t42 = z + t24 + link2_length * t33
+    return (
+        t14, -t19, t4, t37, t17, t20, -t12, t38, t18, t21, t13, t39, 0.0, 0.0, 0.0, 1.0, t31, t34,
+        t28, t40, t32, -t35, -t29, t41, t33, t36, -t30, t42, 0.0, 0.0, 0.0, 1.0,
+    )
+
+
+def frame_jacobians(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Jacobians of the frames: linear rows, then angular rows, in world axes.
+
+    They take v to the velocities of the frames in m/s and rad/s.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    jacobians: array (..., 2, 6, 8); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
+        a block for each of base, tip
+    Source: forward kinematics. 104 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_jacobians,
+        constants,
+        state_array("q", q, 8),
+    )
+    return shaped(entries, (2, 6, 8), batch)
+
+
+def _frame_jacobians(k, sin, cos, q):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # axes of the base
+    t12 = t2 * t3
+    t13 = t1 * t3
+    t14 = t2 * t4
+    t15 = t1 * t4
+
+    # joint 5 and the axes of link 1
+    t16 = base_arm_length * t3 * t5
+    t17 = base_arm_length * (t1 * t6 + t5 * t14)
+    t18 = base_arm_length * (t2 * t6 - t5 * t15)
+    t19 = t3 * t9
+    t20 = t1 * t8 - t9 * t14
+    t21 = t2 * t8 + t9 * t15
+
+    # joint 6 and the axes of link 2
+    t22 = t10 * (t1 * t9 + t8 * t14) - t11 * t12
+    t23 = t10 * (t2 * t9 - t8 * t15) + t11 * t13
+
+    # position of tip
+    t24 = t16 + link2_length * (t10 * t3 * t8 + t4 * t11)
+    t25 = t17 + link2_length * t22
+    t26 = t18 + link2_length * t23
+
+    # columns of the base
+    t27 = t1 * t26 - t2 * t25
+    t28 = t2 * t24
+    t29 = t1 * t24
+    t30 = t13 * t25 + t12 * t26
+    t31 = t13 * t24 - t4 * t26
+    t32 = t12 * t24 + t4 * t25
+
+    # column of joint 5
+    t33 = t16 - t24
+    t34 = t17 - t25
+    t35 = t18 - t26
+    t36 = t13 * t34 + t12 * t35
+    t37 = t4 * t35 - t13 * t33
+    t38 = t12 * t33 + t4 * t34
+
+    # column of joint 6
+    t39 = t20 * t35 - t21 * t34
+    t40 = t19 * t35 + t21 * t33
+    t41 = t19 * t34 + t20 * t33
+
+    # columns of the base
+    t42 = t1 * t18 - t2 * t17
+    t43 = t2 * t16
+    t44 = t1 * t16
+    t45 = t13 * t17 + t12 * t18
+    t46 = t13 * t16 - t4 * t18
+    t47 = t12 * t16 + t4 * t17
+    return (
+        0.0, t42, -t45, 0.0, 0.0, 1.0, 0.0, 0.0, -t18, t43, t46, 0.0, 0.0, 0.0, 1.0, 0.0, t17, -t44,
+        t47, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t1, -t12, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, t2, t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t27, -t30, t36, t39, 1.0,
+        0.0, 0.0, -t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29, t32, -t38, -t41, 0.0, 0.0,
+        1.0, 1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12, -t20, 0.0, 0.0, 0.0, 0.0,
+        t2, t13, t13, -t21, 0.0, 0.0, 0.0,
+    )
+
+
+def frame_velocities(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Velocities of the frames' origins, then angular velocities, in world axes.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
+        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    velocities: array (..., 2, 6); [m/s] in the first three, [rad/s] in the others, a row for each
+        of base, tip
+    Source: forward kinematics. 124 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_velocities,
+        constants,
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+    )
+    return shaped(entries, (2, 6), batch)
+
+
+def _frame_velocities(k, sin, cos, q, v):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_5 = v[3]
+    v_theta_6 = v[4]
+    v_x = v[5]
+    v_y = v[6]
+    v_z = v[7]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # motion of the base
+    t12 = v_theta_m1 * t3
+    t13 = v_theta_1 + v_theta_m1 * t4
+
+    # motion of link 1
+    t14 = v_theta_5 + t13
+    t15 = t8 * t12 + v_theta_0 * t9
+
+    # motion of link 2
+    t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
+
+    # motion of base in world axes
+    t17 = t5 * base_arm_length
+    t18 = t6 * base_arm_length
+
+    # axes of the base
+    t19 = t2 * t3
+    t20 = t1 * t3
+
+    # motion of link 1
+    t21 = base_arm_length * t6 * t13
+    t22 = base_arm_length * t5 * t13
+
+    # axes of the base
+    t23 = t2 * t4
+    t24 = t1 * t4
+
+    # joint 5 and the axes of link 1
+    t25 = t3 * t8
+    t26 = t1 * t9 + t8 * t23
+    t27 = t2 * t9 - t8 * t24
+    t28 = t3 * t9
+    t29 = t1 * t8 - t9 * t23
+    t30 = t2 * t8 + t9 * t24
+
+    # motion of tip in world axes
+    t31 = link2_length * t10
+    t32 = link2_length * t11
+
+    # motion of link 1
+    t33 = t9 * t21 + t8 * t22
+
+    # motion of base in world axes
+    t34 = t13 * t18
+    t35 = t13 * t17
+    t36 = v_theta_0 * t17 - t12 * t18
+    t37 = v_x - t3 * t34 - t4 * t36
+    t38 = v_y + t1 * t35 + t19 * t36 - t23 * t34
+    t39 = v_z + t24 * t34 + t2 * t35 - t20 * t36
+    t40 = t3 * t12 + t4 * t13
+    t41 = t12 * t23 + v_theta_0 * t1 - t13 * t19
+    t42 = v_theta_0 * t2 + t13 * t20 - t12 * t24
+
+    # motion of tip in world axes
+    t43 = t9 * t22 - t8 * t21 - t16 * t32
+    t44 = base_arm_length * (v_theta_0 * t5 - t6 * t12) - t16 * t31
+    t45 = t33 + t14 * t31 - t15 * t32
+    t46 = v_x + t25 * t43 - t4 * t44 - t28 * t45
+    t47 = v_y + t26 * t43 + t19 * t44 + t29 * t45
+    t48 = v_z + t27 * t43 + t30 * t45 - t20 * t44
+    t49 = t15 * t25 + t4 * t14 + t16 * t28
+    t50 = t14 * t19 + t16 * t29 - t15 * t26
+    t51 = t15 * t27 + t14 * t20 - t16 * t30
+    return (
+        t37, t38, t39, t40, t41, t42, t46, t47, t48, t49, -t50, t51,
+    )
+
+
+def frame_bias_accelerations(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Accelerations of the frames where a is zero, gravity left out, in world axes.
+
+    They are the Jacobians' rates times v: a frame accelerates at its Jacobian times a plus this,
+    linear entries first, then angular.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
+        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    bias_accelerations: array (..., 2, 6); [m/s^2] in the first three, [rad/s^2] in the others, a
+        row for each of base, tip
+    Source: forward kinematics. 181 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _frame_bias_accelerations,
+        constants,
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+    )
+    return shaped(entries, (2, 6), batch)
+
+
+def _frame_bias_accelerations(k, sin, cos, q, v):
+    base_arm_length = k[1]
+    link2_length = k[5]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_5 = v[3]
+    v_theta_6 = v[4]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # motion of the base
+    t12 = v_theta_m1 * t4
+    t13 = v_theta_m1 * t3
+    t14 = v_theta_0 * t13
+    t15 = t12 * t13
+    t16 = 2.0 * t14
+    t17 = 2.0 * v_theta_0 * t12
+    t18 = v_theta_1 + t12
+    t19 = t17 - v_theta_0 * t18
+    t20 = t15 - t13 * t18
+    t21 = t18 * t18
+    t22 = v_theta_0 * v_theta_0 + t21
+    t23 = t15 - 2.0 * t18 * t13
+    t24 = t13 * t13 + t21
+    t25 = t17 - 2.0 * t18 * v_theta_0
+
+    # motion of link 1
+    t26 = base_arm_length * t5 * t22
+    t27 = base_arm_length * (t5 * t16 - t6 * t24)
+    t28 = base_arm_length * (t5 * t23 + t6 * t25)
+    t29 = v_theta_5 + t18
+    t30 = t17 - v_theta_0 * t29
+    t31 = t15 - t13 * t29
+    t32 = t8 * t13 + v_theta_0 * t9
+    t33 = v_theta_0 * t8 - t9 * t13
+    t34 = t9 * t30 + t8 * t31
+    t35 = t29 * t32
+    t36 = t14 - t32 * t33
+    t37 = t9 * t31 + t29 * t33 - t8 * t30
+
+    # motion of link 2
+    t38 = v_theta_6 - t33
+    t39 = t37 + t29 * t38
+    t40 = t36 - t32 * t38
+    t41 = t38 * t38
+
+    # motion of base in world axes
+    t42 = t5 * base_arm_length
+    t43 = t6 * base_arm_length
+
+    # axes of the base
+    t44 = t2 * t3
+    t45 = t1 * t3
+    t46 = t2 * t4
+    t47 = t1 * t4
+
+    # joint 5 and the axes of link 1
+    t48 = t3 * t8
+    t49 = t1 * t9 + t8 * t46
+    t50 = t2 * t9 - t8 * t47
+    t51 = t3 * t9
+    t52 = t1 * t8 - t9 * t46
+    t53 = t2 * t8 + t9 * t47
+
+    # motion of link 1
+    t54 = t9 * t27 - t8 * t26
+
+    # motion of tip in world axes
+    t55 = link2_length * t10
+    t56 = link2_length * t11
+    t57 = (t29 * t29 + t41) * t55
+    t58 = (t32 * t32 + t41) * t56
+    t59 = (t36 - 2.0 * t38 * t32) * t55
+    t60 = (t37 + 2.0 * t38 * t29) * t56
+
+    # motion of base in world axes
+    t61 = t22 * t42
+    t62 = t16 * t42 - t24 * t43
+    t63 = t23 * t42 + t25 * t43
+    t64 = t3 * t61 + t4 * t63
+    t65 = t1 * t62 + t44 * t63 - t46 * t61
+    t66 = t47 * t61 + t2 * t62 - t45 * t63
+    t67 = t3 * t19 - t4 * t14
+    t68 = t19 * t46 + t14 * t44 - t1 * t20
+    t69 = t19 * t47 + t2 * t20 + t14 * t45
+
+    # motion of tip in world axes
+    t70 = t54 + (t34 + t35) * t56 - t57
+    t71 = t28 + (t34 - t35) * t55 + t58
+    t72 = t9 * t26 + t8 * t27 + t59 - t60
+    t73 = t4 * t71 + t51 * t72 - t48 * t70
+    t74 = t49 * t70 + t44 * t71 + t52 * t72
+    t75 = t50 * t70 + t53 * t72 - t45 * t71
+    t76 = t4 * t40 + t39 * t48 - t34 * t51
+    t77 = t39 * t49 + t34 * t52 - t40 * t44
+    t78 = t39 * t50 + t40 * t45 + t34 * t53
+    return (
+        -t64, t65, t66, -t67, -t68, t69, -t73, t74, t75, t76, t77, t78,
+    )
+
+
+def centre_of_mass(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """World position of the centre of mass.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    position: array (..., 3); [m]
+    Source: the first moment of mass. 27 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _centre_of_mass,
+        constants,
+        state_array("q", q, 8),
+    )
+    return shaped(entries, (3,), batch)
+
+
+def _centre_of_mass(k, sin, cos, q):
+    k49 = k[11]
+    k55 = k[15]
+    k69 = k[27]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    x = q[5]
+    y = q[6]
+    z = q[7]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # inertia of link 2, turned by the joints
+    t12 = k49 * t10
+
+    # centre of mass from the origin
+    t13 = k49 * t11 * k69
+    t14 = (t5 * k55 + t8 * t12) * k69
+    t15 = (t6 * k55 + t9 * t12) * k69
+
+    # centre of mass in the world
+    t16 = t3 * t13 - t4 * t14
+    t17 = x + t3 * t14 + t4 * t13
+    t18 = y + t1 * t15 - t2 * t16
+    t19 = z + t1 * t16 + t2 * t15
+    return (
+        t17, t18, t19,
+    )
+
+
+def centre_of_mass_jacobian(
+    q: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Jacobian of the centre of mass, in world axes.
+
+    Times the robot's mass it takes v to the linear momentum.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    jacobian: array (..., 3, 8); [m/rad or 1]
+    Source: the first moment of mass. 76 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _centre_of_mass_jacobian,
+        constants,
+        state_array("q", q, 8),
+    )
+    return shaped(entries, (3, 8), batch)
+
+
+def _centre_of_mass_jacobian(k, sin, cos, q):
+    k49 = k[11]
+    k55 = k[15]
+    k69 = k[27]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # inertia of link 2, turned by the joints
+    t12 = k49 * t10
+
+    # composite inertia of links 1 and 2, about joint 5
+    t13 = t8 * t12
+    t14 = t9 * t12
+
+    # axes of the base
+    t15 = t2 * t3
+    t16 = t1 * t3
+
+    # column of joint 5
+    t17 = t13 * k69
+    t18 = t14 * k69
+
+    # centre of mass from the origin
+    t19 = k49 * t11 * k69
+
+    # column of joint 6
+    t20 = t12 * k69
+
+    # axes of the base
+    t21 = t2 * t4
+    t22 = t1 * t4
+
+    # centre of mass from the origin
+    t23 = (t5 * k55 + t13) * k69
+    t24 = (t6 * k55 + t14) * k69
+    t25 = t3 * t19 - t4 * t23
+    t26 = t3 * t23 + t4 * t19
+    t27 = t1 * t24 - t2 * t25
+    t28 = t1 * t25 + t2 * t24
+
+    # columns of the base
+    t29 = t1 * t28 - t2 * t27
+    t30 = t2 * t26
+    t31 = t1 * t26
+    t32 = t16 * t27 + t15 * t28
+    t33 = t16 * t26 - t4 * t28
+    t34 = t15 * t26 + t4 * t27
+
+    # column of joint 5
+    t35 = t3 * t18
+    t36 = t18 * t21 - t1 * t17
+    t37 = t18 * t22 + t2 * t17
+
+    # column of joint 6
+    t38 = t19 * t3 * t8 - t4 * t20
+    t39 = t19 * (t1 * t9 + t8 * t21) + t15 * t20
+    t40 = t19 * (t2 * t9 - t8 * t22) - t16 * t20
+    return (
+        0.0, t29, -t32, -t35, -t38, 1.0, 0.0, 0.0, -t28, t30, t33, -t36, -t39, 0.0, 1.0, 0.0, t27,
+        -t31, t34, t37, -t40, 0.0, 0.0, 1.0,
+    )
+
+
+def centroidal_momentum(
+    q: ArrayLike,
+    v: ArrayLike,
+    constants: tuple[float, ...] | None = None,
+) -> NDArray[np.float64]:
+    """Linear momentum, then angular momentum about the centre of mass, in world axes.
+
+    The same as Pinocchio's computeCentroidalMomentum.
+
+    q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
+        [m], y [m], z [m]
+    v: their rates, v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s], v_theta_5 [rad/s],
+        v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
+    constants: what `prepare` returns; those of the default parameters if omitted
+
+    Returns:
+    momentum: array (..., 6); [kg m/s] in the first three, [kg m^2/s] in the others
+    Source: eq. 6 with rates for accelerations. 163 operations, 5 sine-cosine pairs.
+    """
+    entries, batch = _evaluate(
+        _centroidal_momentum,
+        constants,
+        state_array("q", q, 8),
+        state_array("v", v, 8),
+    )
+    return shaped(entries, (6,), batch)
+
+
+def _centroidal_momentum(k, sin, cos, q, v):
+    base_arm_length = k[1]
+    k28 = k[6]
+    k34 = k[7]
+    k40 = k[8]
+    k46 = k[9]
+    k47 = k[10]
+    k49 = k[11]
+    k54 = k[14]
+    k55 = k[15]
+    k56 = k[16]
+    k57 = k[17]
+    k58 = k[18]
+    k69 = k[27]
+    theta_m1 = q[0]
+    theta_0 = q[1]
+    theta_1 = q[2]
+    theta_5 = q[3]
+    theta_6 = q[4]
+    v_theta_m1 = v[0]
+    v_theta_0 = v[1]
+    v_theta_1 = v[2]
+    v_theta_5 = v[3]
+    v_theta_6 = v[4]
+    v_x = v[5]
+    v_y = v[6]
+    v_z = v[7]
+
+    # attitude
+    t1 = cos(theta_m1)
+    t2 = sin(theta_m1)
+    t3 = cos(theta_0)
+    t4 = sin(theta_0)
+    t5 = cos(theta_1)
+    t6 = sin(theta_1)
+
+    # angles and places of the joints
+    t7 = theta_1 + theta_5
+    t8 = cos(t7)
+    t9 = sin(t7)
+    t10 = cos(theta_6)
+    t11 = sin(theta_6)
+
+    # motion of the base
+    t12 = v_theta_m1 * t3
+    t13 = v_theta_1 + v_theta_m1 * t4
+
+    # motion of link 1
+    t14 = v_theta_5 + t13
+    t15 = t8 * t12 + v_theta_0 * t9
+
+    # motion of link 2
+    t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
+
+    # inertia of link 2, turned by the joints
+    t17 = k49 * t10
+    t18 = k49 * t11
+    t19 = t11 * k57
+    t20 = t11 * t19
+    t21 = k28 - t20
+    t22 = k34 + t20
+    t23 = t10 * t19
+
+    # step from the base to link 1
+    t24 = t5 * base_arm_length
+    t25 = t6 * base_arm_length
+
+    # inertia of the base, turned by the joints
+    t26 = t6 * k58
+    t27 = t6 * t26
+    t28 = k56 + t27
+    t29 = k46 - t27
+    t30 = t5 * t26
+
+    # motion of link 1
+    t31 = v_theta_0 * t5 - t6 * t12
+
+    # centre of mass from the origin
+    t32 = t18 * k69
+
+    # motion of link 1
+    t33 = t6 * t13
+    t34 = t5 * t13
+    t35 = base_arm_length * t33
+    t36 = base_arm_length * t34
+
+    # centre of mass from the origin
+    t37 = (t5 * k55 + t8 * t17) * k69
+    t38 = (t6 * k55 + t9 * t17) * k69
+
+    # motion of link 1
+    t39 = t9 * t35 + t8 * t36
+
+    # inertia forces of link 2, about joint 6
+    t40 = t14 * t23 + t18 * t39 - t15 * t22
+    t41 = t14 * t21 + t17 * t39 - t15 * t23
+    t42 = t17 * base_arm_length * t31
+    t43 = t18 * (t9 * t36 - t8 * t35)
+    t44 = t16 * t21 + t16 * t22 - t42 - t43
+    t45 = k49 * t11 * t16
+    t46 = k49 * t10 * t16
+    t47 = k49 * (t11 * t15 - t10 * t14)
+
+    # inertia forces of links 1 and 2, about joint 5
+    t48 = t40 - k40 * t15
+    t49 = t9 * t47 - t8 * t45
+    t50 = t9 * t45 + t8 * t47
+
+    # inertia forces of the base and links 1 and 2
+    t51 = t25 * t49 + t24 * t50 - t41 - k40 * t14
+    t52 = v_theta_0 * t30 + t12 * t29 + k47 * t12
+    t53 = t12 * t30 + v_theta_0 * t28 + v_theta_0 * k47
+    t54 = t49 - k55 * t33
+    t55 = t50 - k55 * t34
+    t56 = t46 - k55 * t31
+    t57 = t9 * t44 + t25 * t46 + t52 - t8 * t48
+    t58 = t8 * t44 + t9 * t48 + t24 * t46 - t53
+    t59 = t51 - t13 * t28 - t13 * t29
+
+    # momentum in world axes
+    t60 = t38 * t56 + t32 * t55 - t57
+    t61 = t58 + t32 * t54 - t37 * t56
+    t62 = t37 * t55 + t38 * t54 - t59
+    t63 = t3 * t56 - t4 * t54
+    t64 = v_x * k54 + t3 * t54 + t4 * t56
+    t65 = v_y * k54 - t1 * t55 - t2 * t63
+    t66 = v_z * k54 + t1 * t63 - t2 * t55
+    t67 = t3 * t62 + t4 * t60
+    t68 = t4 * t62 - t3 * t60
+    t69 = t1 * t61 + t2 * t67
+    t70 = t1 * t67 - t2 * t61
+    return (
+        t64, t65, t66, t68, -t69, t70,
     )
 
 

@@ -386,6 +386,7 @@ const Constants
     R(0.5),
     R(0.041666666666666664),
     R(1.9080000000000002e-06),
+    R(2.1199999999999991e-07),
     R(3.0),
     R(9.0),
     R(1.9080000000000002e-06),
@@ -393,6 +394,7 @@ const Constants
     R(0.083337149333333332),
     R(8.4799999999999965e-07),
     R(4.5),
+    R(3.0),
     R(1.0),
     R(5.0),
     R(2.5),
@@ -401,11 +403,13 @@ const Constants
     -R(1.2500000000000002),
     R(49.050000000000004),
     R(0.125),
+    R(0.5),
     R(0.041668574666666666),
     R(0.10416857466666667),
     R(0.08333799733333333),
     R(5.9997252605808677),
     R(11.999328421586901),
+    R(0.20000000000000001),
     R(4.2399999999999983e-07),
     R(2.5),
     R(1.0599999999999996e-07),
@@ -504,18 +508,20 @@ int quadrotor_2link_init_constants(
 
     /* inertia of the base, about the origin */
     const STEPWISE real k60 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k61 = base_arm_length * base_arm_mass_per_length;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k61 = base_arm_length * k60;
-    const STEPWISE real k62 = k8 + k14;
-    const STEPWISE real k63 = k61 + k62;
-    const STEPWISE real k64 = k46 + k47;
-    const STEPWISE real k65 = R(2.0) * k46;
-    const STEPWISE real k66 = R(1.0) / k65;
-    const STEPWISE real k67 = R(1.0) / k64;
-    const STEPWISE real k68 = R(0.5) * k47;
-    const STEPWISE real k69 = R(0.5) * k54;
-    const STEPWISE real k70 = R(0.5) * k40;
+    const STEPWISE real k62 = base_arm_length * k60;
+    const STEPWISE real k63 = k8 + k14;
+    const STEPWISE real k64 = k62 + k63;
+    const STEPWISE real k65 = k46 + k47;
+    const STEPWISE real k66 = R(2.0) * k46;
+    const STEPWISE real k67 = R(1.0) / k66;
+    const STEPWISE real k68 = R(1.0) / k65;
+    const STEPWISE real k69 = R(1.0) / k54;
+    const STEPWISE real k70 = R(0.5) * k47;
+    const STEPWISE real k71 = R(0.5) * k54;
+    const STEPWISE real k72 = R(0.5) * k40;
     int good = k54 > R(0.0);
     for (int i = 0; i < 11; ++i) {
         good &= is_finite(parameters[i]);
@@ -528,6 +534,8 @@ int quadrotor_2link_init_constants(
     good &= is_finite(k8);
     constants->k14 = k14;
     good &= is_finite(k14);
+    constants->k20 = k20;
+    good &= is_finite(k20);
     constants->link2_length = link2_length;
     good &= is_finite(link2_length);
     constants->k28 = k28;
@@ -542,6 +550,8 @@ int quadrotor_2link_init_constants(
     good &= is_finite(k47);
     constants->k49 = k49;
     good &= is_finite(k49);
+    constants->k50 = k50;
+    good &= is_finite(k50);
     constants->k52 = k52;
     good &= is_finite(k52);
     constants->k54 = k54;
@@ -558,14 +568,14 @@ int quadrotor_2link_init_constants(
     good &= is_finite(k59);
     constants->k60 = k60;
     good &= is_finite(k60);
-    constants->k62 = k62;
-    good &= is_finite(k62);
+    constants->k61 = k61;
+    good &= is_finite(k61);
     constants->k63 = k63;
     good &= is_finite(k63);
     constants->k64 = k64;
     good &= is_finite(k64);
-    constants->k66 = k66;
-    good &= is_finite(k66);
+    constants->k65 = k65;
+    good &= is_finite(k65);
     constants->k67 = k67;
     good &= is_finite(k67);
     constants->k68 = k68;
@@ -574,6 +584,10 @@ int quadrotor_2link_init_constants(
     good &= is_finite(k69);
     constants->k70 = k70;
     good &= is_finite(k70);
+    constants->k71 = k71;
+    good &= is_finite(k71);
+    constants->k72 = k72;
+    good &= is_finite(k72);
     return !good;
 }
 
@@ -1675,9 +1689,9 @@ static INLINE void forward_dynamics_lane(
     const real k49 = constants->k49;
     const real k54 = constants->k54;
     const real k57 = constants->k57;
-    const real k64 = constants->k64;
-    const real k66 = constants->k66;
+    const real k65 = constants->k65;
     const real k67 = constants->k67;
+    const real k68 = constants->k68;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1781,7 +1795,7 @@ static INLINE void forward_dynamics_lane(
     const real t71 = t55 + c4 * t67 - t44 * t58 - s4 * t68;
 
     /* acceleration of the base, by LDL^T */
-    const real t72 = R(1.0) / (k40 + t43 + k64 - t44 * t60);
+    const real t72 = R(1.0) / (k40 + t43 + k65 - t44 * t60);
     const real t73 = t62 * t72;
     const real t74 = t61 + c4 * t64 - s4 * t63 - t71 * t73;
     const real t75 = R(1.0) / (k54 - t38 * t59 - t62 * t73);
@@ -1793,8 +1807,8 @@ static INLINE void forward_dynamics_lane(
     const real t81 = t77 * t80 + t70 * t76;
     const real t82 = t74 * t75;
     const real t83 = t73 * t82 - t71 * t72;
-    const real t84 = (tau_6 + c4 * t68 + s4 * t67) * k67;
-    const real t85 = (tau_5 - t69) * k66;
+    const real t84 = (tau_6 + c4 * t68 + s4 * t67) * k68;
+    const real t85 = (tau_5 - t69) * k67;
 
     /* acceleration of joint 5 */
     const real t86 = t85 + t58 + t60 * t83 - t59 * t82;
@@ -2256,8 +2270,8 @@ static INLINE void hybrid_mass_matrix_lane(
     const real k57 = constants->k57;
     const real k58 = constants->k58;
     const real k60 = constants->k60;
-    const real k62 = constants->k62;
     const real k63 = constants->k63;
+    const real k64 = constants->k64;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2268,17 +2282,17 @@ static INLINE void hybrid_mass_matrix_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    mass_matrix[31 * stride] = k62;
-    mass_matrix[32 * stride] = k63;
-    mass_matrix[33 * stride] = k62;
-    mass_matrix[44 * stride] = k62;
-    mass_matrix[45 * stride] = k62;
+    mass_matrix[31 * stride] = k63;
+    mass_matrix[32 * stride] = k64;
+    mass_matrix[33 * stride] = k63;
+    mass_matrix[44 * stride] = k63;
+    mass_matrix[45 * stride] = k63;
     mass_matrix[53 * stride] = -R(1.0);
-    mass_matrix[58 * stride] = k63;
-    mass_matrix[60 * stride] = k62;
+    mass_matrix[58 * stride] = k64;
+    mass_matrix[60 * stride] = k63;
     mass_matrix[68 * stride] = -R(1.0);
-    mass_matrix[72 * stride] = k62;
-    mass_matrix[75 * stride] = k62;
+    mass_matrix[72 * stride] = k63;
+    mass_matrix[75 * stride] = k63;
     mass_matrix[83 * stride] = -R(1.0);
     mass_matrix[120 * stride] = k54;
     mass_matrix[135 * stride] = k54;
@@ -2425,7 +2439,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[78 * stride] = -t75;
     mass_matrix[115 * stride] = t75;
     mass_matrix[117 * stride] = -t75;
-    const real t76 = s2 * k62;
+    const real t76 = s2 * k63;
     mass_matrix[3 * stride] = t76;
     mass_matrix[5 * stride] = t76;
     mass_matrix[42 * stride] = t76;
@@ -2446,7 +2460,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t80 = c2 * t72;
     mass_matrix[64 * stride] = -t80;
     mass_matrix[116 * stride] = -t80;
-    const real t81 = s2 * k63;
+    const real t81 = s2 * k64;
     mass_matrix[4 * stride] = t81;
     mass_matrix[56 * stride] = t81;
     const real t82 = c1 * t73 - s1 * t79;
@@ -3182,9 +3196,9 @@ static INLINE void gibbs_lane(
     const real k56 = constants->k56;
     const real k57 = constants->k57;
     const real k58 = constants->k58;
-    const real k68 = constants->k68;
-    const real k69 = constants->k69;
     const real k70 = constants->k70;
+    const real k71 = constants->k71;
+    const real k72 = constants->k72;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3280,11 +3294,11 @@ static INLINE void gibbs_lane(
     const real t65 = t21 * t25 + t23 - t57;
 
     /* Gibbs function of the base */
-    const real t66 = t48 * t48 * k68;
-    const real t67 = k68 * t49 * t49;
-    const real t68 = t41 * t41 * k69;
-    const real t69 = k69 * t43 * t43;
-    const real t70 = k69 * t44 * t44;
+    const real t66 = t48 * t48 * k70;
+    const real t67 = k70 * t49 * t49;
+    const real t68 = t41 * t41 * k71;
+    const real t69 = k71 * t43 * t43;
+    const real t70 = k71 * t44 * t44;
     const real t71 = R(0.5) * t47 * t37 * t47;
     const real t72 = R(0.5) * t49 * t37 * t49;
     const real t73 = R(0.5) * t47 * t38 * t47;
@@ -3322,10 +3336,10 @@ static INLINE void gibbs_lane(
         t99 - t100 - t101 - t102;
 
     /* Gibbs function of link 1 */
-    const real t104 = k70 * t60 * t60;
+    const real t104 = k72 * t60 * t60;
     const real t105 = k40 * t24 * t60;
     const real t106 = k40 * t23 * t57;
-    const real t107 = t57 * t57 * k70 + t104 + t105 - t106;
+    const real t107 = t57 * t57 * k72 + t104 + t105 - t106;
 
     /* Gibbs function of link 2 */
     const real t108 = R(0.5) * t63 * t30 * t63;
@@ -3495,9 +3509,9 @@ static INLINE void kinetic_energy_lane(
     const real k56 = constants->k56;
     const real k57 = constants->k57;
     const real k58 = constants->k58;
-    const real k68 = constants->k68;
-    const real k69 = constants->k69;
     const real k70 = constants->k70;
+    const real k71 = constants->k71;
+    const real k72 = constants->k72;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3557,11 +3571,11 @@ static INLINE void kinetic_energy_lane(
     const real t36 = c4 * t34 - s4 * t33;
 
     /* Gibbs function of the base */
-    const real t37 = t12 * t12 * k68;
-    const real t38 = v_theta_0 * v_theta_0 * k68;
-    const real t39 = k69 * t29 * t29;
-    const real t40 = k69 * t31 * t31;
-    const real t41 = k69 * t32 * t32;
+    const real t37 = t12 * t12 * k70;
+    const real t38 = v_theta_0 * v_theta_0 * k70;
+    const real t39 = k71 * t29 * t29;
+    const real t40 = k71 * t31 * t31;
+    const real t41 = k71 * t32 * t32;
     const real t42 = R(0.5) * t13 * t13 * t27;
     const real t43 = R(0.5) * v_theta_0 * v_theta_0 * t27;
     const real t44 = R(0.5) * t12 * t12 * t28;
@@ -3575,7 +3589,7 @@ static INLINE void kinetic_energy_lane(
         t50;
 
     /* Gibbs function of link 1 */
-    const real t52 = t14 * t14 * k70 + t15 * t15 * k70;
+    const real t52 = t14 * t14 * k72 + t15 * t15 * k72;
 
     /* Gibbs function of link 2 */
     const real t53 = R(0.5) * t14 * t14 * t21;
@@ -3783,6 +3797,1118 @@ quadrotor_2link_potential_energy_batch(
             constants,
             last_q,
             energy + whole * (1 * LANES));
+    }
+}
+
+/* ---- gravity_forces ---- */
+
+static INLINE void gravity_forces_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void gravity_forces_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT force,
+    const int stride)
+{
+    (void)q;
+    const real k49 = constants->k49;
+    const real k55 = constants->k55;
+    const real k59 = constants->k59;
+    const real k69 = constants->k69;
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    force[5 * stride] = R(0.0);
+    force[6 * stride] = R(0.0);
+    force[7 * stride] = -k59;
+
+    /* inertia of link 2, turned by the joints */
+    const real t12 = k49 * c5;
+
+    /* composite inertia of links 1 and 2, about joint 5 */
+    const real t13 = c4 * t12;
+    const real t14 = s4 * t12;
+
+    /* centre of mass from the origin */
+    const real t15 = k49 * s5 * k69;
+
+    /* axes of the base */
+    const real t16 = c1 * s2;
+
+    /* centre of mass from the origin */
+    const real t17 = (c3 * k55 + t13) * k69;
+    const real t18 = c2 * t17 + s2 * t15;
+    const real t19 = s1 * (c2 * t15 - s2 * t17);
+    const real t20 = c1 * (s3 * k55 + t14) * k69 - t19;
+
+    /* column of joint 6 */
+    const real t21 = t15 * (s1 * s4 - c4 * t16);
+
+    /* weight at the centre of mass */
+    const real t22 = k59 * t20;
+    force[0 * stride] = -t22;
+    const real t23 = k59 * c1 * t18;
+    force[1 * stride] = t23;
+    const real t24 = k59 * (s1 * c2 * t18 + s2 * t20);
+    force[2 * stride] = -t24;
+    const real t25 = k59 * (t14 * k69 * t16 + s1 * t13 * k69);
+    force[3 * stride] = -t25;
+    const real t26 = k59 * (t21 - c1 * c2 * t12 * k69);
+    force[4 * stride] = t26;
+}
+
+void
+quadrotor_2link_gravity_forces(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT force)
+{
+    real angle[5], sine[5], cosine[5];
+    gravity_forces_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    gravity_forces_lane(constants, sine, cosine, q, force, 1);
+}
+
+static WIDE void gravity_forces_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT force)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        gravity_forces_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        gravity_forces_lane(constants, sine + lane, cosine + lane, q + lane, force + lane,
+            LANES);
+    }
+}
+
+void
+quadrotor_2link_gravity_forces_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT force)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        gravity_forces_block(
+            constants,
+            q + block * (8 * LANES),
+            force + block * (8 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        gravity_forces_block(
+            constants,
+            last_q,
+            force + whole * (8 * LANES));
+    }
+}
+
+/* ---- wrench_forces ---- */
+
+static INLINE void wrench_forces_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)W;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void wrench_forces_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real W_base_fx = W[0 * stride];
+    const real W_base_fy = W[1 * stride];
+    const real W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride];
+    const real W_base_ty = W[4 * stride];
+    const real W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride];
+    const real W_tip_fy = W[7 * stride];
+    const real W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride];
+    const real W_tip_ty = W[10 * stride];
+    const real W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+
+    /* step from the base to link 1 */
+    const real t12 = c3 * base_arm_length;
+    const real t13 = s3 * base_arm_length;
+
+    /* axes of the base */
+    const real t14 = s1 * c2;
+    const real t15 = c1 * c2;
+    const real t16 = c2 * c3;
+    const real t17 = s1 * s2;
+    const real t18 = c1 * s2;
+    const real t19 = c1 * s3 + c3 * t17;
+    const real t20 = s1 * s3 - c3 * t18;
+    const real t21 = c2 * s3;
+    const real t22 = c1 * c3 - s3 * t17;
+    const real t23 = s1 * c3 + s3 * t18;
+
+    /* joint 5 and the axes of link 1 */
+    const real t24 = c2 * c4;
+    const real t25 = c1 * s4 + c4 * t17;
+    const real t26 = s1 * s4 - c4 * t18;
+    const real t27 = c2 * s4;
+    const real t28 = c1 * c4 - s4 * t17;
+    const real t29 = s1 * c4 + s4 * t18;
+
+    /* joint 6 and the axes of link 2 */
+    const real t30 = c5 * t24 + s2 * s5;
+    const real t31 = c5 * t25 - s5 * t14;
+    const real t32 = c5 * t26 + s5 * t15;
+    const real t33 = s2 * c5 - s5 * t24;
+    const real t34 = s5 * t25 + c5 * t14;
+    const real t35 = c5 * t15 - s5 * t26;
+
+    /* wrench on base, in the frame of its link */
+    const real t36 = W_base_fx * t16 + W_base_fy * t19 + W_base_fz * t20;
+    const real t37 = W_base_fy * t22 + W_base_fz * t23 - W_base_fx * t21;
+    const real t38 = W_base_fx * s2 + W_base_fz * t15 - W_base_fy * t14;
+    const real t39 = W_base_tx * t16 + W_base_ty * t19 + W_base_tz * t20;
+    const real t40 = W_base_ty * t22 + W_base_tz * t23 - W_base_tx * t21;
+    const real t41 = W_base_tx * s2 + W_base_tz * t15 - W_base_ty * t14;
+    const real t42 = t40 - base_arm_length * t38;
+
+    /* wrench on tip, in the frame of its link */
+    const real t43 = W_tip_fx * t30 + W_tip_fy * t31 + W_tip_fz * t32;
+    const real t44 = W_tip_fx * t33 + W_tip_fz * t35 - W_tip_fy * t34;
+    const real t45 = W_tip_fy * t28 + W_tip_fz * t29 - W_tip_fx * t27;
+    const real t46 = W_tip_tx * t30 + W_tip_ty * t31 + W_tip_tz * t32;
+    const real t47 = W_tip_tx * t33 + W_tip_tz * t35 - W_tip_ty * t34;
+    const real t48 = W_tip_ty * t28 + W_tip_tz * t29 - W_tip_tx * t27;
+    const real t49 = t47 + link2_length * t45;
+    const real t50 = t48 - link2_length * t44;
+    force[4 * stride] = -t50;
+
+    /* wrenches carried in to the base */
+    const real t51 = c5 * t43 - s5 * t44;
+    const real t52 = s5 * t43 + c5 * t44;
+    const real t53 = c5 * t46 - s5 * t49;
+    const real t54 = s5 * t46 + c5 * t49;
+    force[3 * stride] = t54;
+    const real t55 = c4 * t51 - s4 * t45;
+    const real t56 = c4 * t45 + s4 * t51;
+    const real t57 = c4 * t53 + t13 * t52 - s4 * t50;
+    const real t58 = c4 * t50 + s4 * t53 - t12 * t52;
+    const real t59 = t54 + t12 * t56 - t13 * t55;
+    const real t60 = c3 * t36 + t55 - s3 * t37;
+    const real t61 = s3 * t36 + c3 * t37 + t56;
+    const real t62 = t38 + t52;
+    const real t63 = s3 * t39 + c3 * t42 + t58;
+    force[1 * stride] = t63;
+    const real t64 = t41 + base_arm_length * t37 + t59;
+    force[2 * stride] = t64;
+    const real t65 = c2 * t62 - s2 * t60;
+    const real t66 = c2 * t60 + s2 * t62;
+    force[5 * stride] = t66;
+    const real t67 = c2 * (c3 * t39 + t57 - s3 * t42);
+    const real t68 = t67 + s2 * t64;
+    force[0 * stride] = t68;
+    const real t69 = c1 * t61 - s1 * t65;
+    force[6 * stride] = t69;
+    const real t70 = c1 * t65 + s1 * t61;
+    force[7 * stride] = t70;
+}
+
+void
+quadrotor_2link_wrench_forces(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force)
+{
+    real angle[5], sine[5], cosine[5];
+    wrench_forces_angles(constants, q, W, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    wrench_forces_lane(constants, sine, cosine, q, W, force, 1);
+}
+
+static WIDE void wrench_forces_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        wrench_forces_angles(constants, q + lane, W + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        wrench_forces_lane(constants, sine + lane, cosine + lane, q + lane, W + lane, force
+            + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_wrench_forces_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT W,
+    real *RESTRICT force)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        wrench_forces_block(
+            constants,
+            q + block * (8 * LANES),
+            W + block * (12 * LANES),
+            force + block * (8 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        real last_W[12 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        fill_lanes(
+            12,
+            rest,
+            W + whole * (12 * LANES),
+            last_W);
+        wrench_forces_block(
+            constants,
+            last_q,
+            last_W,
+            force + whole * (8 * LANES));
+    }
+}
+
+/* ---- forward_dynamics_with_wrenches ---- */
+
+static INLINE void forward_dynamics_with_wrenches_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    (void)u;
+    (void)W;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void forward_dynamics_with_wrenches_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration,
+    const int stride)
+{
+    (void)q;
+    const real gravity = constants->gravity;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real k28 = constants->k28;
+    const real k34 = constants->k34;
+    const real k40 = constants->k40;
+    const real k46 = constants->k46;
+    const real k47 = constants->k47;
+    const real k49 = constants->k49;
+    const real k54 = constants->k54;
+    const real k57 = constants->k57;
+    const real k65 = constants->k65;
+    const real k67 = constants->k67;
+    const real k68 = constants->k68;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride];
+    const real v_theta_6 = v[4 * stride];
+    const real F_1 = u[0 * stride];
+    const real F_2 = u[1 * stride];
+    const real F_3 = u[2 * stride];
+    const real F_4 = u[3 * stride];
+    const real tau_5 = u[4 * stride];
+    const real tau_6 = u[5 * stride];
+    const real W_base_fx = W[0 * stride];
+    const real W_base_fy = W[1 * stride];
+    const real W_base_fz = W[2 * stride];
+    const real W_base_tx = W[3 * stride];
+    const real W_base_ty = W[4 * stride];
+    const real W_base_tz = W[5 * stride];
+    const real W_tip_fx = W[6 * stride];
+    const real W_tip_fy = W[7 * stride];
+    const real W_tip_fz = W[8 * stride];
+    const real W_tip_tx = W[9 * stride];
+    const real W_tip_ty = W[10 * stride];
+    const real W_tip_tz = W[11 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
+    const real t12 = v_theta_m1 * s2;
+    const real t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t13;
+    const real t15 = t12 * t13;
+    const real t16 = R(2.0) * v_theta_0 * t12;
+    const real t17 = v_theta_1 + t12;
+    const real t18 = v_theta_0 * t17;
+    const real t19 = t13 * t17;
+    const real t20 = t17 * t17;
+
+    /* motion of link 1 */
+    const real t21 = v_theta_5 + t17;
+    const real t22 = t16 - v_theta_0 * t21;
+    const real t23 = t15 - t13 * t21;
+    const real t24 = c4 * t13 + v_theta_0 * s4;
+    const real t25 = v_theta_0 * c4 - s4 * t13;
+    const real t26 = s4 * t22 + c4 * t23;
+    const real t27 = t21 * t24;
+    const real t28 = t26 - t27;
+    const real t29 = t14 - t24 * t25;
+    const real t30 = s4 * t23 + t21 * t25 - c4 * t22;
+    const real t31 = t26 + t27;
+
+    /* motion of link 2 */
+    const real t32 = v_theta_6 - t25;
+    const real t33 = t32 * t32;
+    const real t34 = t21 * t21 + t33;
+    const real t35 = t29 - R(2.0) * t32 * t24;
+    const real t36 = t24 * t24 + t33;
+    const real t37 = t30 + R(2.0) * t32 * t21;
+
+    /* inertia of link 2, turned by the joints */
+    const real t38 = k49 * c5;
+    const real t39 = k49 * s5;
+    const real t40 = s5 * k57;
+    const real t41 = s5 * t40;
+    const real t42 = k28 - t41;
+    const real t43 = k34 + t41;
+    const real t44 = c5 * t40;
+
+    /* articulated inertia and load of link 2, about joint 6 */
+    const real t45 = k49 * (s5 * t31 - c5 * t34);
+    const real t46 = k49 * (c5 * t28 + s5 * t36);
+
+    /* axes of the base */
+    const real t47 = s1 * c2;
+    const real t48 = c1 * c2;
+    const real t49 = c2 * c3;
+
+    /* articulated inertia and load of link 2, about joint 6 */
+    const real t50 = t28 * t42 + t31 * t43 - t44 * (t34 - t36);
+
+    /* equation of joint 6, its acceleration eliminated */
+    const real t51 = R(1.0) / (t42 + t43);
+    const real t52 = t39 * t51;
+    const real t53 = t38 * t51;
+    const real t54 = t38 * t52;
+
+    /* equation of joint 5, its acceleration eliminated */
+    const real t55 = R(1.0) / (k40 + t42);
+    const real t56 = t38 * t55;
+    const real t57 = t44 * t55;
+    const real t58 = t39 - t44 * t56;
+
+    /* articulated inertia and load of the base and links 1 and 2 */
+    const real t59 = k47 * t16 + k46 * (t16 - R(2.0) * t17 * v_theta_0);
+    const real t60 = k47 * t15 + k46 * (t15 - R(2.0) * t17 * t13);
+
+    /* acceleration of the base, by LDL^T */
+    const real t61 = R(1.0) / (k40 + t43 + k65 - t44 * t57);
+    const real t62 = t58 * t61;
+    const real t63 = R(1.0) / (k54 - t38 * t56 - t58 * t62);
+    const real t64 = R(1.0) / (k54 - t38 * t53);
+    const real t65 = t54 * t64;
+    const real t66 = R(1.0) / (k54 - t39 * t52 - t54 * t65);
+
+    /* accelerations of the attitude angles */
+    const real t67 = R(1.0) / c2;
+
+    /* axes of the base */
+    const real t68 = s1 * s2;
+    const real t69 = c1 * s2;
+    const real t70 = c1 * s3 + c3 * t68;
+    const real t71 = s1 * s3 - c3 * t69;
+    const real t72 = c2 * s3;
+    const real t73 = c1 * c3 - s3 * t68;
+    const real t74 = s1 * c3 + s3 * t69;
+
+    /* joint 5 and the axes of link 1 */
+    const real t75 = c2 * c4;
+    const real t76 = c1 * s4 + c4 * t68;
+    const real t77 = s1 * s4 - c4 * t69;
+    const real t78 = c2 * s4;
+    const real t79 = c1 * c4 - s4 * t68;
+    const real t80 = s1 * c4 + s4 * t69;
+
+    /* joint 6 and the axes of link 2 */
+    const real t81 = c5 * t75 + s2 * s5;
+    const real t82 = c5 * t76 - s5 * t47;
+    const real t83 = c5 * t77 + s5 * t48;
+    const real t84 = s2 * c5 - s5 * t75;
+    const real t85 = s5 * t76 + c5 * t47;
+    const real t86 = c5 * t48 - s5 * t77;
+
+    /* wrench on base, in the frame of its link */
+    const real t87 = W_base_fx * t49 + W_base_fy * t70 + W_base_fz * t71;
+    const real t88 = W_base_fy * t73 + W_base_fz * t74 - W_base_fx * t72;
+    const real t89 = W_base_fx * s2 + W_base_fz * t48 - W_base_fy * t47;
+    const real t90 = W_base_tx * t49 + W_base_ty * t70 + W_base_tz * t71;
+    const real t91 = W_base_ty * t73 + W_base_tz * t74 - W_base_tx * t72;
+    const real t92 = W_base_tx * s2 + W_base_tz * t48 - W_base_ty * t47;
+
+    /* wrench on tip, in the frame of its link */
+    const real t93 = W_tip_fx * t81 + W_tip_fy * t82 + W_tip_fz * t83;
+    const real t94 = W_tip_fx * t84 + W_tip_fz * t86 - W_tip_fy * t85;
+    const real t95 = W_tip_fy * t79 + W_tip_fz * t80 - W_tip_fx * t78;
+    const real t96 = W_tip_tx * t81 + W_tip_ty * t82 + W_tip_tz * t83;
+    const real t97 = W_tip_tx * t84 + W_tip_tz * t86 - W_tip_ty * t85;
+    const real t98 = W_tip_ty * t79 + W_tip_tz * t80 - W_tip_tx * t78;
+    const real t99 = t97 + link2_length * t95;
+
+    /* articulated inertia and load of link 2, about joint 6 */
+    const real t100 = c5 * t96 - s5 * t99;
+    const real t101 = s5 * t96 + c5 * t99;
+    const real t102 = F_2 + t87 - F_4;
+    const real t103 = F_1 * base_arm_length + t91 - F_3 * base_arm_length;
+    const real t104 = F_2 * base_arm_length + F_4 * base_arm_length + t92;
+
+    /* articulated inertia and load of link 2, about joint 6 */
+    const real t105 = k49 * (s5 * t37 - c5 * t35) + t95;
+
+    /* equation of joint 6, its acceleration eliminated */
+    const real t106 = t51 * (tau_6 + t50 + link2_length * t94 - t98);
+    const real t107 = t45 + s5 * t94 - c5 * t93 - t39 * t106;
+    const real t108 = t46 + s5 * t93 + c5 * t94 - t38 * t106;
+
+    /* articulated inertia and load of links 1 and 2, about joint 5 */
+    const real t109 = k40 * t30 + t37 * t43 - t35 * t44 - t100;
+    const real t110 = k40 * t29 + t35 * t42 - t37 * t44 - t101;
+
+    /* equation of joint 5, its acceleration eliminated */
+    const real t111 = t55 * (tau_5 - t110);
+
+    /* articulated inertia and load of the base and links 1 and 2 */
+    const real t112 = s3 * t88 - c3 * t102;
+    const real t113 = c3 * t88 + s3 * t102;
+    const real t114 = t59 + c3 * t90 - s3 * t103;
+    const real t115 = t60 - s3 * t90 - c3 * t103;
+    const real t116 = t105 + s4 * t112 + c4 * t113 - t38 * t111;
+    const real t117 = F_1 + F_3 + t89 + t108;
+    const real t118 = t109 + s4 * t115 - t44 * t111 - c4 * t114;
+
+    /* acceleration of the base, by LDL^T */
+    const real t119 = t107 + c4 * t112 + t65 * t117 - s4 * t113;
+    const real t120 = t66 * t119;
+    const real t121 = t65 * t120 + t64 * t117;
+    const real t122 = t63 * (t116 - t62 * t118);
+    const real t123 = t62 * t122 - t61 * t118;
+    const real t124 = k68 * (tau_6 - s4 * t114 - c4 * t115);
+    const real t125 = k67 * (tau_5 + R(2.0) * k46 * t14 - t104);
+
+    /* acceleration of joint 5 */
+    const real t126 = t125 + t111 + t57 * t123 - t56 * t122;
+    acceleration[3 * stride] = t126;
+
+    /* acceleration of joint 6 */
+    const real t127 = t124 + t106 - t52 * t120 - t53 * t121;
+    acceleration[4 * stride] = t127;
+
+    /* acceleration of the base */
+    const real t128 = c4 * t123 - s4 * t124;
+    const real t129 = s4 * t123 + c4 * t124;
+    acceleration[1 * stride] = t129;
+
+    /* acceleration of the origin, in world axes */
+    const real t130 = t14 - t125;
+    const real t131 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t14 - t130);
+    const real t132 = s3 * (t13 * t13 + t20) - c3 * (t14 + t130);
+    const real t133 = s3 * (t18 + t18 + t128 - t16);
+    const real t134 = base_arm_length * (c3 * (t19 + t19 - t15 - t129) + t133);
+    const real t135 = c4 * t120 + s4 * t122 - base_arm_length * t131;
+    const real t136 = c4 * t122 + base_arm_length * t132 - s4 * t120;
+    const real t137 = t121 - t134;
+    const real t138 = s2 * t135 + c2 * t137;
+    const real t139 = s2 * t137 - c2 * t135;
+    acceleration[5 * stride] = t139;
+    const real t140 = c1 * t136 - s1 * t138;
+    acceleration[6 * stride] = t140;
+
+    /* accelerations of the attitude angles */
+    const real t141 = t67 * t128;
+    acceleration[0 * stride] = t141;
+    const real t142 = t125 + s2 * t141;
+    acceleration[2 * stride] = -t142;
+
+    /* acceleration of the origin, in world axes */
+    const real t143 = gravity - c1 * t138 - s1 * t136;
+    acceleration[7 * stride] = -t143;
+}
+
+void
+quadrotor_2link_forward_dynamics_with_wrenches(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration)
+{
+    real angle[5], sine[5], cosine[5];
+    forward_dynamics_with_wrenches_angles(constants, q, v, u, W, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    forward_dynamics_with_wrenches_lane(constants, sine, cosine, q, v, u, W,
+        acceleration, 1);
+}
+
+static WIDE void forward_dynamics_with_wrenches_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        forward_dynamics_with_wrenches_angles(constants, q + lane, v + lane, u + lane, W +
+            lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        forward_dynamics_with_wrenches_lane(constants, sine + lane, cosine + lane, q + lane,
+            v + lane, u + lane, W + lane, acceleration + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_forward_dynamics_with_wrenches_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT u,
+    const real *RESTRICT W,
+    real *RESTRICT acceleration)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        forward_dynamics_with_wrenches_block(
+            constants,
+            q + block * (8 * LANES),
+            v + block * (8 * LANES),
+            u + block * (6 * LANES),
+            W + block * (12 * LANES),
+            acceleration + block * (8 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        real last_v[8 * LANES];
+        real last_u[6 * LANES];
+        real last_W[12 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        fill_lanes(
+            8,
+            rest,
+            v + whole * (8 * LANES),
+            last_v);
+        fill_lanes(
+            6,
+            rest,
+            u + whole * (6 * LANES),
+            last_u);
+        fill_lanes(
+            12,
+            rest,
+            W + whole * (12 * LANES),
+            last_W);
+        forward_dynamics_with_wrenches_block(
+            constants,
+            last_q,
+            last_v,
+            last_u,
+            last_W,
+            acceleration + whole * (8 * LANES));
+    }
+}
+
+/* ---- joint_wrenches ---- */
+
+static INLINE void joint_wrenches_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    (void)a;
+    (void)u;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void joint_wrenches_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches,
+    const int stride)
+{
+    (void)q;
+    const real gravity = constants->gravity;
+    const real base_arm_length = constants->base_arm_length;
+    const real k8 = constants->k8;
+    const real k14 = constants->k14;
+    const real k20 = constants->k20;
+    const real k28 = constants->k28;
+    const real k34 = constants->k34;
+    const real k40 = constants->k40;
+    const real k49 = constants->k49;
+    const real k50 = constants->k50;
+    const real k57 = constants->k57;
+    const real k60 = constants->k60;
+    const real k61 = constants->k61;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride];
+    const real v_theta_6 = v[4 * stride];
+    const real a_theta_m1 = a[0 * stride];
+    const real a_theta_0 = a[1 * stride];
+    const real a_theta_1 = a[2 * stride];
+    const real a_theta_5 = a[3 * stride];
+    const real a_theta_6 = a[4 * stride];
+    const real a_x = a[5 * stride];
+    const real a_y = a[6 * stride];
+    const real a_z = a[7 * stride];
+    const real F_2 = u[1 * stride];
+    const real F_3 = u[2 * stride];
+    const real F_4 = u[3 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
+    const real t12 = v_theta_m1 * s2;
+    const real t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t12;
+    const real t15 = v_theta_0 * t13;
+    const real t16 = v_theta_1 + t12;
+    const real t17 = t16 * t16;
+
+    /* motion of link 1 */
+    const real t18 = v_theta_5 + t16;
+    const real t19 = c4 * t13 + v_theta_0 * s4;
+    const real t20 = v_theta_0 * c4 - s4 * t13;
+    const real t21 = t18 * t19;
+
+    /* motion of link 2 */
+    const real t22 = v_theta_6 - t20;
+    const real t23 = t22 * t22;
+    const real t24 = t18 * t18 + t23;
+    const real t25 = t19 * t19 + t23;
+
+    /* inertia of link 2, turned by the joints */
+    const real t26 = k49 * c5;
+    const real t27 = k49 * s5;
+    const real t28 = s5 * k57;
+    const real t29 = s5 * t28;
+    const real t30 = k28 - t29;
+    const real t31 = k34 + t29;
+    const real t32 = c5 * t28;
+
+    /* inertia forces of link 2, about joint 6 */
+    const real t33 = t32 * (t24 - t25);
+
+    /* motion of the base */
+    const real t34 = c3 * t13 + v_theta_0 * s3;
+    const real t35 = v_theta_0 * c3 - s3 * t13;
+    const real t36 = t34 * t35;
+    const real t37 = t16 * t34;
+    const real t38 = t16 * t35;
+    const real t39 = t17 + t35 * t35;
+
+    /* inertia forces of base arm 2, about joint 2 */
+    const real t40 = k60 * (t17 + t34 * t34);
+
+    /* motion of the base */
+    const real t41 = a_z + gravity;
+    const real t42 = a_y * c1 + s1 * t41;
+    const real t43 = c1 * t41 - a_y * s1;
+    const real t44 = a_x * s2 + c2 * t43;
+    const real t45 = a_x * c2 - s2 * t43;
+    const real t46 = a_theta_0 + t12 * t13;
+    const real t47 = t14 + t14 - a_theta_m1 * c2;
+    const real t48 = a_theta_1 + t15 + a_theta_m1 * s2;
+    const real t49 = v_theta_0 * t16 - t47;
+    const real t50 = t13 * t16 - t46;
+
+    /* motion of link 1 */
+    const real t51 = c3 * (v_theta_0 * v_theta_0 + t17) - s3 * (t15 - t48);
+    const real t52 = s3 * (t13 * t13 + t17) - c3 * (t15 + t48);
+    const real t53 = s3 * (R(2.0) * t16 * v_theta_0 - t47);
+    const real t54 = base_arm_length * (c3 * (R(2.0) * t16 * t13 - t46) + t53);
+    const real t55 = t45 - base_arm_length * t51;
+    const real t56 = t42 - base_arm_length * t52;
+    const real t57 = t44 + t54;
+    const real t58 = v_theta_0 * t18 - t47;
+    const real t59 = t13 * t18 - t46;
+    const real t60 = c4 * t55 + s4 * t56;
+    const real t61 = c4 * t56 - s4 * t55;
+    const real t62 = t19 * t20 - a_theta_5 - t48;
+    const real t63 = t18 * t20 + c4 * t58 - s4 * t59;
+
+    /* motion of link 2 */
+    const real t64 = a_theta_6 + s4 * t58 + c4 * t59;
+    const real t65 = t21 + t64;
+    const real t66 = R(2.0) * t22 * t19 + t62;
+    const real t67 = t21 - t64;
+    const real t68 = R(2.0) * t22 * t18 + t63;
+
+    /* inertia forces of link 2, about joint 6 */
+    const real t69 = t27 * t61;
+    const real t70 = t26 * t61;
+    const real t71 = t27 * t60;
+    const real t72 = t31 * t67;
+    const real t73 = t33 + t26 * t57 + t30 * t65 - t71 - t72;
+    wrenches[22 * stride] = -t73;
+    wrenches[29 * stride] = t73;
+
+    /* motion of the base */
+    const real t74 = c3 * t49 - s3 * t50;
+    const real t75 = s3 * t49 + c3 * t50;
+    const real t76 = t36 + t48;
+    const real t77 = t37 + t75;
+    const real t78 = t36 - t48;
+    const real t79 = t38 + t74;
+
+    /* motion of base arm 2 */
+    const real t80 = base_arm_length * t39 - s3 * t42 - c3 * t45;
+    const real t81 = c3 * t42 + base_arm_length * t76 - s3 * t45;
+    const real t82 = t44 + base_arm_length * t77;
+
+    /* inertia forces of base arm 2, about joint 2 */
+    const real t83 = k60 * t78;
+    const real t84 = k61 * t80;
+    const real t85 = k61 * t81;
+    const real t86 = t40 + t85;
+    wrenches[0 * stride] = -t86;
+    const real t87 = k61 * t82;
+    const real t88 = k60 * t79;
+    const real t89 = t87 - t88;
+    wrenches[2 * stride] = t89;
+    const real t90 = k8 * t79;
+    const real t91 = k20 * (t38 - t74);
+    const real t92 = k60 * t82;
+    const real t93 = t91 + t92 - t90;
+    wrenches[4 * stride] = -t93;
+    const real t94 = k20 * (t37 - t75);
+    const real t95 = t94 - k14 * t77;
+    wrenches[3 * stride] = -t95;
+    wrenches[15 * stride] = t95;
+    const real t96 = k14 * t76;
+    const real t97 = k8 * t78;
+    const real t98 = k60 * t80;
+
+    /* wrench through joint 2 */
+    const real t99 = F_2 * base_arm_length + t97 + t98 - t96;
+    wrenches[5 * stride] = -t99;
+
+    /* inertia forces of base arm 3, about joint 3 */
+    const real t100 = k60 * t39 + t84;
+    wrenches[6 * stride] = -t100;
+    const real t101 = t85 + k60 * t76;
+    wrenches[7 * stride] = t101;
+    const real t102 = t91 - k14 * t79;
+    wrenches[9 * stride] = -t102;
+    const real t103 = k8 * t76 + k60 * t81 - k14 * t78;
+    wrenches[11 * stride] = t103;
+
+    /* inertia forces of base arm 4, about joint 4 */
+    const real t104 = t40 - t85;
+    wrenches[12 * stride] = -t104;
+    const real t105 = t87 + t88;
+    wrenches[14 * stride] = t105;
+    const real t106 = t90 + t92 - t91;
+    wrenches[16 * stride] = -t106;
+
+    /* wrench through joint 4 */
+    const real t107 = F_4 * base_arm_length + t97 - t96 - t98;
+    wrenches[17 * stride] = -t107;
+
+    /* wrench through joint 2 */
+    const real t108 = F_2 + t83 + t84;
+    wrenches[1 * stride] = -t108;
+
+    /* wrench through joint 3 */
+    const real t109 = F_3 - t87 - k60 * t77;
+    wrenches[8 * stride] = -t109;
+    const real t110 = F_3 * base_arm_length + t94 - t92 - k8 * t77;
+    wrenches[10 * stride] = t110;
+
+    /* wrench through joint 4 */
+    const real t111 = F_4 + t83 - t84;
+    wrenches[13 * stride] = -t111;
+
+    /* inertia forces of link 2, about joint 6 */
+    const real t112 = t27 * t67 + k50 * t60 - t24 * t26;
+    wrenches[18 * stride] = t112;
+    const real t113 = t26 * t65 + k50 * t57 - t25 * t27;
+    wrenches[20 * stride] = t113;
+    const real t114 = t26 * t66 + t27 * t68 - k50 * t61;
+    wrenches[19 * stride] = -t114;
+    wrenches[26 * stride] = t114;
+    const real t115 = t32 * t66 + t31 * t68 + k40 * t63 - t69;
+    wrenches[21 * stride] = t115;
+    const real t116 = t30 * t66 + t32 * t68 + k40 * t62 - t70;
+    wrenches[23 * stride] = -t116;
+
+    /* wrench through joint 6, in its frame */
+    const real t117 = c5 * t112 + s5 * t113;
+    wrenches[24 * stride] = t117;
+    const real t118 = c5 * t113 - s5 * t112;
+    wrenches[25 * stride] = t118;
+    const real t119 = c5 * t115 - s5 * t116;
+    wrenches[27 * stride] = t119;
+    const real t120 = s5 * t115 + c5 * t116;
+    wrenches[28 * stride] = -t120;
+}
+
+void
+quadrotor_2link_joint_wrenches(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches)
+{
+    real angle[5], sine[5], cosine[5];
+    joint_wrenches_angles(constants, q, v, a, u, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    joint_wrenches_lane(constants, sine, cosine, q, v, a, u, wrenches, 1);
+}
+
+static WIDE void joint_wrenches_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        joint_wrenches_angles(constants, q + lane, v + lane, a + lane, u + lane, angle +
+            lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        joint_wrenches_lane(constants, sine + lane, cosine + lane, q + lane, v + lane, a +
+            lane, u + lane, wrenches + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_joint_wrenches_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    const real *RESTRICT a,
+    const real *RESTRICT u,
+    real *RESTRICT wrenches)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        joint_wrenches_block(
+            constants,
+            q + block * (8 * LANES),
+            v + block * (8 * LANES),
+            a + block * (8 * LANES),
+            u + block * (6 * LANES),
+            wrenches + block * (30 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        real last_v[8 * LANES];
+        real last_a[8 * LANES];
+        real last_u[6 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        fill_lanes(
+            8,
+            rest,
+            v + whole * (8 * LANES),
+            last_v);
+        fill_lanes(
+            8,
+            rest,
+            a + whole * (8 * LANES),
+            last_a);
+        fill_lanes(
+            6,
+            rest,
+            u + whole * (6 * LANES),
+            last_u);
+        joint_wrenches_block(
+            constants,
+            last_q,
+            last_v,
+            last_a,
+            last_u,
+            wrenches + whole * (30 * LANES));
     }
 }
 
@@ -4510,6 +5636,1381 @@ quadrotor_2link_tip_bias_acceleration_batch(
             last_q,
             last_v,
             bias_acceleration + whole * (6 * LANES));
+    }
+}
+
+/* ---- frame_poses ---- */
+
+static INLINE void frame_poses_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void frame_poses_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT poses,
+    const int stride)
+{
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real x = q[5 * stride];
+    const real y = q[6 * stride];
+    const real z = q[7 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    poses[2 * stride] = s2;
+    poses[12 * stride] = R(0.0);
+    poses[13 * stride] = R(0.0);
+    poses[14 * stride] = R(0.0);
+    poses[15 * stride] = R(1.0);
+    poses[28 * stride] = R(0.0);
+    poses[29 * stride] = R(0.0);
+    poses[30 * stride] = R(0.0);
+    poses[31 * stride] = R(1.0);
+
+    /* axes of the base */
+    const real t12 = s1 * c2;
+    poses[6 * stride] = -t12;
+    const real t13 = c1 * c2;
+    poses[10 * stride] = t13;
+    const real t14 = c2 * c3;
+    poses[0 * stride] = t14;
+    const real t15 = s1 * s2;
+    const real t16 = c1 * s2;
+    const real t17 = c1 * s3 + c3 * t15;
+    poses[4 * stride] = t17;
+    const real t18 = s1 * s3 - c3 * t16;
+    poses[8 * stride] = t18;
+    const real t19 = c2 * s3;
+    poses[1 * stride] = -t19;
+    const real t20 = c1 * c3 - s3 * t15;
+    poses[5 * stride] = t20;
+    const real t21 = s1 * c3 + s3 * t16;
+    poses[9 * stride] = t21;
+
+    /* joint 5 and the axes of link 1 */
+    const real t22 = base_arm_length * t14;
+    const real t23 = base_arm_length * t17;
+    const real t24 = base_arm_length * t18;
+    const real t25 = c2 * c4;
+    const real t26 = c1 * s4 + c4 * t15;
+    const real t27 = s1 * s4 - c4 * t16;
+    const real t28 = c2 * s4;
+    poses[18 * stride] = t28;
+    const real t29 = c1 * c4 - s4 * t15;
+    poses[22 * stride] = -t29;
+    const real t30 = s1 * c4 + s4 * t16;
+    poses[26 * stride] = -t30;
+
+    /* joint 6 and the axes of link 2 */
+    const real t31 = c5 * t25 + s2 * s5;
+    poses[16 * stride] = t31;
+    const real t32 = c5 * t26 - s5 * t12;
+    poses[20 * stride] = t32;
+    const real t33 = c5 * t27 + s5 * t13;
+    poses[24 * stride] = t33;
+    const real t34 = s2 * c5 - s5 * t25;
+    poses[17 * stride] = t34;
+    const real t35 = s5 * t26 + c5 * t12;
+    poses[21 * stride] = -t35;
+    const real t36 = c5 * t13 - s5 * t27;
+    poses[25 * stride] = t36;
+
+    /* position of base */
+    const real t37 = x + t22;
+    poses[3 * stride] = t37;
+    const real t38 = y + t23;
+    poses[7 * stride] = t38;
+    const real t39 = z + t24;
+    poses[11 * stride] = t39;
+
+    /* position of tip */
+    const real t40 = x + t22 + link2_length * t31;
+    poses[19 * stride] = t40;
+    const real t41 = y + t23 + link2_length * t32;
+    poses[23 * stride] = t41;
+    const real t42 = z + t24 + link2_length * t33;
+    poses[27 * stride] = t42;
+}
+
+void
+quadrotor_2link_frame_poses(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT poses)
+{
+    real angle[5], sine[5], cosine[5];
+    frame_poses_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    frame_poses_lane(constants, sine, cosine, q, poses, 1);
+}
+
+static WIDE void frame_poses_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT poses)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_poses_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_poses_lane(constants, sine + lane, cosine + lane, q + lane, poses + lane,
+            LANES);
+    }
+}
+
+void
+quadrotor_2link_frame_poses_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT poses)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_poses_block(
+            constants,
+            q + block * (8 * LANES),
+            poses + block * (32 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        frame_poses_block(
+            constants,
+            last_q,
+            poses + whole * (32 * LANES));
+    }
+}
+
+/* ---- frame_jacobians ---- */
+
+static INLINE void frame_jacobians_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void frame_jacobians_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    jacobians[5 * stride] = R(1.0);
+    jacobians[14 * stride] = R(1.0);
+    jacobians[23 * stride] = R(1.0);
+    jacobians[24 * stride] = R(1.0);
+    jacobians[26 * stride] = s2;
+    jacobians[33 * stride] = c1;
+    jacobians[41 * stride] = s1;
+    jacobians[53 * stride] = R(1.0);
+    jacobians[62 * stride] = R(1.0);
+    jacobians[71 * stride] = R(1.0);
+    jacobians[72 * stride] = R(1.0);
+    jacobians[74 * stride] = s2;
+    jacobians[75 * stride] = s2;
+    jacobians[81 * stride] = c1;
+    jacobians[89 * stride] = s1;
+
+    /* axes of the base */
+    const real t12 = s1 * c2;
+    jacobians[34 * stride] = -t12;
+    jacobians[82 * stride] = -t12;
+    jacobians[83 * stride] = -t12;
+    const real t13 = c1 * c2;
+    jacobians[42 * stride] = t13;
+    jacobians[90 * stride] = t13;
+    jacobians[91 * stride] = t13;
+    const real t14 = s1 * s2;
+    const real t15 = c1 * s2;
+
+    /* joint 5 and the axes of link 1 */
+    const real t16 = base_arm_length * c2 * c3;
+    const real t17 = base_arm_length * (c1 * s3 + c3 * t14);
+    jacobians[16 * stride] = t17;
+    const real t18 = base_arm_length * (s1 * s3 - c3 * t15);
+    jacobians[8 * stride] = -t18;
+    const real t19 = c2 * s4;
+    jacobians[76 * stride] = t19;
+    const real t20 = c1 * c4 - s4 * t14;
+    jacobians[84 * stride] = -t20;
+    const real t21 = s1 * c4 + s4 * t15;
+    jacobians[92 * stride] = -t21;
+
+    /* joint 6 and the axes of link 2 */
+    const real t22 = c5 * (c1 * s4 + c4 * t14) - s5 * t12;
+    const real t23 = c5 * (s1 * s4 - c4 * t15) + s5 * t13;
+
+    /* position of tip */
+    const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
+    const real t25 = t17 + link2_length * t22;
+    jacobians[64 * stride] = t25;
+    const real t26 = t18 + link2_length * t23;
+    jacobians[56 * stride] = -t26;
+
+    /* columns of the base */
+    const real t27 = c1 * t26 - s1 * t25;
+    jacobians[49 * stride] = t27;
+    const real t28 = s1 * t24;
+    jacobians[57 * stride] = t28;
+    const real t29 = c1 * t24;
+    jacobians[65 * stride] = -t29;
+    const real t30 = t13 * t25 + t12 * t26;
+    jacobians[50 * stride] = -t30;
+    const real t31 = t13 * t24 - s2 * t26;
+    jacobians[58 * stride] = t31;
+    const real t32 = t12 * t24 + s2 * t25;
+    jacobians[66 * stride] = t32;
+
+    /* column of joint 5 */
+    const real t33 = t16 - t24;
+    const real t34 = t17 - t25;
+    const real t35 = t18 - t26;
+    const real t36 = t13 * t34 + t12 * t35;
+    jacobians[51 * stride] = t36;
+    const real t37 = s2 * t35 - t13 * t33;
+    jacobians[59 * stride] = t37;
+    const real t38 = t12 * t33 + s2 * t34;
+    jacobians[67 * stride] = -t38;
+
+    /* column of joint 6 */
+    const real t39 = t20 * t35 - t21 * t34;
+    jacobians[52 * stride] = t39;
+    const real t40 = t19 * t35 + t21 * t33;
+    jacobians[60 * stride] = t40;
+    const real t41 = t19 * t34 + t20 * t33;
+    jacobians[68 * stride] = -t41;
+
+    /* columns of the base */
+    const real t42 = c1 * t18 - s1 * t17;
+    jacobians[1 * stride] = t42;
+    const real t43 = s1 * t16;
+    jacobians[9 * stride] = t43;
+    const real t44 = c1 * t16;
+    jacobians[17 * stride] = -t44;
+    const real t45 = t13 * t17 + t12 * t18;
+    jacobians[2 * stride] = -t45;
+    const real t46 = t13 * t16 - s2 * t18;
+    jacobians[10 * stride] = t46;
+    const real t47 = t12 * t16 + s2 * t17;
+    jacobians[18 * stride] = t47;
+}
+
+void
+quadrotor_2link_frame_jacobians(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians)
+{
+    real angle[5], sine[5], cosine[5];
+    for (int i = 0; i < 96; ++i) {
+        jacobians[i] = R(0.0);
+    }
+    frame_jacobians_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    frame_jacobians_lane(constants, sine, cosine, q, jacobians, 1);
+}
+
+static WIDE void frame_jacobians_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    for (int i = 0; i < 96 * LANES; ++i) {
+        jacobians[i] = R(0.0);
+    }
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_jacobians_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_jacobians_lane(constants, sine + lane, cosine + lane, q + lane, jacobians +
+            lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_frame_jacobians_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT jacobians)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_jacobians_block(
+            constants,
+            q + block * (8 * LANES),
+            jacobians + block * (96 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        frame_jacobians_block(
+            constants,
+            last_q,
+            jacobians + whole * (96 * LANES));
+    }
+}
+
+/* ---- frame_velocities ---- */
+
+static INLINE void frame_velocities_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void frame_velocities_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride];
+    const real v_theta_6 = v[4 * stride];
+    const real v_x = v[5 * stride];
+    const real v_y = v[6 * stride];
+    const real v_z = v[7 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
+    const real t12 = v_theta_m1 * c2;
+    const real t13 = v_theta_1 + v_theta_m1 * s2;
+
+    /* motion of link 1 */
+    const real t14 = v_theta_5 + t13;
+    const real t15 = c4 * t12 + v_theta_0 * s4;
+
+    /* motion of link 2 */
+    const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
+
+    /* motion of base in world axes */
+    const real t17 = c3 * base_arm_length;
+    const real t18 = s3 * base_arm_length;
+
+    /* axes of the base */
+    const real t19 = s1 * c2;
+    const real t20 = c1 * c2;
+
+    /* motion of link 1 */
+    const real t21 = base_arm_length * s3 * t13;
+    const real t22 = base_arm_length * c3 * t13;
+
+    /* axes of the base */
+    const real t23 = s1 * s2;
+    const real t24 = c1 * s2;
+
+    /* joint 5 and the axes of link 1 */
+    const real t25 = c2 * c4;
+    const real t26 = c1 * s4 + c4 * t23;
+    const real t27 = s1 * s4 - c4 * t24;
+    const real t28 = c2 * s4;
+    const real t29 = c1 * c4 - s4 * t23;
+    const real t30 = s1 * c4 + s4 * t24;
+
+    /* motion of tip in world axes */
+    const real t31 = link2_length * c5;
+    const real t32 = link2_length * s5;
+
+    /* motion of link 1 */
+    const real t33 = s4 * t21 + c4 * t22;
+
+    /* motion of base in world axes */
+    const real t34 = t13 * t18;
+    const real t35 = t13 * t17;
+    const real t36 = v_theta_0 * t17 - t12 * t18;
+    const real t37 = v_x - c2 * t34 - s2 * t36;
+    velocities[0 * stride] = t37;
+    const real t38 = v_y + c1 * t35 + t19 * t36 - t23 * t34;
+    velocities[1 * stride] = t38;
+    const real t39 = v_z + t24 * t34 + s1 * t35 - t20 * t36;
+    velocities[2 * stride] = t39;
+    const real t40 = c2 * t12 + s2 * t13;
+    velocities[3 * stride] = t40;
+    const real t41 = t12 * t23 + v_theta_0 * c1 - t13 * t19;
+    velocities[4 * stride] = t41;
+    const real t42 = v_theta_0 * s1 + t13 * t20 - t12 * t24;
+    velocities[5 * stride] = t42;
+
+    /* motion of tip in world axes */
+    const real t43 = s4 * t22 - c4 * t21 - t16 * t32;
+    const real t44 = base_arm_length * (v_theta_0 * c3 - s3 * t12) - t16 * t31;
+    const real t45 = t33 + t14 * t31 - t15 * t32;
+    const real t46 = v_x + t25 * t43 - s2 * t44 - t28 * t45;
+    velocities[6 * stride] = t46;
+    const real t47 = v_y + t26 * t43 + t19 * t44 + t29 * t45;
+    velocities[7 * stride] = t47;
+    const real t48 = v_z + t27 * t43 + t30 * t45 - t20 * t44;
+    velocities[8 * stride] = t48;
+    const real t49 = t15 * t25 + s2 * t14 + t16 * t28;
+    velocities[9 * stride] = t49;
+    const real t50 = t14 * t19 + t16 * t29 - t15 * t26;
+    velocities[10 * stride] = -t50;
+    const real t51 = t15 * t27 + t14 * t20 - t16 * t30;
+    velocities[11 * stride] = t51;
+}
+
+void
+quadrotor_2link_frame_velocities(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities)
+{
+    real angle[5], sine[5], cosine[5];
+    frame_velocities_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    frame_velocities_lane(constants, sine, cosine, q, v, velocities, 1);
+}
+
+static WIDE void frame_velocities_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_velocities_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_velocities_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
+            velocities + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_frame_velocities_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT velocities)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_velocities_block(
+            constants,
+            q + block * (8 * LANES),
+            v + block * (8 * LANES),
+            velocities + block * (12 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        real last_v[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        fill_lanes(
+            8,
+            rest,
+            v + whole * (8 * LANES),
+            last_v);
+        frame_velocities_block(
+            constants,
+            last_q,
+            last_v,
+            velocities + whole * (12 * LANES));
+    }
+}
+
+/* ---- frame_bias_accelerations ---- */
+
+static INLINE void frame_bias_accelerations_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void frame_bias_accelerations_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real link2_length = constants->link2_length;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride];
+    const real v_theta_6 = v[4 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
+    const real t12 = v_theta_m1 * s2;
+    const real t13 = v_theta_m1 * c2;
+    const real t14 = v_theta_0 * t13;
+    const real t15 = t12 * t13;
+    const real t16 = R(2.0) * t14;
+    const real t17 = R(2.0) * v_theta_0 * t12;
+    const real t18 = v_theta_1 + t12;
+    const real t19 = t17 - v_theta_0 * t18;
+    const real t20 = t15 - t13 * t18;
+    const real t21 = t18 * t18;
+    const real t22 = v_theta_0 * v_theta_0 + t21;
+    const real t23 = t15 - R(2.0) * t18 * t13;
+    const real t24 = t13 * t13 + t21;
+    const real t25 = t17 - R(2.0) * t18 * v_theta_0;
+
+    /* motion of link 1 */
+    const real t26 = base_arm_length * c3 * t22;
+    const real t27 = base_arm_length * (c3 * t16 - s3 * t24);
+    const real t28 = base_arm_length * (c3 * t23 + s3 * t25);
+    const real t29 = v_theta_5 + t18;
+    const real t30 = t17 - v_theta_0 * t29;
+    const real t31 = t15 - t13 * t29;
+    const real t32 = c4 * t13 + v_theta_0 * s4;
+    const real t33 = v_theta_0 * c4 - s4 * t13;
+    const real t34 = s4 * t30 + c4 * t31;
+    const real t35 = t29 * t32;
+    const real t36 = t14 - t32 * t33;
+    const real t37 = s4 * t31 + t29 * t33 - c4 * t30;
+
+    /* motion of link 2 */
+    const real t38 = v_theta_6 - t33;
+    const real t39 = t37 + t29 * t38;
+    const real t40 = t36 - t32 * t38;
+    const real t41 = t38 * t38;
+
+    /* motion of base in world axes */
+    const real t42 = c3 * base_arm_length;
+    const real t43 = s3 * base_arm_length;
+
+    /* axes of the base */
+    const real t44 = s1 * c2;
+    const real t45 = c1 * c2;
+    const real t46 = s1 * s2;
+    const real t47 = c1 * s2;
+
+    /* joint 5 and the axes of link 1 */
+    const real t48 = c2 * c4;
+    const real t49 = c1 * s4 + c4 * t46;
+    const real t50 = s1 * s4 - c4 * t47;
+    const real t51 = c2 * s4;
+    const real t52 = c1 * c4 - s4 * t46;
+    const real t53 = s1 * c4 + s4 * t47;
+
+    /* motion of link 1 */
+    const real t54 = s4 * t27 - c4 * t26;
+
+    /* motion of tip in world axes */
+    const real t55 = link2_length * c5;
+    const real t56 = link2_length * s5;
+    const real t57 = (t29 * t29 + t41) * t55;
+    const real t58 = (t32 * t32 + t41) * t56;
+    const real t59 = (t36 - R(2.0) * t38 * t32) * t55;
+    const real t60 = (t37 + R(2.0) * t38 * t29) * t56;
+
+    /* motion of base in world axes */
+    const real t61 = t22 * t42;
+    const real t62 = t16 * t42 - t24 * t43;
+    const real t63 = t23 * t42 + t25 * t43;
+    const real t64 = c2 * t61 + s2 * t63;
+    bias_accelerations[0 * stride] = -t64;
+    const real t65 = c1 * t62 + t44 * t63 - t46 * t61;
+    bias_accelerations[1 * stride] = t65;
+    const real t66 = t47 * t61 + s1 * t62 - t45 * t63;
+    bias_accelerations[2 * stride] = t66;
+    const real t67 = c2 * t19 - s2 * t14;
+    bias_accelerations[3 * stride] = -t67;
+    const real t68 = t19 * t46 + t14 * t44 - c1 * t20;
+    bias_accelerations[4 * stride] = -t68;
+    const real t69 = t19 * t47 + s1 * t20 + t14 * t45;
+    bias_accelerations[5 * stride] = t69;
+
+    /* motion of tip in world axes */
+    const real t70 = t54 + (t34 + t35) * t56 - t57;
+    const real t71 = t28 + (t34 - t35) * t55 + t58;
+    const real t72 = s4 * t26 + c4 * t27 + t59 - t60;
+    const real t73 = s2 * t71 + t51 * t72 - t48 * t70;
+    bias_accelerations[6 * stride] = -t73;
+    const real t74 = t49 * t70 + t44 * t71 + t52 * t72;
+    bias_accelerations[7 * stride] = t74;
+    const real t75 = t50 * t70 + t53 * t72 - t45 * t71;
+    bias_accelerations[8 * stride] = t75;
+    const real t76 = s2 * t40 + t39 * t48 - t34 * t51;
+    bias_accelerations[9 * stride] = t76;
+    const real t77 = t39 * t49 + t34 * t52 - t40 * t44;
+    bias_accelerations[10 * stride] = t77;
+    const real t78 = t39 * t50 + t40 * t45 + t34 * t53;
+    bias_accelerations[11 * stride] = t78;
+}
+
+void
+quadrotor_2link_frame_bias_accelerations(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations)
+{
+    real angle[5], sine[5], cosine[5];
+    frame_bias_accelerations_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    frame_bias_accelerations_lane(constants, sine, cosine, q, v, bias_accelerations, 1);
+}
+
+static WIDE void frame_bias_accelerations_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_bias_accelerations_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        frame_bias_accelerations_lane(constants, sine + lane, cosine + lane, q + lane, v +
+            lane, bias_accelerations + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_frame_bias_accelerations_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT bias_accelerations)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        frame_bias_accelerations_block(
+            constants,
+            q + block * (8 * LANES),
+            v + block * (8 * LANES),
+            bias_accelerations + block * (12 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        real last_v[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        fill_lanes(
+            8,
+            rest,
+            v + whole * (8 * LANES),
+            last_v);
+        frame_bias_accelerations_block(
+            constants,
+            last_q,
+            last_v,
+            bias_accelerations + whole * (12 * LANES));
+    }
+}
+
+/* ---- centre_of_mass ---- */
+
+static INLINE void centre_of_mass_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void centre_of_mass_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT position,
+    const int stride)
+{
+    const real k49 = constants->k49;
+    const real k55 = constants->k55;
+    const real k69 = constants->k69;
+    const real x = q[5 * stride];
+    const real y = q[6 * stride];
+    const real z = q[7 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+
+    /* inertia of link 2, turned by the joints */
+    const real t12 = k49 * c5;
+
+    /* centre of mass from the origin */
+    const real t13 = k49 * s5 * k69;
+    const real t14 = (c3 * k55 + c4 * t12) * k69;
+    const real t15 = (s3 * k55 + s4 * t12) * k69;
+
+    /* centre of mass in the world */
+    const real t16 = c2 * t13 - s2 * t14;
+    const real t17 = x + c2 * t14 + s2 * t13;
+    position[0 * stride] = t17;
+    const real t18 = y + c1 * t15 - s1 * t16;
+    position[1 * stride] = t18;
+    const real t19 = z + c1 * t16 + s1 * t15;
+    position[2 * stride] = t19;
+}
+
+void
+quadrotor_2link_centre_of_mass(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT position)
+{
+    real angle[5], sine[5], cosine[5];
+    centre_of_mass_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    centre_of_mass_lane(constants, sine, cosine, q, position, 1);
+}
+
+static WIDE void centre_of_mass_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT position)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_lane(constants, sine + lane, cosine + lane, q + lane, position +
+            lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_centre_of_mass_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT position)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        centre_of_mass_block(
+            constants,
+            q + block * (8 * LANES),
+            position + block * (3 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        centre_of_mass_block(
+            constants,
+            last_q,
+            position + whole * (3 * LANES));
+    }
+}
+
+/* ---- centre_of_mass_jacobian ---- */
+
+static INLINE void centre_of_mass_jacobian_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void centre_of_mass_jacobian_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian,
+    const int stride)
+{
+    (void)q;
+    const real k49 = constants->k49;
+    const real k55 = constants->k55;
+    const real k69 = constants->k69;
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+    jacobian[0 * stride] = R(0.0);
+    jacobian[5 * stride] = R(1.0);
+    jacobian[6 * stride] = R(0.0);
+    jacobian[7 * stride] = R(0.0);
+    jacobian[13 * stride] = R(0.0);
+    jacobian[14 * stride] = R(1.0);
+    jacobian[15 * stride] = R(0.0);
+    jacobian[21 * stride] = R(0.0);
+    jacobian[22 * stride] = R(0.0);
+    jacobian[23 * stride] = R(1.0);
+
+    /* inertia of link 2, turned by the joints */
+    const real t12 = k49 * c5;
+
+    /* composite inertia of links 1 and 2, about joint 5 */
+    const real t13 = c4 * t12;
+    const real t14 = s4 * t12;
+
+    /* axes of the base */
+    const real t15 = s1 * c2;
+    const real t16 = c1 * c2;
+
+    /* column of joint 5 */
+    const real t17 = t13 * k69;
+    const real t18 = t14 * k69;
+
+    /* centre of mass from the origin */
+    const real t19 = k49 * s5 * k69;
+
+    /* column of joint 6 */
+    const real t20 = t12 * k69;
+
+    /* axes of the base */
+    const real t21 = s1 * s2;
+    const real t22 = c1 * s2;
+
+    /* centre of mass from the origin */
+    const real t23 = (c3 * k55 + t13) * k69;
+    const real t24 = (s3 * k55 + t14) * k69;
+    const real t25 = c2 * t19 - s2 * t23;
+    const real t26 = c2 * t23 + s2 * t19;
+    const real t27 = c1 * t24 - s1 * t25;
+    jacobian[16 * stride] = t27;
+    const real t28 = c1 * t25 + s1 * t24;
+    jacobian[8 * stride] = -t28;
+
+    /* columns of the base */
+    const real t29 = c1 * t28 - s1 * t27;
+    jacobian[1 * stride] = t29;
+    const real t30 = s1 * t26;
+    jacobian[9 * stride] = t30;
+    const real t31 = c1 * t26;
+    jacobian[17 * stride] = -t31;
+    const real t32 = t16 * t27 + t15 * t28;
+    jacobian[2 * stride] = -t32;
+    const real t33 = t16 * t26 - s2 * t28;
+    jacobian[10 * stride] = t33;
+    const real t34 = t15 * t26 + s2 * t27;
+    jacobian[18 * stride] = t34;
+
+    /* column of joint 5 */
+    const real t35 = c2 * t18;
+    jacobian[3 * stride] = -t35;
+    const real t36 = t18 * t21 - c1 * t17;
+    jacobian[11 * stride] = -t36;
+    const real t37 = t18 * t22 + s1 * t17;
+    jacobian[19 * stride] = t37;
+
+    /* column of joint 6 */
+    const real t38 = t19 * c2 * c4 - s2 * t20;
+    jacobian[4 * stride] = -t38;
+    const real t39 = t19 * (c1 * s4 + c4 * t21) + t15 * t20;
+    jacobian[12 * stride] = -t39;
+    const real t40 = t19 * (s1 * s4 - c4 * t22) - t16 * t20;
+    jacobian[20 * stride] = -t40;
+}
+
+void
+quadrotor_2link_centre_of_mass_jacobian(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian)
+{
+    real angle[5], sine[5], cosine[5];
+    centre_of_mass_jacobian_angles(constants, q, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    centre_of_mass_jacobian_lane(constants, sine, cosine, q, jacobian, 1);
+}
+
+static WIDE void centre_of_mass_jacobian_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_jacobian_angles(constants, q + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centre_of_mass_jacobian_lane(constants, sine + lane, cosine + lane, q + lane,
+            jacobian + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_centre_of_mass_jacobian_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    real *RESTRICT jacobian)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        centre_of_mass_jacobian_block(
+            constants,
+            q + block * (8 * LANES),
+            jacobian + block * (24 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        centre_of_mass_jacobian_block(
+            constants,
+            last_q,
+            jacobian + whole * (24 * LANES));
+    }
+}
+
+/* ---- centroidal_momentum ---- */
+
+static INLINE void centroidal_momentum_angles(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT angle,
+    const int stride)
+{
+    (void)constants;
+    (void)v;
+    const real theta_m1 = q[0 * stride];
+    const real theta_0 = q[1 * stride];
+    const real theta_1 = q[2 * stride];
+    const real theta_5 = q[3 * stride];
+    const real theta_6 = q[4 * stride];
+
+    /* angles and places of the joints */
+    const real t7 = theta_1 + theta_5;
+    angle[0 * stride] = theta_m1;
+    angle[1 * stride] = theta_0;
+    angle[2 * stride] = theta_1;
+    angle[3 * stride] = t7;
+    angle[4 * stride] = theta_6;
+}
+
+static INLINE void centroidal_momentum_lane(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT sine,
+    const real *RESTRICT cosine,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum,
+    const int stride)
+{
+    (void)q;
+    const real base_arm_length = constants->base_arm_length;
+    const real k28 = constants->k28;
+    const real k34 = constants->k34;
+    const real k40 = constants->k40;
+    const real k46 = constants->k46;
+    const real k47 = constants->k47;
+    const real k49 = constants->k49;
+    const real k54 = constants->k54;
+    const real k55 = constants->k55;
+    const real k56 = constants->k56;
+    const real k57 = constants->k57;
+    const real k58 = constants->k58;
+    const real k69 = constants->k69;
+    const real v_theta_m1 = v[0 * stride];
+    const real v_theta_0 = v[1 * stride];
+    const real v_theta_1 = v[2 * stride];
+    const real v_theta_5 = v[3 * stride];
+    const real v_theta_6 = v[4 * stride];
+    const real v_x = v[5 * stride];
+    const real v_y = v[6 * stride];
+    const real v_z = v[7 * stride];
+    const real s1 = sine[0 * stride];
+    const real c1 = cosine[0 * stride];
+    const real s2 = sine[1 * stride];
+    const real c2 = cosine[1 * stride];
+    const real s3 = sine[2 * stride];
+    const real c3 = cosine[2 * stride];
+    const real s4 = sine[3 * stride];
+    const real c4 = cosine[3 * stride];
+    const real s5 = sine[4 * stride];
+    const real c5 = cosine[4 * stride];
+
+    /* motion of the base */
+    const real t12 = v_theta_m1 * c2;
+    const real t13 = v_theta_1 + v_theta_m1 * s2;
+
+    /* motion of link 1 */
+    const real t14 = v_theta_5 + t13;
+    const real t15 = c4 * t12 + v_theta_0 * s4;
+
+    /* motion of link 2 */
+    const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
+
+    /* inertia of link 2, turned by the joints */
+    const real t17 = k49 * c5;
+    const real t18 = k49 * s5;
+    const real t19 = s5 * k57;
+    const real t20 = s5 * t19;
+    const real t21 = k28 - t20;
+    const real t22 = k34 + t20;
+    const real t23 = c5 * t19;
+
+    /* step from the base to link 1 */
+    const real t24 = c3 * base_arm_length;
+    const real t25 = s3 * base_arm_length;
+
+    /* inertia of the base, turned by the joints */
+    const real t26 = s3 * k58;
+    const real t27 = s3 * t26;
+    const real t28 = k56 + t27;
+    const real t29 = k46 - t27;
+    const real t30 = c3 * t26;
+
+    /* motion of link 1 */
+    const real t31 = v_theta_0 * c3 - s3 * t12;
+
+    /* centre of mass from the origin */
+    const real t32 = t18 * k69;
+
+    /* motion of link 1 */
+    const real t33 = s3 * t13;
+    const real t34 = c3 * t13;
+    const real t35 = base_arm_length * t33;
+    const real t36 = base_arm_length * t34;
+
+    /* centre of mass from the origin */
+    const real t37 = (c3 * k55 + c4 * t17) * k69;
+    const real t38 = (s3 * k55 + s4 * t17) * k69;
+
+    /* motion of link 1 */
+    const real t39 = s4 * t35 + c4 * t36;
+
+    /* inertia forces of link 2, about joint 6 */
+    const real t40 = t14 * t23 + t18 * t39 - t15 * t22;
+    const real t41 = t14 * t21 + t17 * t39 - t15 * t23;
+    const real t42 = t17 * base_arm_length * t31;
+    const real t43 = t18 * (s4 * t36 - c4 * t35);
+    const real t44 = t16 * t21 + t16 * t22 - t42 - t43;
+    const real t45 = k49 * s5 * t16;
+    const real t46 = k49 * c5 * t16;
+    const real t47 = k49 * (s5 * t15 - c5 * t14);
+
+    /* inertia forces of links 1 and 2, about joint 5 */
+    const real t48 = t40 - k40 * t15;
+    const real t49 = s4 * t47 - c4 * t45;
+    const real t50 = s4 * t45 + c4 * t47;
+
+    /* inertia forces of the base and links 1 and 2 */
+    const real t51 = t25 * t49 + t24 * t50 - t41 - k40 * t14;
+    const real t52 = v_theta_0 * t30 + t12 * t29 + k47 * t12;
+    const real t53 = t12 * t30 + v_theta_0 * t28 + v_theta_0 * k47;
+    const real t54 = t49 - k55 * t33;
+    const real t55 = t50 - k55 * t34;
+    const real t56 = t46 - k55 * t31;
+    const real t57 = s4 * t44 + t25 * t46 + t52 - c4 * t48;
+    const real t58 = c4 * t44 + s4 * t48 + t24 * t46 - t53;
+    const real t59 = t51 - t13 * t28 - t13 * t29;
+
+    /* momentum in world axes */
+    const real t60 = t38 * t56 + t32 * t55 - t57;
+    const real t61 = t58 + t32 * t54 - t37 * t56;
+    const real t62 = t37 * t55 + t38 * t54 - t59;
+    const real t63 = c2 * t56 - s2 * t54;
+    const real t64 = v_x * k54 + c2 * t54 + s2 * t56;
+    momentum[0 * stride] = t64;
+    const real t65 = v_y * k54 - c1 * t55 - s1 * t63;
+    momentum[1 * stride] = t65;
+    const real t66 = v_z * k54 + c1 * t63 - s1 * t55;
+    momentum[2 * stride] = t66;
+    const real t67 = c2 * t62 + s2 * t60;
+    const real t68 = s2 * t62 - c2 * t60;
+    momentum[3 * stride] = t68;
+    const real t69 = c1 * t61 + s1 * t67;
+    momentum[4 * stride] = -t69;
+    const real t70 = c1 * t67 - s1 * t61;
+    momentum[5 * stride] = t70;
+}
+
+void
+quadrotor_2link_centroidal_momentum(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum)
+{
+    real angle[5], sine[5], cosine[5];
+    centroidal_momentum_angles(constants, q, v, angle, 1);
+    sine_cosine_few(4, angle + 0, sine + 0, cosine + 0);
+    sine_cosine_few(1, angle + 4, sine + 4, cosine + 4);
+    centroidal_momentum_lane(constants, sine, cosine, q, v, momentum, 1);
+}
+
+static WIDE void centroidal_momentum_block(
+    const Constants *RESTRICT constants,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum)
+{
+    real angle[5 * LANES], sine[5 * LANES], cosine[5 * LANES];
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centroidal_momentum_angles(constants, q + lane, v + lane, angle + lane, LANES);
+    }
+    sine_cosine_many(5 * LANES, angle, sine, cosine);
+    VECTORISE
+    for (int lane = 0; lane < LANES; ++lane) {
+        centroidal_momentum_lane(constants, sine + lane, cosine + lane, q + lane, v + lane,
+            momentum + lane, LANES);
+    }
+}
+
+void
+quadrotor_2link_centroidal_momentum_batch(
+    const Constants *RESTRICT constants,
+    const size_t count,
+    const real *RESTRICT q,
+    const real *RESTRICT v,
+    real *RESTRICT momentum)
+{
+    const size_t whole = count / LANES;
+    const size_t rest = count % LANES;
+    PARALLEL
+    for (size_t block = 0; block < whole; ++block) {
+        centroidal_momentum_block(
+            constants,
+            q + block * (8 * LANES),
+            v + block * (8 * LANES),
+            momentum + block * (6 * LANES));
+    }
+    if (rest > 0) {
+        real last_q[8 * LANES];
+        real last_v[8 * LANES];
+        fill_lanes(
+            8,
+            rest,
+            q + whole * (8 * LANES),
+            last_q);
+        fill_lanes(
+            8,
+            rest,
+            v + whole * (8 * LANES),
+            last_v);
+        centroidal_momentum_block(
+            constants,
+            last_q,
+            last_v,
+            momentum + whole * (6 * LANES));
     }
 }
 

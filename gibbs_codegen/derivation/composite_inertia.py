@@ -30,12 +30,15 @@ def whole_inertia(tape: Scalars, tree: SegmentTree) -> Inertia:
     Returns:
         The inertia about the root, in the root's group frame.
     """
-    *_, (_, whole) = _composites_inward(tape, tree)
+    *_, (_, whole) = composites_inward(tape, tree)
     return whole
 
 
-def _composites_inward(tape: Scalars, tree: SegmentTree) -> Iterator[tuple[int, Inertia]]:
+def composites_inward(tape: Scalars, tree: SegmentTree) -> Iterator[tuple[int, Inertia]]:
     """Each segment, the last first, with the inertia of its subtree.
+
+    Args:
+        tree: The tree.
 
     Yields:
         Index of the segment, and the composite inertia about its joint, in its group frame.
@@ -78,8 +81,9 @@ def with_armatures(
         The mass matrix with its diagonal.
     """
     entries = dict(inertia.entries)
-    for j, armature in enumerate(armatures):
-        entries[j, j] = tape.let(entries[j, j] + armature)
+    with tape.group("mass matrix with the armature of the joints"):
+        for j, armature in enumerate(armatures):
+            entries[j, j] = tape.let(entries[j, j] + armature)
     return replace(inertia, entries=entries)
 
 
@@ -99,7 +103,7 @@ def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
     inertias: dict[int, Inertia] = {}
     columns: dict[int, Wrench] = {}
     entries: dict[tuple[int, int], sp.Expr] = {}
-    inward = _composites_inward(tape, tree)
+    inward = composites_inward(tape, tree)
     for end in range(last, -1, -_JOINTS_AT_ONCE):
         start = max(end - _JOINTS_AT_ONCE + 1, 0)
         inertias.update(next(inward) for _ in range(start, end + 1))

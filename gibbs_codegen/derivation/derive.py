@@ -17,8 +17,8 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.model import Model, Progress
-from gibbs_codegen.robot.coordinates import frame_names, hybrid_coordinates, points
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.symbolic.tape import Tape
 
 
@@ -87,12 +87,8 @@ def _slices(tape: Tape, symbolic: SymbolicRobot, progress: Progress) -> list[Sli
     reduced = reduced_system(symbolic)
     progress("hybrid system")
     systems = Systems(tape, symbolic, reduced, hybrid_system(symbolic, reduced))
-    robot = symbolic.robot
-    lists = (symbolic.q, symbolic.v, hybrid_coordinates(robot), symbolic.u, points(robot))
     slices = []
-    for signature in signatures(*map(len, lists)):
-        if signature.name.startswith("tip_") and "tip" not in frame_names(symbolic.robot):
-            continue
+    for signature in signatures(module_lists(symbolic.robot)):
         progress(signature.name.replace("_", " "))
         slices.append(_slice(systems, signature))
     return slices

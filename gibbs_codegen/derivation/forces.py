@@ -8,7 +8,7 @@ on the base in the base's.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -117,27 +117,60 @@ def motor_torque_about_rod(symbolic: SymbolicRobot, k: int) -> sp.Expr:
         return tape.let(parameters.arm(k).length * y + parameters.drag(k) * z)
 
 
+def rod_thrust(symbolic: SymbolicRobot, k: int) -> Wrench:
+    """Wrench of the motor of a base rod on its rod, per unit of thrust.
+
+    Args:
+        symbolic, k: The motor and the rod, by their number 2 … N.
+
+    Returns:
+        Force and moment about O₂, in the frame of the rod (1 and m).
+    """
+    tape, direction = symbolic.tape, rod_thrust_direction(symbolic, k)
+    lever = cross(tape, axis_vector(0, symbolic.rod_reach(k)), direction)
+    drag = scale(tape, symbolic.parameters.drag(k), direction)
+    return Wrench(direction, add(tape, lever, drag))
+
+
 def carried_in(
-    tape: Scalars, tree: SegmentTree, mounted: MountedWrench
+    tape: Scalars, tree: SegmentTree, loads: Mapping[int, Wrench]
 ) -> tuple[Wrench, dict[int, sp.Expr]]:
-    """A wrench carried in from its segment to the root.
+    """Wrenches carried in from their segments to the root, where they meet as one.
 
     Args:
         tree: The tree.
-        mounted: The wrench.
+        loads: Wrenches on segments by their index: about the joint, in the segment's own frame.
 
     Returns:
-        The wrench about the root in its group frame; and for the index of each segment on the way
-        the row of its joint.
+        The sum of the wrenches about the root in its group frame; and for the index of each segment
+        on the way the row of its joint.
     """
-    wrench = tree.to_working_frame(tape, mounted.segment, mounted.wrench)
+    carried = {k: tree.to_working_frame(tape, k, load) for k, load in loads.items()}
     rows = {}
-    for k in tree.path(mounted.segment):
-        wrench = tree.to_group_frame(tape, k, wrench)
-        if k > 0:
+    for k in range(tree.joints, 0, -1):
+        if k in carried:
+            wrench = tree.to_group_frame(tape, k, carried[k])
             rows[k] = tree.segments[k].row(wrench)
             wrench = tree.passed_in(tape, k, wrench)
-    return wrench, rows
+            parent = tree.segments[k].parent
+            carried[parent] = carried.get(parent, NO_WRENCH).plus(tape, wrench)
+    return tree.to_group_frame(tape, 0, carried.get(0, NO_WRENCH)), rows
+
+
+def generalised_forces(symbolic: SymbolicRobot, loads: Mapping[int, Wrench]) -> list[sp.Expr]:
+    """Generalised forces of wrenches on the links.
+
+    Args:
+        symbolic: The robot in symbols.
+        loads: Wrenches on segments of the reduced tree, as of `carried_in`.
+
+    Returns:
+        One force for each velocity (N m or N).
+    """
+    tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
+    wrench, rows = carried_in(tape, tree, loads)
+    joints = [rows.get(i, sp.S.Zero) for i in range(1, tree.joints + 1)]
+    return symbolic.places.joined(root.rows(tape, wrench), joints)
 
 
 def rotor_column(
@@ -155,16 +188,18 @@ def rotor_column(
     tape, root = symbolic.tape, symbolic.root
     label = rotor_identifier(symbolic.robot, k)
     with tape.group(f"thrust direction and generalised forces of motor {label}"):
-        wrench, rows = carried_in(tape, tree, rotor_wrench(symbolic, bodies, k))
+        unit = rotor_wrench(symbolic, bodies, k)
+        wrench, rows = carried_in(tape, tree, {unit.segment: unit.wrench})
         joints = [rows.get(i, sp.S.Zero) for i in range(1, tree.joints + 1)]
         return root.places(tree.joints).joined(root.rows(tape, wrench), joints)
 
 
-def thrust_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
+def thrust_wrenches(symbolic: SymbolicRobot, bodies: JointedBodies) -> dict[int, Wrench]:
     """Wrenches of all rotors for the inputs u.
 
     Args:
         symbolic: The robot in symbols.
+        bodies: Which joints count.
 
     Returns:
         For the index of each segment with rotors, and for the root, the wrench about its joint, or
@@ -173,7 +208,7 @@ def thrust_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
     tape, totals = symbolic.tape, {0: NO_WRENCH}
     with tape.group("force and moment of all thrusts"):
         for k, thrust in enumerate(symbolic.u[: symbolic.robot.rotors], start=1):
-            unit = rotor_wrench(symbolic, symbolic.bodies, k)
+            unit = rotor_wrench(symbolic, bodies, k)
             scaled = Wrench.of(tape.let(thrust * e) for e in unit.wrench.entries)
             total = totals.get(unit.segment, NO_WRENCH)
             totals[unit.segment] = total.plus(tape, scaled)

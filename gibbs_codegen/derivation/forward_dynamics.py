@@ -9,7 +9,8 @@ so gravity enters once, at the end: accelerations are relative to free fall.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -22,6 +23,7 @@ from gibbs_codegen.derivation.composite_inertia import (
     with_armatures,
 )
 from gibbs_codegen.derivation.forces import thrust_wrenches
+from gibbs_codegen.derivation.frame_wrenches import frame_loads
 from gibbs_codegen.derivation.inertia import ANGULAR, PAIRS, Inertia
 from gibbs_codegen.derivation.inertia_forces import inward
 from gibbs_codegen.derivation.motion import Acceleration, Motion
@@ -34,6 +36,7 @@ from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
 from gibbs_codegen.symbolic.tape import Scalars, Tape
 from gibbs_codegen.symbolic.vectors import (
+    NO_WRENCH,
     ZERO,
     Matrix,
     Vector,
@@ -46,29 +49,63 @@ from gibbs_codegen.symbolic.vectors import (
     zeros,
 )
 
+# Wrenches that act on segments of the reduced tree, by their index: about the joint, or the origin,
+# in the segment's own frame (N, N m).
+Acting = Callable[[SymbolicRobot], dict[int, Wrench]]
+Dynamics = Callable[[SymbolicRobot, Acting], list[sp.Expr]]
 
-def forward_dynamics(tape: Tape, symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """Accelerations a of M a = R + B u, in the way that takes fewer operations.
+
+def thrusts(symbolic: SymbolicRobot) -> dict[int, Wrench]:
+    """Wrenches of the thrusts.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        Wrenches on segments.
+    """
+    return thrust_wrenches(symbolic, symbolic.bodies)
+
+
+def thrusts_and_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
+    """Wrenches of the thrusts, and those on the frames.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        Wrenches on segments.
+    """
+    acting = thrusts(symbolic)
+    for k, load in frame_loads(symbolic).items():
+        acting[k] = acting.get(k, NO_WRENCH).plus(symbolic.tape, load)
+    return acting
+
+
+def shorter_dynamics(tape: Tape, symbolic: SymbolicRobot) -> tuple[Dynamics, list[sp.Expr]]:
+    """The way that takes fewer operations, and the accelerations a of M a = R + B u by it.
 
     Args:
         symbolic: The robot in symbols, on this tape.
 
     Returns:
-        a, in the order of v.
+        `articulated_dynamics` or `factorised_dynamics`, which takes fewer with other wrenches too;
+        and a, in the order of v.
     """
     articulated = articulated_dynamics(symbolic)
     most = operations(tape, articulated)
-    factorised = factorised_dynamics(symbolic, most)
-    if factorised is None or operations(tape, factorised) >= most:
-        return articulated
-    return factorised
+    factorised = factorised_dynamics(symbolic, most=most)
+    if not factorised or operations(tape, factorised) >= most:
+        return articulated_dynamics, articulated
+    return factorised_dynamics, factorised
 
 
-def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
+def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> list[sp.Expr]:
     """Accelerations a of M a = R + B u, by articulated bodies.
 
     Args:
         symbolic: The robot in symbols.
+        acting: What acts on the links, besides gravity.
 
     Returns:
         a, in the order of v.
@@ -78,12 +115,12 @@ def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """
     centred = _about_base_centre(symbolic)
     with _refused_as_singular(symbolic):
-        thrust, loads = _thrusts(centred)
+        loads = acting(centred)
         joints, root = articulated_accelerations(
             symbolic.tape,
             centred.reduced_tree,
             _free_motions(centred),
-            thrust,
+            loads.pop(0),
             _efforts(symbolic),
             armatures(symbolic),
             loads,
@@ -91,17 +128,20 @@ def articulated_dynamics(symbolic: SymbolicRobot) -> list[sp.Expr]:
     return _in_coordinates(symbolic, joints, root)
 
 
-def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | None:
+def factorised_dynamics(
+    symbolic: SymbolicRobot, acting: Acting = thrusts, most: float = math.inf
+) -> list[sp.Expr]:
     """Accelerations a of M a = R + B u, by LDLᵀ of M.
 
     The translation is eliminated first, since its block of M is m·1₃.
 
     Args:
         symbolic: The robot in symbols.
+        acting: What acts on the links, besides gravity.
         most: The operations that the other way takes.
 
     Returns:
-        a, in the order of v; None where LDLᵀ alone takes `most` operations or more.
+        a, in the order of v; nothing where LDLᵀ alone takes `most` operations or more.
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
@@ -120,8 +160,8 @@ def factorised_dynamics(symbolic: SymbolicRobot, most: int) -> list[sp.Expr] | N
     # Tip first: the last joint couples to all others, the root is left for the end.
     order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
     if operations_to_solve(matrix, order) >= most:
-        return None
-    drive, efforts = _driving_forces(centred)
+        return []
+    drive, efforts = _driving_forces(centred, acting(centred))
     with tape.group("driving forces with the translation eliminated"):
         right = [tape.let(e - dot(tape, light[i], drive.force)) for i, e in enumerate(efforts)]
         right.extend(_about(tape, drive, centre))
@@ -228,19 +268,15 @@ def _efforts(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """Torques and forces of the joints, less those of dampers and springs."""
     driven = symbolic.u[symbolic.robot.rotors :]
     pairs = zip(driven, passive_forces(symbolic), strict=True)
-    return [symbolic.tape.let(effort + passive) for effort, passive in pairs]
+    with symbolic.tape.group("torques of the joints less those of dampers and springs"):
+        return [symbolic.tape.let(effort + passive) for effort, passive in pairs]
 
 
-def _thrusts(symbolic: SymbolicRobot) -> tuple[Wrench, dict[int, Wrench]]:
-    """Wrenches of the thrusts on the root, and on other segments by their index."""
-    loads = thrust_wrenches(symbolic)
-    return loads.pop(0), loads
-
-
-def _driving_forces(symbolic: SymbolicRobot) -> tuple[Wrench, list[sp.Expr]]:
-    """Thrusts less velocity terms, as a wrench about the origin, and likewise for each joint."""
-    tape = symbolic.tape
-    thrust, loads = _thrusts(symbolic)
+def _driving_forces(
+    symbolic: SymbolicRobot, loads: dict[int, Wrench]
+) -> tuple[Wrench, list[sp.Expr]]:
+    """What acts less velocity terms, as a wrench about the origin, and likewise for each joint."""
+    tape, thrust = symbolic.tape, loads.pop(0)
     bias, joints = inward(tape, symbolic.reduced_tree, _free_motions(symbolic), loads)
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, symbolic.root.segment_rotation)

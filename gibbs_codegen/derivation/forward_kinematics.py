@@ -3,126 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import sympy as sp
 
 from gibbs_codegen.derivation.forces import rotor_position
-from gibbs_codegen.derivation.motion import Acceleration
-from gibbs_codegen.derivation.root.protocol import Root
-from gibbs_codegen.derivation.segment_tree import SegmentTree
-from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import free_motions
-from gibbs_codegen.robot.coordinates import frames_of
-from gibbs_codegen.robot.model import BASE
-from gibbs_codegen.robot.names import identifier
-from gibbs_codegen.symbolic.structural import Turn, product, turned_by_rpy
-from gibbs_codegen.symbolic.tape import Scalars, Stage
-from gibbs_codegen.symbolic.vectors import (
-    NO_ROTATION,
-    ZERO,
-    Rotation,
-    Vector,
-    add,
-    axis_vector,
-    cross,
-    minus,
-    scale,
+from gibbs_codegen.derivation.frames import (
+    MountedFrame,
+    SegmentFrame,
+    combined,
+    mounted_frames,
+    segment_frames,
 )
-
-Frame = tuple[Vector, Vector, Vector]
-
-
-@dataclass(frozen=True)
-class SegmentFrame:
-    """Where a segment is: its joint from the origin of the coordinates, and axes, in world axes.
-
-    `group` are the axes of its group frame, the last of them that of its joint; `own` are the
-    link's.
-    """
-
-    position: Vector
-    group: Frame
-    own: Frame
+from gibbs_codegen.derivation.motion import Acceleration
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.tree_dynamics import State, free_motions, motions_about_origin
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import NO_ROTATION, ZERO, Matrix, Vector, add, cross, minus
 
 
-def segment_frames(tape: Scalars, root: Root, tree: SegmentTree) -> list[SegmentFrame]:
-    """Forward kinematics of all segments, from the root to the leaves.
-
-    Args:
-        root, tree: The tree and how its root moves.
-
-    Returns:
-        The frame of each segment, in world axes, from the origin of the coordinates.
-    """
-    with tape.group("axes of the base"):
-        group: Frame = (
-            root.world(tape, axis_vector(0)),
-            root.world(tape, axis_vector(1)),
-            root.world(tape, axis_vector(2)),
-        )
-        frames = [SegmentFrame(ZERO, group, _turned(tape, group, tree.segments[0].rotation))]
-    for segment in tree.segments[1:]:
-        parent = frames[segment.parent]
-        with tape.group(f"{segment.joint_name} and the axes of {segment.name}"):
-            axes = _turned(tape, parent.own, segment.turn)
-            position = add(tape, parent.position, _combined(tape, axes, segment.step))
-            starts = segment.starts_group
-            group = _turned(tape, axes, segment.twist) if starts else parent.group
-            position = add(tape, position, scale(tape, segment.d, group[2]))
-            frames.append(SegmentFrame(position, group, _turned(tape, group, segment.rotation)))
-    return frames
-
-
-def _frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
+def _segment_frames(symbolic: SymbolicRobot) -> list[SegmentFrame]:
     return segment_frames(symbolic.tape, symbolic.root, symbolic.reduced_tree)
-
-
-@dataclass(frozen=True)
-class MountedFrame:
-    """A named frame on a segment: `position` from its joint (m) and `turn`, in its own frame."""
-
-    name: str
-    segment: int
-    position: Vector
-    turn: Turn
-
-
-def mounted_frames(symbolic: SymbolicRobot) -> list[MountedFrame]:
-    """The frames of a robot.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        The frames, in the order of FRAMES.
-    """
-    tape, robot = symbolic.tape, symbolic.robot
-    mounted = []
-    for frame in frames_of(robot):
-        body = symbolic.bodies.frames[frame.on]
-        if frame in robot.frames:
-            place = symbolic.parameters.frame(frame.name)
-        elif frame.on != BASE:  # The tip: the end of the last link.
-            place = axis_vector(0, symbolic.parameters.link(frame.on).body.length)
-        else:
-            place = ZERO
-        with tape.group("places of the frames", Stage.PARAMETER):
-            position = body.point(tape, place)
-        turn = product(body.turn, turned_by_rpy(frame.pose.rpy_deg))
-        mounted.append(MountedFrame(identifier(frame.name), body.segment, position, turn))
-    return mounted
-
-
-def _named(symbolic: SymbolicRobot, name: str) -> MountedFrame:
-    return next(frame for frame in mounted_frames(symbolic) if frame.name == name)
-
-
-def _position(tape: Scalars, frames: Sequence[SegmentFrame], mounted: MountedFrame) -> Vector:
-    """A frame's origin from the origin of the coordinates, in world axes."""
-    frame = frames[mounted.segment]
-    with tape.group(f"position of {mounted.name}"):
-        return add(tape, frame.position, _combined(tape, frame.own, mounted.position))
 
 
 def positions(symbolic: SymbolicRobot) -> list[Vector]:
@@ -134,18 +35,19 @@ def positions(symbolic: SymbolicRobot) -> list[Vector]:
     Returns:
         Positions (m) of POINTS: the base, the rotors, the joints and the frames.
     """
-    tape, frames, robot = symbolic.tape, _frames(symbolic), symbolic.robot
+    tape, robot = symbolic.tape, symbolic.robot
+    frames = _segment_frames(symbolic)
     named = [
-        _position(tape, frames, mounted)
+        mounted.from_origin(tape, frames)
         for mounted in mounted_frames(symbolic)
         if mounted.name != "base"
     ]
     with tape.group("base centre and rotors"):
-        centre = _combined(tape, frames[0].own, symbolic.centre)
+        centre = combined(tape, frames[0].own, symbolic.centre)
         rotors = []
         for k in range(1, robot.rotors + 1):
             segment, place = rotor_position(symbolic, symbolic.bodies, k)
-            point = _combined(tape, frames[segment].own, place)
+            point = combined(tape, frames[segment].own, place)
             rotors.append(add(tape, frames[segment].position, point) if segment else point)
     joints = [_joint_position(tape, symbolic, frames, i) for i in robot.moving]
     base = [rotors[0], centre] if robot.base.rotors else [centre]
@@ -169,42 +71,71 @@ def _joint_position(
     body = symbolic.bodies.frames[i]
     frame = frames[body.segment]
     with tape.group(f"position of {symbolic.reduced_tree.segments[body.segment].joint_name}"):
-        return add(tape, frame.position, _combined(tape, frame.own, body.origin))
+        return add(tape, frame.position, combined(tape, frame.own, body.origin))
 
 
-def frame_pose(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[list[sp.Expr]]:
+def frame_poses(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) -> list[Matrix]:
+    """Homogeneous transforms of frames.
+
+    Args:
+        symbolic, mounted: The robot and the frames.
+
+    Returns:
+        4×4 matrices, by rows; the position is in m.
+    """
+    frames = _segment_frames(symbolic)
+    return [_pose(symbolic, frames, frame) for frame in mounted]
+
+
+def _pose(symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: MountedFrame) -> Matrix:
     """Homogeneous transform of a frame.
 
     Args:
         symbolic, mounted: The robot and the frame.
+        frames: Those of the segments.
 
     Returns:
-        4×4 matrix, by rows; the position is in m.
+        4×4 matrix, by rows.
     """
-    tape, frames = symbolic.tape, _frames(symbolic)
+    tape, own = symbolic.tape, frames[mounted.segment].own
     with tape.group(f"position of {mounted.name}"):
-        position = add(tape, symbolic.origin, _position(tape, frames, mounted))
-    own = frames[mounted.segment].own
+        position = add(tape, symbolic.origin, mounted.from_origin(tape, frames))
     with tape.group(f"axes of {mounted.name}"):
         columns = zip(*mounted.turn, strict=True)
-        axes = [_combined(tape, own, (x, y, z)) for x, y, z in columns]
+        axes = [combined(tape, own, (x, y, z)) for x, y, z in columns]
     rows = [[axis[i] for axis in axes] + [position[i]] for i in range(3)]
     zero = sp.S.Zero
     return [*rows, [zero, zero, zero, sp.S.One]]
 
 
-def frame_jacobian(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[list[sp.Expr]]:
+def frame_jacobians(symbolic: SymbolicRobot, mounted: Sequence[MountedFrame]) -> list[Matrix]:
+    """Jacobians of frames, in world axes.
+
+    Args:
+        symbolic, mounted: The robot and the frames.
+
+    Returns:
+        6 rows each, linear and then angular; columns in the order of v. A joint that does not
+        support the frame has a column of zeros.
+    """
+    frames = _segment_frames(symbolic)
+    return [_jacobian(symbolic, frames, frame) for frame in mounted]
+
+
+def _jacobian(
+    symbolic: SymbolicRobot, frames: Sequence[SegmentFrame], mounted: MountedFrame
+) -> Matrix:
     """Jacobian of a frame, in world axes.
 
     Args:
         symbolic, mounted: The robot and the frame.
+        frames: Those of the segments.
 
     Returns:
-        6 rows, linear and then angular; columns in the order of v. A joint that does not support
-        the frame has a column of zeros.
+        6 rows; columns in the order of v.
     """
-    tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _frames(symbolic)
-    point = _position(tape, frames, mounted)
+    tape, tree = symbolic.tape, symbolic.reduced_tree
+    point = mounted.from_origin(tape, frames)
     with tape.group("columns of the base"):
         base = symbolic.root.velocities_at(tape, point)
     joints = [(ZERO, ZERO)] * tree.joints
@@ -219,6 +150,57 @@ def frame_jacobian(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[list[
             joints[k - 1] = (axis, ZERO)
     columns = symbolic.places.joined(base, joints)
     return [[column[part][i] for column in columns] for part in range(2) for i in range(3)]
+
+
+def frame_velocities(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
+    """Velocities of all frames: their accelerations at rest, with v for a.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        A row for each frame: linear and then angular velocity (m/s, rad/s), in world axes.
+    """
+    zeros = [sp.S.Zero] * len(symbolic.v)
+    return _accelerations(symbolic, State(zeros, symbolic.v, sp.S.Zero))
+
+
+def frame_bias_accelerations(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
+    """J̇ v of all frames' Jacobians: how they accelerate where a = 0.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        A row for each frame: linear and then angular acceleration (m/s², rad/s²), in world axes.
+    """
+    return _accelerations(symbolic, State(symbolic.v, (), sp.S.Zero).unaccelerated)
+
+
+def _accelerations(symbolic: SymbolicRobot, state: State) -> list[list[sp.Expr]]:
+    """Accelerations of all frames, from one pass outwards.
+
+    Args:
+        symbolic: The robot in symbols.
+        state: Its rates and accelerations, without gravity.
+
+    Returns:
+        A row for each frame: linear and then angular acceleration, in world axes.
+    """
+    tape, tree, frames = symbolic.tape, symbolic.reduced_tree, _segment_frames(symbolic)
+    motions = motions_about_origin(tape, symbolic.root, tree, state)
+    origin = symbolic.origin_acceleration(state)
+    rows = []
+    for mounted in mounted_frames(symbolic):
+        k, frame = mounted.segment, frames[mounted.segment]
+        own = tree.works_in_own_frame(k)
+        with tape.group(f"motion of {mounted.name} in world axes"):
+            rotation = NO_ROTATION if own else tree.segments[k].rotation
+            motion = motions[k].displaced(tape, rotation.vector(tape, mounted.position))
+            axes = frame.own if own else frame.group
+            linear = add(tape, origin, combined(tape, axes, motion.acceleration))
+            rows.append([*linear, *combined(tape, axes, motion.omega_dot)])
+    return rows
 
 
 def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> list[sp.Expr]:
@@ -257,68 +239,3 @@ def frame_bias_acceleration(symbolic: SymbolicRobot, mounted: MountedFrame) -> l
         base = root.frame_motion(tape, base_rates, [sp.S.Zero] * len(base_rates), sp.S.Zero)
         linear = add(tape, end.linear, base.acceleration)
         return [*root.world(tape, linear), *root.world(tape, end.angular)]
-
-
-def tip_pose(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
-    """Homogeneous transform of the tip.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        4×4 matrix, by rows; the position is in m.
-    """
-    return frame_pose(symbolic, _named(symbolic, "tip"))
-
-
-def tip_jacobian(symbolic: SymbolicRobot) -> list[list[sp.Expr]]:
-    """Jacobian of the tip, in world axes.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        6 rows, linear and then angular; columns in the order of v.
-    """
-    return frame_jacobian(symbolic, _named(symbolic, "tip"))
-
-
-def tip_bias_acceleration(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    """J̇ v of the tip Jacobian.
-
-    Args:
-        symbolic: The robot in symbols.
-
-    Returns:
-        Linear and then angular acceleration (m/s², rad/s²), in world axes.
-    """
-    return frame_bias_acceleration(symbolic, _named(symbolic, "tip"))
-
-
-def _combined(tape: Scalars, frame: Frame, point: Vector) -> Vector:
-    return add(
-        tape, *(scale(tape, length, axis) for length, axis in zip(point, frame, strict=True))
-    )
-
-
-def _turned(tape: Scalars, frame: Frame, rotation: Rotation) -> Frame:
-    """Axes of the frame that `rotation` turns out of `frame`."""
-    p, q = rotation.plane
-    axes = list(frame)
-    axes[p] = _mixed(tape, rotation.cos, frame[p], rotation.sin, frame[q])
-    axes[q] = _mixed(tape, -rotation.sin, frame[p], rotation.cos, frame[q])
-    return (axes[0], axes[1], axes[2])
-
-
-def _mixed(tape: Scalars, p: sp.Expr, a: Vector, q: sp.Expr, b: Vector) -> Vector:
-    """The linear combination pa + qb.
-
-    Args:
-        p, q: Factors, a cosine and a sine with signs.
-        a, b: Vectors in one frame.
-
-    Returns:
-        The vector in that frame.
-    """
-    x, y, z = (tape.let(p * i + q * j) for i, j in zip(a, b, strict=True))
-    return (x, y, z)

@@ -4,19 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import sympy as sp
 
 from gibbs_codegen.derivation.composite_inertia import whole_inertia
-from gibbs_codegen.derivation.forward_dynamics import forward_dynamics
-from gibbs_codegen.derivation.forward_kinematics import (
-    positions,
-    tip_bias_acceleration,
-    tip_jacobian,
-    tip_pose,
+from gibbs_codegen.derivation.forward_dynamics import (
+    Dynamics,
+    shorter_dynamics,
+    thrusts_and_wrenches,
 )
+from gibbs_codegen.derivation.forward_kinematics import (
+    frame_bias_acceleration,
+    frame_bias_accelerations,
+    frame_jacobians,
+    frame_poses,
+    frame_velocities,
+    positions,
+)
+from gibbs_codegen.derivation.frame_wrenches import wrench_forces
+from gibbs_codegen.derivation.frames import MountedFrame, mounted_frames
 from gibbs_codegen.derivation.hybrid import LinearSystem, constraint_torques
+from gibbs_codegen.derivation.joint_wrenches import joint_wrenches
+from gibbs_codegen.derivation.momentum import (
+    centre_of_mass,
+    centre_of_mass_jacobian,
+    centroidal_momentum,
+    gravity_forces,
+)
 from gibbs_codegen.derivation.passive import (
     armature_energy,
     armatures,
@@ -33,8 +49,8 @@ from gibbs_codegen.derivation.tree_dynamics import (
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.symbolic.tape import Tape
 
-# A scalar, a vector, or a matrix by rows.
-Array: TypeAlias = sp.Expr | Sequence[sp.Expr] | Sequence[Sequence[sp.Expr]]
+# A scalar, a vector, a matrix by rows, or several matrices.
+Array: TypeAlias = sp.Expr | Sequence["Array"]
 
 
 @dataclass(frozen=True)
@@ -46,6 +62,11 @@ class Systems:
     reduced: LinearSystem
     hybrid: LinearSystem
 
+    @cached_property
+    def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:
+        """The shorter way to the accelerations, and those of M a = R + B u."""
+        return shorter_dynamics(self.tape, self.symbolic)
+
 
 def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     """M a − R = ∂S/∂θ̈ at the given accelerations."""
@@ -54,14 +75,16 @@ def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
     base, joints = symbolic.places.split(forces)
     _, accelerations = symbolic.places.split(symbolic.a)
     given = zip(joints, armatures(symbolic), accelerations, passive_forces(symbolic), strict=True)
-    own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
+    with tape.group("forces of the joints with their armature, dampers and springs"):
+        own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
     return symbolic.places.joined(base, own)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
     symbolic, tape = systems.symbolic, systems.tape
     links = gibbs_function(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
-    return tape.let(sp.Add(links, *passive_gibbs_function(symbolic)))
+    with tape.group("Gibbs function with armature, dampers and springs"):
+        return tape.let(sp.Add(links, *passive_gibbs_function(symbolic)))
 
 
 def _kinetic_energy(systems: Systems) -> sp.Expr:
@@ -69,7 +92,8 @@ def _kinetic_energy(systems: Systems) -> sp.Expr:
     symbolic, zero = systems.symbolic, sp.S.Zero
     state = State([zero] * len(symbolic.v), symbolic.v, zero)
     links = gibbs_function(symbolic.tape, symbolic.root, symbolic.reduced_tree, state)
-    return symbolic.tape.let(sp.Add(links, *armature_energy(symbolic)))
+    with symbolic.tape.group("kinetic energy with that of the armature"):
+        return symbolic.tape.let(sp.Add(links, *armature_energy(symbolic)))
 
 
 def _potential_energy(systems: Systems) -> sp.Expr:
@@ -80,7 +104,8 @@ def _potential_energy(systems: Systems) -> sp.Expr:
         height = symbolic.root.world(tape, composite.moment)[2]
         moment = tape.let(composite.mass * symbolic.origin[2] + height)
         weight = tape.let(symbolic.parameters.gravity * moment)
-    return tape.let(sp.Add(weight, *spring_energy(symbolic)))
+    with tape.group("potential energy with that of the springs"):
+        return tape.let(sp.Add(weight, *spring_energy(symbolic)))
 
 
 def _coordinate_rates(systems: Systems) -> list[sp.Expr]:
@@ -120,11 +145,19 @@ def _difference(systems: Systems) -> list[sp.Expr]:
     return places.v.joined(step, turns)
 
 
+def _tip(systems: Systems) -> MountedFrame:
+    return next(frame for frame in mounted_frames(systems.symbolic) if frame.name == "tip")
+
+
+def _with_frames(systems: Systems) -> tuple[SymbolicRobot, list[MountedFrame]]:
+    return systems.symbolic, mounted_frames(systems.symbolic)
+
+
 DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "mass_matrix": lambda systems: systems.reduced.matrix,
     "residual": lambda systems: systems.reduced.residual,
     "input_matrix": lambda systems: systems.reduced.inputs,
-    "forward_dynamics": lambda systems: forward_dynamics(systems.tape, systems.symbolic),
+    "forward_dynamics": lambda systems: systems.dynamics[1],
     "inverse_dynamics": _inverse_dynamics,
     "hybrid_mass_matrix": lambda systems: systems.hybrid.matrix,
     "hybrid_residual": lambda systems: systems.hybrid.residual,
@@ -134,9 +167,24 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "kinetic_energy": _kinetic_energy,
     "potential_energy": _potential_energy,
     "positions": lambda systems: positions(systems.symbolic),
-    "tip_pose": lambda systems: tip_pose(systems.symbolic),
-    "tip_jacobian": lambda systems: tip_jacobian(systems.symbolic),
-    "tip_bias_acceleration": lambda systems: tip_bias_acceleration(systems.symbolic),
+    "tip_pose": lambda systems: frame_poses(systems.symbolic, [_tip(systems)])[0],
+    "tip_jacobian": lambda systems: frame_jacobians(systems.symbolic, [_tip(systems)])[0],
+    "tip_bias_acceleration": (
+        lambda systems: frame_bias_acceleration(systems.symbolic, _tip(systems))
+    ),
+    "frame_poses": lambda systems: frame_poses(*_with_frames(systems)),
+    "frame_jacobians": lambda systems: frame_jacobians(*_with_frames(systems)),
+    "frame_velocities": lambda systems: frame_velocities(systems.symbolic),
+    "frame_bias_accelerations": lambda systems: frame_bias_accelerations(systems.symbolic),
+    "centre_of_mass": lambda systems: centre_of_mass(systems.symbolic),
+    "centre_of_mass_jacobian": lambda systems: centre_of_mass_jacobian(systems.symbolic),
+    "centroidal_momentum": lambda systems: centroidal_momentum(systems.symbolic),
+    "gravity_forces": lambda systems: gravity_forces(systems.symbolic),
+    "wrench_forces": lambda systems: wrench_forces(systems.symbolic),
+    "forward_dynamics_with_wrenches": (
+        lambda systems: systems.dynamics[0](systems.symbolic, thrusts_and_wrenches)
+    ),
+    "joint_wrenches": lambda systems: joint_wrenches(systems.symbolic),
     "coordinate_rates": _coordinate_rates,
     "integrated": _integrated,
     "difference": _difference,

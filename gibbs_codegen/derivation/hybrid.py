@@ -20,6 +20,7 @@ from gibbs_codegen.derivation.forces import (
     motor_torque_about_rod,
     rotor_column,
 )
+from gibbs_codegen.derivation.held_links import held_rows, torques_on_held_links
 from gibbs_codegen.derivation.inertia_forces import link_wrench
 from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.segment_tree import SegmentTree
@@ -34,7 +35,7 @@ from gibbs_codegen.robot.chains import Chain, coupling_map
 from gibbs_codegen.robot.coordinates import held_coordinate, hybrid_coordinates
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.names import coordinate_of
-from gibbs_codegen.symbolic.vectors import Matrix, zeros
+from gibbs_codegen.symbolic.vectors import Matrix, Wrench, zeros
 
 
 @dataclass(frozen=True)
@@ -88,10 +89,11 @@ def _add_passive(
     """
     tape = symbolic.tape
     given = zip(places, armatures(symbolic), passive_forces(symbolic), strict=True)
-    for row, armature, force in given:
-        if row is not None:
-            matrix[row][row] = tape.let(matrix[row][row] + armature)
-            residual[row] = tape.let(residual[row] + force)
+    with tape.group("armature, dampers and springs of the joints"):
+        for row, armature, force in given:
+            if row is not None:
+                matrix[row][row] = tape.let(matrix[row][row] + armature)
+                residual[row] = tape.let(residual[row] + force)
 
 
 def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> sp.Expr:
@@ -105,6 +107,18 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
     Returns:
         The row at the given rates and accelerations.
     """
+    return serial.segments[1].row(constrained_joint_wrench(symbolic, serial, state))
+
+
+def constrained_joint_wrench(symbolic: SymbolicRobot, serial: SegmentTree, state: State) -> Wrench:
+    """𝒮 and ℛ of a base arm, of which the constrained joint has a row.
+
+    Args:
+        symbolic, serial, state: As of `constrained_joint_row`.
+
+    Returns:
+        Inertia force and moment about the joint, in the base's axes (N, N m).
+    """
     places = symbolic.root.places(serial.joints)
 
     def held(values: Sequence[sp.Expr]) -> list[sp.Expr]:
@@ -114,7 +128,7 @@ def constrained_joint_row(symbolic: SymbolicRobot, serial: SegmentTree, state: S
     own = State(held(state.rates), held(state.accelerations), state.gravity)
     motions = tree_motions(symbolic.tape, symbolic.root, serial, own)
     with symbolic.tape.group(f"inertia forces of {serial.subtree_about_joint(1)}"):
-        return link_wrench(symbolic.tape, serial, 1, motions[1]).moment[2]
+        return link_wrench(symbolic.tape, serial, 1, motions[1])
 
 
 def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSystem:
@@ -139,8 +153,11 @@ def hybrid_system(symbolic: SymbolicRobot, reduced: LinearSystem) -> LinearSyste
     for here, torque in zip(held, range(size - len(held), size), strict=True):
         matrix[here][torque], matrix[torque][here] = -sp.S.One, sp.S.One
     _fill_rods(symbolic, system)
-    if symbolic.robot.constrained:
-        _fill_held_links(symbolic, system)
+    for joint in held_rows(symbolic):
+        for column, entry in joint.entries.items():
+            matrix[joint.place][column] = matrix[column][joint.place] = entry
+        system.residual[joint.place] = joint.residual
+        system.inputs[joint.place][: symbolic.robot.rotors] = joint.inputs
     return system
 
 
@@ -171,59 +188,6 @@ def _fill_rods(symbolic: SymbolicRobot, system: LinearSystem) -> None:
         system.inputs[here][chain.rod - 1] = motor_torque_about_rod(symbolic, chain.rod)
 
 
-def _fill_held_links(symbolic: SymbolicRobot, system: LinearSystem) -> None:
-    """Fill the rows of the joints that hold links, from the tree that has these joints.
-
-    Args:
-        symbolic: The robot in symbols.
-        system: The hybrid system.
-    """
-    tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
-    matrix = mass_matrix(tape, root, tree)
-    minus_r = generalised_inertia_forces(tape, root, tree, _held_state(symbolic).unaccelerated)
-    rotors = range(1, symbolic.robot.rotors + 1)
-    columns = [rotor_column(symbolic, tree, symbolic.held_bodies, k) for k in rotors]
-    everywhere = _places_of_held_tree(symbolic)
-    for i in _held_places(symbolic):
-        row = everywhere[i]
-        for j, column in enumerate(everywhere):
-            system.matrix[row][column] = system.matrix[column][row] = matrix[i][j]
-        system.residual[row] = -minus_r[i]
-        for k, thrust in enumerate(columns):
-            system.inputs[row][k] = thrust[i]
-
-
-def _held_places(symbolic: SymbolicRobot) -> list[int]:
-    """Places of the held joints among the coordinates of the tree that has them."""
-    tree, robot = symbolic.held_tree, symbolic.robot
-    joints = symbolic.root.places(tree.joints).joint_places
-    numbers = symbolic.held_bodies.numbers
-    return [place for place, i in zip(joints, numbers, strict=True) if i in robot.constrained]
-
-
-def _places_of_held_tree(symbolic: SymbolicRobot) -> list[int]:
-    """Where the coordinates of the tree with held joints stand among the hybrid unknowns."""
-    robot, layout = symbolic.robot, layout_of(symbolic.robot)
-    names = [coordinate.name for coordinate in hybrid_coordinates(robot)]
-    joints = [names.index(coordinate_of(robot, i)) for i in symbolic.held_bodies.numbers]
-    base, _ = symbolic.places.split(layout.free)
-    return symbolic.root.places(len(joints)).joined(base, joints)
-
-
-def _held_state(symbolic: SymbolicRobot) -> State:
-    """The state of the tree with held joints, whose rates and accelerations are zero."""
-    numbers = symbolic.held_bodies.numbers
-
-    def spread(values: Sequence[sp.Expr]) -> list[sp.Expr]:
-        base, joints = symbolic.places.split(values)
-        moving = dict(zip(symbolic.robot.moving, joints, strict=True))
-        own = [moving.get(i, sp.S.Zero) for i in numbers]
-        return symbolic.root.places(len(numbers)).joined(base, own)
-
-    state = symbolic.state
-    return State(spread(state.rates), spread(state.accelerations), state.gravity)
-
-
 def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
     """τ'_k of the held joints, given the free accelerations and the inputs (eq. 14).
 
@@ -241,25 +205,7 @@ def constraint_torques(symbolic: SymbolicRobot) -> list[sp.Expr]:
                 lever = motor_torque_about_rod(symbolic, chain.rod)
                 active = symbolic.tape.let(lever * symbolic.u[chain.rod - 1])
                 torques.append(symbolic.tape.let(inertia_force - active))
-    return [*torques, *_torques_of_held_links(symbolic)] if symbolic.robot.constrained else torques
-
-
-def _torques_of_held_links(symbolic: SymbolicRobot) -> list[sp.Expr]:
-    tape, root, tree = symbolic.tape, symbolic.root, symbolic.held_tree
-    forces = generalised_inertia_forces(tape, root, tree, _held_state(symbolic))
-    columns = [
-        rotor_column(symbolic, tree, symbolic.held_bodies, k)
-        for k in range(1, symbolic.robot.rotors + 1)
-    ]
-    torques = []
-    for i in _held_places(symbolic):
-        with tape.group("constraint torques of links"):
-            active = [
-                tape.let(column[i] * thrust)
-                for column, thrust in zip(columns, symbolic.u, strict=False)
-            ]
-            torques.append(tape.let(forces[i] - sp.Add(*active)))
-    return torques
+    return [*torques, *torques_on_held_links(symbolic)]
 
 
 def chain_matrix(symbolic: SymbolicRobot, number: int) -> Matrix:
@@ -307,7 +253,15 @@ def chain_system(symbolic: SymbolicRobot, number: int) -> LinearSystem:
 
 
 def _bordered(symbolic: SymbolicRobot, number: int, matrix: Matrix) -> Matrix:
-    """A chain's matrix with ±ζ for each joint that is held."""
+    """A chain's matrix with ±ζ for each joint that is held.
+
+    Args:
+        symbolic, number: The chain, by its number from 1.
+        matrix: Its mass matrix.
+
+    Returns:
+        The matrix in the order of the chain's unknowns.
+    """
     chain, _ = symbolic.open_chains[number - 1]
     robot, zero, one = symbolic.robot, sp.S.Zero, sp.S.One
     names = [held_coordinate(robot, arm).name for arm in chain.held]

@@ -120,16 +120,37 @@ def inward(
     """∂S/∂θ̈ of the tree (eq. 5): every segment adds its inertia forces to its parent's.
 
     Args:
+        tree, motions, loads: As of `subtree_wrenches`.
+
+    Returns:
+        The sum of 𝒮 and ℛ over the tree about the root, in the root's group frame, without the
+        root's B₀r̈, which the caller adds; and the row of each joint after the root.
+    """
+    root, *others = subtree_wrenches(tape, tree, motions, loads)
+    # Neither component along the joint is turned by what turns about it.
+    rows = [s.row(wrench) for s, wrench in zip(tree.segments[1:], others, strict=True)]
+    with tape.group(f"inertia forces of {tree.subtree_about_joint(0)}"):
+        return tree.to_group_frame(tape, 0, root), rows
+
+
+def subtree_wrenches(
+    tape: Scalars,
+    tree: SegmentTree,
+    motions: Sequence[Motion],
+    loads: Mapping[int, Wrench] = MappingProxyType({}),
+) -> list[Wrench]:
+    """𝒮 and ℛ of every segment and all that it supports: what its joint has to supply.
+
+    Args:
         tree: The tree.
         motions: That of each segment, in its working frame.
         loads: Wrenches on segments after the root, by their index, which are subtracted: about the
             joint, in the segment's own frame (N, N m).
 
     Returns:
-        The sum of 𝒮 and ℛ over the tree about the root, in the root's group frame, without the
-        root's B₀r̈, which the caller adds; and the row of each joint after the root.
+        For each segment the sum over its subtree about its joint, in its working frame; that of the
+        root without its B₀r̈.
     """
-    rows: list[sp.Expr] = []
     received = [NO_WRENCH for _ in tree.segments]
     for k in range(tree.joints, -1, -1):
         segment = tree.segments[k]
@@ -138,13 +159,14 @@ def inward(
             if k in loads:
                 load = tree.to_working_frame(tape, k, loads[k])
                 wrench = wrench.plus(tape, load.opposite)
-            wrench = received[k] = tree.to_group_frame(tape, k, wrench)
+            received[k] = wrench
+            if k > 0:
+                wrench = tree.to_group_frame(tape, k, wrench)
         if k > 0:
-            rows.append(segment.row(wrench))
             with tape.group(f"inertia forces of {tree.subtree_about_joint(segment.parent)}"):
                 wrench = tree.passed_in(tape, k, wrench)
                 received[segment.parent] = received[segment.parent].plus(tape, wrench)
-    return received[0], rows[::-1]
+    return received
 
 
 def tree_gibbs_function(tape: Scalars, tree: SegmentTree, motions: Sequence[Motion]) -> sp.Expr:

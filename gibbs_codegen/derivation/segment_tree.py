@@ -249,6 +249,20 @@ class SegmentTree:
             return item
         return item.rotated(tape, self.segments[k].rotation)
 
+    def to_own_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
+        """Take a wrench or an inertia of a segment from its working frame to its own frame.
+
+        Args:
+            k: Index of the segment.
+            item: About the segment's joint, in its working frame.
+
+        Returns:
+            The same in its own frame.
+        """
+        if self.works_in_own_frame(k):
+            return item
+        return item.rotated(tape, self.segments[k].rotation.inverse)
+
     def to_group_frame(self, tape: Scalars, k: int, item: Moved) -> Moved:
         """Take a wrench or an inertia of a segment from its working frame to its group frame.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -32,8 +32,8 @@ class SymbolicRobot:
     """Symbols and parts of one robot on one tape.
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, the velocities, their rates and
-    the inputs, in the orders of `robot/coordinates`, `q0` and `q1` the coordinates of two
-    configurations.
+    the inputs, in the orders of `robot/coordinates`, `W` those of the wrenches on the frames, row
+    by row, `q0` and `q1` the coordinates of two configurations.
     """
 
     robot: Robot
@@ -44,6 +44,7 @@ class SymbolicRobot:
     v: tuple[sp.Symbol, ...]
     a: tuple[sp.Symbol, ...]
     u: tuple[sp.Symbol, ...]
+    W: tuple[sp.Symbol, ...]
     q0: tuple[sp.Symbol, ...]
     q1: tuple[sp.Symbol, ...]
 
@@ -60,8 +61,8 @@ class SymbolicRobot:
         """
         names = local_names(robot)
         q = tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names["q"])
-        v, a, u = (
-            tuple(tape.symbol(name, Stage.MOTION) for name in names[letter]) for letter in "vau"
+        v, a, u, wrenches = (
+            tuple(tape.symbol(name, Stage.MOTION) for name in names[letter]) for letter in "vauW"
         )
         q1, q0 = (  # First what differences are taken of.
             tuple(tape.symbol(name, Stage.CONFIGURATION) for name in names[place])
@@ -70,7 +71,7 @@ class SymbolicRobot:
         with tape.group("attitude"):
             root = root_of(robot, tape, q)
         parameters = Parameters(robot, tape, keep_zeros)
-        return cls(robot, tape, parameters, root, q, v, a, u, q0, q1)
+        return cls(robot, tape, parameters, root, q, v, a, u, wrenches, q0, q1)
 
     @property
     def joints(self) -> int:
@@ -87,10 +88,47 @@ class SymbolicRobot:
         """Rates, accelerations and gravity, as the tree of the reduced system takes them."""
         return State(self.v, self.a, self.parameters.gravity)
 
+    def state_of(self, bodies: JointedBodies) -> State:
+        """The state as a tree of some bodies takes it: joints that are held have no rates.
+
+        Args:
+            bodies: The bodies.
+
+        Returns:
+            Rates and accelerations in the order of the tree's coordinates, and gravity.
+        """
+
+        def spread(values: Sequence[sp.Expr]) -> list[sp.Expr]:
+            base, joints = self.places.split(values)
+            moving = dict(zip(self.robot.moving, joints, strict=True))
+            own = [moving.get(i, sp.S.Zero) for i in bodies.numbers]
+            return self.root.places(len(own)).joined(base, own)
+
+        return State(spread(self.v), spread(self.a), self.parameters.gravity)
+
     @property
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""
         x, y, z = self.q[layout_of(self.robot).q.position]
+        return (x, y, z)
+
+    def origin_acceleration(self, state: State) -> Vector:
+        """Acceleration of the origin of the coordinates.
+
+        Args:
+            state: Rates and accelerations in the order of v, and gravity.
+
+        Returns:
+            Its components in world axes (m/s²).
+        """
+        rates, _ = self.places.split(state.rates)
+        accelerations, _ = self.places.split(state.accelerations)
+        coordinates, _ = layout_of(self.robot).q.split(self.q)
+        with self.tape.group("motion of the origin in world axes"):
+            linear = self.root.origin_acceleration(self.tape, rates, accelerations, state.gravity)
+            # Linear velocities may count along the base's axes; then its components do as well.
+            along = [*accelerations[:3], *linear]
+            *_, x, y, z = self.root.coordinate_rates(self.tape, coordinates, along)
         return (x, y, z)
 
     @cached_property
@@ -191,6 +229,12 @@ class SymbolicRobot:
         return self._bodies(self.held)
 
     @cached_property
+    def all_bodies(self) -> JointedBodies:
+        """Every link with a joint of its own, held where the link is welded or constrained."""
+        every: dict[int, sp.Expr] = dict.fromkeys(range(1, len(self.robot.links) + 1), sp.S.Zero)
+        return self._bodies(every | self.coordinates)
+
+    @cached_property
     def reduced_tree(self) -> SegmentTree:
         """The links on the rigid base, regrouped: what the reduced system is derived from."""
         return regrouped(self.tape, self._tree(self.base_inertia(), self.bodies))
@@ -199,6 +243,11 @@ class SymbolicRobot:
     def held_tree(self) -> SegmentTree:
         """The links on the rigid base, with the joints that constraint torques hold."""
         return self._tree(self.base_inertia(), self.held_bodies)
+
+    @cached_property
+    def whole_tree(self) -> SegmentTree:
+        """Every link on the rigid base by itself, with all of its inertia."""
+        return self._tree(self.base_inertia(), self.all_bodies)
 
     @cached_property
     def open_chains(self) -> tuple[tuple[Chain, SegmentTree], ...]:

@@ -74,24 +74,22 @@ def tree_of_links(
         starts_group = link.parent in twisted
         angle, fixed = (sp.S.Zero, Fraction(0)) if starts_group else turns[link.parent]
         fixed += link.theta_deg
-        d = link.d
-        if link.joint == "revolute":
-            angle += link.coordinate
-        else:
-            d += link.coordinate
-        turns.append((angle, fixed))
+        turn, travel = link.coordinate, sp.S.Zero
+        if link.joint == "prismatic":
+            turn, travel = travel, turn
+        turns.append((angle + turn, fixed))
         with tape.group("inertias of the links", Stage.PARAMETER):
             inertia = link.inertia.mapped(tape.let)
         x, y, z = link.step
         with tape.group("angles and places of the joints", Stage.PARAMETER):
             segment = Segment(
                 inertia=inertia,
-                rotation=joint_rotation(tape, angle, fixed, fixed_rotation),
+                rotation=joint_rotation(tape, *turns[-1], fixed_rotation),
                 parent=link.parent,
                 joint=link.joint,
                 turn=fixed_rotation(Z, link.turn_deg),
                 step=(tape.let(x), tape.let(y), tape.let(z)),
-                d=tape.let(d),
+                d=tape.let(link.d + travel),
                 twist=fixed_rotation(X, link.alpha_deg),
                 offset=fixed_rotation(Z, link.theta_deg),
                 starts_group=starts_group,

@@ -75,9 +75,25 @@ def free_motions(
     Returns:
         A motion for each segment, in its working frame.
     """
-    still = [*rates]
-    still[root.places(tree.joints).position] = [sp.S.Zero] * 3
-    return tree_motions(tape, root, tree, State(still, (), sp.S.Zero).unaccelerated)
+    return motions_about_origin(tape, root, tree, State(rates, (), sp.S.Zero).unaccelerated)
+
+
+def motions_about_origin(
+    tape: Scalars, root: Root, tree: SegmentTree, state: State
+) -> list[Motion]:
+    """Motions about the origin of the coordinates, as if it were at rest.
+
+    Args:
+        root, tree: The tree and how its root moves.
+        state: Rates and accelerations of its coordinates; those of the position are left out.
+
+    Returns:
+        A motion for each segment, in its working frame.
+    """
+    rates, accelerations = [*state.rates], [*state.accelerations]
+    for values in (rates, accelerations):
+        values[root.places(tree.joints).position] = [sp.S.Zero] * 3
+    return tree_motions(tape, root, tree, State(rates, accelerations, state.gravity))
 
 
 def generalised_inertia_forces(

@@ -117,32 +117,34 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
-def state_array(name: str, values: ArrayLike, width: int) -> NDArray[np.float64]:
+def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64]:
     """An argument of a function as an array, once its axes have been checked.
 
     Args:
         name: What an error calls the argument.
         values: One state or a batch of states, as NumPy takes them.
-        width: Entries of one state.
+        shape: Shape of one state, of one axis or of two.
 
     Returns:
-        Array (..., width).
+        Array (..., width), the entries of one state along the last axis, row by row.
 
     Raises:
         TypeError, ValueError: As of `real_numbers`.
-        ValueError: The last axis has another length, or there are too many axes.
+        ValueError: The last axes have other lengths, or there are too many axes.
     """
     if type(values) is np.ndarray and values.dtype is _FLOAT:
         array = values
     else:
         array = real_numbers(name, values)
-    if array.ndim == 0 or array.shape[-1] != width:
-        raise ValueError(
-            f"{name} must have {width} entries along its last axis, not shape {array.shape}"
-        )
+    if array.shape[-len(shape) :] != shape:
+        if len(shape) == 1:
+            must = f"{shape[0]} entries along its last axis"
+        else:
+            must = f"{shape[0]} rows of {shape[1]} entries along its last two axes"
+        raise ValueError(f"{name} must have {must}, not shape {array.shape}")
     if array.ndim > _MOST_AXES:
         raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
-    return array
+    return array if len(shape) == 1 else array.reshape(*array.shape[:-2], shape[0] * shape[1])
 
 
 def sqrt(x: Any) -> Any:
@@ -213,10 +215,11 @@ class Evaluator:
         coordinates: Sequence[str],
         velocities: Sequence[str],
         inputs: Sequence[str],
+        frames: Sequence[str],
         default_constants: tuple[float, ...],
     ) -> None:
         """Take the names that reports use, and the constants of calls that give none."""
-        self._report = NotFiniteReport(module, coordinates, velocities, inputs)
+        self._report = NotFiniteReport(module, coordinates, velocities, inputs, frames)
         self._default = default_constants
 
     def __call__(
@@ -301,10 +304,12 @@ class NotFiniteReport:
         coordinates: Sequence[str],
         velocities: Sequence[str],
         inputs: Sequence[str],
+        frames: Sequence[str],
     ) -> None:
-        """Take the module's name, and those of the entries of q, of v and a, and of u."""
+        """Take the module's name, those of the entries of q, of v and a, and of u, and frames."""
         self._module = module
         self._labels = {"q": coordinates, "v": velocities, "a": velocities, "u": inputs}
+        self._labels["W"] = [frame for frame in frames for _ in range(6)]
 
     def __call__(
         self,

@@ -26,6 +26,12 @@ _LEFT_OUT = {
     "keyframe": "keyframes",
     "deformable": "deformable bodies",
 }
+# What a compiler may be told; versions differ in what else they know.
+_SETTINGS = {
+    *("angle", "eulerseq", "autolimits", "inertiafromgeom", "inertiagrouprange", "strippath"),
+    *("meshdir", "assetdir", "exactmeshinertia", "alignfree"),
+}
+_CHANGING = {"balanceinertia", "boundmass", "boundinertia", "settotalmass"}
 _MOST_INCLUDES = 50
 _MOST_COPIES = 1000
 _TEXTS = {"name", "class", "childclass", "file", "mesh", "meshdir", "assetdir", "model", "joint"}
@@ -61,7 +67,7 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
             shapes.strip(world, "", True)
     told.append(Told("left out", "shapes that give no mass", f"{shapes.count}"))
     told += _only_motors(root)
-    _settle(root, path)
+    told += _settle(root, path)
     return ET.tostring(root, encoding="unicode"), told
 
 
@@ -186,8 +192,16 @@ def _only_motors(root: Element) -> Iterator[Told]:
                 yield Told("left out", name, f"<{printable(actuator.tag, 40)}>, which is no motor")
 
 
-def _settle(root: Element, path: Path) -> None:
-    """Leave the compiler no choice: no welding, and folders by their full paths."""
+def _settle(root: Element, path: Path) -> Iterator[Told]:
+    """Leave the compiler no choice: no welding, and folders by their full paths.
+
+    Args:
+        root: The document, which is changed.
+        path: Its file.
+
+    Yields:
+        Settings with which MuJoCo changes masses or inertias.
+    """
     meshes = any("mesh" in found.attrib for found in root.iter("geom"))
     for section in children(root):
         if section.tag == "asset" and not meshes:
@@ -199,7 +213,15 @@ def _settle(root: Element, path: Path) -> None:
         root.insert(0, Element("compiler"))
     for compiler in root.iter("compiler"):
         folder = compiler.get("meshdir", compiler.get("assetdir", ""))
-        for key in ("assetdir", "texturedir"):
-            compiler.attrib.pop(key, None)
+        for key in sorted(_CHANGING & set(compiler.attrib)):
+            setting = f"{compiler.get(key)}: with it MuJoCo changes masses or inertias"
+            yield Told("note", key, printable(setting))
+        kept = (
+            _SETTINGS
+            | _CHANGING
+            | ({"coordinate"} if compiler.get("coordinate") == "global" else set())
+        )
+        compiler.attrib = {key: text for key, text in compiler.attrib.items() if key in kept}
+        compiler.attrib.pop("assetdir", None)
         compiler.set("meshdir", str(path.parent.absolute() / folder))
         compiler.set("fusestatic", "false")

@@ -2,13 +2,14 @@
 
 from gibbs_codegen.interface.rows import Argument, Output, Row
 from gibbs_codegen.interface.signatures import Signature, module_signatures, signatures
-from gibbs_codegen.interface.table import ARGUMENTS, DATA, FUNCTIONS, LANES
+from gibbs_codegen.interface.table import ARGUMENTS, DATA, FUNCTIONS, LANES, LISTS
 
 __all__ = [
     "ARGUMENTS",
     "DATA",
     "FUNCTIONS",
     "LANES",
+    "LISTS",
     "Argument",
     "Output",
     "Row",

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument, with an entry for each of a list: `width` is the letter of its length.
+    """An argument and its shape, in the letters of the table.
 
-    An entry is named `prefix` and its name in the list. With a quaternion velocities are no rates
-    of coordinates, and the meaning is `with_quaternion`, where that says something else.
+    Of one axis, an entry is named `prefix` and its name in the list that the letter stands for.
+    With a quaternion velocities are no rates of coordinates, and the meaning is `with_quaternion`,
+    where that says something else.
     """
 
-    width: str
+    shape: str
     meaning: str
     prefix: str = ""
     with_quaternion: str = ""
@@ -43,14 +44,28 @@ class Output:
         Returns:
             The size of each axis.
         """
-        return tuple(int(x) if x.isdigit() else lengths[x] for x in self.shape)
+        return sizes(self.shape, lengths)
+
+
+def sizes(shape: str, lengths: Mapping[str, int]) -> tuple[int, ...]:
+    """A shape in numbers.
+
+    Args:
+        shape: Letters and digits, one for each axis.
+        lengths: The length that each letter stands for.
+
+    Returns:
+        The size of each axis.
+    """
+    return tuple(int(x) if x.isdigit() else lengths[x] for x in shape)
 
 
 @dataclass(frozen=True)
 class Row:
     """A row of the table; `source` is the equation that the function implements.
 
-    In `details`, {singularity} stands for what is to be said of the attitude.
+    In `details`, {singularity} stands for what is to be said of the attitude. Only robots that have
+    the `frame`, if one is named, have the function.
     """
 
     name: str
@@ -59,3 +74,4 @@ class Row:
     summary: str
     source: str
     details: str = ""
+    frame: str = ""

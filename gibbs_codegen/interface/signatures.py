@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS
+from gibbs_codegen.interface.rows import sizes
+from gibbs_codegen.interface.table import ARGUMENTS, FUNCTIONS, LISTS
 
 
 @dataclass(frozen=True)
 class Signature:
-    """A function of one module: its arguments with their widths, and the shapes of its outputs."""
+    """A function of one module: its arguments with their shapes, and the shapes of its outputs."""
 
     name: str
     arguments: tuple[str, ...]
-    widths: tuple[int, ...]
+    argument_shapes: tuple[tuple[int, ...], ...]
     shapes: tuple[tuple[int, ...], ...]
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Entries of one state in each argument."""
+        return tuple(map(math.prod, self.argument_shapes))
 
 
 def module_signatures(module: Any) -> list[Signature]:
@@ -27,31 +35,27 @@ def module_signatures(module: Any) -> list[Signature]:
     Returns:
         The signatures, in the order of the table.
     """
-    lists = (module.COORDINATES, module.VELOCITIES, module.HYBRID_COORDINATES)
-    found = signatures(*map(len, (*lists, module.INPUTS, module.POINTS)))
-    return [s for s in found if "tip" in module.POINTS or not s.name.startswith("tip_")]
+    return signatures({name: getattr(module, name) for name in LISTS.values()})
 
 
-def signatures(
-    coordinates: int, velocities: int, hybrid: int, inputs: int, points: int
-) -> list[Signature]:
-    """Signatures of all functions, given the lengths of what a module lists.
+def signatures(lists: Mapping[str, Sequence[str]]) -> list[Signature]:
+    """Signatures of the functions that a robot has.
 
     Args:
-        coordinates: Number of COORDINATES.
-        velocities: Number of VELOCITIES.
-        hybrid: Number of HYBRID_COORDINATES.
-        inputs: Number of INPUTS.
-        points: Number of POINTS.
+        lists: What its module lists, by the names of `table.LISTS`.
 
     Returns:
         The signatures, in the order of the table.
     """
-    lengths = {"q": coordinates, "v": velocities, "h": hybrid, "u": inputs, "k": points}
-    lengths["c"] = (hybrid - velocities) // 2
-    found = []
-    for row in FUNCTIONS.values():
-        widths = tuple(lengths[ARGUMENTS[argument].width] for argument in row.arguments)
-        shapes = tuple(output.sizes(lengths) for output in row.outputs)
-        found.append(Signature(row.name, tuple(row.arguments), widths, shapes))
-    return found
+    lengths = {letter: len(lists[name]) for letter, name in LISTS.items()}
+    lengths["c"] = (lengths["h"] - lengths["v"]) // 2
+    return [
+        Signature(
+            row.name,
+            tuple(row.arguments),
+            tuple(sizes(ARGUMENTS[argument].shape, lengths) for argument in row.arguments),
+            tuple(output.sizes(lengths) for output in row.outputs),
+        )
+        for row in FUNCTIONS.values()
+        if not row.frame or row.frame in lists["FRAMES"]
+    ]

@@ -5,11 +5,13 @@ derivation, the targets, the loader, the verification and the simulator read it.
 add a row here and, for an array that nothing derives yet, an entry to `derivation.functions`.
 
 Shapes are given by letters: q the coordinates, v the velocities, h the hybrid unknowns, u the
-inputs, k the points, c the constrained joints; digits stand for themselves.
+inputs, k the points, f the frames, b the bodies, c the constrained joints; digits stand for
+themselves.
 """
 
 from __future__ import annotations
 
+from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.rows import Argument, Output, Row
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold.
@@ -25,22 +27,34 @@ DATA = (
     "HYBRID_COORDINATES",
     "INPUTS",
     "POINTS",
+    "FRAMES",
+    "BODIES",
     "PARAMETERS",
 )
+# Letters of shapes, and the constants that list what they count.
+LISTS = {
+    "q": "COORDINATES",
+    "v": "VELOCITIES",
+    "h": "HYBRID_COORDINATES",
+    "u": "INPUTS",
+    "k": "POINTS",
+    "f": "FRAMES",
+    "b": "BODIES",
+}
 
 ARGUMENTS = {
     "q": Argument("q", "coordinates"),
     "v": Argument("v", "their rates", "v_", "velocities"),
     "a": Argument("v", "their accelerations", "a_", "their rates"),
     "u": Argument("u", "inputs"),
+    "W": Argument("f6", "wrenches on the frames, at their origins, in world axes"),
     "q0": Argument("q", "coordinates to begin with", "q0_"),
     "q1": Argument("q", "coordinates to end with", "q1_"),
 }
 
 _INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
 _LEVERS = "[N/N], [N m/N] and [N m/(N m)], by row and column"
-_TWISTS = "[m/rad] or [1] in the first rows, [1] or [rad/m] in the others"
-_MOTIONS = "[m/s^2] in the first three, [rad/s^2] in the others"
+_LOADS = "[N] in the first three, [N m] in the others, a row for each of {bodies}"
 _MASS_MATRIX = Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS)
 _RESIDUAL = Output("residual", "v", "N m or N", "residual", "{forces}")
 _ROWS = (
@@ -150,60 +164,47 @@ _ROWS = (
         "gravity times the first moment of mass",
     ),
     Row(
-        "positions",
+        "gravity_forces",
         "q",
-        (Output("position", "k3", "m", "positions", "{points} [{unit}]"),),
-        "World positions of POINTS in m, one row each.",
-        "forward kinematics",
+        (Output("force", "v", "N m or N", "gravity_forces", "{forces}"),),
+        "Generalised forces of gravity: gravity's part of R.",
+        "eqs. 5 and 6 at rest",
+        "They are minus what Pinocchio calls the generalised gravity.",
     ),
     Row(
-        "tip_pose",
-        "q",
-        (Output("pose", "44", "1 or m", "tip_pose", "axes [1] and position [m]"),),
-        "Homogeneous transform from the tip's frame to the world.",
-        "forward kinematics",
-        "The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.",
+        "wrench_forces",
+        "qW",
+        (Output("force", "v", "N m or N", "wrench_forces", "{forces}"),),
+        "Generalised forces of wrenches on the frames: the sum of J^T W.",
+        "eq. 7",
+        "They add to B u. The wrenches are carried in from body to body, without a Jacobian.",
     ),
     Row(
-        "tip_jacobian",
-        "q",
-        (Output("jacobian", "6v", "m/rad, rad/m or 1", "tip_jacobian", _TWISTS),),
-        "Jacobian of the tip: linear rows, then angular rows, in world axes.",
-        "forward kinematics",
-        "It takes v to the velocity of the tip in m/s and rad/s.",
+        "forward_dynamics_with_wrenches",
+        "qvuW",
+        (
+            Output(
+                "acceleration",
+                "v",
+                "rad/s^2 or m/s^2",
+                "forward_dynamics_with_wrenches",
+                "{accelerations}",
+            ),
+        ),
+        "Accelerations a of M a = R + B u + the sum of J^T W.",
+        "eq. 19, solved for the free coordinates",
+        "As forward_dynamics, with wrenches on the frames.",
     ),
     Row(
-        "tip_bias_acceleration",
-        "qv",
-        (Output("bias_acceleration", "6", "m/s^2 or rad/s^2", "tip_bias_acceleration", _MOTIONS),),
-        "Acceleration of the tip where a is zero, gravity left out, in world axes.",
-        "forward kinematics",
-        "It is the Jacobian's rate times v: the tip accelerates at tip_jacobian(q) a plus this, "
-        "linear entries first, then angular.",
-    ),
-    Row(
-        "coordinate_rates",
-        "qv",
-        (Output("rate", "q", "rad/s or m/s", "coordinate_rates", "{coordinate_rates}"),),
-        "Rates of the coordinates q.",
-        "kinematics of the base",
-        "With attitude angles v itself; a quaternion turns with the angular velocity of the base.",
-    ),
-    Row(
-        "integrate",
-        "qv",
-        (Output("coordinates", "q", "rad or m", "integrated", "{coordinates}"),),
-        "Coordinates after a displacement v, which is a velocity times the time that it lasts.",
-        "sums, or the exponential map of SE(3) for a quaternion with its position",
-        "The same as Pinocchio's integrate. The only function that normalises a quaternion.",
-    ),
-    Row(
-        "difference",
-        ("q0", "q1"),
-        (Output("displacement", "v", "rad or m", "difference", "{displacement}"),),
-        "Displacement from q0 to q1: integrate(q0, difference(q0, q1)) is at q1.",
-        "differences, or the logarithm of SE(3) for a quaternion with its position",
-        "The same as Pinocchio's difference. A quaternion and its opposite are one attitude.",
+        "joint_wrenches",
+        "qvau",
+        (Output("wrenches", "b6", "N or N m", "joint_wrenches", _LOADS),),
+        "The whole wrench through every joint: what the parent does to the body, at the joint.",
+        "eqs. 6 and 14, all six components",
+        "It is in the axes of the joint's frame, which the robot file gives the body. Gravity, "
+        "inertia and thrusts of all that the joint carries balance it, at the given accelerations, "
+        "which need not fit the inputs. Where they do, its component along a joint that moves is "
+        "the joint's input less armature, damper and spring.",
     ),
 )
-FUNCTIONS: dict[str, Row] = {row.name: row for row in _ROWS}
+FUNCTIONS: dict[str, Row] = {row.name: row for row in (*_ROWS, *KINEMATICS)}

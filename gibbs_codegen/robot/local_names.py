@@ -1,4 +1,4 @@
-"""Names that entries of q, v, a and u have within emitted functions.
+"""Names that entries of arguments have within emitted functions.
 
 An entry that the robot file gives no name is called as in the lists of a module, such as theta_7
 and v_theta_7. Names that people give may be anything: a word of C or Python, or what another
@@ -7,11 +7,13 @@ variable is called. They get endings that nothing else has: forearm_q, forearm_v
 
 from __future__ import annotations
 
-from gibbs_codegen.robot.coordinates import inputs
+from gibbs_codegen.robot.coordinates import frame_names, inputs
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of
 
+# Components of a wrench.
+WRENCH_PARTS = ("fx", "fy", "fz", "tx", "ty", "tz")
 _ENDINGS = {"q": "q", "v": "v", "a": "rate", "q0": "q0", "q1": "q1"}
 _BEGINNINGS = {"q": "", "v": "v_", "a": "a_", "q0": "q0_", "q1": "q1_"}
 
@@ -23,7 +25,7 @@ def local_names(robot: Robot) -> dict[str, tuple[str, ...]]:
         robot: The robot.
 
     Returns:
-        By argument: q, v, a, u, q0 and q1.
+        By argument: q, v, a, u, W, q0 and q1.
     """
     layout = layout_of(robot)
     given = {
@@ -39,6 +41,7 @@ def local_names(robot: Robot) -> dict[str, tuple[str, ...]]:
             for entry in entries
         )
     names["u"] = _input_names(robot, given)
+    names["W"] = tuple(f"W_{frame}_{part}" for frame in frame_names(robot) for part in WRENCH_PARTS)
     return names
 
 

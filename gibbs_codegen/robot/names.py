@@ -21,8 +21,9 @@ from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.model import LinkKind, Robot
 
 JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fixed": "theta"}
-# Parameters of a link that is named like an argument must not be called like its entries, v_x.
-_ARGUMENTS = {"q", "v", "a", "u", "q0", "q1"}
+# Parameters of a link that is named like an argument must not be called like its entries, v_x; nor
+# in C like the places of frames and bodies.
+_ARGUMENTS = {"q", "v", "a", "u", "w", "q0", "q1", "f", "b"}
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")

@@ -34,8 +34,8 @@ def caller_type(compiler: Compiler) -> Callable[..., Any] | None:
         compiler: What makes it where the cache has none.
 
     Returns:
-        Caller(address, widths, shapes, default constants, general function), or None where Python's
-        headers are not installed or it cannot be made, which the log says.
+        Caller(address, shapes of inputs, shapes of outputs, default constants, general function),
+        or None where Python's headers are not installed or it cannot be made, which the log says.
     """
     include = sysconfig.get_path("include")
     if not (Path(include) / "Python.h").is_file() or sys.implementation.name != "cpython":

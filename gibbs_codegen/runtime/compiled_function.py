@@ -107,7 +107,7 @@ class CompiledFunction:
         self._constants = constants
         self._pool = pool
         self._report = NotFiniteReport(
-            module.NAME, module.COORDINATES, module.VELOCITIES, module.INPUTS
+            module.NAME, module.COORDINATES, module.VELOCITIES, module.INPUTS, module.FRAMES
         )
         own = f"{module.NAME}_{signature.name}"
         self._one = library[own]
@@ -130,7 +130,8 @@ class CompiledFunction:
         """
         address = ctypes.cast(self._one, ctypes.c_void_p).value
         signature = self._signature
-        return caller(address, signature.widths, signature.shapes, self._constants.default, general)
+        shapes = signature.argument_shapes, signature.shapes
+        return caller(address, *shapes, self._constants.default, general)
 
     def evaluate(self, given: Mapping[str, Any]) -> Any:
         """The function for any arguments.
@@ -145,8 +146,8 @@ class CompiledFunction:
         signature = self._signature
         constants = self._constants.chosen(given.get("constants"))
         arrays = [
-            state_array(name, given[name], width)
-            for name, width in zip(signature.arguments, signature.widths, strict=True)
+            state_array(name, given[name], *shape)
+            for name, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
         ]
         batch = batch_shape(arrays)
         inputs = [

@@ -13,6 +13,7 @@ from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
     constraint_torque,
+    frame_names,
     free_unknowns,
     held_arms,
     hybrid_coordinates,
@@ -23,6 +24,7 @@ from gibbs_codegen.robot.coordinates import (
 )
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.module_lists import body_names
 
 # Of a docstring's lines, which are indented by four, and of a C comment's, which begin with " * ".
 _DOCSTRING_WIDTH, _DOXYGEN_WIDTH = 96, 97
@@ -137,8 +139,10 @@ def argument_text(robot: Robot, argument: str) -> str:
     Returns:
         Names with units, as "theta_m1 [rad], theta_0 [rad]".
     """
-    prefix, width = ARGUMENTS[argument].prefix, ARGUMENTS[argument].width
-    listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[width](robot)
+    prefix, shape = ARGUMENTS[argument].prefix, ARGUMENTS[argument].shape
+    if shape == "f6":
+        return f"force [N] and torque [N m], a row for each of {', '.join(frame_names(robot))}"
+    listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[shape](robot)
     units = {c.name: f"{c.unit}^2" if argument == "a" else c.unit for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
 
@@ -164,6 +168,8 @@ def output_text(robot: Robot, output: Output) -> str:
         displacement=_units(velocities(robot)).replace("/s]", "]"),
         constraint_torques=_units(torques),
         points=", ".join(points(robot)),
+        frames=", ".join(frame_names(robot)),
+        bodies=", ".join(body_names(robot)),
     )
 
 

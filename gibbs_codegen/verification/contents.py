@@ -6,18 +6,19 @@ import ctypes
 import hashlib
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import zip_longest
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from gibbs_codegen.errors import printable
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points
+from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Robot, Rod
+from gibbs_codegen.robot.model import Robot, Rod, as_rigid_body
+from gibbs_codegen.robot.module_lists import module_lists
+from gibbs_codegen.robot.names import parameter_prefix
 from gibbs_codegen.verification.comparison import Comparison, compared, failed
-from gibbs_codegen.verification.parameters import parameter_values
+from gibbs_codegen.verification.parameters import bodies, parameter_values
 
 _FILE = "the robot file"
 _CONSTANTS_LIMIT = 1e-9
@@ -37,13 +38,9 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
     expected: dict[str, Any] = {
         "NAME": robot.name,
         "ATTITUDE": robot.base.attitude,
-        "COORDINATES": layout.q.names,
         "COORDINATE_UNITS": layout.q.units,
-        "VELOCITIES": layout.v.names,
         "VELOCITY_UNITS": layout.v.units,
-        "HYBRID_COORDINATES": tuple(c.name for c in hybrid_coordinates(robot)),
-        "INPUTS": tuple(c.name for c in inputs(robot)),
-        "POINTS": points(robot),
+        **module_lists(robot),
     }
     rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
     faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)
@@ -111,18 +108,45 @@ def _shown(value: object) -> str:
     return printable(repr(value), 80)
 
 
-def _without_effect(robot: Robot) -> Iterator[str]:
-    """Numbers of the robot that nothing depends on, so that a module may leave them out."""
-    for i, (link, after) in enumerate(zip_longest(robot.links, robot.links[1:]), start=1):
+def without_effect(robot: Robot) -> Iterator[str]:
+    """Numbers of the robot that nothing depends on, so that a module may leave them out.
+
+    Args:
+        robot: The robot.
+
+    Yields:
+        Names of their parameters, some of which the robot may not have.
+    """
+    yield "base_length"
+    followed = {
+        parent
+        for link, parent in zip(robot.links, robot.parents, strict=True)
+        if link.pose is None and link.a is None
+    }
+    followed |= {frame.on for frame in frames_of(robot) if frame.name == "tip"}
+    for i, link in enumerate(robot.links, start=1):
+        prefix = parameter_prefix(robot, i)
         weighed = isinstance(link.body, Rod) and link.body.mass_per_length != 0.0
-        if after is not None and after.a is not None and not weighed:
-            yield f"link{i}_length"
-        if link.body.total_mass == 0.0:
-            yield from (f"link{i}_com_{axis}" for axis in "xyz")
-    for k, arm in enumerate(robot.base.arms, start=1):
-        if arm.total_mass == 0.0:
-            prefix = "base_arm" if robot.base.shares_one_arm else f"base_arm{k}"
+        if i not in followed and not weighed:
+            yield f"{prefix}_length"
+        if link.passive.stiffness == 0.0:
+            yield f"{prefix}_rest"
+        if not _matters(robot, i):
+            yield from (f"{prefix}_{key}" for key in ("x", "y", "z", "a", "d", "length"))
+    for prefix, body in bodies(robot):
+        if body.total_mass == 0.0:
             yield from (f"{prefix}_com_{axis}" for axis in "xyz")
+
+
+def _matters(robot: Robot, i: int) -> bool:
+    """Whether anything depends on where a link is: it, or what it carries, is more than a place."""
+    link, body = robot.links[i - 1], as_rigid_body(robot.links[i - 1].body)
+    named = {frame.on for frame in robot.frames} | {rotor.on for rotor in robot.thrusters}
+    if link.moves or body.mass != 0.0 or any(body.inertia) or i in named:
+        return True
+    return any(
+        _matters(robot, child) for child, parent in enumerate(robot.parents, start=1) if parent == i
+    )
 
 
 def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
@@ -135,7 +159,7 @@ def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
             yield f"{_shown(name)} is no parameter of this robot"
         elif repr(value) != repr(expected[name]):
             yield f"{name} is {_shown(value)}, not {expected[name]!r}"
-    optional = {*found, *_without_effect(robot)}
+    optional = {*found, *without_effect(robot)}
     for name, value in expected.items():
         if name not in optional and value != 0.0:
             yield f"{name} is missing, and not zero"

@@ -17,7 +17,7 @@ class NotApplicableError(Exception):
 
 
 class Quantities(NamedTuple):
-    """Everything that a formulation computes at `s` states.
+    """Everything that a formulation computes at `s` states, of the bodies alone.
 
     Generalised forces and columns of Jacobians are those of all joints, free and constrained, in
     the order of the hybrid system: `size` of them. Axes are the world's.
@@ -26,14 +26,21 @@ class Quantities(NamedTuple):
         mass_matrix: (s, size, size).
         residual: R of M a = R + B u, (s, size).
         inverse_dynamics: M a − R, (s, size).
-        poses: homogeneous transforms of the tree's seats (motors, then the tip), with the axes of
-            their joints, in m, (s, seats, 4, 4).
+        poses: homogeneous transforms of the tree's seats (motors, then the named frames), in m,
+            (s, seats, 4, 4).
         jacobians: of the seats, linear rows first, (s, seats, 6, size).
         kinetic_energy: in J, (s,).
         potential_energy: in J, zero at world Z = 0, (s,).
         positions: of the tree's points in m, (s, points, 3), or None if not computed.
-        tip_bias_acceleration: of the tip where a is zero, linear entries first, (s, 6), or None
-            if not computed.
+        bias_accelerations: of the named frames where a is zero, linear entries first,
+            (s, frames, 6), or None if not computed.
+        centre_of_mass: in m, (s, 3), or None if not computed, as the next.
+        centre_jacobian: of the centre of mass, (s, 3, size).
+        momentum: linear, and angular about the centre of mass, in kg m/s and kg m²/s, (s, 6).
+        gravity_forces: gravity's part of R, (s, size).
+        joint_wrenches: what carries a body does to it, force and moment at the origin and in the
+            axes of the body's frame in N and N m, (s, bodies, 6), in the order of a module's
+            BODIES; only by Newton and Euler.
     """
 
     mass_matrix: Array
@@ -44,7 +51,34 @@ class Quantities(NamedTuple):
     kinetic_energy: Array
     potential_energy: Array
     positions: Array | None = None
-    tip_bias_acceleration: Array | None = None
+    bias_accelerations: Array | None = None
+    centre_of_mass: Array | None = None
+    centre_jacobian: Array | None = None
+    momentum: Array | None = None
+    gravity_forces: Array | None = None
+    joint_wrenches: Array | None = None
+
+    def with_passive(self, tree: Tree, states: States) -> Quantities:
+        """The same with armature, dampers and springs, which formulations leave out.
+
+        Args:
+            tree: The tree of the formulation.
+            states: The states.
+
+        Returns:
+            The quantities.
+        """
+        passive, q = tree.passive, tree.at_joints(states.q)
+        v, a = tree.spread(states.v), tree.spread(states.a)
+        forces = passive.forces(q, v)
+        kinetic, potential = passive.energies(q, v)
+        return self._replace(
+            mass_matrix=self.mass_matrix + np.diag(passive.armature),
+            residual=self.residual + forces,
+            inverse_dynamics=self.inverse_dynamics + passive.armature * a - forces,
+            kinetic_energy=self.kinetic_energy + kinetic,
+            potential_energy=self.potential_energy + potential,
+        )
 
 
 class Formulation(Protocol):
@@ -102,4 +136,10 @@ def state_by_state(
         residual=found.residual[:, order],
         inverse_dynamics=found.inverse_dynamics[:, order],
         jacobians=found.jacobians[..., order],
+        centre_jacobian=_ordered(found.centre_jacobian, order),
+        gravity_forces=_ordered(found.gravity_forces, order),
     )
+
+
+def _ordered(values: Array | None, order: Array) -> Array | None:
+    return None if values is None else values[..., order]

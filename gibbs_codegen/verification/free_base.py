@@ -36,11 +36,12 @@ class FreeBase:
         inner.tree, moved = states.placed(self.tree)
         found = inner.at(moved)
         dragged = self.tree.spread(states.a - moved.a)
-        bias = found.tip_bias_acceleration
+        bias = found.bias_accelerations
         if bias is not None:
-            bias = bias - times(found.jacobians[:, -1], dragged)
+            frames = found.jacobians[:, len(self.tree.motors) :]
+            bias = bias - times(frames, dragged[:, None])
         residual = found.residual + times(found.mass_matrix, dragged)
-        return found._replace(residual=residual, tip_bias_acceleration=bias)
+        return found._replace(residual=residual, bias_accelerations=bias)
 
 
 def formulated(inner: Formulation) -> Formulation:

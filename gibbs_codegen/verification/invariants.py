@@ -37,8 +37,8 @@ def compare_invariants(
         values: What all its functions return at the states.
         states: The states.
         sizes: The natural sizes there.
-        tree: The robot, of which only the layout and the places of the free and the constrained
-            joints are used.
+        tree: The robot, of which only the layout, the places of the free and the constrained
+            joints, and the damping are used.
 
     Returns:
         The comparisons.
@@ -131,7 +131,7 @@ class _Invariants:
         yield compared("potential_energy", against, falling, resting, size, BY_DIFFERENCES)
 
     def power(self) -> Comparison:
-        """The energy changes at the rate vᵀB u."""
+        """The energy changes at the rate vᵀB u, less what dampers take."""
         states, sizes, call = self.states, self.sizes, self.evaluation
         a = self.values["forward_dynamics"]
         # Small against the time in which rates or coordinates change by their own size.
@@ -144,7 +144,9 @@ class _Invariants:
             return call("kinetic_energy", q, v) + call("potential_energy", q)
 
         rate = derivative(energy, STEP / rapid)
-        power = np.sum(states.v * times(self.values["input_matrix"], states.u), axis=-1)
+        damping = self.tree.passive.damping[self.tree.free]
+        driven = times(self.values["input_matrix"], states.u)
+        power = np.sum(states.v * (driven - damping * states.v), axis=-1)
         size = (sizes.kinetic + sizes.potential) * rapid
         against = "power balance, Ė = vᵀB u"
         return compared("forward_dynamics", against, rate, power, size, BY_DIFFERENCES)

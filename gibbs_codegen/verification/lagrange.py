@@ -14,8 +14,9 @@ import numpy as np
 
 from gibbs_codegen.verification.differences import STEP, derivative
 from gibbs_codegen.verification.formulation import Quantities
+from gibbs_codegen.verification.joints import Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import Point, Tree
+from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
 
 _COMPLEX_STEP = 1e-40
@@ -50,11 +51,14 @@ class Lagrange:
         matrix = rows @ np.swapaxes(columns, -1, -2)
         weight = tree.gravity * (by_q[..., 2] @ masses)
         residual = self._by_coordinates(q, v) - weight - self._change(self._momentum, q, v)
-        velocity = _along(self._mass_places, q, v)
+        places, velocity = self._mass_places(q), _along(self._mass_places, q, v)
+        shares = masses / masses.sum()
+        centre, linear = shares @ places, masses @ velocity
+        angular = np.cross(places - centre[:, None], velocity * masses[:, None]).sum(axis=1)
         twists = self._twists(q[:, None], np.eye(tree.size), tree.seats)
 
-        def tip_twist(q: Array, v: Array) -> Array:
-            return self._twists(q, v, [tree.tip])[..., 0, :]
+        def frame_twists(q: Array, v: Array) -> Array:
+            return self._twists(q, v, tree.named)
 
         return Quantities(
             mass_matrix=matrix,
@@ -63,9 +67,13 @@ class Lagrange:
             poses=tree.poses(tree.frames(q)),
             jacobians=np.moveaxis(twists, 1, -1),
             kinetic_energy=0.5 * np.sum(velocity**2, axis=-1) @ masses,
-            potential_energy=tree.gravity * (self._mass_places(q)[..., 2] @ masses),
+            potential_energy=tree.gravity * (places[..., 2] @ masses),
             positions=self._places(q, tree.points),
-            tip_bias_acceleration=self._change(tip_twist, q, v),
+            bias_accelerations=self._change(frame_twists, q, v),
+            centre_of_mass=centre,
+            centre_jacobian=np.swapaxes(np.einsum("p,sipk->sik", shares, by_q), -1, -2),
+            momentum=np.concatenate([linear, angular], axis=-1),
+            gravity_forces=-weight,
         )
 
     def _momentum(self, q: Array, v: Array) -> Array:

@@ -13,18 +13,22 @@ from gibbs_codegen.verification.formulation import (
     Quantities,
     state_by_state,
 )
+from gibbs_codegen.verification.joints import WORLD, Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Point, Tree
+from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
+
+# Of moments of inertia, beside the largest.
+_ROUNDING = 1e-12
 
 
 class MuJoCo:
     """A formulation (see `formulation`) by the library of that name.
 
     It computes neither `positions`, since MuJoCo has no joint frames apart from bodies, nor
-    `tip_bias_acceleration`, since its accelerations include gravity.
+    `bias_accelerations`, since its accelerations include gravity.
     Creating it raises `NotApplicableError` for a robot that MuJoCo rejects, such as one with a
-    point mass at its end.
+    point mass at its end, or with a rotor or frame on a link without mass.
     """
 
     name = "MuJoCo"
@@ -39,6 +43,9 @@ class MuJoCo:
                 self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
+        bodies = {self._model.body(number).name for number in range(self._model.nbody)}
+        if any(f"body_{seat.joint}" not in bodies for seat in tree.seats):
+            raise NotApplicableError("MuJoCo has no frames for what is on a link without mass")
         self._data = mujoco.MjData(self._model)
         self._turn, self._step = self._model.body_quat[1].copy(), self._model.body_pos[1].copy()
         names = [self._model.joint(number).name for number in range(self._model.njnt)]
@@ -100,8 +107,9 @@ class MuJoCo:
     def _pose(self, point: Point) -> Array:
         body = self._body(point.joint)
         pose = np.eye(4)
-        pose[:3, :3] = self._data.xmat[body].reshape(3, 3)
-        pose[:3, 3] = self._data.xpos[body] + pose[:3, :3] @ point.local
+        axes = self._data.xmat[body].reshape(3, 3)
+        pose[:3, :3] = axes @ point.rotation
+        pose[:3, 3] = self._data.xpos[body] + axes @ point.local
         return pose
 
     def _jacobian(self, point: Point) -> Array:
@@ -188,8 +196,14 @@ def _body_text(tree: Tree, children: dict[int, list[int]], number: int) -> str:
 
 
 def _principal(inertia: Array) -> tuple[Array, Array]:
-    """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits."""
+    """Principal moments, and the axes in columns, of which MuJoCo would get fewer digits.
+
+    Raises:
+        NotApplicableError: If a moment is negative.
+    """
     moments, axes = np.linalg.eigh(inertia)
+    if moments[0] < -_ROUNDING * moments[2]:
+        raise NotApplicableError("MuJoCo rejects it: a moment of inertia is negative")
     # Rounding may leave less than nothing about the axis of a thin rod.
     return np.maximum(moments, 0.0), axes * np.linalg.det(axes)
 

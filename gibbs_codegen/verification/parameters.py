@@ -2,12 +2,151 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import astuple, dataclass, replace
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
-from gibbs_codegen.robot.model import Body, Link, RigidBody, Robot, Rod
+from gibbs_codegen.robot.model import (
+    Body,
+    Link,
+    Passive,
+    Pose,
+    RigidBody,
+    Robot,
+    Rod,
+    Rotor,
+    Vector3,
+    as_rigid_body,
+)
+from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
+
+
+class Dimension(NamedTuple):
+    """The powers of length, mass and time in a unit."""
+
+    length: int = 0
+    mass: int = 0
+    time: int = 0
+
+    def unit(self, length: float, mass: float, time: float) -> float:
+        """The unit of this dimension among coherent units.
+
+        Args:
+            length, mass, time: Units of those, in m, kg and s.
+
+        Returns:
+            In SI units.
+        """
+        return float(length**self.length * mass**self.mass * time**self.time)
+
+
+LENGTH, MASS, INERTIA = Dimension(1), Dimension(mass=1), Dimension(2, 1)
+ACCELERATION, DENSITY = Dimension(1, time=-2), Dimension(-1, 1)
+# Damping, armature, stiffness and rest of joints that turn; of those that slide with the next.
+_PASSIVE = (Dimension(2, 1, -1), Dimension(2, 1), Dimension(2, 1, -2), Dimension())
+_SLIDING = (Dimension(0, 1, -1), Dimension(0, 1), Dimension(0, 1, -2), Dimension(1))
+# What becomes of a number of a robot, by its name, its value and its dimension; and of a body.
+Change = Callable[[str, float, Dimension], float]
+BodyChange = Callable[[Body], Body]
+
+
+def mapped(robot: Robot, change: Change, of_body: BodyChange | None = None) -> Robot:
+    """The robot with every number changed that can be a parameter, zeros included.
+
+    Args:
+        robot: The robot.
+        change: What becomes of a number.
+        of_body: What becomes of a body; None changes its numbers as all others.
+
+    Returns:
+        The robot with the changed numbers.
+    """
+    return _Mapping(change, of_body)(robot)
+
+
+@dataclass(frozen=True)
+class _Mapping:
+    """What becomes of the numbers of a robot."""
+
+    change: Change
+    of_body: BodyChange | None
+
+    def __call__(self, robot: Robot) -> Robot:
+        """The robot with the changed numbers."""
+        base, change = robot.base, self.change
+        drags = enumerate(base.drag, start=1)
+        return replace(
+            robot,
+            gravity=change("gravity", robot.gravity, ACCELERATION),
+            base=replace(
+                base,
+                drag=tuple(change(f"base_drag_{k}", drag, LENGTH) for k, drag in drags),
+                arms=tuple(self._body(prefix, arm) for prefix, arm in _arms(robot)),
+                body=as_rigid_body(self._body("base", base.body)) if base.body else None,
+            ),
+            links=tuple(
+                self._link(parameter_prefix(robot, i), link)
+                for i, link in enumerate(robot.links, start=1)
+            ),
+            thrusters=tuple(
+                self._rotor(rotor_prefix(robot, k), rotor)
+                for k, rotor in enumerate(robot.thrusters, start=1)
+            ),
+            frames=tuple(
+                replace(frame, pose=self._pose(f"frame_{identifier(frame.name)}", frame.pose))
+                for frame in robot.frames
+            ),
+        )
+
+    def _vector(self, prefix: str, vector: Vector3) -> Vector3:
+        pairs = zip("xyz", vector, strict=True)
+        x, y, z = (self.change(f"{prefix}_{axis}", value, LENGTH) for axis, value in pairs)
+        return x, y, z
+
+    def _pose(self, prefix: str, pose: Pose) -> Pose:
+        return replace(pose, xyz=self._vector(prefix, pose.xyz))
+
+    def _rotor(self, prefix: str, rotor: Rotor) -> Rotor:
+        drag = self.change(f"{prefix}_drag", rotor.drag, LENGTH)
+        return replace(rotor, position=self._vector(prefix, rotor.position), drag=drag)
+
+    def _link(self, prefix: str, link: Link) -> Link:
+        link = replace(link, body=self._body(prefix, link.body))
+        if link.pose is not None:
+            link = replace(link, pose=self._pose(prefix, link.pose))
+        else:
+            a = None if link.a is None else self.change(f"{prefix}_a", link.a, LENGTH)
+            link = replace(link, a=a, d=self.change(f"{prefix}_d", link.d, LENGTH))
+        if not link.moves:
+            return link
+        dimensions = _PASSIVE if link.joint == "revolute" else _SLIDING
+        names = ("damping", "armature", "stiffness", "rest")
+        own = zip(names, astuple(link.passive), dimensions, strict=True)
+        passive = [self.change(f"{prefix}_{name}", x, dimension) for name, x, dimension in own]
+        return replace(link, passive=Passive(*passive))
+
+    def _body(self, prefix: str, body: Body) -> Body:
+        if self.of_body is not None:
+            return self.of_body(body)
+        return self._rod(prefix, body) if isinstance(body, Rod) else self._rigid_body(prefix, body)
+
+    def _rod(self, prefix: str, rod: Rod) -> Rod:
+        length = self.change(f"{prefix}_length", rod.length, LENGTH)
+        density = self.change(f"{prefix}_mass_per_length", rod.mass_per_length, DENSITY)
+        own = zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
+        x, y, z = (self.change(f"{prefix}_section_inertia_{ij}", i, INERTIA) for ij, i in own)
+        return Rod(length, density, (x, y, z))
+
+    def _rigid_body(self, prefix: str, body: RigidBody) -> RigidBody:
+        length = self.change(f"{prefix}_length", body.length, LENGTH)
+        mass = self.change(f"{prefix}_mass", body.mass, MASS)
+        com = self._vector(f"{prefix}_com", body.com)
+        own = zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
+        xx, yy, zz, xy, xz, yz = (
+            self.change(f"{prefix}_inertia_{ij}", i, INERTIA) for ij, i in own
+        )
+        return RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
 
 
 def parameter_values(robot: Robot) -> dict[str, float]:
@@ -19,16 +158,14 @@ def parameter_values(robot: Robot) -> dict[str, float]:
     Returns:
         The numbers under the names of parameters, in SI units.
     """
-    base = robot.base
-    values = {"gravity": robot.gravity}
-    values |= {f"base_drag_{k}": drag for k, drag in enumerate(base.drag, start=1)}
-    for prefix, body in bodies(robot):
-        values |= body_values(prefix, body)
-    for i, link in enumerate(robot.links, start=1):
-        if link.a is not None:
-            values[f"link{i}_a"] = link.a
-        values[f"link{i}_d"] = link.d
-    return values
+    found: dict[str, float] = {}
+
+    def note(name: str, value: float, _: Dimension) -> float:
+        found[name] = value
+        return value
+
+    mapped(robot, note)
+    return found
 
 
 def prepared(module: ModuleType, robot: Robot) -> Any:
@@ -45,30 +182,6 @@ def prepared(module: ModuleType, robot: Robot) -> Any:
     return module.prepare({name: numbers[name] for name in module.PARAMETERS})
 
 
-def body_values(prefix: str, body: Body) -> Iterator[tuple[str, float]]:
-    """Numbers of a body.
-
-    Args:
-        prefix: What the names of its parameters begin with.
-        body: The body.
-
-    Yields:
-        Names and numbers: length, mass, and the others in order.
-    """
-    yield f"{prefix}_length", body.length
-    if isinstance(body, Rod):
-        yield f"{prefix}_mass_per_length", body.mass_per_length
-        names = [f"section_inertia_{axis}" for axis in ("xx", "yy", "zz")]
-        entries: tuple[float, ...] = body.section_inertia
-    else:
-        yield f"{prefix}_mass", body.mass
-        names = [f"com_{axis}" for axis in "xyz"]
-        names += [f"inertia_{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")]
-        entries = (*body.com, *body.inertia)
-    for name, value in zip(names, entries, strict=True):
-        yield f"{prefix}_{name}", value
-
-
 def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     """The robot with other numbers.
 
@@ -79,30 +192,7 @@ def with_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     Returns:
         The robot with these numbers, and its own for what has none there.
     """
-
-    def of_body(prefix: str, body: Body) -> Body:
-        own = body_values(prefix, body)
-        length, mass, *rest = (values.get(name, value) for name, value in own)
-        if isinstance(body, Rod):
-            x, y, z = rest
-            return Rod(length, mass, (x, y, z))
-        x, y, z, xx, yy, zz, xy, xz, yz = rest
-        return RigidBody(length, mass, (x, y, z), (xx, yy, zz, xy, xz, yz))
-
-    def of_link(i: int, link: Link) -> Link:
-        a = None if link.a is None else values.get(f"link{i}_a", link.a)
-        body = of_body(f"link{i}", link.body)
-        return replace(link, body=body, a=a, d=values.get(f"link{i}_d", link.d))
-
-    base = robot.base
-    drags = enumerate(base.drag, start=1)
-    other = replace(
-        base,
-        arms=tuple(of_body(prefix, arm) for prefix, arm in _arms(robot)),
-        drag=tuple(values.get(f"base_drag_{k}", drag) for k, drag in drags),
-    )
-    links = tuple(of_link(i, link) for i, link in enumerate(robot.links, start=1))
-    return replace(robot, base=other, links=links, gravity=values.get("gravity", robot.gravity))
+    return mapped(robot, lambda name, value, _: values.get(name, value))
 
 
 def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
@@ -117,17 +207,7 @@ def in_units(robot: Robot, length: float, mass: float, time: float) -> Robot:
     Returns:
         The robot whose numbers are multiples of those units.
     """
-
-    def unit(name: str) -> float:
-        if name == "gravity":
-            return length / time**2
-        if "inertia" in name:
-            return mass * length**2
-        if name.endswith("_mass_per_length"):
-            return mass / length
-        return mass if name.endswith("_mass") else length
-
-    return with_values(robot, {n: x / unit(n) for n, x in parameter_values(robot).items()})
+    return mapped(robot, lambda _, value, dimension: value / dimension.unit(length, mass, time))
 
 
 def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
@@ -140,7 +220,10 @@ def bodies(robot: Robot) -> Iterator[tuple[str, Body]]:
         What the names of its parameters begin with, and the body.
     """
     yield from _arms(robot)
-    yield from ((f"link{i}", link.body) for i, link in enumerate(robot.links, start=1))
+    if robot.base.body:
+        yield "base", robot.base.body
+    for i, link in enumerate(robot.links, start=1):
+        yield parameter_prefix(robot, i), link.body
 
 
 def _arms(robot: Robot) -> Iterator[tuple[str, Body]]:

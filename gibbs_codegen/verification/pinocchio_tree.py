@@ -6,8 +6,9 @@ import numpy as np
 import pinocchio as pin
 
 from gibbs_codegen.verification.formulation import Quantities, state_by_state
+from gibbs_codegen.verification.joints import WORLD, Point
 from gibbs_codegen.verification.states import States
-from gibbs_codegen.verification.tree import WORLD, Point, Tree
+from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array
 
 _KINDS = {
@@ -28,18 +29,25 @@ class Pinocchio:
         self.tree = tree
         self._model = pin.Model()
         self._model.gravity.linear = np.array([0.0, 0.0, -tree.gravity])
-        self._ids: list[int] = []
-        for number, joint in enumerate(tree.joints):
-            parent = 0 if joint.parent == WORLD else self._ids[joint.parent]
-            kind = _KINDS[joint.revolute][joint.axis]()
-            placement = pin.SE3(joint.rotation, joint.offset)
-            self._ids.append(self._model.addJoint(parent, kind, placement, f"joint_{number}"))
-            inertia = pin.Inertia(joint.mass, joint.com, joint.inertia)
-            self._model.appendBodyToJoint(self._ids[-1], inertia, pin.SE3.Identity())
+        self._ids = {WORLD: 0}
+        self._add_carried(WORLD)
         self._data = self._model.createData()
         self._places = np.empty(tree.size, int)
-        for joint, identity in zip(tree.joints, self._ids, strict=True):
-            self._places[self._model.joints[identity].idx_v] = joint.place
+        for number, joint in enumerate(tree.joints):
+            self._places[self._model.joints[self._ids[number]].idx_v] = joint.place
+
+    def _add_carried(self, carrier: int) -> None:
+        """Add what hangs on a joint, all of one branch before the next, as Pinocchio wants it."""
+        for number, joint in enumerate(self.tree.joints):
+            if joint.parent != carrier:
+                continue
+            kind = _KINDS[joint.revolute][joint.axis]()
+            placement = pin.SE3(joint.rotation, joint.offset)
+            parent, name = self._ids[carrier], f"joint_{number}"
+            self._ids[number] = self._model.addJoint(parent, kind, placement, name)
+            inertia = pin.Inertia(joint.mass, joint.com, joint.inertia)
+            self._model.appendBodyToJoint(self._ids[number], inertia, pin.SE3.Identity())
+            self._add_carried(number)
 
     def at(self, states: States) -> Quantities:
         """Everything that the formulation computes.
@@ -71,11 +79,17 @@ class Pinocchio:
         residual = -pin.nonLinearEffects(model, data, q, v)
         kinetic = pin.computeKineticEnergy(model, data, q, v)
         potential = pin.computePotentialEnergy(model, data, q)
+        centre = pin.jacobianCenterOfMass(model, data, q).copy()
+        momentum = pin.computeCentroidalMomentum(model, data, q, v).vector.copy()
+        gravity = -pin.computeGeneralizedGravity(model, data, q)
         pin.computeJointJacobians(model, data, q)
         pin.forwardKinematics(model, data, q, v, np.zeros_like(a))
-        frames = [(self._ids[p.joint], pin.SE3(np.eye(3), p.local)) for p in self.tree.seats]
-        jacobians = [pin.getFrameJacobian(model, data, *frame, _WORLD_AXES) for frame in frames]
-        bias = pin.getFrameClassicalAcceleration(model, data, *frames[-1], _WORLD_AXES).vector
+        seats = [(self._ids[p.joint], _placed(p)) for p in self.tree.seats]
+        jacobians = [pin.getFrameJacobian(model, data, *frame, _WORLD_AXES) for frame in seats]
+        bias = [
+            pin.getFrameClassicalAcceleration(model, data, *frame, _WORLD_AXES).vector
+            for frame in seats[len(self.tree.motors) :]
+        ]
         return Quantities(
             mass_matrix=matrix,
             residual=residual,
@@ -85,8 +99,17 @@ class Pinocchio:
             kinetic_energy=kinetic,
             potential_energy=potential,
             positions=np.array([self._pose(point).translation for point in self.tree.points]),
-            tip_bias_acceleration=bias,
+            bias_accelerations=np.array(bias),
+            centre_of_mass=pin.centerOfMass(model, data, q).copy(),
+            centre_jacobian=centre,
+            momentum=momentum,
+            gravity_forces=gravity,
         )
 
     def _pose(self, point: Point) -> pin.SE3:
-        return self._data.oMi[self._ids[point.joint]] * pin.SE3(np.eye(3), point.local)
+        return self._data.oMi[self._ids[point.joint]] * _placed(point)
+
+
+def _placed(point: Point) -> pin.SE3:
+    """Placement of a point on its joint."""
+    return pin.SE3(point.rotation, point.local)

@@ -6,11 +6,10 @@ a batch, and in C what it returns in NumPy, with the default parameters and with
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.verification.comparison import Comparison, compared, explained
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.states import States
@@ -25,10 +24,13 @@ _NO_FORMULATION = (
 _LIMIT = 1e-10
 
 
-def without_formulation(comparisons: Sequence[Comparison], formulation: str) -> list[str]:
-    """Functions of the table that no formulation gives.
+def without_formulation(
+    functions: Collection[str], comparisons: Sequence[Comparison], formulation: str
+) -> list[str]:
+    """Functions of a module that no formulation gives.
 
     Args:
+        functions: Names of the module's functions.
         comparisons: The comparisons that were made.
         formulation: Name of the formulation that all functions are compared with if they can be.
 
@@ -36,7 +38,7 @@ def without_formulation(comparisons: Sequence[Comparison], formulation: str) -> 
         Names of the functions that were not compared with it.
     """
     known = {c.what.split(".")[0] for c in comparisons if c.against == formulation}
-    return [name for name in FUNCTIONS if name not in known]
+    return [name for name in functions if name not in known]
 
 
 def compared_with_themselves(comparisons: Sequence[Comparison]) -> dict[str, str]:

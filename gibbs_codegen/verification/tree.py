@@ -1,65 +1,21 @@
 """The robot as a tree of rigid bodies on joints of one degree of freedom each, in plain numbers.
 
-The position and the attitude of the base are joints without mass, and the constrained joints of the
-base arms are joints like any other. Coordinates here are those of all joints in the order of the
-hybrid system: θ₋₁, θ₀, θ₁, θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x, y, z.
+Coordinates here are those of all joints in the order of the hybrid system, such as θ₋₁, θ₀, θ₁,
+θ₂ … θ_N, θ_{N+1} … θ_{N+n}, x, y, z.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.robot.coordinates import points
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Base, Body, Robot, Rod
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.verification.joints import WORLD, Assembly, Point
+from gibbs_codegen.verification.passive import PassiveJoints
 from gibbs_codegen.verification.vectors import Array, about, quaternions_of_angles
-
-WORLD = -1
-
-
-@dataclass(frozen=True)
-class Joint:
-    """A joint with the body that it carries.
-
-    Attributes:
-        parent: number of the joint that it hangs on, or `WORLD`.
-        place: place of its coordinate.
-        axis: number of the axis of its own frame about or along which it moves.
-        revolute: whether it turns; else it slides.
-        rotation: (3, 3) from its frame to its parent's, at coordinate zero.
-        offset: (3,) from the parent's origin to its own, at coordinate zero, in m.
-        mass: of the body, in kg.
-        com: (3,) centre of mass of the body in the joint's frame, in m.
-        inertia: (3, 3) of the body about its centre of mass, in the joint's axes, in kg m².
-    """
-
-    parent: int
-    place: int
-    axis: int
-    revolute: bool = True
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-    offset: Array = field(default_factory=lambda: np.zeros(3))
-    mass: float = 0.0
-    com: Array = field(default_factory=lambda: np.zeros(3))
-    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
-
-
-class Point(NamedTuple):
-    """A point fixed in the frame of a joint: `local` (3,) in m."""
-
-    joint: int
-    local: Array
-
-
-class Motor(NamedTuple):
-    """The direction of a motor's thrust in the frame of the joint it sits on, and its drag in m."""
-
-    direction: Array
-    drag: float
 
 
 class Frames(NamedTuple):
@@ -86,90 +42,45 @@ class Tree:
         arm: places of the arm's joints.
         turns: for each coordinate, whether it is an angle.
         reach: a length of the robot's own size, in m.
+        parts: the bodies of the joints one by one.
+        bodies, carriers: as of `Assembly`.
         scales: for each coordinate the reach if it is a length, and 1 if it is an angle.
         tempo: what rates are of the order of, in 1/s.
         points: the named points, in the order of a module's POINTS.
-        seats: where the motors sit, and then the tip.
+        named: the named frames, in the order of FRAMES.
+        seats: where the motors sit, and then the named frames.
+        tip: number of the frame of that name, or None where there is none.
+        passive: what acts on the joints by themselves.
     """
 
     def __init__(self, robot: Robot) -> None:
         self.gravity = robot.gravity
         self.mass = robot.total_mass
-        self.joints: list[Joint] = []
         self.layout = layout_of(robot)
         self.placement: tuple[Array, Array] | None = None
         self.free = self.layout.free
-        self.size = len(self.free) + robot.rotors - 1
+        built = Assembly(robot)
+        self.joints, self.parts, self.arm = built.joints, built.parts, built.arm
+        self.bodies, self.carriers = built.bodies, built.carriers
+        self.size = len(self.joints)
         self.constrained = [*range(self.size)[self.layout.constrained]]
-        self.arm = self.free[self.layout.v.joints]
-        named = self._base(robot.base)
-        self.tip = named["tip"] = self._arm(robot, named)
         self.turns = np.zeros(self.size, bool)
         self.turns[[joint.place for joint in self.joints if joint.revolute]] = True
+        self.points = built.points
         offsets = [np.linalg.norm(joint.offset) for joint in self.joints]
         bodies = [np.linalg.norm(joint.com) for joint in self.joints]
+        fixed = [np.linalg.norm(point.local) for point in self.points]
         # How far from the base anything of the robot may be, or 1 if it is a point.
-        self.reach = float(sum(offsets) + max(bodies) + np.linalg.norm(self.tip.local)) or 1.0
+        self.reach = float(sum(offsets) + max(bodies) + max(fixed)) or 1.0
         # At the rate at which a pendulum of that length swings, weight and inertia are alike.
         self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
         self.scales = np.where(self.turns, 1.0, self.reach)
-        self.points = [named[name] for name in points(robot)]
-        base = robot.base
-        self.motors = [
-            Motor(np.array(direction), drag)
-            for direction, drag in zip(base.thrust, base.drag, strict=True)
-        ]
-        self.seats = [*(named[f"motor{k}"] for k in range(1, robot.rotors + 1)), self.tip]
-
-    def _base(self, base: Base) -> dict[str, Point]:
-        """Add the joints of the base and its arms; return their named points."""
-        joint = WORLD
-        for place, letter in zip(self.free[self.layout.v.position], "xyz", strict=True):
-            joint = self._add(Joint(joint, place, "xyz".index(letter), revolute=False))
-        sequence = "xyz" if self.layout.is_quaternion else self.layout.attitude
-        for place, letter in zip(self.free[self.layout.v.attitude], sequence, strict=True):
-            joint = self._add(Joint(joint, place, "xyz".index(letter)))
-        length = base.arm(1).length
-        start = np.array([0.0 if base.origin == "motor1" else -length, 0.0, 0.0])
-        centre = start + np.array([length, 0.0, 0.0])
-        self.joints[joint] = replace(self.joints[joint], **_carried(base.arm(1), start))
-        named = {"O1": Point(joint, start), "O2": Point(joint, centre)}
-        named["motor1"] = named["O1"]
-        for k, place in enumerate(self.constrained, start=2):
-            turned = _turn("z", -180.0 + 360.0 * (k - 1) / base.rotors)
-            body = _carried(base.arm(k))
-            arm = self._add(Joint(joint, place, 2, rotation=turned, offset=centre, **body))
-            named[f"motor{k}"] = Point(arm, np.array([base.arm(k).length, 0.0, 0.0]))
-        return named
-
-    def _arm(self, robot: Robot, named: dict[str, Point]) -> Point:
-        """Add the joints of the arm and their named points; return the tip."""
-        end = named["O2"]
-        before = 0.0
-        for i, link in enumerate(robot.links, start=1):
-            a = before if link.a is None else link.a
-            twist = _turn("x", float(link.alpha_deg))
-            # The tip of a link is where the next frame would be by default; a replaces that.
-            start = end.local if i == 1 else np.zeros(3)
-            joint = self._add(
-                Joint(
-                    end.joint,
-                    self.arm[i - 1],
-                    2,
-                    revolute=link.joint == "revolute",
-                    rotation=twist @ _turn("z", float(link.theta_deg)),
-                    offset=start + np.array([a, 0.0, 0.0]) + twist @ np.array([0.0, 0.0, link.d]),
-                    **_carried(link.body),
-                )
-            )
-            named[f"joint{robot.rotors + i}"] = Point(joint, np.zeros(3))
-            before = link.body.length
-            end = Point(joint, np.array([before, 0.0, 0.0]))
-        return end
-
-    def _add(self, joint: Joint) -> int:
-        self.joints.append(joint)
-        return len(self.joints) - 1
+        self.motors = [motor for _, motor in built.motors]
+        self.named = [point for _, point in built.frames]
+        self.seats = [*(seat for seat, _ in built.motors), *self.named]
+        names = [frame.name for frame, _ in built.frames]
+        self.tip = names.index("tip") if "tip" in names else None
+        self.passive = PassiveJoints.of(robot, self.size, self.arm)
 
     @property
     def middle_angle(self) -> int:
@@ -202,6 +113,19 @@ class Tree:
         """
         every = np.zeros((*values.shape[:-1], self.size), values.dtype)
         every[..., self.free] = values
+        return every
+
+    def at_joints(self, q: Array) -> Array:
+        """Coordinates of the arm's joints, whatever coordinates the base has.
+
+        Args:
+            q: (…, nq).
+
+        Returns:
+            (…, size), zero at the joints of the base and at the constrained ones.
+        """
+        every = np.zeros((*q.shape[:-1], self.size))
+        every[..., self.arm] = q[..., self.layout.q.joints]
         return every
 
     def frames(self, q: Array) -> Frames:
@@ -251,7 +175,7 @@ class Tree:
         )
 
     def poses(self, frames: Frames) -> Array:
-        """Homogeneous transforms of the seats, with the axes of their joints.
+        """Homogeneous transforms of the seats.
 
         Args:
             frames: The joints' frames.
@@ -261,25 +185,8 @@ class Tree:
         """
         positions = self.positions(frames, self.seats)
         poses = np.zeros((*positions.shape[:-1], 4, 4))
-        poses[..., :3, :3] = np.stack([frames.rotations[p.joint] for p in self.seats], axis=-3)
+        turns = [frames.rotations[seat.joint] @ seat.rotation for seat in self.seats]
+        poses[..., :3, :3] = np.stack(turns, axis=-3)
         poses[..., :3, 3] = positions
         poses[..., 3, 3] = 1.0
         return poses
-
-
-def _carried(body: Body, start: Array | float = 0.0) -> dict[str, Any]:
-    """Mass, centre of mass and inertia of a body whose frame begins at `start` of its joint's."""
-    if isinstance(body, Rod):
-        mass, length = body.mass_per_length * body.length, body.length
-        thin = mass * length**2 / 12
-        x, y, z = body.section_inertia
-        com, inertia = (length / 2, 0.0, 0.0), np.diag([x, y + thin, z + thin])
-    else:
-        xx, yy, zz, xy, xz, yz = body.inertia
-        mass, com = body.mass, body.com
-        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return {"mass": mass, "com": start + np.array(com), "inertia": inertia}
-
-
-def _turn(axis: str, degrees: float) -> Array:
-    return about("xyz".index(axis), np.array(np.deg2rad(degrees)))

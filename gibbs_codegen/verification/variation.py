@@ -9,8 +9,8 @@ import numpy as np
 from gibbs_codegen.robot.model import Body, RigidBody, Robot, Rod
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import (
-    bodies,
-    body_values,
+    Dimension,
+    mapped,
     parameter_values,
     with_values,
 )
@@ -41,11 +41,18 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
     Returns:
         The varied robot.
     """
-    draw = _Draw(seed, number)
-    reach = Tree(robot).reach
-    values = {name: draw.signed(value, reach) for name, value in parameter_values(robot).items()}
-    for prefix, body in bodies(robot):
-        values |= body_values(prefix, _varied_body(body, draw, reach, robot.total_mass))
+    draw, tree = _Draw(seed, number), Tree(robot)
+    reach, period = tree.reach, 1.0 / tree.tempo
+
+    def other(name: str, value: float, dimension: Dimension) -> float:
+        # Masses that turn with a joint alone are positive as well.
+        drawn = draw.sized if name.endswith("_armature") else draw.signed
+        return drawn(value, dimension.unit(reach, robot.total_mass, period))
+
+    def of_body(body: Body) -> Body:
+        return _varied_body(body, draw, reach, robot.total_mass)
+
+    values = parameter_values(mapped(robot, other, of_body))
     return with_values(robot, {name: values[name] for name in names})
 
 
@@ -117,7 +124,8 @@ def determined(robot: Robot, least: float = _DETERMINED) -> bool:
     tree = Tree(robot)
     states = States.random(tree, 2, 0)
     there, at_joints = states.placed(tree)
-    matrix = NewtonEuler(there).mass_matrix(at_joints.q)[:, tree.free][:, :, tree.free]
+    matrix = NewtonEuler(there).mass_matrix(at_joints.q) + np.diag(tree.passive.armature)
+    matrix = matrix[:, tree.free][:, :, tree.free]
     diagonal = np.diagonal(matrix, axis1=1, axis2=2)
     # Next to what the coordinate could move, what is left by rounding is nothing.
     if not (diagonal > _DETERMINED * Sizes(tree, states).free_units ** 2).all():

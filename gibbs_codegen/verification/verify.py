@@ -163,14 +163,15 @@ def compare_module(
         some, singly = min(most, count - first), extent.singly
         comparisons += _compare_functions(module, against, some, (seed, number), singly, progress)
     others = min(most, extent.others)
-    unknown = without_formulation(comparisons, against[0].name)
+    evaluation = Evaluation(module)
+    unknown = without_formulation(evaluation.signatures, comparisons, against[0].name)
     states = States.random(tree, others, (seed, 5))
     there = Evaluation(numpy) if numpy else None
-    comparisons += compare_with_itself(Evaluation(module), there, unknown, states)
+    comparisons += compare_with_itself(evaluation, there, unknown, states)
     if extent.any_angles:
         progress(ANY_ANGLES)
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
-        comparisons += _compare_again(Evaluation(module), tree, states, extent.singly, ANY_ANGLES)
+        comparisons += _compare_again(evaluation, tree, states, extent.singly, ANY_ANGLES)
     progress(OTHER_PARAMETERS)
     comparisons += _with_other_parameters(module, numpy, robot, unknown, others, seed, extent)
     return merged(comparisons)

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from itertools import groupby
 
 import pytest
-from support.random_robots import random_robot
+from support.random_robots import random_robot, random_tree
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Statement, names_in
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import TARGETS, render_module
 
 
@@ -27,7 +28,16 @@ def groups(statements: Sequence[Statement]) -> list[str]:
 @pytest.mark.parametrize(("rotors", "links"), [(2, 0), (3, 1), (4, 3)])
 def test_every_statement_belongs_to_a_group(rotors: int, links: int) -> None:
     """With joints and bodies of every kind, and with parameters that are zero."""
-    program = derive(random_robot(1, rotors, links), keep_zeros=True).program
+    check_groups(random_robot(1, rotors, links), keep_zeros=True)
+
+
+@pytest.mark.parametrize("seed", [9, pytest.param(2, marks=pytest.mark.slow)])
+def test_every_statement_of_a_tree_belongs_to_a_group(seed: int) -> None:
+    check_groups(random_tree(seed), keep_zeros=False)
+
+
+def check_groups(robot: Robot, keep_zeros: bool) -> None:
+    program = derive(robot, keep_zeros).program
     rows = [program.prepare, *(function.statements for function in program.functions)]
     assert all(statement.group for statements in rows for statement in statements)
 

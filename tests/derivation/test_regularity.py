@@ -218,7 +218,11 @@ def test_what_cannot_be_computed_is_not_emitted() -> None:
     division = Statement("c0", Reciprocal(Sum(((1, a), (-1, b)))))
     forward = Function("forward_dynamics", (), ("c0",), (), (Output((1,), (Name("c0"),)),))
     program = Program(
-        {"q": ("x",), "u": ()}, ("link1_length", "link2_length"), ("c0",), (division,), (forward,)
+        {"q": ("x",), "v": (), "u": ()},
+        ("link1_length", "link2_length"),
+        ("c0",),
+        (division,),
+        (forward,),
     )
     robot = Robot("close", BASE)
     check_range(robot, program, {"link1_length": 2.0, "link2_length": 1.0})

@@ -26,7 +26,7 @@ def _kernel(k, sin, cos, q, u):
     return sin(q[0]), k[0] * q[1] * u[0], 1.0 / q[0], 7.0
 
 
-EVALUATE = Evaluator("toy", ("angle", "height"), ("turn", "climb"), ("thrust",), (4.0,))
+EVALUATE = Evaluator("toy", ("angle", "height"), ("turn", "climb"), ("thrust",), ("base",), (4.0,))
 
 
 def inertia(values: dict[str, float]) -> tuple[float, ...]:
@@ -131,4 +131,4 @@ def test_arguments_that_are_not_finite_are_not_reported() -> None:
     entries, _ = EVALUATE(_kernel, None, np.array([math.nan, 1.0]), np.ones(1))
     assert math.isnan(entries[0])
     lost = {"q": np.array([[math.inf, 1.0]])}
-    NotFiniteReport("toy", ("angle", "height"), (), ())("kernel", lost, np.array([False]), 1)
+    NotFiniteReport("toy", ("angle", "height"), (), (), ())("kernel", lost, np.array([False]), 1)

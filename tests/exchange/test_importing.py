@@ -222,7 +222,8 @@ def test_mjcf_is_what_mujoco_makes_of_it() -> None:
 
 
 def test_pictures_of_mjcf_are_not_needed(tmp_path: Path) -> None:
-    text = """<mujoco model="X"><compiler meshdir="assets"/>
+    text = """<mujoco model="X"><compiler meshdir="assets" coordinate="local" convexhull="false"/>
+    <option collision="all" gravity="0 0 -3.7"/>
     <default><default class="m"><geom mass="0"/><default class="v"><geom type="mesh"/></default>
     </default></default>
     <asset><texture type="2d" file="a.png"/><material name="a" texture="a"/>
@@ -234,6 +235,7 @@ def test_pictures_of_mjcf_are_not_needed(tmp_path: Path) -> None:
       <motor name="roll" site="s" gear="0 0 0 1 0 0"/></actuator></mujoco>"""
     robot, report = imported(text, tmp_path)
     assert robot.total_mass == 2.0
+    assert robot.gravity == 3.7
     assert [(r.drag, r.limits) for r in robot.thrusters] == [(-0.02, (0.0, 6.0))]
     assert "roll" in told(report, "left out")
 

@@ -3,23 +3,54 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from support.robot_in_pinocchio import PinocchioRobot
 
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import Attitude
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.runtime.load import load
 
 SOURCES = Path(__file__).parent / "sources"
 NAMES = ("hextilt_flying_arm_5", "hydrus", "everything")
+# The coordinates that the oracles are given in, by the attitude of the robot file.
+COORDINATES: dict[Attitude, str] = {"quaternion": "free_flyer", "xyz": "tait_bryan_xyz"}
+BACKENDS: tuple[Literal["numpy", "c"], ...] = ("numpy", "c")
+QUICK = [("hydrus", "xyz"), ("hextilt_flying_arm_5", "quaternion")]
+EMITTED = [
+    pytest.param(*case, marks=[] if case in QUICK else [pytest.mark.slow])
+    for case in product(NAMES, COORDINATES)
+]
 
 
 def stored(name: str) -> dict[str, Any]:
     """The oracle of a robot."""
     found: dict[str, Any] = json.loads((SOURCES / f"{name}.json").read_text())
     return found
+
+
+def states(name: str, attitude: Attitude) -> list[tuple[Any, ...]]:
+    """q, v and u of each state of the oracle, with what it found there by name."""
+    found = []
+    for state in stored(name)["states"]:
+        there = {key: np.array(value) for key, value in state[COORDINATES[attitude]].items()}
+        found.append((there["q"], there["v"], np.array(state["u"]), there))
+    return found
+
+
+def assert_same(found: Mapping[str, np.ndarray], expected: Mapping[str, np.ndarray]) -> None:
+    """Arrays to 1e-12 of the norm of the oracle's."""
+    for key, values in found.items():
+        error = np.linalg.norm(values - expected[key]) / np.linalg.norm(expected[key])
+        assert error < 1e-12, (key, error)
 
 
 def rotors_file(name: str) -> Path | None:
@@ -36,13 +67,9 @@ def test_numbers_are_those_of_the_source(name: str) -> None:
     assert [link.name for link in robot.links] == oracle["links"]
     assert [link.coordinate for link in robot.links] == oracle["joints"]
     model = PinocchioRobot(robot)
-    for state in oracle["states"]:
-        q, v, u = (np.array(state[key]) for key in "qvu")
+    for q, v, u, state in states(name, "quaternion"):
         found = model.at(q, v, u)
-        for key, values in zip(("M", "nle", "B", "a"), found, strict=True):
-            expected = np.array(state[key])
-            error = np.linalg.norm(values - expected) / np.linalg.norm(expected)
-            assert error < 1e-12, (key, error)
+        assert_same(dict(zip(("M", "nle", "B", "a"), found, strict=True)), state)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -51,7 +78,30 @@ def test_snapping_changes_next_to_nothing(name: str) -> None:
         SOURCES / f"{name}.urdf", ImportOptions("xyz", rotors=rotors_file(name), snap=True)
     )
     model = PinocchioRobot(exact)
-    for state in stored(name)["states"]:
-        q, v, u = (np.array(state[key]) for key in "qvu")
-        matrix, expected = model.at(q, v, u).mass_matrix, np.array(state["M"])
+    for q, v, u, state in states(name, "quaternion"):
+        matrix, expected = model.at(q, v, u).mass_matrix, state["M"]
         assert np.linalg.norm(matrix - expected) < 2e-5 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize(("name", "attitude"), EMITTED)
+def test_emitted_functions_are_those_of_the_source(
+    name: str, attitude: Attitude, tmp_path: Path
+) -> None:
+    options = ImportOptions(attitude, rotors=rotors_file(name), snap=False)
+    robot, _ = import_robot(SOURCES / f"{name}.urdf", options)
+    folder = generate_robot(robot, robot_text(robot), tmp_path, verify=False)[1]
+    damping = np.zeros(6 + len(robot.links))
+    damping[layout_of(robot).v.joints] = [link.passive.damping for link in robot.links]
+    for backend in BACKENDS:
+        module = load(folder, backend)
+        for q, v, u, state in states(name, attitude):
+            matrix, inputs = module.mass_matrix(q), module.input_matrix(q)
+            nonlinear = -module.residual(q, v) - damping * v
+            accelerations = np.linalg.solve(matrix, inputs @ u - nonlinear)
+            assert_same(
+                {"M": matrix, "nle": nonlinear, "B": inputs, "a": accelerations},
+                state,
+            )
+            damped = module.forward_dynamics(q, v, u)
+            balance = matrix @ damped - (inputs @ u - nonlinear - damping * v)
+            assert np.linalg.norm(balance) < 1e-12 * np.linalg.norm(nonlinear)

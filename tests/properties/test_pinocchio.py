@@ -41,7 +41,7 @@ def test_random_robots(numbers: range) -> None:
             raise AssertionError(f"random robot {number}: {error}\n{robot}") from None
 
 
-@settings(max_examples=4)
+@settings(max_examples=2)
 @given(robot=robots())
 def test_robots_drawn_anew(robot: Robot) -> None:
     compare(robot, emitted_module(robot))

@@ -84,7 +84,8 @@ def _state_errors(
     bias = oracle.inverse_dynamics(q, v, np.zeros_like(q))
     inverse = oracle.inverse_dynamics(q, v, a)
     kinetic, potential = oracle.energies(q, v)
-    jacobian, placement = oracle.point_jacobian(q, "tip")
+    tip = oracle.frames["tip"]
+    jacobian, placement = oracle.point_jacobian(q, tip)
     places = oracle.positions(q)
     size = len(oracle.order)
     roots, carried, reach = root_sizes(oracle, q)
@@ -121,7 +122,7 @@ def _state_errors(
         "positions": (places, reach + np.abs(q[-3:]).max()),
         "pose": (placement.homogeneous, 1 + reach + np.abs(q[-3:]).max()),
         "jacobian": (jacobian[:, free], 1 + reach),
-        "bias": (oracle.tip_bias_acceleration(q, v), (1 + reach) * rate**2),
+        "bias": (oracle.bias_acceleration(q, v, tip), (1 + reach) * rate**2),
         "gibbs": (a @ (0.5 * mass @ a + bias[free]), moving**2),
         "kinetic": (kinetic, float(own @ np.abs(v)) ** 2),
         "potential": (potential, robot.gravity * weight * (own[0] + weight * abs(q[-1]))),

@@ -65,12 +65,33 @@ def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | N
             "jacobian": module.tip_jacobian(q),
             "tip bias": module.tip_bias_acceleration(q, v),
         }
+    wrenches = np.random.default_rng(1).normal(size=(count, len(module.FRAMES), 6))
+    batch |= {
+        "frame poses": module.frame_poses(q),
+        "frame Jacobians": module.frame_jacobians(q),
+        "frame velocities": module.frame_velocities(q, v),
+        "frame bias": module.frame_bias_accelerations(q, v),
+        "wrench forces": module.wrench_forces(q, wrenches),
+        "pushed": module.forward_dynamics_with_wrenches(q, v, u, wrenches),
+        "unpushed": module.forward_dynamics_with_wrenches(q, v, u, 0.0 * wrenches),
+        "centre": module.centre_of_mass(q),
+        "centre Jacobian": module.centre_of_mass_jacobian(q),
+        "momentum": module.centroidal_momentum(q, v),
+        "gravity": module.gravity_forces(q),
+        "joint wrenches": module.joint_wrenches(q, v, a, u),
+    }
     both = module.mass_matrix_and_residual(q, v)
     for i in range(count):
         ours = {name: values[i] for name, values in batch.items()}
         assert_close("M of both", both[0][i], ours["M"])
         assert_close("R of both", both[1][i], ours["R"])
         _compare_state(oracle, ours, q[i], v[i], a[i], u[i])
+        _compare_frames(oracle, ours, q[i], v[i], wrenches[i])
+        _compare_pushed(oracle, ours, q[i], v[i], u[i])
+        _compare_mass(oracle, ours, q[i], v[i])
+        assert_close(
+            "joint wrenches", ours["joint wrenches"], oracle.joint_wrenches(q[i], v[i], a[i], u[i])
+        )
         assert_close("rates", ours["coordinate rates"], oracle.coordinate_rates(q[i], v[i]))
         assert_close("integrated", ours["integrated"], oracle.integrated(q[i], v[i]))
         assert_close("difference", ours["difference"], oracle.difference(q[i], q[count - 1 - i]))
@@ -113,3 +134,44 @@ def _compare_state(
     kinetic, potential = oracle.energies(q, v)
     assert_close("kinetic energy", ours["kinetic"], np.array(kinetic))
     assert_close("potential energy", ours["potential"], np.array(potential))
+
+
+def _compare_frames(
+    oracle: Oracle,
+    ours: dict[str, np.ndarray],
+    q: np.ndarray,
+    v: np.ndarray,
+    wrenches: np.ndarray,
+) -> None:
+    forces = np.zeros(len(v))
+    for k, frame in enumerate(oracle.frames.values()):
+        jacobian, placement = oracle.point_jacobian(q, frame)
+        jacobian = jacobian[:, oracle.free]
+        assert_close("frame pose", ours["frame poses"][k], placement.homogeneous)
+        assert_close("frame Jacobian", ours["frame Jacobians"][k], jacobian)
+        assert_close("frame velocity", ours["frame velocities"][k], jacobian @ v)
+        bias = oracle.bias_acceleration(q, v, frame)
+        assert_close("frame bias acceleration", ours["frame bias"][k], bias)
+        forces += jacobian.T @ wrenches[k]
+    assert_close("wrench forces", ours["wrench forces"], forces)
+
+
+def _compare_pushed(
+    oracle: Oracle, ours: dict[str, np.ndarray], q: np.ndarray, v: np.ndarray, u: np.ndarray
+) -> None:
+    free = oracle.free
+    mass = oracle.mass_matrix(q)[np.ix_(free, free)]
+    assert_close("unpushed", mass @ ours["unpushed"], mass @ ours["forward"])
+    residual = -oracle.inverse_dynamics(q, v, np.zeros_like(v))[free]
+    right = residual + oracle.input_matrix(q)[free] @ u + ours["wrench forces"]
+    assert_close("M a = R + B u + J^T W", mass @ ours["pushed"], right)
+
+
+def _compare_mass(
+    oracle: Oracle, ours: dict[str, np.ndarray], q: np.ndarray, v: np.ndarray
+) -> None:
+    centre, jacobian, momentum, gravity = oracle.centroidal(q, v)
+    assert_close("centre of mass", ours["centre"], centre)
+    assert_close("Jacobian of the centre of mass", ours["centre Jacobian"], jacobian)
+    assert_close("centroidal momentum", ours["momentum"], momentum)
+    assert_close("gravity forces", ours["gravity"], gravity)

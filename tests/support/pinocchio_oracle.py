@@ -7,7 +7,7 @@ inverse dynamics with those joints held.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
@@ -60,13 +60,11 @@ def _depth_first(parents: Sequence[int], number: int = 0) -> Iterator[int]:
 class Oracle:
     """A robot's tree; coordinates are those of the hybrid system without the constraint torques.
 
-    With `rigid_base` the base arms are welded to arm 1 instead, and the coordinates are those of q.
-    `parents` tells, for each link, what it is on: 0 for the base, i for link i; a row if not given.
+    With `rigid_base` what is held is welded instead, and the coordinates are those of v.
     """
 
     robot: Robot
     rigid_base: bool = False
-    parents: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         robot, base = self.robot, self.robot.base
@@ -138,13 +136,11 @@ class Oracle:
 
     def _add_links(self) -> None:
         robot, model = self.robot, self.model
-        parents = self.parents or robot.parents
+        parents = robot.parents
         for i in _depth_first(parents):
             link, (parent, at) = robot.links[i - 1], self.bodies[parents[i - 1]]
             if link.pose is None:
                 default = robot.links[parents[i - 1] - 1].body.length if parents[i - 1] else 0.0
-                if self.parents is not None:  # As the links were numbered before they branched.
-                    default = robot.links[i - 2].body.length if i > 1 else 0.0
                 twist = rotation("x", float(link.alpha_deg))
                 a = default if link.a is None else link.a
                 step = np.array([a, 0, 0]) + twist @ np.array([0, 0, link.d])
@@ -279,6 +275,39 @@ class Oracle:
             kinetic += passive.armature * v[here] ** 2 / 2
             potential += passive.stiffness * (angle - passive.rest) ** 2 / 2
         return kinetic, potential
+
+    def centroidal(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """Centre of mass, its Jacobian, centroidal momentum, and gravity's part of R."""
+        tree, free = self.configuration(q), [self.order[i] for i in self.free]
+        jacobian = pin.jacobianCenterOfMass(self.model, self.data, tree)[:, free].copy()
+        centre = pin.centerOfMass(self.model, self.data, tree).copy()
+        momentum = pin.computeCentroidalMomentum(self.model, self.data, tree, self.spread(v))
+        gravity = pin.computeGeneralizedGravity(self.model, self.data, tree)
+        return centre, jacobian, momentum.vector, -gravity[free]
+
+    def joint_wrenches(self, q: Array, v: Array, a: Array, u: Array) -> Array:
+        """What every joint passes on to its body, of rods and then of links.
+
+        In the tree that this needs, every link has a joint, held where it is fixed in the robot.
+        """
+        held = [i for i, link in enumerate(self.robot.links, start=1) if not link.moves]
+        links = [
+            replace(link, constrained=True) if i in held else link
+            for i, link in enumerate(self.robot.links, start=1)
+        ]
+        whole = Oracle(replace(self.robot, links=tuple(links)))
+        outside = pin.StdVec_Force()
+        for _ in range(whole.model.njoints):
+            outside.append(pin.Force.Zero())
+        for place, (direction, drag), thrust in zip(whole.rotors, whole.thrusts, u, strict=False):
+            joint, at = place
+            along = direction / np.linalg.norm(direction) * thrust
+            outside[joint] += at.act(pin.Force(along, drag * along))
+        state = whole.configuration(q), whole.spread(v), whole.spread(a)
+        pin.rnea(whole.model, whole.data, *state, outside)
+        rods = [whole.model.getJointId(f"theta_{k}") for k in range(2, self.robot.base.rotors + 1)]
+        joints = [*rods, *(whole.bodies[i][0] for i in range(1, len(links) + 1))]
+        return np.array([whole.data.f[j].vector for j in joints]).reshape(-1, 6)
 
     def integrated(self, q: Array, v: Array) -> Array:
         """Coordinates after a displacement."""

@@ -107,14 +107,14 @@ def compiled(module: ModuleType, target: Target, folder: Path) -> Build:
 def objects(names: Sequence[str], *targets: Target) -> pytest.MarkDecorator:
     """Parametrise a test by robots and targets, all that it builds being its own.
 
-    The largest robot takes its time.
+    The largest robots take their time.
     """
     cases = [
         pytest.param(
             name,
             target,
             id=f"{name}-{target.name}",
-            marks=[pytest.mark.slow] if name == "octorotor_7link" else [],
+            marks=[pytest.mark.slow] if name in ("octorotor_7link", "decarotor_3link") else [],
         )
         for name in names
         for target in targets

@@ -1,8 +1,8 @@
 /*
  * Calls of compiled functions from Python at little cost.
  *
- * A Caller holds the address of a function of an emitted C module, the widths of its inputs and the
- * shapes of its outputs. Called with plain arrays of one state it calls the function and returns
+ * A Caller holds the address of a function of an emitted C module, and the shapes of its inputs and
+ * outputs. Called with plain arrays of one state it calls the function and returns
  * new arrays; anything else goes to `general`, a Python function with the same arguments. So does
  * what comes out not finite, once more, to be reported.
  */
@@ -20,7 +20,7 @@
 
 #define MAX_INPUTS 4
 #define MAX_OUTPUTS 2
-#define MAX_DIMENSIONS 2
+#define MAX_DIMENSIONS 3
 
 typedef struct {
     int dimensions;
@@ -33,8 +33,8 @@ typedef struct {
     void *function;
     int inputs;
     int outputs;
-    npy_intp widths[MAX_INPUTS];
-    Shape shapes[MAX_OUTPUTS];
+    Shape taken[MAX_INPUTS];
+    Shape made[MAX_OUTPUTS];
     PyObject *constants;
     PyObject *general;
     PyObject *name;
@@ -70,15 +70,20 @@ static void call(void *function, const void *k, int number, double **p)
 }
 
 /* The numbers of a plain array of one state, or NULL. */
-static double *plain_data(PyObject *object, npy_intp width)
+static double *plain_data(PyObject *object, const Shape *shape)
 {
     if (!PyArray_CheckExact(object)) {
         return NULL;
     }
     PyArrayObject *array = (PyArrayObject *)object;
-    if (PyArray_TYPE(array) != NPY_DOUBLE || PyArray_NDIM(array) != 1 ||
-        PyArray_DIM(array, 0) != width || !PyArray_ISCARRAY_RO(array)) {
+    if (PyArray_TYPE(array) != NPY_DOUBLE || PyArray_NDIM(array) != shape->dimensions ||
+        !PyArray_ISCARRAY_RO(array)) {
         return NULL;
+    }
+    for (int i = 0; i < shape->dimensions; ++i) {
+        if (PyArray_DIM(array, i) != shape->shape[i]) {
+            return NULL;
+        }
     }
     return (double *)PyArray_DATA(array);
 }
@@ -148,7 +153,7 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
     int i = 0;
     if (constants) {
         for (; i < self->inputs; ++i) {
-            pointers[i] = plain_data(args[i], self->widths[i]);
+            pointers[i] = plain_data(args[i], &self->taken[i]);
             if (!pointers[i]) {
                 break;
             }
@@ -158,7 +163,7 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
         return PyObject_Vectorcall(self->general, args, flagged, names);
     }
     for (i = 0; i < self->outputs; ++i) {
-        Shape *shape = &self->shapes[i];
+        Shape *shape = &self->made[i];
         results[i] = PyArray_SimpleNew(shape->dimensions, shape->shape, NPY_DOUBLE);
         if (!results[i]) {
             while (i > 0) {
@@ -195,50 +200,38 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
     return pair;
 }
 
-static int read_widths(Caller *self, PyObject *widths)
+/* The number of shapes, of which there are one to `most`; or -1 with an error set. */
+static int read_shapes(PyObject *shapes, int most, Shape *read)
 {
-    self->inputs = (int)PyTuple_GET_SIZE(widths);
-    if (self->inputs < 1 || self->inputs > MAX_INPUTS) {
-        PyErr_SetString(PyExc_ValueError, "one to four inputs");
+    const Py_ssize_t count = PyTuple_GET_SIZE(shapes);
+    if (count < 1 || count > most) {
+        PyErr_Format(PyExc_ValueError, "one to %d arrays", most);
         return -1;
     }
-    for (int i = 0; i < self->inputs; ++i) {
-        self->widths[i] = PyLong_AsSsize_t(PyTuple_GET_ITEM(widths, i));
-    }
-    return PyErr_Occurred() ? -1 : 0;
-}
-
-static int read_shapes(Caller *self, PyObject *shapes)
-{
-    self->outputs = (int)PyTuple_GET_SIZE(shapes);
-    if (self->outputs < 1 || self->outputs > MAX_OUTPUTS) {
-        PyErr_SetString(PyExc_ValueError, "one or two outputs");
-        return -1;
-    }
-    for (int i = 0; i < self->outputs; ++i) {
+    for (int i = 0; i < (int)count; ++i) {
         PyObject *shape = PyTuple_GET_ITEM(shapes, i);
         if (!PyTuple_Check(shape) || PyTuple_GET_SIZE(shape) > MAX_DIMENSIONS) {
-            PyErr_SetString(PyExc_ValueError, "outputs have at most two dimensions");
+            PyErr_Format(PyExc_ValueError, "arrays have at most %d dimensions", MAX_DIMENSIONS);
             return -1;
         }
-        self->shapes[i].dimensions = (int)PyTuple_GET_SIZE(shape);
-        for (int j = 0; j < self->shapes[i].dimensions; ++j) {
-            self->shapes[i].shape[j] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, j));
+        read[i].dimensions = (int)PyTuple_GET_SIZE(shape);
+        for (int j = 0; j < read[i].dimensions; ++j) {
+            read[i].shape[j] = PyLong_AsSsize_t(PyTuple_GET_ITEM(shape, j));
         }
     }
-    return PyErr_Occurred() ? -1 : 0;
+    return PyErr_Occurred() ? -1 : (int)count;
 }
 
-/* Caller(address, widths, shapes, constants, general) */
+/* Caller(address, taken, made, constants, general): the shapes of inputs and of outputs */
 static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywords)
 {
-    PyObject *address, *widths, *shapes, *constants, *general;
+    PyObject *address, *taken, *made, *constants, *general;
     if (keywords && PyDict_GET_SIZE(keywords)) {
         PyErr_SetString(PyExc_TypeError, "Caller takes no keywords");
         return NULL;
     }
-    if (!PyArg_ParseTuple(args, "O!O!O!SO:Caller", &PyLong_Type, &address, &PyTuple_Type, &widths,
-                          &PyTuple_Type, &shapes, &constants, &general)) {
+    if (!PyArg_ParseTuple(args, "O!O!O!SO:Caller", &PyLong_Type, &address, &PyTuple_Type, &taken,
+                          &PyTuple_Type, &made, &constants, &general)) {
         return NULL;
     }
     Caller *self = (Caller *)type->tp_alloc(type, 0);
@@ -255,7 +248,11 @@ static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywor
     }
     self->name = PyObject_GetAttrString(general, "__name__");
     self->doc = self->name ? PyObject_GetAttrString(general, "__doc__") : NULL;
-    if (!self->doc || read_widths(self, widths) || read_shapes(self, shapes)) {
+    if (self->doc) {
+        self->inputs = read_shapes(taken, MAX_INPUTS, self->taken);
+        self->outputs = self->inputs < 0 ? -1 : read_shapes(made, MAX_OUTPUTS, self->made);
+    }
+    if (!self->doc || self->outputs < 0) {
         Py_DECREF(self);
         return NULL;
     }

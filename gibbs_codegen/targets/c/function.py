@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, Number, Output
@@ -36,36 +38,53 @@ Lines = list[str]
 
 
 @dataclass(frozen=True)
-class OutputText:
-    """An output as a matrix, and the entries of the outputs before it."""
+class ArrayText:
+    """An array as a matrix, and where its entries start and end in CasADi's scratch.
+
+    Blocks of an array of three axes are one below the other.
+    """
 
     name: str
     rows: int
     columns: int
     start: int
+    end: int
 
     @property
     def width(self) -> int:
         """Entries of one state."""
         return self.rows * self.columns
 
+    @property
+    def is_matrix(self) -> bool:
+        """Whether row by row is another order than column by column."""
+        return self.columns > 1
+
+    @property
+    def in_scratch(self) -> str:
+        """Where its entries are in CasADi's scratch, row by row."""
+        return from_entry("w", self.start)
+
 
 @dataclass(frozen=True)
 class FunctionText:
     """What the C templates are given of a function.
 
-    `inputs` has the number of entries of one state in each argument. `parameters` are those of the
-    definition, `declared` those in the header. `one` and `block` are the bodies of the functions
-    for one state and for a block of states, `whole_block` and `last_block` the arguments with which
-    the second is called in a batch.
+    CasADi has matrices column by column: `casadi_loads` turn those among the arguments, and
+    `casadi_inputs` and `casadi_outputs` are what its adapter calls the function with, which needs
+    `casadi_entries` of scratch. `parameters` are those of the definition, `declared` those in the
+    header. `one` and `block` are the bodies of the functions for one state and for a block of
+    states, `whole_block` and `last_block` the arguments with which the second is called in a batch.
     """
 
     name: str
     public_name: str
     documentation: Lines
-    inputs: dict[str, int]
-    outputs: list[OutputText]
-    entries: int
+    inputs: list[ArrayText]
+    outputs: list[ArrayText]
+    casadi_entries: int
+    casadi_loads: Lines
+    casadi_inputs: Lines
     casadi_outputs: Lines
     parameters: Lines
     declared: Lines
@@ -99,13 +118,18 @@ class _Sections:
 class CFunction:
     """Prints one function."""
 
-    def __init__(self, model: Model, function: Function, printer: InfixPrinter) -> None:
+    def __init__(
+        self, model: Model, function: Function, signature: Signature, printer: InfixPrinter
+    ) -> None:
         self._model = model
         self._function = function
         self._statements = StatementPrinter(printer)
         self._gathered = gather_angles(function)
-        self._inputs = {a: len(model.program.inputs[a]) for a in function.arguments}
-        self._outputs = _output_texts(function)
+        names = [output.name for output in FUNCTIONS[function.name].outputs]
+        self._outputs = _array_texts(names, signature.shapes, 0, turned_alone=False)
+        made = self._outputs[-1].end
+        shapes = signature.argument_shapes
+        self._inputs = _array_texts(signature.arguments, shapes, made, turned_alone=True)
         self._cleared = [_is_sparse(output) for output in function.outputs]
         gathered = self._gathered
         stored = [not cleared for cleared in self._cleared]
@@ -120,12 +144,10 @@ class CFunction:
     def text(self) -> FunctionText:
         """What the templates need of the function."""
         prefix = f"{self._model.robot.name}_"
-        inputs = list(self._inputs)
-        widths = {array.name: array.width for array in self._outputs}
-        outputs = list(widths)
-        starts = [from_entry("w", array.start) for array in self._outputs]
-        advanced = [from_block(name, width, "whole") for name, width in widths.items()]
-        arrays = self._inputs | widths
+        inputs = [array.name for array in self._inputs]
+        outputs = [array.name for array in self._outputs]
+        arrays = [*self._inputs, *self._outputs]
+        advanced = [from_block(array.name, array.width, "whole") for array in self._outputs]
         real = f"{prefix}real"
         return FunctionText(
             name=self._function.name,
@@ -133,14 +155,23 @@ class CFunction:
             documentation=doxygen(self._model, self._function),
             inputs=self._inputs,
             outputs=self._outputs,
-            entries=sum(widths.values()),
-            casadi_outputs=starts,
+            casadi_entries=max(array.end for array in arrays),
+            casadi_loads=[
+                f"store({array.columns}, {array.rows}, {_given(place)}, {array.in_scratch});"
+                for place, array in enumerate(self._inputs)
+                if array.is_matrix
+            ],
+            casadi_inputs=[
+                array.in_scratch if array.is_matrix else _given(place)
+                for place, array in enumerate(self._inputs)
+            ],
+            casadi_outputs=[array.in_scratch for array in self._outputs],
             parameters=read_arrays(inputs) + written_arrays(outputs),
             declared=read_arrays(inputs, real, "") + written_arrays(outputs, real, ""),
             helpers=self._helpers(),
             one=self._body(self._one, lanes=False),
             block=self._body(self._block, lanes=True),
-            whole_block=[from_block(name, width, "block") for name, width in arrays.items()],
+            whole_block=[from_block(array.name, array.width, "block") for array in arrays],
             last_block=[*(f"last_{name}" for name in inputs), *advanced],
         )
 
@@ -167,7 +198,8 @@ class CFunction:
             Lines.
         """
         angles, slots = len(self._gathered.angles), sections.allocation.slots
-        arrays = [*self._inputs, *(array.name for array in self._outputs)]
+        inputs = [array.name for array in self._inputs]
+        arrays = [*inputs, *(array.name for array in self._outputs)]
         lines = []
         if angles:
             lines.append(local_arrays([ANGLE, SINE, COSINE], array_size(angles, lanes)))
@@ -180,19 +212,38 @@ class CFunction:
             arrays = [SCRATCH, *arrays]
         if angles:
             arrays = [SINE, COSINE, *arrays]
-            lines += call_helper(f"{self._function.name}_angles", [*self._inputs, ANGLE], lanes)
+            lines += call_helper(f"{self._function.name}_angles", [*inputs, ANGLE], lanes)
             lines += _sine_cosine(angles, lanes)
         for name in sections.names:
             lines += call_helper(name, arrays, lanes)
         return lines
 
 
-def _output_texts(function: Function) -> list[OutputText]:
-    texts: list[OutputText] = []
-    for row, output in zip(FUNCTIONS[function.name].outputs, function.outputs, strict=True):
-        rows, columns = (*output.shape, 1, 1)[:2]
-        texts.append(OutputText(row.name, rows, columns, sum(text.width for text in texts)))
+def _array_texts(
+    names: Sequence[str], shapes: Sequence[Sequence[int]], start: int, turned_alone: bool
+) -> list[ArrayText]:
+    """Arrays one after the other.
+
+    Args:
+        names, shapes: Name and shape of each.
+        start: Where the first starts in CasADi's scratch.
+        turned_alone: Whether only those have a place there that CasADi has column by column.
+
+    Returns:
+        The arrays as matrices.
+    """
+    texts: list[ArrayText] = []
+    for name, shape in zip(names, shapes, strict=True):
+        *rows, columns = shape if len(shape) > 1 else (*shape, 1)
+        end = start if turned_alone and columns == 1 else start + math.prod(shape)
+        texts.append(ArrayText(name, math.prod(rows), columns, start, end))
+        start = end
     return texts
+
+
+def _given(place: int) -> str:
+    """What CasADi gives for an argument, or zeros."""
+    return f"arg[{place}] ? arg[{place}] : zeros"
 
 
 def _is_sparse(output: Output) -> bool:

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import LANES
+from gibbs_codegen.interface import LANES, signatures
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.coordinates import (
     hybrid_coordinates,
     inputs,
-    points,
-    reduced_coordinates,
-    velocities,
 )
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.targets.c.function import CFunction, FunctionText
 from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
 from gibbs_codegen.targets.documentation import (
@@ -105,44 +104,58 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         support=c_source("support.c"),
         column_major=c_source("column_major.c"),
         widest=max(map(len, program.inputs.values())),
-        functions=[CFunction(model, function, printer).text() for function in program.functions],
+        functions=[
+            CFunction(model, function, signature, printer).text()
+            for function, signature in zip(
+                program.functions, signatures(module_lists(robot)), strict=True
+            )
+        ],
     )
 
 
 def _sizes(model: Model) -> list[tuple[str, int]]:
-    robot = model.robot
-    return [
-        ("COORDINATES", len(reduced_coordinates(robot))),
-        ("VELOCITIES", len(velocities(robot))),
-        ("HYBRID_COORDINATES", len(hybrid_coordinates(robot))),
-        ("INPUTS", len(inputs(robot))),
-        ("POINTS", len(points(robot))),
-        ("PARAMETERS", len(model.defaults)),
-    ]
+    listed = {name: len(names) for name, names in module_lists(model.robot).items()}
+    return [*listed.items(), ("PARAMETERS", len(model.defaults))]
 
 
 def _parameters(model: Model, printer: InfixPrinter) -> list[ParameterText]:
+    macros = _macros(model.robot.name, model.defaults)
     return [
-        ParameterText(
-            macro=f"{model.robot.name}_{name}".upper(),
-            name=name,
-            value=printer.number(value),
-            unit=model.units[name],
-        )
-        for name, value in model.defaults.items()
+        ParameterText(macro=macro, name=name, value=printer.number(value), unit=model.units[name])
+        for macro, (name, value) in zip(macros, model.defaults.items(), strict=True)
     ]
 
 
 def _places(robot: Robot) -> dict[str, Lines]:
-    """Enumerators of the places in each argument; no parameter's begins with a single letter."""
+    """Enumerators of the places in each list; no parameter's begins with a single letter."""
+    listed = module_lists(robot)
     return {
-        words: [f"{robot.name}_{words[0]}_{c.name}".upper() for c in listed]
-        for words, listed in (
-            ("q", reduced_coordinates(robot)),
-            ("v, and in a", velocities(robot)),
-            ("u", inputs(robot)),
+        words: _macros(f"{robot.name}_{words[0]}", listed[name])
+        for words, name in (
+            ("q", "COORDINATES"),
+            ("v, and in a", "VELOCITIES"),
+            ("u", "INPUTS"),
+            ("frames, also of rows in W", "FRAMES"),
+            ("bodies", "BODIES"),
         )
+        if listed[name]
     }
+
+
+def _macros(prefix: str, names: Iterable[str]) -> Lines:
+    """Names in capitals, unless two that people gave are the same in capitals.
+
+    Args:
+        prefix: What they begin with.
+        names: The rest of each.
+
+    Returns:
+        Enumerators.
+    """
+    rests = [*names]
+    capitals = [rest.upper() for rest in rests]
+    chosen = capitals if len({*capitals}) == len(rests) else rests
+    return [f"{prefix.upper()}_{rest}" for rest in chosen]
 
 
 def _tables(robot: Robot) -> dict[str, Lines]:
@@ -151,7 +164,11 @@ def _tables(robot: Robot) -> dict[str, Lines]:
         **state_tables(robot),
         "Unknowns of the hybrid system, in order": coordinate_table(hybrid_coordinates(robot)),
         "Inputs u, in order": coordinate_table(inputs(robot)),
-        "Points, in order": textwrap.wrap(", ".join(points(robot)), WIDTH - 8),
+        **{
+            f"{name.capitalize()}, in order": textwrap.wrap(", ".join(listed), WIDTH - 8)
+            for name, listed in module_lists(robot).items()
+            if name in ("POINTS", "FRAMES", "BODIES") and listed
+        },
     }
 
 

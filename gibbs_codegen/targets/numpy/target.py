@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import DATA
+from gibbs_codegen.interface import DATA, Signature, signatures
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, names_in
-from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs, points
+from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.targets.documentation import (
     attitude_lines,
     coordinate_table,
@@ -43,11 +44,11 @@ class ParameterText:
 class FunctionText:
     """A function: its head, its documentation, and the lines of its kernel.
 
-    `arguments` has the number of entries of one state in each argument.
+    `arguments` has the shape of each argument for one state, as the arguments of a call.
     """
 
     name: str
-    arguments: dict[str, int]
+    arguments: dict[str, str]
     returns: str
     documentation: Lines
     result: str
@@ -60,7 +61,8 @@ class FunctionText:
 class ModuleText:
     """Everything in the emitted package that depends on the robot, and the source that does not.
 
-    `entry_lines` explain the entries of arguments.
+    `entry_lines` explain the entries of arguments. `lists` are the constants that list names, each
+    as the lines that stand in parentheses.
     """
 
     header: Lines
@@ -69,13 +71,7 @@ class ModuleText:
     attitude: str
     attitude_lines: Lines
     entry_lines: Lines
-    coordinates: Lines
-    coordinate_units: Lines
-    velocities: Lines
-    velocity_units: Lines
-    hybrid_coordinates: Lines
-    inputs: Lines
-    points: Lines
+    lists: dict[str, Lines]
     parameters: list[ParameterText]
     folded: Lines
     parameter_loads: Lines
@@ -100,7 +96,13 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
-    functions = [_function_text(model, function, statements) for function in program.functions]
+    listed = module_lists(robot)
+    functions = [
+        _function_text(model, function, signature, statements)
+        for function, signature in zip(program.functions, signatures(listed), strict=True)
+    ]
+    units = {"COORDINATE_UNITS": layout.q.units, "VELOCITY_UNITS": layout.v.units}
+    constants = {name: strings(names) for name, names in (listed | units).items()}
     return ModuleText(
         header=header,
         name=robot.name,
@@ -108,13 +110,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         attitude=robot.base.attitude,
         attitude_lines=attitude_lines(robot),
         entry_lines=entry_lines(state_tables(robot) | {"Inputs u, in order": driven}),
-        coordinates=strings(layout.q.names),
-        coordinate_units=strings(layout.q.units),
-        velocities=strings(layout.v.names),
-        velocity_units=strings(layout.v.units),
-        hybrid_coordinates=strings(c.name for c in hybrid_coordinates(robot)),
-        inputs=strings(c.name for c in inputs(robot)),
-        points=strings(points(robot)),
+        lists={name: constants[name] for name in DATA if name in constants},
         parameters=[
             ParameterText(name, printer.number(value), model.units[name])
             for name, value in model.defaults.items()
@@ -134,12 +130,14 @@ def _exports(functions: Lines) -> Lines:
     return [*sorted(DATA, key=str.lower), *sorted(functions)]
 
 
-def _function_text(model: Model, function: Function, statements: StatementPrinter) -> FunctionText:
+def _function_text(
+    model: Model, function: Function, signature: Signature, statements: StatementPrinter
+) -> FunctionText:
     """The text of one function.
 
     Args:
         model: The derived robot.
-        function: One of its program's.
+        function, signature: One of its program's, and its shapes.
         statements: The printer.
 
     Returns:
@@ -153,7 +151,10 @@ def _function_text(model: Model, function: Function, statements: StatementPrinte
         loads += [load(name, argument, i) for i, name in enumerate(names) if name in used]
     return FunctionText(
         name=function.name,
-        arguments={a: len(program.inputs[a]) for a in function.arguments},
+        arguments={
+            argument: ", ".join(map(str, shape))
+            for argument, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
+        },
         returns=result_type(function.outputs),
         documentation=docstring(model, function),
         result=result(function.outputs),

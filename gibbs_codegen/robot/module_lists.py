@@ -1,0 +1,46 @@
+"""What a generated module lists of its robot, by the names of the module's constants."""
+
+from __future__ import annotations
+
+from gibbs_codegen.robot.coordinates import frame_names, hybrid_coordinates, inputs, points
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import default_prefix, identifier
+
+
+def module_lists(robot: Robot) -> dict[str, tuple[str, ...]]:
+    """Names of all that arguments and results of the functions have entries or rows for.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Names in order, by the constant that has them.
+    """
+    layout = layout_of(robot)
+    return {
+        "COORDINATES": layout.q.names,
+        "VELOCITIES": layout.v.names,
+        "HYBRID_COORDINATES": tuple(c.name for c in hybrid_coordinates(robot)),
+        "INPUTS": tuple(c.name for c in inputs(robot)),
+        "POINTS": points(robot),
+        "FRAMES": frame_names(robot),
+        "BODIES": body_names(robot),
+    }
+
+
+def body_names(robot: Robot) -> tuple[str, ...]:
+    """Names of the bodies that a joint, which may be held or welded, connects to another.
+
+    Args:
+        robot: The robot, of N rotors.
+
+    Returns:
+        Identifiers: of the base's rods base_arm2 … base_armN, then of the links.
+    """
+    rods = (f"base_arm{k}" for k in range(2, robot.base.rotors + 1))
+    links = (
+        identifier(link.name) if link.name else default_prefix("link", i)
+        for i, link in enumerate(robot.links, start=1)
+    )
+    return (*rods, *links)

@@ -1,0 +1,289 @@
+"""The joints of a robot with the bodies that they carry, as its file gives them, in plain numbers.
+
+The position and the attitude of the base are joints without mass, and what constraint torques hold
+are joints like any other. Whatever is welded to a body is carried by the same joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from gibbs_codegen.robot.coordinates import frames_of
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import BASE, Body, Frame, Link, Pose, Robot, Rod, Vector3
+from gibbs_codegen.verification.vectors import Array, about
+
+WORLD = -1
+
+
+class Part(NamedTuple):
+    """One of the bodies that a joint carries, in the joint's frame: as `Joint` has all of them.
+
+    `body` is its number, as of `Assembly`.
+    """
+
+    body: int
+    joint: int
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint with the bodies that it carries, as one.
+
+    Attributes:
+        parent: number of the joint that it hangs on, or `WORLD`.
+        place: place of its coordinate.
+        axis: number of the axis of its own frame about or along which it moves.
+        revolute: whether it turns; else it slides.
+        rotation: (3, 3) from its frame to its parent's, at coordinate zero.
+        offset: (3,) from the parent's origin to its own, at coordinate zero, in m.
+        mass: of the bodies, in kg.
+        com: (3,) centre of mass of the bodies in the joint's frame, in m.
+        inertia: (3, 3) of the bodies about their centre of mass, in the joint's axes, in kg m².
+    """
+
+    parent: int
+    place: int
+    axis: int
+    revolute: bool = True
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def with_part(self, part: Part) -> Joint:
+        """The joint with one body more.
+
+        Args:
+            part: The body, in the joint's frame.
+
+        Returns:
+            The joint.
+        """
+        mass, inertia = self.mass + part.mass, self.inertia + part.inertia
+        if self.mass == 0.0 or mass == 0.0:
+            return replace(self, mass=mass, com=part.com, inertia=inertia)
+        apart = part.com - self.com
+        reduced = self.mass * part.mass / mass
+        inertia = inertia + reduced * (apart @ apart * np.eye(3) - np.outer(apart, apart))
+        return replace(self, mass=mass, com=self.com + part.mass / mass * apart, inertia=inertia)
+
+
+class Point(NamedTuple):
+    """A frame fixed in that of a joint: its origin `local` (3,) in m, and `rotation` (3, 3)."""
+
+    joint: int
+    local: Array
+    rotation: Array = np.eye(3)
+
+    def within(self, rotation: Array, offset: Array) -> Point:
+        """A frame that is fixed in this one.
+
+        Args:
+            rotation: (3, 3) from its axes to those of this.
+            offset: (3,) its origin in this, in m.
+
+        Returns:
+            The frame.
+        """
+        return Point(self.joint, self.local + self.rotation @ offset, self.rotation @ rotation)
+
+
+class Motor(NamedTuple):
+    """The direction of a motor's thrust in the frame of its seat, and its drag in m.
+
+    `body` is the number of the body that it sits on, as of `Assembly`.
+    """
+
+    direction: Array
+    drag: float
+    body: int
+
+
+class Assembly:
+    """A robot put together from the base outwards.
+
+    Bodies have numbers: 0 the base, with the rod that nothing holds against it, i link i, and −k
+    rod k.
+
+    Attributes:
+        joints: from the world outwards, each after that which it hangs on.
+        parts: the bodies.
+        bodies: frames that the file gives the bodies, by their numbers: the base's, of rods that
+            are held, and of links.
+        carriers: for each of these but the base, the number of the body that carries it.
+        centre: the base centre.
+        rods: where the motors of the rods sit.
+        arm: places of the joints that move, in the order of their links.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        layout = layout_of(robot)
+        count = len(layout.free) + layout.constrained.stop - layout.constrained.start
+        self.joints: list[Joint] = []
+        self.parts: list[Part] = []
+        self.arm = layout.free[layout.v.joints]
+        self._robot = robot
+        self._held = iter(range(count)[layout.constrained])
+        root = WORLD
+        for place, letter in zip(layout.free[layout.v.position], "xyz", strict=True):
+            root = self._add(Joint(root, place, "xyz".index(letter), revolute=False))
+        sequence = "xyz" if layout.is_quaternion else layout.attitude
+        for place, letter in zip(layout.free[layout.v.attitude], sequence, strict=True):
+            root = self._add(Joint(root, place, "xyz".index(letter)))
+        self.centre = Point(root, self._centre())
+        self.bodies = {BASE: self.centre}
+        self.carriers: dict[int, int] = {}
+        if robot.base.body is not None:
+            self._carry(BASE, self.centre, robot.base.body)
+        self.rods = [self._rod(k) for k in range(1, robot.base.rotors + 1)]
+        moving = iter(self.arm)
+        for i, link in enumerate(robot.links, start=1):
+            at = self.bodies[robot.parents[i - 1]].within(*self._placed(i, link))
+            if link.joint != "fixed":
+                at = self._jointed(at, link.axis, next(moving), link.joint == "revolute")
+            elif link.constrained:
+                at = self._jointed(at, link.axis, next(self._held))
+            self.bodies[i], self.carriers[i] = at, robot.parents[i - 1]
+            self._carry(i, at, link.body)
+
+    @property
+    def motors(self) -> list[tuple[Point, Motor]]:
+        """Where the motors sit, and what each does there, in the order of the thrusts."""
+        base, rotors = self._robot.base, self._robot.thrusters
+        motors = []
+        for k, (rod, direction) in enumerate(zip(self.rods, base.thrust, strict=True), start=1):
+            body = -k if k > 1 else BASE
+            motors.append((rod, Motor(np.array(direction), base.drag[k - 1], body)))
+        for rotor in rotors:
+            seat = self.bodies[rotor.on].within(np.eye(3), np.array(rotor.position))
+            motors.append((seat, Motor(np.array(rotor.direction), rotor.drag, rotor.on)))
+        return motors
+
+    @property
+    def frames(self) -> list[tuple[Frame, Point]]:
+        """The named frames and where they are."""
+        return [
+            (frame, self.bodies[frame.on].within(*_posed(frame.pose)))
+            for frame in frames_of(self._robot)
+        ]
+
+    @property
+    def points(self) -> list[Point]:
+        """The named points, in the order of a module's POINTS."""
+        joints = [self.bodies[i] for i in self._robot.moving]
+        frames = [point for frame, point in self.frames if frame.name != "base"]
+        seats = [seat for seat, _ in self.motors]
+        return [*self.rods[:1], self.centre, *seats, *joints, *frames]
+
+    def _add(self, joint: Joint) -> int:
+        self.joints.append(joint)
+        return len(self.joints) - 1
+
+    def _carry(self, number: int, at: Point, body: Body) -> None:
+        """Add a body to the joint that its frame is fixed on.
+
+        Args:
+            number: Of the body.
+            at: The body's frame.
+            body: The body.
+        """
+        if isinstance(body, Rod):
+            mass, length = body.mass_per_length * body.length, body.length
+            thin = mass * length**2 / 12
+            x, y, z = body.section_inertia
+            at_com, inertia = (length / 2, 0.0, 0.0), np.diag([x, y + thin, z + thin])
+        else:
+            xx, yy, zz, xy, xz, yz = body.inertia
+            mass, at_com = body.mass, body.com
+            inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        turn = at.rotation
+        com, inertia = at.local + turn @ np.array(at_com), turn @ inertia @ turn.T
+        part = Part(number, at.joint, mass, com, inertia)
+        self.joints[at.joint] = self.joints[at.joint].with_part(part)
+        self.parts.append(part)
+
+    def _jointed(self, at: Point, axis: Vector3, place: int, revolute: bool = True) -> Point:
+        """Add a joint; return the frame of the body that it carries.
+
+        The joint's frame is turned so that its axis is a coordinate axis.
+
+        Args:
+            at: The body's frame at coordinate zero, on the joint that carries this one.
+            axis: Of the motion, in the body's frame.
+            place: Place of the coordinate.
+            revolute: Whether it turns; else it slides.
+
+        Returns:
+            The body's frame, fixed on the new joint.
+        """
+        number, turn = _aligned(np.array(axis))
+        joint = self._add(Joint(at.joint, place, number, revolute, at.rotation @ turn, at.local))
+        return Point(joint, np.zeros(3), turn.T)
+
+    def _centre(self) -> Array:
+        """The base centre from the origin of the coordinates, in the base's axes."""
+        base = self._robot.base
+        if base.origin != "motor1":
+            return np.zeros(3)
+        if base.azimuth_deg is None:
+            return np.array([base.arm(1).length, 0.0, 0.0])
+        centre: Array = base.arm(1).length * _turn("z", float(base.azimuth_deg[0]))[:, 0]
+        return -centre
+
+    def _rod(self, k: int) -> Point:
+        """Add a rod of the base; return where its motor sits."""
+        base = self._robot.base
+        end = np.array([base.arm(k).length, 0.0, 0.0])
+        if k == 1 and base.azimuth_deg is None:
+            # It is seen from its motor.
+            motor = self.centre.within(np.eye(3), -end)
+            self._carry(BASE, motor, base.arm(1))
+            return motor
+        angle = -180.0 + 360.0 * (k - 1) / base.rotors
+        if base.azimuth_deg is not None:
+            angle = float(base.azimuth_deg[k - 1])
+        rod = self.centre.within(_turn("z", angle), np.zeros(3))
+        if k > 1:
+            rod = self._jointed(rod, (0.0, 0.0, 1.0), next(self._held))
+            self.bodies[-k], self.carriers[-k] = rod, BASE
+        self._carry(-k if k > 1 else BASE, rod, base.arm(k))
+        return rod.within(np.eye(3), end)
+
+    def _placed(self, i: int, link: Link) -> tuple[Array, Array]:
+        """Rotation and origin of a link's frame in that of its parent, at coordinate zero."""
+        if link.pose is not None:
+            return _posed(link.pose)
+        parent = self._robot.parents[i - 1]
+        before = 0.0 if parent == BASE else self._robot.links[parent - 1].body.length
+        a = before if link.a is None else link.a
+        twist = _turn("x", float(link.alpha_deg))
+        offset = np.array([a, 0.0, 0.0]) + twist @ np.array([0.0, 0.0, link.d])
+        return twist @ _turn("z", float(link.theta_deg)), offset
+
+
+def _posed(pose: Pose) -> tuple[Array, Array]:
+    """Rotation and origin of a pose."""
+    x, y, z = (_turn(axis, float(a)) for axis, a in zip("xyz", pose.rpy_deg, strict=True))
+    return z @ y @ x, np.array(pose.xyz)
+
+
+def _turn(axis: str, degrees: float) -> Array:
+    return about("xyz".index(axis), np.array(np.deg2rad(degrees)))
+
+
+def _aligned(axis: Array) -> tuple[int, Array]:
+    """Axes of which one is a given axis: its number, and the rotation (3, 3) from them."""
+    along = axis / np.linalg.norm(axis)
+    if along.max() == 1.0:
+        return int(along.argmax()), np.eye(3)
+    across = np.cross(np.eye(3)[np.abs(along).argmin()], along)
+    across /= np.linalg.norm(across)
+    return 2, np.stack([across, np.cross(along, across), along], axis=-1)
