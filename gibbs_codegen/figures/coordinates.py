@@ -23,9 +23,10 @@ _Panel = tuple[str, list[Curves]]
 def coordinates(flight: Flight) -> Figure:
     """Draw the paper's Fig. 10: every coordinate, actual and desired, over time in s.
 
-    A: attitude angles, deg. B: constrained angles of base arms 2 … N, deg. C: joints of the arm,
-    revolute ones in deg, prismatic ones in m in a panel of their own. D: position of O₁ (or of the
-    base centre, if the coordinates are its), m. In A and C, coordinates that vary far less than
+    A: attitude angles, deg, or the quaternion. B: constrained angles of base arms 2 … N, deg, if
+    there are any. C: joints of the arm, revolute ones in deg, prismatic ones in m in a panel of
+    their own. D: position of O₁ (or of the base centre, if the coordinates are its), m. In A and
+    C, coordinates that vary far less than
     others, such as roll and pitch beside a yaw of many turns, have axes of their own.
 
     Args:
@@ -66,19 +67,23 @@ def _panels(flight: Flight) -> list[_Panel]:
         [k for k in every[layout.q.joints] if layout.q.units[k] == unit] for unit in ("rad", "m")
     ]
     joints = [_coordinate_curves(flight, "joints", places) for places in kinds if places]
-    origin = "$O_1$" if np.allclose(flight.q[:, layout.q.position], flight.point("O1")) else "$O_2$"
+    place = flight.q[:, layout.q.position]
+    origin = {"O1": "$O_1$", "O2": "$O_2$", "base": "the base"}[
+        next(name for name in flight.points if np.allclose(place, flight.point(name)))
+    ]
     arms = np.broadcast_arrays(flight.base_arm_angles, flight.base_arm_angles_desired)
-    arm_names = [symbol(f"theta_{k}") for k in range(2, flight.rotors + 1)]
+    arm_names = [symbol(f"theta_{k}") for k in range(2, arms[0].shape[1] + 2)]
+    base_arms = [("B", [Curves("base arms (deg)", arm_names, *np.degrees(arms))])]
     return [
         ("A", _by_range(_coordinate_curves(flight, "attitude", every[layout.q.attitude]))),
-        ("B", [Curves("base arms (deg)", arm_names, *np.degrees(arms))]),
+        *(base_arms if arm_names else []),
         *zip(("C", "C′"), map(_by_range, joints), strict=False),
         ("D", [_coordinate_curves(flight, f"position of {origin}", every[layout.q.position])]),
     ]
 
 
 def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curves:
-    """Take coordinates that are all angles or all lengths.
+    """Take coordinates that are all angles, all lengths or a quaternion.
 
     Args:
         flight: The flight.
@@ -86,13 +91,15 @@ def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curv
         places: Their places (k) in q.
 
     Returns:
-        Their curves, in deg or m.
+        Their curves, in deg or m, or as they are of a quaternion.
     """
-    is_angle = flight.layout.q.units[places[0]] == "rad"
-    unit, factor = ("deg", 180.0 / np.pi) if is_angle else ("m", 1.0)
+    unit, factor = flight.layout.q.units[places[0]], 1.0
+    if unit == "rad":
+        unit, factor = "deg", 180.0 / np.pi
+    label = f"{what} ({unit})" if unit != "1" else f"{what} (quaternion)"
     names = [symbol(flight.coordinates[place]) for place in places]
     actual, desired = (factor * q[:, places] for q in (flight.q, flight.q_desired))
-    return Curves(f"{what} ({unit})", names, actual, desired)
+    return Curves(label, names, actual, desired)
 
 
 def _by_range(curves: Curves) -> list[Curves]:

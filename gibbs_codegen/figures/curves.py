@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -20,6 +21,8 @@ SOLID: dict[str, Any] = {"linewidth": 1.7, "solid_capstyle": "butt"}
 DASHED: dict[str, Any] = {"linewidth": 0.8, "color": DARK, "dashes": (4, 3)}
 # What varies less than this, in the unit of its axis, is drawn as constant.
 ROUND_OFF = 1e-3
+# Of names beside curves.
+_LONGEST_NAME = 12
 
 
 class Curves(NamedTuple):
@@ -136,13 +139,18 @@ def explain(axes: Axes, solid: str, dashed: str) -> None:
 def symbol(name: str) -> str:
     """Write a coordinate or input as in the paper: θ₋₁ for `theta_m1`, F₂ for `F_2`.
 
+    Other names stay as they are, shortened to their ends where they are long.
+
     Args:
         name: Its name in the generated module.
 
     Returns:
-        The symbol in Matplotlib's mathematics.
+        The symbol in Matplotlib's mathematics, or the name.
     """
-    letter, _, index = name.partition("_")
+    found = re.fullmatch(r"(theta|tau|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
+    if found is None:
+        return name if len(name) <= _LONGEST_NAME else f"…{name[1 - _LONGEST_NAME :]}"
+    letter, index, *_ = (part for part in (*found.groups(), "") if part is not None)
     letter = {"theta": r"\theta", "tau": r"\tau"}.get(letter, letter)
     return f"${letter}_{{{index.replace('m', '-')}}}$" if index else f"${letter}$"
 

@@ -66,13 +66,16 @@ def inputs(flight: Flight) -> Figure:
 def constraint_torques(flight: Flight) -> Figure:
     """Draw the torques τ'₂ … τ'_N, N m, that keep base arms 2 … N from turning (eqs. 14–17).
 
+    Those of other constrained joints are counted on.
+
     Args:
         flight: The flight.
 
     Returns:
         The figure.
     """
-    names = [rf"$\tau\prime_{{{k}}}$" for k in range(2, flight.rotors + 1)]
+    count = flight.constraint_torques.shape[1]
+    names = [rf"$\tau\prime_{{{k}}}$" for k in range(2, count + 2)]
     with style():
         panel = Curves("constraint torque (N m)", names, flight.constraint_torques)
         return finished(stack(flight, [panel]), flight)
@@ -91,11 +94,11 @@ def tracking_error(flight: Flight) -> Figure:
     Returns:
         The figure.
     """
-    error, layout = np.abs(flight.q - flight.q_desired), flight.layout
-    sliding = [place for place in layout.q.joint_places if layout.q.units[place] == "m"]
-    angular = [place for place, unit in enumerate(layout.q.units) if unit == "rad"]
+    error, places = np.abs(flight.errors), flight.layout.v
+    sliding = [place for place in places.joint_places if places.units[place] == "m/s"]
+    angular = [place for place, unit in enumerate(places.units) if unit == "rad/s"]
     distances = {"base centre": flight.centre_error}
-    if layout.q.joint_places:
+    if flight.has_tip and places.joint_places:
         distances["tip"] = flight.tip_error
     if sliding:
         distances["prismatic joints"] = error[:, sliding].max(axis=1)
@@ -152,6 +155,8 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure in every format; two calls write the same bytes.
 
+    Constraint torques are left out where there are none.
+
     Args:
         flight: The flight.
         folder: Where the figures go; made if need be.
@@ -167,6 +172,8 @@ def write_figures(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for draw in FIGURES:
+            if draw is constraint_torques and not flight.constraint_torques.shape[1]:
+                continue
             figure = draw(flight)
             for suffix in formats:
                 path = folder / f"{draw.__name__}.{suffix}"

@@ -20,18 +20,19 @@ _THINNEST = 0.4
 class RobotDrawing:
     """Artists of the robot of a flight in 3-D axes, one base arm in gold.
 
-    The gold arm is `tangent_arm`, or arm 2 if no arm is tangent to the path. Every rotor is a disc
-    normal to its thrust. A robot of higher `rank` covers those of lower rank; `colour` is the
-    manipulator's; `scale` multiplies the widths of lines.
+    The gold arm is `tangent_arm`, or arm 2 if no arm is tangent to the path; a base without arms
+    has none. Every rotor is a disc normal to its thrust. A robot of higher `rank` covers those of
+    lower rank; `colour` is the manipulator's; `scale` multiplies the widths of lines.
     """
 
     def __init__(
         self, axes: Any, flight: Flight, rank: int = 0, colour: Any = "0.4", scale: float = 1.0
     ) -> None:
         self._flight = flight
-        self._gold = flight.tangent_arm or 2
-        self._arm = arm_points(flight)
-        self._discs_at_origin = disc_corners(flight.thrust_directions, rotor_radius(flight))
+        self._gold = (flight.tangent_arm or 2) if len(flight.base_arm_angles_desired) else 0
+        self._rotors = [flight.points.index(name) for name in flight.rotor_points]
+        self._arms = arm_lines(flight)
+        self._radius = rotor_radius(flight)
         self._artists = RobotArtists(axes, self._shapes(0), rank, colour, scale)
 
     def show(self, sample: int) -> None:
@@ -55,13 +56,13 @@ class RobotDrawing:
 
     def _shapes(self, sample: int) -> Shapes:
         flight = self._flight
-        at = dict(zip(flight.points, flight.positions[sample], strict=True))
-        motors = np.array([at[f"motor{k}"] for k in range(1, flight.rotors + 1)])
-        ends = [np.array([motor, at["O2"]]) for motor in motors]
-        gold = ends.pop(self._gold - 1)[::-1]
-        arm = np.array([at[name] for name in self._arm])
-        turned: Array = self._discs_at_origin @ flight.base_rotation[sample].T
-        return Shapes(ends, gold, [arm], turned + motors[:, np.newaxis])
+        at, rotors = flight.positions[sample], self._rotors
+        ends = [at[[rotor, flight.parents[rotor]]] for rotor in rotors]
+        gold = ends.pop(self._gold - 1)[::-1] if self._gold else np.zeros((0, 3))
+        discs = disc_corners(_thrust_directions(flight, sample), self._radius)
+        turned: Array = discs @ flight.base_rotation[sample].T
+        arms = [at[line] for line in self._arms]
+        return Shapes(ends, gold, arms, turned + at[rotors][:, np.newaxis])
 
 
 class PathDrawing:
@@ -73,8 +74,8 @@ class PathDrawing:
     def __init__(self, axes: Any, flight: Flight, desired: str = DARK, scale: float = 1.0) -> None:
         below, above = _PATH_LEVELS
         self._actual = []
-        paths = [("O2", "base centre", _CENTRE_COLOUR, flight.centre_desired)]
-        if len(arm_points(flight)) > 2:
+        paths = [(flight.centre, "base centre", _CENTRE_COLOUR, flight.centre_desired)]
+        if flight.has_tip and flight.layout.q.joint_places:
             paths.append(("tip", "tip", _TIP_COLOUR, flight.tip_desired))
         for point, label, colour, path in paths:
             (line,) = axes.plot([], [], [], color=colour, lw=1.6 * scale, zorder=below, label=label)
@@ -94,16 +95,33 @@ class PathDrawing:
             _move(line, path[: sample + 1])
 
 
-def arm_points(flight: Flight) -> list[str]:
-    """Name the points along the arm.
+def arm_lines(flight: Flight) -> list[list[int]]:
+    """Lines along the arms.
 
     Args:
         flight: The flight.
 
     Returns:
-        Names of base centre, joints and tip.
+        Numbers of the points of each line: from the base centre, or where one arm leaves another,
+        along joints to a frame on the last link.
     """
-    return ["O2", *(name for name in flight.points if name.startswith("joint")), "tip"]
+    first = flight.points.index(flight.rotor_points[-1]) + 1 if flight.rotors else 1
+    lines: list[list[int]] = []
+    for point, parent in enumerate(flight.parents.tolist()):
+        if point < first or parent < 0:
+            continue
+        before = next((line for line in lines if line[-1] == parent), None)
+        if before is None:
+            lines.append([parent, point])
+        else:
+            before.append(point)
+    return lines
+
+
+def _thrust_directions(flight: Flight, sample: int) -> Array:
+    """Unit vectors (N, 3) of the thrusts in the base's frame at a sample."""
+    directions = flight.thrust_directions
+    return directions if directions.ndim == 2 else directions[sample]
 
 
 def samples_at(flight: Flight, times: Array) -> list[int]:
@@ -131,7 +149,9 @@ def bounds(flight: Flight, samples: list[int] | None = None) -> tuple[Array, Arr
         Lowest and highest coordinates (3) each in the world, m.
     """
     drawn = flight.positions if samples is None else flight.positions[samples]
-    paths = [flight.point("O2"), flight.point("tip"), flight.centre_desired, flight.tip_desired]
+    paths = [flight.point(flight.centre), flight.centre_desired]
+    if flight.has_tip:
+        paths += [flight.point("tip"), flight.tip_desired]
     points = np.concatenate([drawn.reshape(-1, 3), *paths])
     # A flight that stopped because it diverged may end in what is not a number.
     points = points[np.isfinite(points).all(axis=1)]
@@ -151,10 +171,10 @@ def rotor_radius(flight: Flight) -> float:
     Returns:
         The radius, m.
     """
-    at = dict(zip(flight.points, flight.positions[0], strict=True))
-    motors = np.array([at[f"motor{k}"] for k in range(1, flight.rotors + 1)])
-    normals = flight.thrust_directions @ flight.base_rotation[0].T
-    return disc_radius(motors, normals, np.linalg.norm(motors - at["O2"], axis=1))
+    rotors = [flight.points.index(name) for name in flight.rotor_points]
+    motors, carriers = (flight.positions[0][k] for k in (rotors, flight.parents[rotors]))
+    normals = _thrust_directions(flight, 0) @ flight.base_rotation[0].T
+    return disc_radius(motors, normals, np.linalg.norm(motors - carriers, axis=1))
 
 
 def _move(line: Any, points: Array) -> None:

@@ -48,7 +48,7 @@ def snapshots(flight: Flight) -> Figure:
     instants = _instants(flight)
     labels = _labels(flight, instants)
     samples = list(labels)
-    centres = flight.point("O2")[samples]
+    centres = flight.point(flight.centre)[samples]
     box = bounds(flight, samples)
     view = _clearest_view(centres, box)
     with style():

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.simulator.kinematics import kinematics_of
 
 Array = NDArray[np.float64]
 StrPath = str | os.PathLike[str]
@@ -37,7 +38,8 @@ class Flight:
     - `constraint_torques` (s, c): of base arms 2 … N (eqs. 14–17), or of the joints `constrained`
     - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
       2 … N against arm 1, measured from where the motors are; none of a base without arms
-    - `positions` (s, k, 3) of the `points`; `base_rotation` (s, 3, 3), from the base's frame, which
+    - `positions` (s, k, 3) of the `points`, and `parents` (k): numbers of the points that each is
+      drawn as joined to, −1 for none; `base_rotation` (s, 3, 3), from the base's frame, which
       is arm 1's if there are arms, to the world
     - `thrust_directions` (N, 3): unit vectors of the thrusts in the base's frame; (s, N, 3) where
       rotors move with joints
@@ -73,6 +75,7 @@ class Flight:
     base_arm_angles: Array = field(repr=False)
     base_arm_angles_desired: Array = field(repr=False)
     positions: Array = field(repr=False)
+    parents: NDArray[np.int_] = field(repr=False)
     base_rotation: Array = field(repr=False)
     thrust_directions: Array = field(repr=False)
     centre_desired: Array = field(repr=False)
@@ -93,6 +96,21 @@ class Flight:
         units = self.coordinate_units
         constrained = self.constraint_torques.shape[1]
         return Layout.listed(self.attitude, self.coordinates, units, constrained)
+
+    @property
+    def rotor_points(self) -> tuple[str, ...]:
+        """Names (N) of the points where the rotors are, which come after the base centre."""
+        first = self.points.index(self.centre) + 1
+        return self.points[first : first + self.rotors]
+
+    @property
+    def errors(self) -> Array:
+        """Tracking errors (s, nv), in the places of velocities: of attitude, position and joints.
+
+        Of an attitude by a quaternion they are the rotation vector to the desired one, rad.
+        """
+        kinematics = kinematics_of(self.layout)
+        return kinematics.errors(self.q, self.v, self.q_desired, self.v_desired)[0]
 
     @property
     def centre(self) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.robot.layout import Layout
 from gibbs_codegen.scenario.attitude import Turning, attitude_angles, rate_matrix, rotation_matrix
+from gibbs_codegen.simulator.quaternion_kinematics import QuaternionKinematics
 from gibbs_codegen.simulator.reference import Motion, Reference
 
 Array = NDArray[np.float64]
@@ -313,3 +314,15 @@ class AngleKinematics:
             Those in time.
         """
         return Reference(motion)
+
+
+def kinematics_of(layout: Layout) -> Kinematics:
+    """The kinematics of a base.
+
+    Args:
+        layout: The layout of its coordinates.
+
+    Returns:
+        Those of angles, or of a quaternion.
+    """
+    return QuaternionKinematics(layout) if layout.is_quaternion else AngleKinematics(layout)

@@ -7,6 +7,7 @@ import numpy as np
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
 from gibbs_codegen.scenario.scenario import Scenario
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.connections import point_parents
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.state_history import StateHistory
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
@@ -29,7 +30,6 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     commanded = loop.controller(time, q, v)
     applied = loop.applied(commanded, thrusts)
     a = loop.acceleration(q, v, applied, loop.tip_force_acts(time))
-    positions, rotation = vehicle.positions(q), vehicle.base_rotation(q)
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
@@ -50,14 +50,15 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         commanded=commanded,
         applied=applied,
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
-        base_arm_angles=_measured_arm_angles(vehicle, positions, rotation),
+        base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
-        positions=positions,
-        base_rotation=rotation,
+        positions=vehicle.positions(q),
+        parents=point_parents(vehicle),
+        base_rotation=vehicle.base_rotation(q),
         thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(vehicle, scenario, time, q_desired),
-        heading_error=_heading_errors(vehicle, scenario, time, rotation),
+        heading_error=_heading_errors(vehicle, scenario, time, q),
         kinetic_energy=vehicle.kinetic_energy(q, v),
         potential_energy=vehicle.potential_energy(q),
         work=work,
@@ -100,14 +101,14 @@ def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: A
     return vehicle.positions(q_desired)[:, vehicle.points.index("tip")]
 
 
-def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, rotation: Array) -> Array:
+def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array) -> Array:
     """Angle between the base arm that follows the path, and the tangent of the path.
 
     Args:
         vehicle: The robot.
         scenario: What was flown.
         time: Times (s), s.
-        rotation: From the frame of arm 1 to the world (s, 3, 3).
+        q: Coordinates (s, nq).
 
     Returns:
         Angles (s), rad; 0 where no arm follows the path.
@@ -115,21 +116,21 @@ def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, rotation:
     if not (arm := _tangent_arm(scenario)):
         return np.zeros(len(time))
     angle = vehicle.arm_angles()[arm - 1]
-    direction = rotation @ np.array([np.cos(angle), np.sin(angle), 0.0])
+    direction = vehicle.base_rotation(q) @ np.array([np.cos(angle), np.sin(angle), 0.0])
     return heading_error(scenario.base, time, direction)
 
 
-def _measured_arm_angles(vehicle: Vehicle, positions: Array, rotation: Array) -> Array:
+def _measured_arm_angles(vehicle: Vehicle, q: Array) -> Array:
     """Angles of base arms 2 … N against arm 1, from where the motors are.
 
     Args:
         vehicle: The robot.
-        positions: Of its points (s, k, 3), world axes, m.
-        rotation: From the frame of arm 1 to the world (s, 3, 3).
+        q: Coordinates (s, nq).
 
     Returns:
         Angles (s, N − 1), rad; (s, 0) of a base without arms.
     """
+    positions, rotation = vehicle.positions(q), vehicle.base_rotation(q)
     centre = positions[:, vehicle.points.index(vehicle.centre)]
     angles = [np.zeros((0, len(positions)))]
     for k in range(2, len(vehicle.arm_angles()) + 1):

@@ -1,6 +1,7 @@
 """The map of a simulation: from a generated module and a scenario to a flight, stage by stage.
 
     Vehicle            module, parameters  → functions and layout of a robot  (vehicle)
+      kinematics   layout              → errors and rates of angles or quaternion
     desired_motion     scenario            → Reference: q, v, a in time       (trajectory)
       desired_base     path, attitude      → coordinates of the base, exact   (base_trajectory)
       desired_with_tip path of the tip     → coordinates of the arm           (tip_trajectory)
@@ -9,6 +10,7 @@
     ClosedLoop         controller, motors  → derivative of a state            (closed_loop)
     integrate          loop, start         → StateHistory: samples            (integrate)
     flight_of          samples             → Flight: all time series          (recording)
+      point_parents  module              → what hangs on what, for drawings (connections)
 
 The simulator knows a generated module and nothing of how it was derived.
 """

@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import DATA, FUNCTIONS
 from gibbs_codegen.robot.layout import Layout
-from gibbs_codegen.simulator.kinematics import AngleKinematics, Kinematics
-from gibbs_codegen.simulator.quaternion_kinematics import QuaternionKinematics
+from gibbs_codegen.simulator.kinematics import kinematics_of
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -59,9 +58,7 @@ class Vehicle:
         constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
         units = module.COORDINATE_UNITS
         self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
-        self.kinematics: Kinematics = AngleKinematics(self.layout)
-        if self.layout.is_quaternion:
-            self.kinematics = QuaternionKinematics(self.layout)
+        self.kinematics = kinematics_of(self.layout)
         # By coordinate (nq): an angle, in rad, rather than a length, in m.
         self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])
         self.inputs: tuple[str, ...] = module.INPUTS
@@ -84,6 +81,7 @@ class Vehicle:
         self.constraint_torques = self._bound("constraint_torques")
         self.positions = self._bound("positions")
         self.integrate = self._bound("integrate")
+        self.frame_poses = self._bound("frame_poses")
         if self.has_tip:
             self.tip_pose = self._bound("tip_pose")
             self.tip_jacobian = self._bound("tip_jacobian")

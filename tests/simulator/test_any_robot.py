@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.figures.results import write_results
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.text import robot_text
@@ -25,8 +26,10 @@ from gibbs_codegen.scenario.scenario import Law, Settings, TipForce
 from gibbs_codegen.simulator.allocation import AllocationError
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
+from gibbs_codegen.simulator.connections import point_parents
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.fixed_step import rk4_step
+from gibbs_codegen.simulator.flight import read_flight
 from gibbs_codegen.simulator.inverse_dynamics import required_inputs
 from gibbs_codegen.simulator.moving_rotors import allocation_of
 from gibbs_codegen.simulator.simulation import simulate
@@ -209,3 +212,38 @@ def test_hydrus_hovers_in_open_loop_only(compiled: Load) -> None:
 def test_several_arms_have_no_tip_to_lead(everything: ModuleType) -> None:
     with pytest.raises(UsageError, match="everything: has no tip"):
         simulate(everything, read_scenario("paper", {"control": {"law": "off"}}))
+
+
+def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: Load) -> None:
+    """Found from motion alone; the first two joints of the paper's arm have one place."""
+    for module, expected in (
+        (compiled("quaternion"), {"joint8": "joint7", "tip": "joint9", "motor3": "O2"}),
+        (
+            everything,
+            {
+                "joint_a3": "joint_a2",
+                "joint_finger_2": "joint_a4",
+                "rotor_4": "joint_b2",
+                "rotor_1": "joint_tilt_right",
+                "joint_b1": "base",
+            },
+        ),
+    ):
+        vehicle = Vehicle(module)
+        parents = point_parents(vehicle)
+        for point, parent in expected.items():
+            assert vehicle.points[parents[vehicle.points.index(point)]] == parent, point
+
+
+def test_a_flight_of_any_robot_is_drawn_and_written(everything: ModuleType, tmp_path: Path) -> None:
+    scenario = replace(read_scenario("hover", {"control": {"law": "off"}}), duration=0.05)
+    flight = simulate(everything, scenario)
+    assert {path.stem for path in write_results(flight, tmp_path)} == {
+        *("flight", "coordinates", "snapshots", "snapshots_panels"),
+        *("inputs", "tracking_error", "energy"),
+    }
+    again = read_flight(tmp_path / "flight.npz")
+    assert np.array_equal(again.thrust_directions, flight.thrust_directions)
+    header = (tmp_path / "flight.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert len(set(header)) == len(header)
+    assert "tip_error [m]" not in header

@@ -56,6 +56,7 @@ def synthetic_flight(
         "base_arm_angles": angles + 1e-9 * wave[:, : rotors - 1],
         "base_arm_angles_desired": angles,
         "positions": actual,
+        "parents": _parents(module, column["O2"], rotors),
         "base_rotation": Rotation.from_euler("XYZ", q[:, :3]).as_matrix(),
         "thrust_directions": _thrust_directions(rotors),
         "centre_desired": wanted[:, column["O2"]],
@@ -82,6 +83,14 @@ def _desired(module: ModuleType, time: Array) -> Array:
     radius = 2.0 * np.exp(-0.05 * time)
     q[:, -3:] = np.stack([radius * np.cos(time), radius * np.sin(time), np.exp(0.1 * time)], axis=1)
     return q
+
+
+def _parents(module: ModuleType, centre: int, rotors: int) -> Array:
+    """Spokes from the base centre, and one arm to the tip."""
+    parents = np.arange(-1, len(module.POINTS) - 1)
+    parents[: centre + 1] = -1
+    parents[centre + 1 : centre + rotors + 2] = centre
+    return parents
 
 
 def _rate(series: Array, time: Array) -> Array:
