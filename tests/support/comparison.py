@@ -66,7 +66,6 @@ def compare(robot: Robot, module: ModuleType, count: int = 2, oracle: Oracle | N
             "tip bias": module.tip_bias_acceleration(q, v),
         }
     wrenches = np.random.default_rng(1).normal(size=(count, len(module.FRAMES), 6))
-    moving = module.forward_dynamics(q, v, u)
     batch |= {
         "frame poses": module.frame_poses(q),
         "frame Jacobians": module.frame_jacobians(q),
