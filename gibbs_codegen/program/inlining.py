@@ -27,8 +27,6 @@ from gibbs_codegen.program.nodes import (
     Statement,
     Sum,
     names_in,
-    operands,
-    walk,
 )
 
 # Names and literals in one line, at most: keeps statements short enough to be read.
@@ -66,10 +64,10 @@ def inline_single_uses(statements: list[Statement], outputs: list[Output]) -> li
 def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
     """`node` with pending definitions written in, the shortest first, while the line is short."""
     names = [name for name in dict.fromkeys(names_in(node)) if name in pending]
-    room = _LEAVES - _leaves(node)
+    room = _LEAVES - node.leaves
     chosen: dict[str, Node] = {}
-    for name in sorted(names, key=lambda name: _leaves(pending[name])):
-        cost = _leaves(pending[name]) - 1
+    for name in sorted(names, key=lambda name: pending[name].leaves):
+        cost = pending[name].leaves - 1
         if cost <= room:
             chosen[name] = pending[name]
             room -= cost
@@ -147,8 +145,3 @@ def _merged_terms(
         else:
             merged.append((sign, value))
     return sorted(merged, key=lambda term: -term[0])
-
-
-def _leaves(node: Node) -> int:
-    """Names and numbers in a node."""
-    return sum(not operands(part) for part in walk(node))

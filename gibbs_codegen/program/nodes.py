@@ -15,50 +15,96 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 from typing import Literal
 
 
+class _Expression:
+    """What passes over the program ask of a right-hand side again and again, found once."""
+
+    @cached_property
+    def operands(self) -> tuple[Node, ...]:
+        """Terms, factors or argument, from left to right."""
+        return ()
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names from left to right, as often as they stand there."""
+        return tuple(chain.from_iterable(part.names for part in self.operands))
+
+    @cached_property
+    def leaves(self) -> int:
+        """Number of names and literals."""
+        return sum(part.leaves for part in self.operands) or 1
+
+
 @dataclass(frozen=True)
-class Name:
+class Name(_Expression):
     """An input, a constant or a temporary."""
 
     name: str
 
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The name."""
+        return (self.name,)
+
 
 @dataclass(frozen=True)
-class Number:
+class Number(_Expression):
     """A literal."""
 
     value: float
 
 
 @dataclass(frozen=True)
-class Sum:
+class Sum(_Expression):
     """Sum of terms, each with its sign, +1 or −1."""
 
     terms: tuple[tuple[int, Node], ...]
 
+    @cached_property
+    def operands(self) -> tuple[Node, ...]:
+        """The terms, without their signs."""
+        return tuple(term for _, term in self.terms)
+
 
 @dataclass(frozen=True)
-class Product:
+class Product(_Expression):
     """Product of factors."""
 
     factors: tuple[Node, ...]
 
+    @cached_property
+    def operands(self) -> tuple[Node, ...]:
+        """The factors."""
+        return self.factors
+
 
 @dataclass(frozen=True)
-class Reciprocal:
+class Reciprocal(_Expression):
     """1/x."""
 
     argument: Node
 
+    @cached_property
+    def operands(self) -> tuple[Node, ...]:
+        """The argument."""
+        return (self.argument,)
+
 
 @dataclass(frozen=True)
-class Call:
+class Call(_Expression):
     """A function of one number; `sign` is 1 or −1, and of zero either."""
 
     function: Literal["sin", "cos", "sqrt", "atan", "sign"]
     argument: Node
+
+    @cached_property
+    def operands(self) -> tuple[Node, ...]:
+        """The argument."""
+        return (self.argument,)
 
 
 _FUNCTIONS: dict[str, Callable[[float], float]] = {
@@ -201,26 +247,6 @@ def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
             return node
 
 
-def operands(node: Node) -> tuple[Node, ...]:
-    """Nodes that a node is directly made of.
-
-    Args:
-        node: The node.
-
-    Returns:
-        Its terms, factors or argument, from left to right.
-    """
-    match node:
-        case Sum(terms):
-            return tuple(term for _, term in terms)
-        case Product(factors):
-            return factors
-        case Reciprocal(argument) | Call(_, argument):
-            return (argument,)
-        case Name() | Number():
-            return ()
-
-
 def walk(node: Node) -> Iterator[Node]:
     """Go through a node.
 
@@ -233,7 +259,7 @@ def walk(node: Node) -> Iterator[Node]:
     rest = [node]
     while rest:
         yield (found := rest.pop())
-        rest.extend(reversed(operands(found)))
+        rest.extend(reversed(found.operands))
 
 
 def calls_in(node: Node) -> list[Call]:
@@ -248,7 +274,7 @@ def calls_in(node: Node) -> list[Call]:
     return [found for found in walk(node) if isinstance(found, Call)]
 
 
-def names_in(node: Node) -> list[str]:
+def names_in(node: Node) -> tuple[str, ...]:
     """Names in a node.
 
     Args:
@@ -257,7 +283,7 @@ def names_in(node: Node) -> list[str]:
     Returns:
         Names from left to right, as often as they stand there.
     """
-    return [found.name for found in walk(node) if isinstance(found, Name)]
+    return node.names
 
 
 def node_value(node: Node, values: Mapping[str, float]) -> float:

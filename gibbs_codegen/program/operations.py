@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gibbs_codegen.program.nodes import Call, Node, Product, Reciprocal, Sum, operands
+from gibbs_codegen.program.nodes import Call, Node, Product, Reciprocal, Sum
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def count_operations(nodes: Iterable[Node]) -> Operations:
                 angles.add(argument)
             case Call(function):
                 others[function] += 1
-        stack.extend(operands(node))
+        stack.extend(node.operands)
     return Operations(
         additions,
         subtractions + others["sign"],

@@ -74,7 +74,7 @@ class Loop:
 Item = Step | Loop
 
 
-def used_names(item: Item) -> list[str]:
+def used_names(item: Item) -> Sequence[str]:
     """Names that a step or a loop uses.
 
     Args:

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.interface import module_signatures
+from gibbs_codegen.interface import DATA, module_signatures
 
 BACKENDS = ("numpy", "c")
 
@@ -109,7 +109,9 @@ def _import(folder: Path) -> ModuleType:
     except BaseException:
         del sys.modules[module_name]
         raise
-    missing = [s.name for s in module_signatures(module) if not hasattr(module, s.name)]
+    missing = [name for name in DATA if not hasattr(module, name)]
+    if not missing:
+        missing = [s.name for s in module_signatures(module) if not hasattr(module, s.name)]
     if missing:
         raise UsageError(
             f"{printable(folder)}: has no {', '.join(missing)}, "

@@ -111,7 +111,7 @@ class CProgram(Evaluation):
             return self._filled(name, [self._constants, *inputs], shapes)
         parts, first = [], 0
         for count in self._batches:
-            some = [x[first : first + count] for x in arguments]
+            some = [x[first : first + count].reshape(count, -1) for x in arguments]
             parts.append(self._batch(name, count, some))
             first += count
         return [np.concatenate(part) for part in zip(*parts, strict=True)]

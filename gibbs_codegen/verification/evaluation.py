@@ -73,13 +73,14 @@ class Evaluation:
 
     def _arrays(self, name: str, arguments: Sequence[Array]) -> list[Array]:
         shapes = self.signatures[name].shapes
+        taken = zip(arguments, self.signatures[name].argument_shapes, strict=True)
+        batch = np.broadcast_shapes(*(a.shape[: a.ndim - len(shape)] for a, shape in taken))
         try:
             with np.errstate(all="ignore"):
                 results = self._computed(name, arguments)
         except (Exception, SystemExit) as error:  # Whatever was done to the module.
             self.faults[name] = f"{type(error).__name__}: {error}"
             results = ()
-        batch = np.broadcast_shapes(*(argument.shape[:-1] for argument in arguments))
         arrays = []
         for place, shape in enumerate(shapes):
             expected = (*batch, *shape)

@@ -33,12 +33,14 @@ class States:
         v: velocities, (s, nv).
         a: their rates, (s, nv).
         u: inputs, (s, nu).
+        W: wrenches on the frames, (s, frames, 6).
     """
 
     q: Array
     v: Array
     a: Array
     u: Array
+    W: Array
 
     @property
     def q0(self) -> Array:
@@ -73,7 +75,7 @@ class States:
         accelerations = self.a.copy()
         accelerations[:, v.position] += cross(self.v[:, v.attitude], self.v[:, v.position])
         accelerations[:, v.attitude] -= np.stack([y * z, -x * z, x * y], axis=-1)
-        return there, States(joints, self.v, accelerations, self.u)
+        return there, States(joints, self.v, accelerations, self.u, self.W)
 
     @classmethod
     def random(cls, tree: Tree, count: int, seed: int | Sequence[int]) -> States:
@@ -95,7 +97,9 @@ class States:
         levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
         u = rng.normal(size=(count, len(tree.motors) + len(tree.arm)))
         u *= force * np.concatenate([np.ones(len(tree.motors)), levers])
-        return cls(tree.coordinates(q), v * tree.tempo, a * tree.tempo**2, u)
+        wrenches = rng.normal(size=(count, len(tree.named), 6))
+        wrenches *= force * np.repeat([1.0, tree.reach], 3)
+        return cls(tree.coordinates(q), v * tree.tempo, a * tree.tempo**2, u, wrenches)
 
     @classmethod
     def extreme(cls, tree: Tree, count: int, seed: int | Sequence[int], far: float = FAR) -> States:
@@ -125,7 +129,7 @@ class States:
         near = 0.5 * np.pi + rng.choice([-1.0, 1.0], count) * 10 ** rng.uniform(-8, -1, count)
         middle = tree.middle_angle
         q[:, middle] = np.where(kinds == 0, signs[:, 0] * near, q[:, middle])
-        return cls(tree.coordinates(q), usual.v, usual.a, usual.u)
+        return cls(tree.coordinates(q), usual.v, usual.a, usual.u, usual.W)
 
     def rounded(self) -> States:
         """The states in numbers that single precision has."""
@@ -173,10 +177,7 @@ class Sizes:
     """
 
     def __init__(self, tree: Tree, states: States) -> None:
-        passive, at_joints = tree.passive, tree.at_joints(states.q)
-        damping = np.abs(passive.damping * tree.spread(states.v))
-        stretch = np.abs(at_joints) + np.abs(passive.rest)
-        stiffness = np.abs(passive.stiffness)
+        passive = tree.passive.sizes(tree.at_joints(states.q), tree.spread(states.v))
         tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
         inertias, masses = _moved(tree, frames)
@@ -195,7 +196,7 @@ class Sizes:
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
-        self.effort = self.units * (momentum * rates + weight) + damping + stiffness * stretch
+        self.effort = self.units * (momentum * rates + weight) + passive[0]
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
@@ -203,8 +204,7 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        springs = np.sum(stiffness * stretch**2, axis=-1)
-        self.potential = abs(tree.gravity) * tree.mass * self.reach + springs
+        self.potential = abs(tree.gravity) * tree.mass * self.reach + passive[1]
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         power = np.abs(states.a) * self.free_inertial_effort

@@ -4,7 +4,9 @@ Pinocchio, MuJoCo, CasADi-generated C and the project's C compute the same machi
 different states, on one core. All must agree to 1e-9 before any is timed. Rounds go through all
 contenders in turn, so that a slow moment of the machine hits all alike; what is reported is the
 median over the rounds, of times and of ratios, the latter with their 10th and 90th percentiles.
-`--picture FILE` draws the times, `--links 3 7` limits the machines.
+`--links 3 7` limits the family's machines; `--robots` takes others instead: `two_arms`, robots that
+ship, or robot files. `--picture FILE` draws the times; `--folder DIR` keeps what is built, since
+Pinocchio takes minutes to compile.
 """
 
 from __future__ import annotations
@@ -25,11 +27,13 @@ from rich.table import Table
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
-from family import benchmark_robot  # noqa: E402
+from family import benchmark_robot, named_robot  # noqa: E402
 from our_c import BATCH, ONE, our_contenders  # noqa: E402
 from peers.contender import TASKS, Contender, States, aligned, packed  # noqa: E402
 from peers.peers import STATES, check, contenders, random_states  # noqa: E402
 from peers.timing import Timer, timer  # noqa: E402
+
+from gibbs_codegen.robot.model import Robot  # noqa: E402
 
 ROUNDS = 60
 SECONDS_PER_MEASUREMENT = 1e-3
@@ -39,7 +43,7 @@ Times = dict[tuple[str, str], np.ndarray]
 
 def measurement(time_calls: Timer, contender: Contender, states: States) -> Callable[[], float]:
     """A function that measures nanoseconds per state, over at least one pass through the states."""
-    size = states[0].shape[1]
+    size = states[1].shape[1]
     blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
     first, second = (aligned(entries * contender.width) for entries in (size * size, size))
     given = [number for block in blocks for number in (block.ctypes.data, block[0].size)]
@@ -57,16 +61,15 @@ def measurement(time_calls: Timer, contender: Contender, states: States) -> Call
     return measure
 
 
-def times(links: int, folder: Path, time_calls: Timer, console: Console) -> Times:
-    """Nanoseconds per state of every contender in every round, for the machine of `links` links."""
-    robot = benchmark_robot(links)
-    with console.status(f"n = {links}: building and checking"):
+def times(name: str, robot: Robot, folder: Path, time_calls: Timer, console: Console) -> Times:
+    """Nanoseconds per state of every contender in every round, for one machine."""
+    with console.status(f"{name}: building and checking"):
         found = [*contenders(robot, folder), *our_contenders(robot, folder)]
         worst = max(check(contender, robot) for contender in found)
-        console.print(f"n = {links}: {len(found)} contenders agree to {worst:.0e}")
+        console.print(f"{name}: {len(found)} contenders agree to {worst:.0e}")
         states = random_states(robot, STATES)
         measures = {(c.task, c.name): measurement(time_calls, c, states) for c in found}
-    with console.status(f"n = {links}: timing"):
+    with console.status(f"{name}: timing"):
         rounds = [{key: measure() for key, measure in measures.items()} for _ in range(ROUNDS)]
     return {key: np.array([r[key] for r in rounds]) for key in measures}
 
@@ -77,19 +80,21 @@ def ratio_text(peer: np.ndarray, ours: np.ndarray) -> str:
     return f"{middle:.3g} ({low:.3g}–{high:.3g})"
 
 
-def print_tables(measured: dict[int, Times], console: Console) -> None:
+def print_tables(measured: dict[str, Times], console: Console) -> None:
     """A table a task: nanoseconds per state, and how many times that of ours it is."""
     for task in TASKS:
         table = Table(title=f"{task.capitalize()}: ns per state, and times ours (10–90 %)")
         table.add_column("who")
-        for links in measured:
-            table.add_column(f"n = {links}", justify="right")
+        for name in measured:
+            table.add_column(name, justify="right")
             table.add_column("÷ one state", justify="right")
             table.add_column("÷ batch", justify="right")
-        names = [who for found, who in next(iter(measured.values())) if found == task]
-        for who in names:
+        for who in _names(measured, task):
             cells = []
             for found in measured.values():
+                if (task, who) not in found:
+                    cells += ["", "", ""]
+                    continue
                 own = found[task, who]
                 one, batch = found[task, ONE], found[task, BATCH]
                 cells.append(f"{np.median(own):.1f}")
@@ -99,7 +104,13 @@ def print_tables(measured: dict[int, Times], console: Console) -> None:
         console.print(table)
 
 
-def draw(measured: dict[int, Times], file: str) -> None:
+def _names(measured: dict[str, Times], task: str) -> list[str]:
+    """Contenders at a task, some of which may not have all machines."""
+    every = (who for found in measured.values() for one, who in found if one == task)
+    return list(dict.fromkeys(every))
+
+
+def draw(measured: dict[str, Times], file: str) -> None:
     """Bars of nanoseconds per state on a logarithmic scale, a panel a task."""
     mpl.use("Agg")
     import matplotlib.pyplot as plt
@@ -107,11 +118,11 @@ def draw(measured: dict[int, Times], file: str) -> None:
     figure, panels = plt.subplots(1, 2, figsize=(11, 5), sharey=True, layout="constrained")
     colours = plt.get_cmap("tab10").colors
     for panel, task in zip(panels, TASKS, strict=True):
-        names = [who for found, who in next(iter(measured.values())) if found == task]
+        names = _names(measured, task)
         width = 0.86 / len(names)
         for i, who in enumerate(names):
             places = np.arange(len(measured)) + (i - (len(names) - 1) / 2) * width
-            heights = [np.median(found[task, who]) for found in measured.values()]
+            heights = [np.median(found.get((task, who), np.nan)) for found in measured.values()]
             ours = who in (ONE, BATCH)
             bars = panel.bar(
                 places,
@@ -123,9 +134,8 @@ def draw(measured: dict[int, Times], file: str) -> None:
             texts = [f"{h:.0f}" if h >= 100 else f"{h:.3g}" for h in heights]
             panel.bar_label(bars, texts, fontsize=7, rotation=90, padding=2)
         panel.set_yscale("log")
-        panel.set_xticks(range(len(measured)), [f"n = {links}" for links in measured])
+        panel.set_xticks(range(len(measured)), list(measured))
         panel.set_title(task)
-        panel.set_xlabel("links of the arm")
         panel.grid(axis="y", which="major", alpha=0.4)
         panel.set_axisbelow(True)
     panels[0].set_ylabel("time per state, ns")
@@ -151,15 +161,23 @@ def main() -> None:
     """Build, check, time, print; draw if asked to."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--links", type=int, nargs="+", default=[3, 7, 30])
+    parser.add_argument("--robots", nargs="+", metavar="ROBOT")
     parser.add_argument("--picture", metavar="FILE")
+    parser.add_argument("--folder", metavar="DIR")
     options = parser.parse_args()
     console = Console(width=None if sys.stdout.isatty() else 150, highlight=False)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    robots = {f"n = {links}": benchmark_robot(links) for links in options.links}
+    if options.robots:
+        robots = {robot.name: robot for robot in map(named_robot, options.robots)}
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
+        folder = Path(options.folder or name)
+        folder.mkdir(exist_ok=True)
         time_calls = timer(folder)
-        measured = {links: times(links, folder, time_calls, console) for links in options.links}
+        measured = {
+            name: times(name, robot, folder, time_calls, console) for name, robot in robots.items()
+        }
         console.print(machine())
         print_tables(measured, console)
         if options.picture:

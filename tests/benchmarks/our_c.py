@@ -46,7 +46,7 @@ CALL(forward_batch, forward_dynamics_batch, EIGHT, q, v, u, first)
 def our_contenders(robot: Robot, folder: Path) -> list[Contender]:
     """Both tasks, one state and eight at a time, emitted and compiled in `folder`."""
     package = folder / f"{robot.name}_module"
-    package.mkdir(parents=True)
+    package.mkdir(parents=True, exist_ok=True)
     for file, text in render_module(derive(robot), "", TARGETS).items():
         (package / file).write_text(text, encoding="utf-8")
     glue = package / "glue.c"
@@ -58,12 +58,12 @@ def our_contenders(robot: Robot, folder: Path) -> list[Contender]:
 
 
 def _contenders(library: ctypes.CDLL, module: ModuleType) -> list[Contender]:
-    size = len(module.COORDINATES)
+    size = len(module.VELOCITIES)
 
     def generalised(states: States) -> States:
         """Inputs whose generalised forces are the given ones."""
         q, v, tau = states
-        return q, v, np.linalg.solve(module.input_matrix(q), tau[..., None])[..., 0]
+        return q, v, (np.linalg.pinv(module.input_matrix(q)) @ tau[..., None])[..., 0]
 
     def matrix_and_residual(_: States, first: Array, second: Array) -> Results:
         return first.reshape(-1, size, size), second

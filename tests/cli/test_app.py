@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from support.command import ENVIRONMENT, run
+from support.command import ENVIRONMENT, run, run_alone
 
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.robot.file import parse_robot
@@ -33,7 +33,7 @@ def assert_refused(done: subprocess.CompletedProcess[str], folder: Path, message
 
 
 def test_generate_writes_a_module_that_imports_by_itself(tmp_path: Path) -> None:
-    done = run("generate", "quadrotor_2link", cwd=tmp_path)
+    done = run_alone("generate", "quadrotor_2link", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
     folder = tmp_path / "generated"

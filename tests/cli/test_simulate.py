@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from support.command import ENVIRONMENT, run
 
-from gibbs_codegen.pipeline import generate
 from gibbs_codegen.simulator.flight import read_flight
 
 
 @pytest.fixture(scope="module")
-def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def workplace(
+    shipped: Callable[[str], ModuleType], tmp_path_factory: pytest.TempPathFactory
+) -> Path:
     """A folder whose generated/ holds a machine with an arm, one without and a quadrotor."""
     folder = tmp_path_factory.mktemp("workplace")
     for name in ("hexarotor_3link", "hexarotor", "quadrotor_2link"):
-        generate(name, folder / "generated")
+        shutil.copytree(Path(shipped(name).__file__ or "").parent, folder / "generated" / name)
     return folder
 
 

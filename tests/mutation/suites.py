@@ -20,6 +20,7 @@ DERIVATION = (
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
     ),
+    *_in("derivation", "frames frame_wrenches momentum joint_wrenches"),
     *_in("derivation", "jointed_bodies link_frames passive"),
     *_in("derivation.root", "pose quaternion tait_bryan"),
     *_in("symbolic", "ldlt exact_angles structural vectors tape"),
@@ -48,15 +49,23 @@ GROUPS = {
 
 _QUICK_DERIVATION = (
     "tests/derivation/test_gibbs.py",
+    "tests/derivation/test_motion.py",
     "tests/derivation/test_inertia.py",
     "tests/symbolic/test_tape.py",
     "tests/robot/test_chains.py",
     "tests/robot/test_thrusters.py",
     "tests/symbolic/test_exact_angles.py",
+    "tests/derivation/test_tree.py::test_words_for_a_subtree",
+    "tests/derivation/test_tree.py::test_a_tree_knows_its_paths_and_subtrees",
+    "tests/derivation/test_articulated.py::test_operations[3-365]",
+    "tests/derivation/test_tree.py::test_every_function_gives_what_pinocchio_gives",
     "tests/equations/test_closed_form.py::test_every_chain_of_the_papers_robot[6]",
     "tests/derivation/test_hybrid.py::test_chain_five_takes_the_rows_that_the_paper_names",
     "tests/derivation/test_hybrid.py::test_constrained_chain_has_the_form_of_eq_15",
     "tests/derivation/test_hybrid.py::test_hybrid_system_gives_the_reduced_accelerations",
+    "tests/properties/test_operation_counts.py::test_operations_are_as_few_as_they_were[centre-3-0]",
+    "tests/properties/test_operation_counts.py::test_operations_are_as_few_as_they_were[centre-3-1]",
+    "tests/derivation/test_articulated.py::test_both_ways_give_what_pinocchio_gives[0]",
     "tests/properties/test_pinocchio.py::test_shipped_robots",
     "tests/properties/test_quaternion.py::test_random_robots",
 )
@@ -75,12 +84,16 @@ _REST_OF_DERIVATION = (
 _QUICK_EMISSION = (
     "tests/targets/test_documentation.py",
     "tests/targets/test_printers.py",
+    "tests/targets/test_c_statements.py",
+    "tests/targets/test_numpy_statements.py",
     "tests/program/test_nodes.py",
     "tests/program/test_trigonometry.py",
     "tests/program/test_steps.py",
     "tests/program/test_worked_examples.py",
     "tests/targets/test_numpy.py",
     "tests/properties/test_pinocchio.py::test_shipped_robots[quadrotor_2link]",
+    "tests/targets/test_c_source.py::test_lengths_in_the_header_are_those_of_the_lists",
+    "tests/targets/test_c_source.py::test_parameters_that_are_no_numbers_are_refused",
     "tests/targets/test_c_source.py::test_functions_equal_numpy[quadrotor_2link-gcc--O3-march=native]",
     "tests/targets/test_c_source.py::test_functions_equal_numpy[rolled-gcc--O0]",
     "tests/targets/test_c_source.py::test_small_robot_compiles_silently[gcc-double--O0]",
@@ -90,7 +103,6 @@ _QUICK_ARTICULATED = (
     "tests/derivation/test_articulated.py::test_shift",
     "tests/derivation/test_articulated.py::test_schur_complement",
     "tests/derivation/test_articulated.py::test_ldlt_solves_and_its_operations_are_known_before",
-    "tests/derivation/test_articulated.py::test_both_ways_give_what_pinocchio_gives[0]",
     *_QUICK_DERIVATION,
 )
 _QUICK_LOOPS = (
@@ -98,7 +110,24 @@ _QUICK_LOOPS = (
     "tests/program/test_loops.py",
     "tests/program/test_worked_examples.py",
 )
-_QUICK_CASADI = ("tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",)
+_QUICK_CASADI = (
+    "tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",
+    "tests/runtime/test_c_backend.py::test_casadi_gets_no_name_of_an_argument_that_there_is_not",
+)
+_QUICK_BLOCKS = ("tests/emitted/test_blocks.py", *_QUICK_EMISSION)
+_QUICK_SINE = (
+    *(
+        f"tests/emitted/test_sine_cosine.py::{test}[gcc-plain-float64-{form}]"
+        for test in (
+            "test_selected_angles",
+            "test_a_zero_keeps_its_sign",
+            "test_beyond_the_limit_the_library_answers",
+            "test_infinities_and_nan_give_nan",
+        )
+        for form in ("few", "many")
+    ),
+    *_QUICK_EMISSION,
+)
 _QUICK = {
     "derivation.articulated": _QUICK_ARTICULATED,
     "derivation.articulated_inertia": _QUICK_ARTICULATED,
@@ -114,7 +143,11 @@ _QUICK = {
     "program.repeated_blocks": _QUICK_LOOPS,
     "program.scratch": _QUICK_LOOPS,
     "c_casadi.c.jinja": _QUICK_CASADI,
-    "column_major.c": _QUICK_CASADI,
+    "blocks.c": _QUICK_BLOCKS,
+    "column_major.c": ("tests/emitted/test_blocks.py", *_QUICK_CASADI),
+    "platform.c": _QUICK_BLOCKS,
+    "sine_cosine.c": _QUICK_SINE,
+    "sine_cosine_kernel.c": _QUICK_SINE,
     "emitted.evaluation": ("tests/emitted/test_evaluation.py", *_QUICK_EMISSION),
 }
 _SHIPPED = "tests/properties/test_pinocchio.py::test_shipped_robots"

@@ -43,7 +43,7 @@ LIBRARIES = ("numpy", "scipy.integrate", "sympy", "jinja2", "pinocchio", "rich.t
 _PROCESSES = get_context("fork")
 _OURS = {str(Path(__file__).parent), str(Path(__file__).parent.parent)}
 # What the quick tests and all the others may take, in seconds: several times what they do.
-QUICK_LIMIT, LIMIT = 150.0, 900.0
+QUICK_LIMIT, LIMIT = 300.0, 1800.0
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def test_random_trees(number: int, attitude: str) -> None:
     compare(robot, emitted_module(robot))
 
 
-@settings(max_examples=4)
+@settings(max_examples=2)
 @given(robot=robots())
 def test_robots_drawn_anew(robot: Robot) -> None:
     compare(robot, emitted_module(robot))

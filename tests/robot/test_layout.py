@@ -106,6 +106,7 @@ def test_joined_is_the_inverse_of_split(places, joints: int, attitude: str) -> N
 @pytest.mark.parametrize(
     ("attitude", "names"),
     [
+        ("xyz", ("theta_m1", "theta_0")),
         ("xyz", ("theta_m1", "theta_0", "theta_1", "x", "y")),
         ("xyz", ("x", "y", "z", "theta_7", "theta_m1", "theta_0", "theta_1")),
         ("xyz", ("x", "y", "z", "qx", "qy", "qz", "qw")),

@@ -35,6 +35,13 @@ def test_motor_1_pushes_up_behind_the_centre(rotors: int) -> None:
     np.testing.assert_allclose(matrix[:, 0], [0, 0, 1, 0, 0.5, 0], atol=1e-15)
 
 
+def test_motors_of_an_upright_quadrotor_stand_around_it() -> None:
+    """Behind the centre, to its right, in front and to its left: moments (y, −x) of the force."""
+    base = Base(4, (Rod(0.5, 1.0),), (AXES["z"],) * 4, (0.0,) * 4)
+    moments = wrench_matrix(Robot("upright", base))[3:5]
+    np.testing.assert_allclose(moments, [[0, -0.5, 0, 0.5], [0.5, 0, -0.5, 0]], atol=1e-15)
+
+
 def test_condition_is_that_of_the_wrenches() -> None:
     robot = random_robot(3, 8, 0)
     found = arrangement(robot)

@@ -2,27 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 from support.c_programs import random_calls, threads_beside_each_other
-from support.compiled import SMALL, Emitted, build, compile_only, emit_labelled
+from support.compiled import SMALL, Emitted, build, compile_only
 from support.tools import run, tool
-
-
-@pytest.fixture(scope="module")
-def emitted(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Emitted]:
-    """Emit a robot that ships, or one of RANDOM or CUT."""
-    base = tmp_path_factory.mktemp("emitted")
-
-    @functools.cache
-    def made(label: str) -> Emitted:
-        return emit_labelled(label, base / label)
-
-    return made
 
 
 def threads_program(

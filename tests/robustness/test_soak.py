@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import io
 
 import pytest
@@ -44,6 +45,7 @@ def test_a_failure_says_how_to_repeat_it(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_wrong_module_is_a_disagreement(monkeypatch: pytest.MonkeyPatch) -> None:
     """An error beyond what is allowed, and one that is not a number."""
     robot = soak.soak_robot(5, 0)
+    monkeypatch.setattr(soak, "derive", functools.cache(soak.derive))
     for error in (1.5, float("nan")):
         monkeypatch.setattr(soak, "compare", lambda *_, e=error: {"M": 0.5, "R": e})
         with pytest.raises(soak.DisagreementError, match=r"^R: "):

@@ -17,6 +17,7 @@ from support.tools import tool
 from gibbs_codegen.interface import Signature, signatures
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Link, Rod
+from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.runtime.load import load
 
 Load = Callable[[str], ModuleType]
@@ -29,13 +30,19 @@ C_WAYS = ("C, one state", "C, lists", "C, batch", "C, threads")
 
 
 @pytest.fixture(scope="module")
-def call(shipped: Load, fast: Load) -> Callable[..., object]:
-    """Call a function of the robot in some way, with arguments for one state."""
+def compiled(shipped: Load) -> ModuleType:
+    """The C back end as it is for everyone, not that which is compiled for flights."""
     tool("cc")
+    return load(Path(shipped(NAME).__file__ or "").parent, backend="c")
+
+
+@pytest.fixture(scope="module")
+def call(shipped: Load, compiled: ModuleType) -> Callable[..., object]:
+    """Call a function of the robot in some way, with arguments for one state."""
     threaded = load(Path(shipped(NAME).__file__ or "").parent, backend="c", threads=2)
 
     def called(way: str, function: str, *state: np.ndarray) -> object:
-        module = shipped(NAME) if way in NUMPY_WAYS else fast(NAME)
+        module = shipped(NAME) if way in NUMPY_WAYS else compiled
         match way:
             case "NumPy, batch" | "C, batch":
                 return getattr(module, function)(*(batch_of(a, 7) for a in state))
@@ -57,7 +64,8 @@ def batch_of(values: np.ndarray, count: int) -> np.ndarray:
 
 
 def arguments(signature: Signature) -> dict[str, np.ndarray]:
-    return {n: np.ones(w) for n, w in zip(signature.arguments, signature.widths, strict=True)}
+    shapes = zip(signature.arguments, signature.argument_shapes, strict=True)
+    return {name: np.ones(shape) for name, shape in shapes}
 
 
 def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
@@ -72,7 +80,7 @@ def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
     return None
 
 
-FORMS = {s.name: s for s in signatures(9, 9, 19, 9, 12)}
+FORMS = {s.name: s for s in signatures(module_lists(read_robot("hexarotor_3link")[0]))}
 OVERFLOWING = [name for name, form in FORMS.items() if too_large(form)]
 
 
@@ -141,12 +149,12 @@ def test_an_acceleration_that_nothing_resists_is_said(backend: str, tmp_path: Pa
             module.forward_dynamics(q, np.zeros(8), np.ones(6))
 
 
-def test_flags_of_others_are_not_taken_for_one_s_own(fast: Load) -> None:
+def test_flags_of_others_are_not_taken_for_one_s_own(compiled: ModuleType) -> None:
     """What Python or NumPy did before in this thread may have raised the processor's flags."""
     large = float("1e200")
     assert large * large == np.inf
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         np.log(np.zeros(3))
-        assert np.all(np.isfinite(fast(NAME).mass_matrix(np.zeros(9))))
+        assert np.all(np.isfinite(compiled.mass_matrix(np.zeros(9))))
     assert large * large == np.inf
-    assert np.all(np.isfinite(fast(NAME).mass_matrix(np.zeros((9, 9)))))
+    assert np.all(np.isfinite(compiled.mass_matrix(np.zeros((9, 9)))))

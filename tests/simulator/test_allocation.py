@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -64,6 +64,7 @@ def test_thrusts_make_the_wrench_and_are_the_smallest(seed: int, rotors: int) ->
     assert thrusts @ rows[6:].T == pytest.approx(0, abs=1e-8)
 
 
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.integers(6, 9))
 def test_limits_are_kept_and_nothing_within_them_is_nearer(seed: int, rotors: int) -> None:
     wrenches = random_wrenches(seed, rotors)

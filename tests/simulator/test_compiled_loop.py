@@ -10,6 +10,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from conftest import compiled_soon
 from numpy.typing import NDArray
 from support.compiled import build, compile_only
 from support.random_robots import random_robot
@@ -18,7 +19,6 @@ from support.tools import missing, run
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.c_library import NATIVE
-from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.scenario.scenario import Law, TipForce
 from gibbs_codegen.simulator.allocation import Allocation
@@ -55,7 +55,7 @@ def modules(fast: Load, tmp_path_factory: pytest.TempPathFactory) -> Load:
         else:
             if not (folder / robot.name).is_dir():
                 generate_robot(robot, robot_text(robot), folder)
-            found = load(folder / robot.name, backend="c")
+            found = compiled_soon(folder / robot.name)
         if (found.__file__ or "").endswith(".py"):
             missing("nothing compiles")
         return found

@@ -133,7 +133,7 @@ def test_energy_balances_with_everything_on(fast: Load) -> None:
         read_scenario("line", {"start": {"offset": [0.2, 0.1, 0.1], "turn_deg": [4, 8, 3]}}),
         motors=Motors((-12.0, 15.0), 0.02),
         tip_force=TipForce((0.5, -0.3, 0.4), 1.0, 2.0),
-        duration=3.0,
+        duration=2.2,
     )
     settings = Settings(method="rk4", step=0.001)
     flight = simulate(fast("octorotor_7link"), replace(scenario, integration=settings))

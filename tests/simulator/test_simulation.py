@@ -14,9 +14,9 @@ import pytest
 from support.emitted import emitted_module
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.pipeline import generate
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Link, RigidBody, Rod
+from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Circle, Fixed
@@ -169,7 +169,8 @@ def test_an_arm_too_short_is_told_when_and_how_far(fast: Load) -> None:
 def test_without_an_arm_there_is_no_tip_to_lead(shipped: Load) -> None:
     with pytest.raises(UsageError, match="has no arm"):
         simulate(shipped("hexarotor"), read_scenario("paper"))
-    assert simulate(shipped("hexarotor"), read_scenario("circle")).centre_error.max() < 1e-6
+    circle = read_scenario("circle", {"duration": 2.0})
+    assert simulate(shipped("hexarotor"), circle).centre_error.max() < 1e-6
 
 
 @pytest.mark.parametrize("name", ["hover", "line", "circle"])
@@ -250,12 +251,12 @@ def test_progress_is_told(fast: Load) -> None:
         assert shares[-1] == pytest.approx(1.0)
 
 
-def test_names_will_do_for_robot_and_scenario(fast: Load, tmp_path: Path) -> None:
-    folder = tmp_path / "generated" / "hexarotor"
-    generate("hexarotor", folder.parent)
+def test_names_will_do_for_robot_and_scenario(shipped: Load) -> None:
+    folder = Path(shipped("hexarotor").__file__ or "").parent
     by_name = simulate(folder, "hover")
     assert by_name.scenario == "hover"
-    assert by_name.q == pytest.approx(simulate(fast("hexarotor"), read_scenario("hover")).q)
+    module = load(folder, backend="c")
+    assert by_name.q == pytest.approx(simulate(module, read_scenario("hover")).q)
 
 
 def test_open_loop_that_becomes_impossible_is_refused_with_its_time(shipped: Load) -> None:

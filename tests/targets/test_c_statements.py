@@ -79,6 +79,15 @@ def test_a_group_begins_with_its_comment() -> None:
     assert lines == ["", "/* p */", "", "/* q */"]
 
 
+@pytest.mark.parametrize("length", range(1, 40))
+def test_a_call_fits_where_it_is_indented_most(length: int) -> None:
+    """Within 100 columns, indented four times, which is as deep as calls stand."""
+    arguments = ["n" * length, *(f"name_{i}" for i in range(8))]
+    lines = call("f", arguments)
+    assert max(map(len, lines)) <= 84
+    assert " ".join(map(str.strip, lines)) == f"f({', '.join(arguments)});"
+
+
 @pytest.mark.parametrize("length", range(1, 60))
 def test_no_line_is_longer_than_100_columns(length: int) -> None:
     """Within a function, whose body is indented once, and in a loop there, indented twice."""

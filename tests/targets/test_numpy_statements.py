@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from gibbs_codegen.program.nodes import Name, Number, Output, Product, Statement, Sum
 from gibbs_codegen.targets.numpy.statements import (
     StatementPrinter,
@@ -26,12 +28,14 @@ def test_statements_are_python() -> None:
     assert strings([]) == []
 
 
-def test_a_long_value_stands_in_parentheses() -> None:
-    total = Sum(tuple((1, Name(f"name_{i}")) for i in range(12)))
-    first, *lines, last = PRINTER.assign("t1", total)
+@pytest.mark.parametrize("length", range(1, 60))
+def test_a_long_value_stands_in_parentheses(length: int) -> None:
+    """Its lines are within 100 columns in a function, whose body is indented once."""
+    names = ["n" * length, *(f"name_{i}" for i in range(12))]
+    first, *lines, last = PRINTER.assign("t1", Sum(tuple((1, Name(name)) for name in names)))
     assert (first, last) == ("t1 = (", ")")
     assert all(line.startswith("    ") and len(line) <= 96 for line in lines)
-    assert " ".join(map(str.strip, lines)) == " + ".join(f"name_{i}" for i in range(12))
+    assert " ".join(map(str.strip, lines)) == " + ".join(names)
 
 
 def test_a_group_begins_with_its_comment() -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
-from peers.casadi_recursions import ATTITUDE, Machine, Motion, motions, wrench
+from peers.casadi_motion import Motion, wrench
+from peers.casadi_recursions import Machine, motions
 from peers.casadi_spatial import (
     ZERO,
     Joint,
@@ -17,6 +18,7 @@ from peers.casadi_spatial import (
     dot,
     matrix_minus,
     matrix_plus,
+    minus,
     mirrored,
     plus,
     product,
@@ -115,60 +117,47 @@ class Articulated:
 
 def forward_dynamics(machine: Machine) -> ca.SX:
     """Accelerations of the coordinates under generalised forces."""
-    tree, size = machine.tree, machine.tree.coordinates
-    moving = motions(machine, ZERO)
+    tree = machine.tree
+    moving = motions(machine, replace(machine.base.motion(0.0), acceleration=ZERO))
     pulls = [
-        times(Motion(moving[i - 1].velocity, ZERO, ZERO).spread(), machine.joints[i].step)
-        for i in range(1, tree.joints + 1)
+        times(Motion(moving[body.parent].velocity, ZERO, ZERO).spread(), body.step.tolist())
+        for body in tree.bodies[1:]
     ]
     releases = []
-    whole = Articulated.alone(tree.bodies[-1], moving[-1].velocity)
+    whole = [
+        Articulated.alone(body, motion.velocity)
+        for body, motion in zip(tree.bodies, moving, strict=True)
+    ]
     for i in range(tree.joints, 0, -1):
         x, y, _ = moving[i].velocity
-        rate, effort = machine.velocity[machine.row(i)], machine.force[machine.row(i)]
-        felt, release = whole.released([y * rate, -(x * rate), 0.0], effort)
+        rate, effort = machine.velocity[tree.row(i)], machine.force[tree.row(i)]
+        felt, release = whole[i].released([y * rate, -(x * rate), 0.0], effort)
         releases.append(release)
-        parent = Articulated.alone(tree.bodies[i - 1], moving[i - 1].velocity)
-        whole = felt.on_parent(machine.joints[i], pulls[i - 1]).joined(parent)
-    turning, acceleration = _base_accelerations(machine, whole)
-    result = [0.0] * size
-    result[:ATTITUDE] = _attitude_accelerations(machine, turning, moving[0].turning)
-    result[size - 3 :] = times(machine.rotation, acceleration)
-    result[-1] = result[-1] - tree.gravity
+        parent = tree.bodies[i].parent
+        whole[parent] = felt.on_parent(machine.joints[i], pulls[i - 1]).joined(whole[parent])
+    found = [_base_accelerations(machine, whole[0])]
+    result = [0.0] * tree.velocities
+    in_coordinates = machine.base.accelerations(*found[0], tree.gravity)
+    for row, entry in zip(machine.base.rows, in_coordinates, strict=True):
+        result[row] = entry
     for i, release in enumerate(reversed(releases), start=1):
-        joint = machine.joints[i]
+        joint, (turning, acceleration) = machine.joints[i], found[tree.bodies[i].parent]
         acceleration = plus(acceleration, cross(turning, joint.step), pulls[i - 1])
         turning, acceleration = joint.down(turning), joint.down(acceleration)
         own = dot(release.moving, acceleration) + dot(release.turning, turning)
-        result[machine.row(i)] = release.drive - own
-        turning = plus(turning, [*release.gyration[:2], result[machine.row(i)]])
+        relative = result[tree.row(i)] = release.drive - own
+        found.append((plus(turning, [*release.gyration[:2], relative]), acceleration))
     return ca.vertcat(*result)
 
 
 def _base_accelerations(machine: Machine, whole: Articulated) -> tuple[Vector, Vector]:
     """Angular acceleration of the base, and that of its origin against free fall."""
-    pushed = times(transposed(machine.rotation), machine.force[-3:])
-    torque = _torque_of_attitude(machine, machine.force[:ATTITUDE])
-    right = [a - b for a, b in zip(pushed + torque, whole.force + whole.torque, strict=True)]
+    torque, force = machine.base.wrench([machine.force[row] for row in machine.base.rows])
+    right = minus(force + torque, whole.force + whole.torque)
     upper = [a + b for a, b in zip(whole.mass, transposed(whole.coupling), strict=True)]
     lower = [a + b for a, b in zip(whole.coupling, whole.inertia, strict=True)]
     solution = _solved(upper + lower, right)
     return solution[3:], solution[:3]
-
-
-def _torque_of_attitude(machine: Machine, efforts: Vector) -> Vector:
-    """Torque on the base, in its axes, of the attitude's generalised forces."""
-    _, pitch, yaw = machine.turns
-    across = (efforts[0] - pitch.sine * efforts[2]) / pitch.cosine
-    return yaw.down([across, efforts[1], efforts[2]])
-
-
-def _attitude_accelerations(machine: Machine, turning: Vector, bias: Vector) -> Vector:
-    """Second derivatives of the attitude's angles at an angular acceleration."""
-    _, pitch, yaw = machine.turns
-    across, second, third = yaw.up([a - b for a, b in zip(turning, bias, strict=True)])
-    first = across / pitch.cosine
-    return [first, second, third - pitch.sine * first]
 
 
 def _solved(matrix: Matrix, right: Vector) -> Vector:

@@ -25,6 +25,11 @@ def plus(*vectors: Iterable[Scalar]) -> Vector:
     return total
 
 
+def minus(a: Vector, b: Vector) -> Vector:
+    """Difference of vectors."""
+    return [x - y for x, y in zip(a, b, strict=True)]
+
+
 def dot(a: Vector, b: Vector) -> Scalar:
     """Inner product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

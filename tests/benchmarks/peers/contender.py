@@ -29,7 +29,7 @@ LANES = 8
 class Contender:
     """One tool at one task, for one robot.
 
-    `inputs` turns (q, v, τ), each (states, nq) in the project's coordinates, into the tool's own,
+    `inputs` turns (q, v, τ), one row a state in the project's coordinates, into the tool's own,
     one row a state; `outputs` turns those states and rows of `first` and `second` into what
     `reference` gives: (M, R), or the accelerations alone. A tool that leaves results in its own
     memory has a `fetch(first, second)` that copies them out, which is not timed.
@@ -66,7 +66,7 @@ def unpacked(blocks: Array) -> Array:
 
 def results(contender: Contender, states: States) -> Results:
     """What a contender computes, in the project's coordinates."""
-    count, size = states[0].shape
+    count, size = states[1].shape
     blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
     first = aligned(count // contender.width, size * size, contender.width)
     second = aligned(count // contender.width, size, contender.width)
@@ -79,14 +79,15 @@ def results(contender: Contender, states: States) -> Results:
 
 @dataclass(frozen=True)
 class Ordered:
-    """Layout of a tool whose k-th coordinate is the project's `order[k]`."""
+    """Layout of a tool whose k-th velocity is the project's `order[k]`; coordinates likewise."""
 
     order: tuple[int, ...]
+    coordinates: tuple[int, ...]
 
     def inputs(self, states: States) -> States:
         """States in the tool's order."""
-        q, v, tau = (rows[:, self.order] for rows in states)
-        return q, v, tau
+        q, v, tau = states
+        return q[:, self.coordinates], v[:, self.order], tau[:, self.order]
 
     def matrix_and_residual(self, states: States, first: Array, second: Array) -> Results:
         """M and R of the tool's mass matrix and nonlinear effects, R being minus these."""
@@ -97,8 +98,3 @@ class Ordered:
     def accelerations(self, states: States, first: Array, second: Array) -> Results:
         """Accelerations in the project's order."""
         return (first[:, : len(self.order)][:, np.argsort(self.order)],)
-
-
-def position_first(size: int) -> tuple[int, ...]:
-    """Order of a tree: position, attitude, arm."""
-    return (*range(size - 3, size), *range(size - 3))

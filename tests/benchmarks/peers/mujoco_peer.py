@@ -12,8 +12,6 @@ from peers.contender import (
     MASS_MATRIX_AND_RESIDUAL,
     Array,
     Contender,
-    Ordered,
-    position_first,
 )
 from peers.tree import Body, Tree
 
@@ -86,7 +84,7 @@ def mujoco_contenders(tree: Tree, folder: Path) -> list[Contender]:
     error = ctypes.create_string_buffer(1000)
     if library.mujoco_load(str(model).encode(), error, len(error)):
         raise BuildError(f"MuJoCo refuses {model}: {error.value.decode()}")
-    layout = Ordered(position_first(tree.coordinates))
+    layout = tree.layout
     return [
         Contender(
             "MuJoCo",

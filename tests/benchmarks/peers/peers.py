@@ -51,25 +51,31 @@ def contenders(robot: Robot, folder: Path) -> list[Contender]:
     own = folder / robot.name
     own.mkdir(exist_ok=True)
     tree = tree_of(robot)
-    return [
-        *pinocchio_contenders(tree, own),
-        *mujoco_contenders(tree, own),
-        *casadi_contenders(tree, own),
-    ]
+    mujoco = [] if tree.quaternion else mujoco_contenders(tree, own)
+    return [*pinocchio_contenders(tree, own), *mujoco, *casadi_contenders(tree, own)]
 
 
 def random_states(robot: Robot, count: int, seed: int = 0) -> States:
-    """Random (q, v, τ), angles all round but for the middle one of the attitude, within ±1.2."""
-    rng = np.random.default_rng(seed)
-    q, v, tau = rng.uniform(-3, 3, (3, count, tree_of(robot).coordinates))
-    q[:, 1] *= 0.4
-    return q, v, tau
+    """Random (q, v, τ), angles all round but for the middle one of the attitude, within ±1.2.
+
+    The forces τ are those of random inputs, so that every robot can have them.
+    """
+    rng, oracle = np.random.default_rng(seed), Oracle(robot, rigid_base=True)
+    q = rng.uniform(-3, 3, (count, len(oracle.layout.q.names)))
+    v = rng.uniform(-3, 3, (count, len(oracle.layout.v.names)))
+    u = rng.uniform(-3, 3, (count, robot.rotors + len(robot.moving)))
+    if oracle.layout.is_quaternion:
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    else:
+        q[:, 1] *= 0.4
+    matrices = np.array([oracle.input_matrix(state) for state in q])
+    return q, v, (matrices @ u[..., None])[..., 0]
 
 
 def reference(robot: Robot, task: str, states: States) -> Results:
     """What Pinocchio's Python module gives for a task."""
     oracle = Oracle(robot, rigid_base=True)
-    still = np.zeros(states[0].shape[1])
+    still = np.zeros(states[1].shape[1])
     matrices = np.array([oracle.mass_matrix(q) for q in states[0]])
     effects = [oracle.inverse_dynamics(q, v, still) for q, v, _ in zip(*states, strict=True)]
     residuals = -np.array(effects)
@@ -95,7 +101,7 @@ def _error(found: Array, right: Array) -> Array:
 
 def nanoseconds(time_calls: Timer, contender: Contender, states: States) -> float:
     """Least time per state of many repeats, each at least once round the states."""
-    size = states[0].shape[1]
+    size = states[1].shape[1]
     blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
     first, second = (aligned(entries * contender.width) for entries in (size * size, size))
     given = [number for block in blocks for number in (block.ctypes.data, block[0].size)]

@@ -6,6 +6,7 @@
 
 #include <memory>
 #include <string>
+#include <vector>
 
 #include <pinocchio/algorithm/aba.hpp>
 #include <pinocchio/algorithm/crba.hpp>
@@ -20,9 +21,10 @@ using Output = Eigen::Map<Eigen::VectorXd>;
 static std::unique_ptr<pinocchio::Model> model;
 static std::unique_ptr<pinocchio::Data> data;
 
-// Numbers of a body: turn (9), step (3), mass, com (3), inertia about it (9); matrices by rows.
+// Numbers of a body: parent, turn (9), step (3), mass, com (3), inertia about it (9); matrices by
+// rows.
 struct Body {
-    double turn[9], step[3], mass, com[3], inertia[9];
+    double parent, turn[9], step[3], mass, com[3], inertia[9];
 };
 
 static pinocchio::SE3 placement(const Body &body)
@@ -53,12 +55,14 @@ EXPORT void pinocchio_load(const Body *bodies, long count, double gravity, int f
 {
     model = std::make_unique<pinocchio::Model>();
     model->gravity.linear() = Eigen::Vector3d(0, 0, -gravity);
-    auto joint = add_base(free_flyer != 0);
-    model->appendBodyToJoint(joint, inertia(bodies[0]));
+    std::vector<pinocchio::JointIndex> joints{add_base(free_flyer != 0)};
+    model->appendBodyToJoint(joints[0], inertia(bodies[0]));
     for (long i = 1; i < count; ++i) {
+        const auto parent = joints[(std::size_t)bodies[i].parent];
         const auto name = "arm_" + std::to_string(i);
-        joint = model->addJoint(joint, pinocchio::JointModelRZ(), placement(bodies[i]), name);
-        model->appendBodyToJoint(joint, inertia(bodies[i]));
+        joints.push_back(
+            model->addJoint(parent, pinocchio::JointModelRZ(), placement(bodies[i]), name));
+        model->appendBodyToJoint(joints.back(), inertia(bodies[i]));
     }
     data = std::make_unique<pinocchio::Data>(*model);
 }

@@ -12,8 +12,6 @@ from peers.contender import (
     FORWARD_DYNAMICS,
     MASS_MATRIX_AND_RESIDUAL,
     Contender,
-    Ordered,
-    position_first,
 )
 from peers.tree import Tree
 
@@ -30,15 +28,15 @@ def headers() -> list[str]:
 
 
 def pinocchio_contenders(tree: Tree, folder: Path) -> list[Contender]:
-    """Pinocchio on both bases, both tasks."""
+    """Pinocchio on a free-flyer, and in other coordinates if the robot's are others; both tasks."""
     flags = ["-std=c++17", "-w", *headers()]
     library = compiled("pinocchio_peer.cpp", folder.parent / "pinocchio.so", flags)
     bodies = np.ascontiguousarray(tree.numbers())
+    ways = [("Pinocchio, free-flyer", True, tree.layout if tree.quaternion else free_flyer)]
+    if not tree.quaternion:
+        ways.append(("Pinocchio, our coordinates", False, tree.layout))
     found = []
-    for name, free, layout in (
-        ("Pinocchio, free-flyer", True, free_flyer),
-        ("Pinocchio, our coordinates", False, Ordered(position_first(tree.coordinates))),
-    ):
+    for name, free, layout in ways:
         copy = own_copy(library, folder / f"pinocchio_{'free' if free else 'ours'}.so")
         copy.pinocchio_load.argtypes = [c_void_p, c_long, c_double, c_int]
         copy.pinocchio_load(bodies.ctypes.data, len(bodies), tree.gravity, free)

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
+from peers.contender import Ordered
 from support.pinocchio_oracle import Oracle
 
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import Robot, Vector3
 
 Array = np.ndarray
 
-ATTITUDE_AND_POSITION = 6
+BASE_VELOCITIES = 6
+ATTITUDE = 3
 
 
 @dataclass(frozen=True)
 class Body:
     """A body that turns about its z axis; at angle zero `turn` and `step` place it in its parent.
 
-    `com` in m and `inertia` about it, in kg m², are in the body's own axes. The first body of a
-    tree is the base, which six coordinates move instead.
+    `parent` is the parent's index. `com` in m and `inertia` about it, in kg m², are in the body's
+    own axes. The first body of a tree is the base, which six coordinates move instead.
     """
 
+    parent: int
     turn: Array
     step: Array
     mass: float
@@ -41,28 +46,54 @@ class Body:
 
 @dataclass(frozen=True)
 class Tree:
-    """Base and arm of a robot, from the base outwards, under gravity along −Z."""
+    """Base and links of a robot, each body after its parent, under gravity along −Z.
+
+    `quaternion` tells whether the base's velocities are those of a free-flyer, in its own frame;
+    else they are the rates of attitude x-y-z and position.
+    """
 
     bodies: tuple[Body, ...]
     gravity: float
+    quaternion: bool
 
     @property
     def joints(self) -> int:
-        """Number of arm joints."""
+        """Number of joints after the base."""
         return len(self.bodies) - 1
 
     @property
-    def coordinates(self) -> int:
-        """Number of coordinates: attitude, joints, position."""
-        return ATTITUDE_AND_POSITION + self.joints
+    def velocities(self) -> int:
+        """Number of velocities, and of forces."""
+        return BASE_VELOCITIES + self.joints
+
+    @property
+    def layout(self) -> Ordered:
+        """Position and attitude, or free-flyer, then the joints."""
+        size = self.velocities
+        if self.quaternion:
+            return Ordered(tuple(range(size)), tuple(range(size + 1)))
+        position_first = (*range(size - 3, size), *range(size - 3))
+        return Ordered(position_first, position_first)
+
+    def row(self, body: int) -> int:
+        """Place of the joint of a body among the project's velocities."""
+        return (BASE_VELOCITIES if self.quaternion else ATTITUDE) - 1 + body
+
+    def path(self, body: int) -> list[int]:
+        """Bodies from this one in to the base, which is left out."""
+        path = []
+        while body:
+            path.append(body)
+            body = self.bodies[body].parent
+        return path
 
     def numbers(self) -> Array:
-        """All bodies as one row of 25 numbers each."""
+        """All bodies as one row of 26 numbers each."""
         rows = [
-            np.concatenate([b.turn.ravel(), b.step, [b.mass], b.com, b.inertia.ravel()])
+            [b.parent, *b.turn.ravel(), *b.step, b.mass, *b.com, *b.inertia.ravel()]
             for b in self.bodies
         ]
-        return np.array(rows)
+        return np.array(rows, float)
 
 
 def shifted(mass: float, lever: Array) -> Array:
@@ -78,20 +109,41 @@ def without_dust(values: Array) -> Array:
 
 
 def tree_of(robot: Robot) -> Tree:
-    """Tree of a robot with attitude x-y-z, its origin at the base's centre and revolute joints."""
-    model = Oracle(robot, rigid_base=True).model
-    if robot.base.attitude != "xyz" or robot.base.origin != "centre":
-        raise ValueError("the peers measure position at the centre and attitude as x-y-z")
-    if any(link.joint != "revolute" for link in robot.links):
+    """Tree of a robot with revolute joints, on a quaternion or on x-y-z about the base's centre."""
+    oracle = Oracle(robot, rigid_base=True)
+    quaternion = oracle.layout.is_quaternion
+    if robot.base.attitude not in ("xyz", "quaternion") or robot.base.origin == "motor1":
+        raise ValueError("the peers have attitude x-y-z or a quaternion, not at a motor")
+    if any(robot.links[i - 1].joint != "revolute" for i in robot.moving):
         raise ValueError("the peers have revolute joints only")
-    bodies = tuple(
-        Body(
-            without_dust(model.jointPlacements[i].rotation),
-            without_dust(model.jointPlacements[i].translation),
-            model.inertias[i].mass,
-            without_dust(model.inertias[i].lever),
-            without_dust(model.inertias[i].inertia),
+    tree = Tree(tuple(_bodies(oracle)), robot.gravity, quaternion)
+    if tuple(np.argsort(oracle.order)) != tree.layout.order:
+        raise ValueError("the peers take all links of an arm before those of the next")
+    return tree
+
+
+def _bodies(oracle: Oracle) -> Iterator[Body]:
+    """The bodies of Pinocchio's model, each turned so that its joint's axis is z."""
+    model, root = oracle.model, oracle.root
+    links = oracle.robot.links
+    axes = [_z_onto(links[i - 1].axis) for i in oracle.robot.moving]
+    axes = dict(enumerate([np.eye(3), *axes], start=root))
+    for i in range(root, model.njoints):
+        parent, placement, inertia = model.parents[i], model.jointPlacements[i], model.inertias[i]
+        turn, step = np.eye(3), np.zeros(3)
+        if i > root:
+            turn = axes[parent].T @ placement.rotation @ axes[i]
+            step = axes[parent].T @ placement.translation
+        yield Body(
+            max(parent - root, 0),
+            without_dust(turn),
+            without_dust(step),
+            inertia.mass,
+            without_dust(axes[i].T @ inertia.lever),
+            without_dust(axes[i].T @ inertia.inertia @ axes[i]),
         )
-        for i in range(ATTITUDE_AND_POSITION, model.njoints)
-    )
-    return Tree(bodies, robot.gravity)
+
+
+def _z_onto(axis: Vector3) -> Array:
+    """A rotation that takes z to an axis."""
+    return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(axis)).matrix()
