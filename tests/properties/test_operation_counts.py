@@ -81,6 +81,33 @@ def test_with_a_quaternion_it_takes_fewer(links: int, reached: tuple[int, ...]) 
     assert dict(zip(COUNTED, found, strict=True)) == dict(zip(COUNTED, reached, strict=True))
 
 
+def two_arms(links: int) -> Robot:
+    """The benchmark's robot with a quaternion and its arm twice."""
+    robot = benchmark_robot(links)
+    arm = robot.links
+    second = (replace(arm[0], parent=0), *arm[1:])
+    base = replace(robot.base, attitude="quaternion")
+    return replace(robot, base=base, links=(*arm, *second))
+
+
+def test_two_arms_of_seven_joints_cost_less_than_one_of_fourteen() -> None:
+    """No entry of M between the arms is computed, and articulated bodies pass each arm by itself.
+
+    LDLᵀ with the translation eliminated first would couple the arms.
+    """
+    robot, n = two_arms(7), 7
+    program = derive(robot).program
+    found = [count_operations(program.function(name).nodes()).total for name in COUNTED]
+    assert dict(zip(COUNTED, found, strict=True)) == dict(zip(COUNTED, TWO_ARMS, strict=True))
+    (matrix,) = program.function("mass_matrix").outputs
+    between = [matrix.entries[i * 20 + j] for i in range(6, 6 + n) for j in range(6 + n, 20)]
+    assert set(between) == {Number(0.0)}
+    tape = Tape()
+    symbolic = SymbolicRobot.of(robot, tape)
+    factorised = operations(tape, factorised_dynamics(symbolic, most=10**9))
+    assert program_count(program, "forward_dynamics") < 0.65 * factorised
+
+
 def test_forty_rotors_cost_the_same_as_four() -> None:
     four, forty = counts(3, rotors=4), counts(3, rotors=40)
     for name in REDUCED:

@@ -67,7 +67,7 @@ def signalling_nan(real: type[np.floating]) -> Array:
 
 
 def states(module: ModuleType, real: type[np.floating] = np.float64) -> Arrays:
-    """Random values of all arguments, away from the singularity of the attitude, that `real` can represent."""
+    """Random arguments that `real` can represent, away from the singularity of the attitude."""
     rng = np.random.default_rng(5)
     n = len(module.COORDINATES)
     q = rng.uniform(-7.0, 7.0, (STATES, n))
@@ -116,7 +116,7 @@ def worst_deviation(
             library.batch(signature, arguments, unused),
         ):
             for ours, expected in zip(outputs, theirs, strict=True):
-                if signature.name == "forward_dynamics":
+                if signature.name.startswith("forward_dynamics"):
                     each = map(deviation, ours, expected)
                     found += [e / d for e, d in zip(each, divisors, strict=True)]
                 else:
@@ -379,7 +379,7 @@ def _program_of_two(robots: Sequence[Emitted]) -> str:
     for robot in robots:
         lines.append("    {")
         for name, values in _first_state(robot).items():
-            numbers = ", ".join(value.hex() for value in values.tolist())
+            numbers = ", ".join(value.hex() for value in values.ravel().tolist())
             lines.append(f"        const double {name}[] = {{{numbers}}};")
         for signature in robot.signatures():
             sizes = [math.prod(shape) for shape in signature.shapes]
