@@ -10,7 +10,7 @@ import pinocchio as pin
 from peers.contender import Ordered
 from support.pinocchio_oracle import Oracle
 
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import Robot, Vector3
 
 Array = np.ndarray
 
@@ -125,11 +125,11 @@ def tree_of(robot: Robot) -> Tree:
 def _bodies(oracle: Oracle) -> Iterator[Body]:
     """The bodies of Pinocchio's model, each turned so that its joint's axis is z."""
     model, root = oracle.model, oracle.root
-    axes = {root: np.eye(3)}
+    links = oracle.robot.links
+    axes = [_z_onto(links[i - 1].axis) for i in oracle.robot.moving]
+    axes = dict(enumerate([np.eye(3), *axes], start=root))
     for i in range(root, model.njoints):
         parent, placement, inertia = model.parents[i], model.jointPlacements[i], model.inertias[i]
-        if i > root:
-            axes[i] = _z_onto(model.joints[i])
         turn, step = np.eye(3), np.zeros(3)
         if i > root:
             turn = axes[parent].T @ placement.rotation @ axes[i]
@@ -144,9 +144,6 @@ def _bodies(oracle: Oracle) -> Iterator[Body]:
         )
 
 
-def _z_onto(joint: pin.JointModel) -> Array:
-    """A rotation that takes z to the axis of a joint."""
-    data = joint.createData()
-    joint.calc(data, np.zeros(1), np.ones(1))
-    motion = data.v
-    return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), motion.angular).matrix()
+def _z_onto(axis: Vector3) -> Array:
+    """A rotation that takes z to an axis."""
+    return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(axis)).matrix()
