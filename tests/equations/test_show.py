@@ -372,7 +372,8 @@ COMMANDS = re.findall(
     r"\\[a-zA-Z]+",
     r"""\allowdisplaybreaks \alpha \bar \begin \bigl \bigr \Bigl \Bigr \cdot \circ \ddot \delta
     \dot \dots \end \epsilon \frac \ge \hline \kappa \left \mathcal \mu \omega \paragraph
-    \partial \pi \qquad \quad \rho \right \sqrt \sum \tau \text \tfrac \theta \tilde \usepackage \zeta""",
+    \partial \pi \qquad \quad \rho
+    \right \sqrt \sum \tau \text \tfrac \theta \tilde \usepackage \zeta""",
 )
 
 
