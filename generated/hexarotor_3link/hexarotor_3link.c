@@ -6560,7 +6560,7 @@ static INLINE void tip_jacobian_lane(
     jacobian[3 * stride] = t43;
     const real t44 = s2 * t42 - t16 * t40;
     jacobian[12 * stride] = t44;
-    const real t45 = s2 * t41 + t15 * t40;
+    const real t45 = t15 * t40 + s2 * t41;
     jacobian[21 * stride] = -t45;
 
     /* column of joint 8 */
@@ -7189,7 +7189,7 @@ static INLINE void frame_jacobians_lane(
     jacobians[57 * stride] = t43;
     const real t44 = s2 * t42 - t16 * t40;
     jacobians[66 * stride] = t44;
-    const real t45 = s2 * t41 + t15 * t40;
+    const real t45 = t15 * t40 + s2 * t41;
     jacobians[75 * stride] = -t45;
 
     /* column of joint 8 */

@@ -4668,7 +4668,7 @@ def _tip_jacobian(k, sin, cos, q):
     t42 = t21 - t33
     t43 = t16 * t41 + t15 * t42
     t44 = t4 * t42 - t16 * t40
-    t45 = t4 * t41 + t15 * t40
+    t45 = t15 * t40 + t4 * t41
 
     # column of joint 8
     t46 = t26 * t42 - t27 * t41
@@ -5037,7 +5037,7 @@ def _frame_jacobians(k, sin, cos, q):
     t42 = t21 - t33
     t43 = t16 * t41 + t15 * t42
     t44 = t4 * t42 - t16 * t40
-    t45 = t4 * t41 + t15 * t40
+    t45 = t15 * t40 + t4 * t41
 
     # column of joint 8
     t46 = t26 * t42 - t27 * t41

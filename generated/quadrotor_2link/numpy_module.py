@@ -4578,7 +4578,7 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t50 = t9 * t45 + t8 * t47
 
     # inertia forces of the base and links 1 and 2
-    t51 = t24 * t50 + t25 * t49 - t41 - k40 * t14
+    t51 = t25 * t49 + t24 * t50 - t41 - k40 * t14
     t52 = v_theta_0 * t30 + t12 * t29 + k47 * t12
     t53 = t12 * t30 + v_theta_0 * t28 + v_theta_0 * k47
     t54 = t49 - k55 * t33

@@ -6912,7 +6912,7 @@ static INLINE void centroidal_momentum_lane(
     const real t50 = s4 * t45 + c4 * t47;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t51 = t24 * t50 + t25 * t49 - t41 - k40 * t14;
+    const real t51 = t25 * t49 + t24 * t50 - t41 - k40 * t14;
     const real t52 = v_theta_0 * t30 + t12 * t29 + k47 * t12;
     const real t53 = t12 * t30 + v_theta_0 * t28 + v_theta_0 * k47;
     const real t54 = t49 - k55 * t33;

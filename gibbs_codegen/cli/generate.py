@@ -95,12 +95,11 @@ def _print_balance(robot: Robot) -> None:
     """Print how the base is balanced, and a warning if it is lopsided."""
     import textwrap
 
-    from gibbs_codegen.robot.balance import balance, balance_lines, lopsided
+    from gibbs_codegen.robot.balance import balance_lines, lopsided
 
-    found = balance(robot)
-    for line in balance_lines(found):
+    for line in balance_lines(robot):
         print(textwrap.fill(line, terminal.width(), subsequent_indent="  "))
-    if warning := lopsided(robot, found):
+    if warning := lopsided(robot):
         print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
 
 

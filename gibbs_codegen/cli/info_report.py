@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -9,12 +10,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from gibbs_codegen.cli.machine_report import machine_facts, print_machine
 from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.derivation.filling import filled_matrix
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Number
 from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.robot.balance import balance, balance_lines, lopsided
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
@@ -24,8 +25,14 @@ from gibbs_codegen.robot.coordinates import (
     velocities,
 )
 from gibbs_codegen.robot.layout import QUATERNION
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.thrusters import arrangement, tilt_hint
+from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.names import link_label, rotor_label
+from gibbs_codegen.robot.thrusters import (
+    arrangement,
+    carried_rotors,
+    ranks_in_motion,
+    tilt_hint,
+)
 
 
 def report(model: Model) -> dict[str, Any]:
@@ -43,19 +50,20 @@ def report(model: Model) -> dict[str, Any]:
 def _facts(model: Model) -> dict[str, Any]:
     """All but the pattern of the hybrid system, which takes long for very many rotors."""
     robot, motors, hint = model.robot, arrangement(model.robot), tilt_hint(model.robot)
-    base = balance(robot)
-    warning = lopsided(robot, base)
     return {
         "name": robot.name,
         "rotors": robot.rotors,
         "links": len(robot.links),
         "attitude": robot.base.attitude,
         "origin": robot.base.origin,
-        "mass": robot.total_mass,
-        "base": asdict(base),
-        "warnings": [warning] if warning else [],
+        **machine_facts(robot),
         "chains": [
-            {**asdict(chain), "constrained": chain.is_constrained, "places": list(places)}
+            asdict(chain)
+            | {
+                "massive": chain.massive,
+                "constrained": chain.is_constrained,
+                "places": list(places),
+            }
             for chain, places in zip(decompose(robot), coupling_map(robot), strict=True)
         ],
         "coordinates": [asdict(c) for c in reduced_coordinates(robot)],
@@ -66,6 +74,8 @@ def _facts(model: Model) -> dict[str, Any]:
             "rank": motors.rank,
             "condition": motors.condition if motors.rank == 6 else None,
             "missing": list(motors.missing),
+            "moved_by_joints": [rotor_label(robot, k) for k in carried_rotors(robot)],
+            "ranks_in_motion": ranks_in_motion(robot),
             "tilt_hint": asdict(hint) | {"text": hint.text()} if hint else None,
         },
         "operations": {
@@ -104,43 +114,60 @@ def print_report(model: Model, console: Console) -> None:
         model: The derived robot.
         console: Where to print.
     """
-    data = _facts(model)
+    data, robot = _facts(model), model.robot
     console.print(
         f"[bold]{data['name']}[/bold]: {data['rotors']} rotors, {data['links']} links, "
         f"{data['mass']:.6g} kg, attitude {data['attitude']}, origin {data['origin']}"
     )
-    for line in balance_lines(balance(model.robot)):
-        console.print(line)
-    for warning in data["warnings"]:
-        console.print(f"warning: {warning}", style="bold", markup=False)
-    console.print(_chain_table(data))
-    console.print(_coordinate_table("Coordinates q", reduced_coordinates(model.robot)))
-    if model.robot.base.attitude == QUATERNION:
-        console.print(_coordinate_table("Velocities v", velocities(model.robot)))
-    console.print(_coordinate_table("Inputs u", inputs(model.robot)))
+    print_machine(robot, data, console)
+    _print_arrangement(data["arrangement"], console)
+    console.print(_chain_table(robot, data))
+    console.print(_coordinate_table("Coordinates q", reduced_coordinates(robot)))
+    if robot.base.attitude == QUATERNION:
+        console.print(_coordinate_table("Velocities v", velocities(robot)))
+    console.print(_coordinate_table("Inputs u", inputs(robot)))
     console.print(_row_table(data))
     if _pattern_width(data) <= console.width:
-        console.print(_pattern_text(data, _pattern(model.robot)))
+        console.print(_pattern_text(data, _pattern(robot)))
     else:
         console.print(f"\nHybrid matrix: wider than {console.width} columns; --json shows it")
-    _print_arrangement(data["arrangement"], console)
     console.print(_operation_table(data))
 
 
-def _chain_table(data: dict[str, Any]) -> Table:
+def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
     table = plain_table(
-        "\nOpen chains (eq. 1)", "chain", "arms", "mass of", "thrust of", "equations", "held by"
+        "\nOpen chains (eq. 1)", "chain", "bodies", "mass of", "thrust of", "equations", "held by"
     )
     for chain in data["chains"]:
         table.add_row(
             str(chain["number"]),
-            " → ".join(map(str, chain["links"])),
-            f"arm {', '.join(map(str, chain['massive']))}" if chain["massive"] else "-",
-            f"motor {', '.join(map(str, chain['motors']))}" if chain["motors"] else "-",
+            " → ".join(_way(robot, chain["links"])),
+            _each("arm", [_arm(robot, arm) for arm in chain["massive"]]),
+            _each("motor", [rotor_label(robot, k) for k in chain["motors"]]),
             str(len(chain["coordinates"])),
-            chain["unknowns"][-1] if chain["constrained"] else "-",
+            ", ".join(chain["unknowns"][len(chain["coordinates"]) :]) or "-",
         )
     return table
+
+
+def _way(robot: Robot, arms: Sequence[int]) -> list[str]:
+    """The bodies of a chain in order; the virtual ones where the base is made of arms."""
+    return [_arm(robot, arm) for arm in arms if robot.base.rotors or arm > BASE]
+
+
+def _arm(robot: Robot, arm: int) -> str:
+    """What a body is called: by its number as an arm, or by its name."""
+    if arm == 1 and not robot.base.rotors:
+        return "base"
+    i = arm - robot.rotors
+    named = arm > 1 and i > 0 and (robot.links[i - 1].name or not robot.base.rotors)
+    return link_label(robot, i) if named else str(arm)
+
+
+def _each(what: str, labels: Sequence[str]) -> str:
+    """Bodies or rotors by their labels; what they are is said where all are numbers."""
+    listed = ", ".join(labels) or "-"
+    return f"{what} {listed}" if labels and all(map(str.isdigit, labels)) else listed
 
 
 def _coordinate_table(title: str, coordinates: tuple[Coordinate, ...]) -> Table:
@@ -159,49 +186,64 @@ def _row_table(data: dict[str, Any]) -> Table:
     return table
 
 
-def _ranges(numbers: list[int]) -> str:
-    """Chain numbers; those of a row are either one or all."""
-    return f"{numbers[0]} … {numbers[-1]}" if len(numbers) > 1 else str(numbers[0])
+def _ranges(numbers: Sequence[int]) -> str:
+    """Chain numbers; three or more that follow each other by the first and the last."""
+    first, last = numbers[0], numbers[-1]
+    if len(numbers) > 2 and last - first == len(numbers) - 1:
+        return f"{first} … {last}"
+    return ", ".join(map(str, numbers))
+
+
+def _label_width(data: dict[str, Any]) -> int:
+    return max(13, *(len(row["unknown"]) for row in data["hybrid_rows"]))
 
 
 def _pattern_width(data: dict[str, Any]) -> int:
     """Letters of a line of the pattern: row, unknown, and a mark for each column."""
-    return 18 + len(data["hybrid_rows"]) * (len(str(data["rotors"])) + 1)
+    column = len(str(len(data["chains"]))) + 1
+    return 5 + _label_width(data) + len(data["hybrid_rows"]) * column
 
 
 def _pattern_text(data: dict[str, Any], pattern: list[list[list[int]]]) -> Text:
     """I_H as a picture: the chain that fills an entry, Σ where several do, · where none does."""
-    width = len(str(data["rotors"]))
+    width, room = len(str(len(data["chains"]))), _label_width(data)
     lines = ["\nHybrid matrix: which chain fills an entry (Σ: several, ·: none in any posture)"]
     for row, entries in zip(data["hybrid_rows"], pattern, strict=True):
         marks = []
         for chains in entries:
             mark = "·" if not chains else str(chains[0]) if len(chains) == 1 else "Σ"
             marks.append(f"{mark:>{width}}")
-        lines.append(f"{row['row']:>4} {row['unknown']:<13} {' '.join(marks)}")
+        lines.append(f"{row['row']:>4} {row['unknown']:<{room}} {' '.join(marks)}")
     return Text("\n".join(lines), no_wrap=True, overflow="ignore")
 
 
 def _print_arrangement(motors: dict[str, Any], console: Console) -> None:
     if motors["rank"] == 6:
         console.print(
-            f"\nMotor arrangement: rank 6 of 6, condition number {motors['condition']:.4g} "
+            f"\nRotors: rank 6 of 6, condition number {motors['condition']:.4g} "
             "(N and N m about the base centre)"
         )
-    else:
+    elif motors["rank"]:
         console.print(
-            f"\nMotor arrangement: rank {motors['rank']} of 6, so the base is underactuated; the "
-            "thrusts produce no wrench along"
+            f"\nRotors: rank {motors['rank']} of 6, so the base is underactuated; the thrusts "
+            "produce no wrench along"
         )
         for direction in motors["missing"]:
             console.print(f"  {direction}", highlight=False)
+    if moved := motors["moved_by_joints"]:
+        least, most = motors["ranks_in_motion"]
+        ranks = f"{least} to {most}" if most > least else str(most)
+        console.print(
+            f"This is with the joints at zero. They move rotors {', '.join(moved)}; elsewhere the "
+            f"rank is {ranks}."
+        )
     if motors["tilt_hint"]:
         console.print(f"Hint: {motors['tilt_hint']['text']}")
 
 
 def _operation_table(data: dict[str, Any]) -> Table:
     table = plain_table(
-        "\nOperations per call", "function", "total", "+", "−", "×", "÷", "√", "sin–cos pairs"
+        "\nOperations per call", "function", "total", "+", "−", "×", "÷", "√", "sin–cos", "atan2"
     )
     for column in table.columns[1:]:
         column.justify = "right"

@@ -9,6 +9,7 @@ so gravity enters once, at the end: accelerations are relative to free fall.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -51,6 +52,7 @@ from gibbs_codegen.symbolic.vectors import (
 # Wrenches that act on segments of the reduced tree, by their index: about the joint, or the origin,
 # in the segment's own frame (N, N m).
 Acting = Callable[[SymbolicRobot], dict[int, Wrench]]
+Dynamics = Callable[[SymbolicRobot, Acting], list[sp.Expr]]
 
 
 def thrusts(symbolic: SymbolicRobot) -> dict[int, Wrench]:
@@ -80,24 +82,22 @@ def thrusts_and_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
     return acting
 
 
-def forward_dynamics(
-    tape: Tape, symbolic: SymbolicRobot, acting: Acting = thrusts
-) -> list[sp.Expr]:
-    """Accelerations a of M a = R + B u, in the way that takes fewer operations.
+def shorter_dynamics(tape: Tape, symbolic: SymbolicRobot) -> tuple[Dynamics, list[sp.Expr]]:
+    """The way that takes fewer operations, and the accelerations a of M a = R + B u by it.
 
     Args:
         symbolic: The robot in symbols, on this tape.
-        acting: What acts on the links, besides gravity.
 
     Returns:
-        a, in the order of v.
+        `articulated_dynamics` or `factorised_dynamics`, which takes fewer with other wrenches too;
+        and a, in the order of v.
     """
-    articulated = articulated_dynamics(symbolic, acting)
+    articulated = articulated_dynamics(symbolic)
     most = operations(tape, articulated)
-    factorised = factorised_dynamics(symbolic, most, acting)
-    if factorised is None or operations(tape, factorised) >= most:
-        return articulated
-    return factorised
+    factorised = factorised_dynamics(symbolic, most=most)
+    if not factorised or operations(tape, factorised) >= most:
+        return articulated_dynamics, articulated
+    return factorised_dynamics, factorised
 
 
 def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> list[sp.Expr]:
@@ -129,19 +129,19 @@ def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> l
 
 
 def factorised_dynamics(
-    symbolic: SymbolicRobot, most: int, acting: Acting = thrusts
-) -> list[sp.Expr] | None:
+    symbolic: SymbolicRobot, acting: Acting = thrusts, most: float = math.inf
+) -> list[sp.Expr]:
     """Accelerations a of M a = R + B u, by LDLᵀ of M.
 
     The translation is eliminated first, since its block of M is m·1₃.
 
     Args:
         symbolic: The robot in symbols.
-        most: The operations that the other way takes.
         acting: What acts on the links, besides gravity.
+        most: The operations that the other way takes.
 
     Returns:
-        a, in the order of v; None where LDLᵀ alone takes `most` operations or more.
+        a, in the order of v; nothing where LDLᵀ alone takes `most` operations or more.
 
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
@@ -160,7 +160,7 @@ def factorised_dynamics(
     # Tip first: the last joint couples to all others, the root is left for the end.
     order = [*range(n - 1, -1, -1), n, n + 1, n + 2]
     if operations_to_solve(matrix, order) >= most:
-        return None
+        return []
     drive, efforts = _driving_forces(centred, acting(centred))
     with tape.group("driving forces with the translation eliminated"):
         right = [tape.let(e - dot(tape, light[i], drive.force)) for i, e in enumerate(efforts)]

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import sympy as sp
 
 from gibbs_codegen.derivation.composite_inertia import whole_inertia
-from gibbs_codegen.derivation.forward_dynamics import forward_dynamics, thrusts_and_wrenches
+from gibbs_codegen.derivation.forward_dynamics import (
+    Dynamics,
+    shorter_dynamics,
+    thrusts_and_wrenches,
+)
 from gibbs_codegen.derivation.forward_kinematics import (
     frame_bias_acceleration,
     frame_bias_accelerations,
@@ -56,6 +61,11 @@ class Systems:
     symbolic: SymbolicRobot
     reduced: LinearSystem
     hybrid: LinearSystem
+
+    @cached_property
+    def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:
+        """The shorter way to the accelerations, and those of M a = R + B u."""
+        return shorter_dynamics(self.tape, self.symbolic)
 
 
 def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
@@ -147,7 +157,7 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "mass_matrix": lambda systems: systems.reduced.matrix,
     "residual": lambda systems: systems.reduced.residual,
     "input_matrix": lambda systems: systems.reduced.inputs,
-    "forward_dynamics": lambda systems: forward_dynamics(systems.tape, systems.symbolic),
+    "forward_dynamics": lambda systems: systems.dynamics[1],
     "inverse_dynamics": _inverse_dynamics,
     "hybrid_mass_matrix": lambda systems: systems.hybrid.matrix,
     "hybrid_residual": lambda systems: systems.hybrid.residual,
@@ -172,7 +182,7 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "gravity_forces": lambda systems: gravity_forces(systems.symbolic),
     "wrench_forces": lambda systems: wrench_forces(systems.symbolic),
     "forward_dynamics_with_wrenches": (
-        lambda systems: forward_dynamics(systems.tape, systems.symbolic, thrusts_and_wrenches)
+        lambda systems: systems.dynamics[0](systems.symbolic, thrusts_and_wrenches)
     ),
     "joint_wrenches": lambda systems: joint_wrenches(systems.symbolic),
     "coordinate_rates": _coordinate_rates,

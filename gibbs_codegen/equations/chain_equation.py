@@ -25,10 +25,11 @@ class ChainEquation:
     """One equation of the paper for one chain.
 
     `lines` define symbols in order, each by earlier ones: with them it is complete. `names` has the
-    symbols as they are written. `coordinates` are the accelerations, `torque` the constraint torque
-    or None; `matrix`, `residual` and `forces` (eq. 15) hold the symbols that `lines` define, or
-    zero. `places` and `inputs` (eq. 18) pair the chain's symbols with the hybrid system's.
-    `closed` tells whether the lines are closed forms.
+    symbols as they are written. `accelerations` are those of the coordinates, `quasi` tells whether
+    the base's are rates of quasi-velocities. `torques` are the constraint torques and `held` the
+    places, from 0, of what they hold among the accelerations; `matrix`, `residual` and `forces`
+    (eq. 15) hold the symbols that `lines` define, or zero. `places` and `inputs` (eq. 18) pair the
+    chain's symbols with the hybrid system's. `closed` tells whether the lines are closed forms.
     """
 
     robot: str
@@ -38,13 +39,15 @@ class ChainEquation:
     names: dict[sp.Symbol, Name]
     lines: tuple[Definition, ...] = ()
     accelerations: tuple[sp.Symbol, ...] = ()
-    torque: sp.Symbol | None = None
+    torques: tuple[sp.Symbol, ...] = ()
+    held: tuple[int, ...] = ()
     matrix: tuple[tuple[sp.Expr, ...], ...] = ()
     residual: tuple[sp.Expr, ...] = ()
     forces: tuple[sp.Expr, ...] = ()
     places: tuple[Place, ...] = ()
     inputs: tuple[tuple[Name, Name], ...] = ()
     closed: bool = True
+    quasi: bool = False
 
     @property
     def bordered(self) -> list[list[list[sp.Expr]]]:
@@ -52,9 +55,10 @@ class ChainEquation:
         zero, one = sp.S.Zero, sp.S.One
         matrix = [list(row) for row in self.matrix]
         vectors = [list(self.accelerations), list(self.residual), list(self.forces)]
-        if self.torque is not None:
-            zeta = [one if i == 3 else zero for i in range(len(matrix))]
-            matrix = [[*row, -z] for row, z in zip(matrix, zeta, strict=True)] + [[*zeta, zero]]
-            for vector, last in zip(vectors, (self.torque, zero, zero), strict=True):
+        border = [[one if i == place else zero for place in self.held] for i in range(len(matrix))]
+        matrix = [[*row, *(-z for z in zeta)] for row, zeta in zip(matrix, border, strict=True)]
+        for column, torque in zip(zip(*border, strict=True), self.torques, strict=True):
+            matrix.append([*column, *[zero] * len(self.torques)])
+            for vector, last in zip(vectors, (torque, zero, zero), strict=True):
                 vector.append(last)
         return [matrix, *vectors]

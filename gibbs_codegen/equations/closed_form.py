@@ -80,12 +80,15 @@ def closed_system(robot: Robot, chain: int, most: int) -> tuple[Matrix, list[sp.
     rates = [rate for rate in readable.state.rates if rate != 0]
     left: list[sp.Expr] = []
     limit = most
-    for row in generalised_inertia_forces(tape, root, serial, readable.state.unaccelerated):
-        left.append(collected(-row, rates, limit))
+    forces = generalised_inertia_forces(tape, root, serial, readable.state.unaccelerated)
+    for row, (_, force) in zip(forces, readable.passive, strict=True):
+        left.append(collected(force - row, rates, limit))
         most -= count_terms(left[-1])
         if most < 0:
             raise TooLongError
     matrix = mass_matrix(tape, root, serial)
+    for i, (armature, _) in enumerate(readable.passive):
+        matrix[i][i] += armature
     for i, row in enumerate(matrix):
         for j in range(i + 1):
             row[j] = matrix[j][i] = collected(row[j], (), limit)

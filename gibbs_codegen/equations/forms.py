@@ -75,7 +75,6 @@ FORMS = {
             ("I_{@}", "I_@", "mass matrix of the chain; entries (a,b) and (b,a) are equal"),
             ("R_{@}", "R_@", "what is left without accelerations: velocity terms and gravity"),
             ("F_{@}", "F_@", "generalised forces of thrusts and joint torques"),
-            (r"\zeta_{@,4}", "ζ_{@,4}", "unit column with a 1 in row 4, for a constrained joint"),
         ),
     ),
     18: Form(

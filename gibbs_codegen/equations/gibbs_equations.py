@@ -53,10 +53,14 @@ def gibbs_function(robot: Robot, chain: int, most: int) -> ChainEquation:
             names[symbol] = name("S", f"{chain},{item}", Kind.RESULT, words)
             steps.append((symbol, share))
             terms.append(symbol)
-    lines = (*readable.inertias, *steps, (total, sp.Add(*terms)))
+        for (armature, force), a in zip(readable.passive, accelerations, strict=True):
+            terms += [sp.Rational(1, 2) * armature * a**2, -force * a]
+    lines = (*readable.definitions, *steps, (total, sp.Add(*terms)))
     names = {**names, total: name("S", str(chain), Kind.RESULT, meaning)} | step_names(lines)
     title = f"Gibbs function of chain {chain}"
-    return ChainEquation(robot.name, chain, 2, title, names, lines, closed=closed)
+    return ChainEquation(
+        robot.name, chain, 2, title, names, lines, closed=closed, quasi=readable.quasi
+    )
 
 
 def gibbs_partials(robot: Robot, chain: int, most: int) -> ChainEquation:
@@ -83,7 +87,9 @@ def gibbs_partials(robot: Robot, chain: int, most: int) -> ChainEquation:
         motions = ItemMotions(robot, chain)
         closed, names = False, motions.names
         rows, steps = motions.partials()
-    lines = [*readable.inertias, *steps]
+        given = zip(rows, readable.passive, accelerations, strict=True)
+        rows = [row + armature * a - force for row, (armature, force), a in given]
+    lines = [*readable.definitions, *steps]
     shown = dict(names)
     for a, row in zip(accelerations, rows, strict=True):
         symbol, by = sp.Symbol(f"S_by_{a.name}"), names[a]
@@ -92,4 +98,6 @@ def gibbs_partials(robot: Robot, chain: int, most: int) -> ChainEquation:
         lines.append((symbol, row))
     title = f"Partial derivatives of the Gibbs function of chain {chain}"
     shown |= step_names(lines)
-    return ChainEquation(robot.name, chain, 5, title, shown, tuple(lines), closed=closed)
+    return ChainEquation(
+        robot.name, chain, 5, title, shown, tuple(lines), closed=closed, quasi=readable.quasi
+    )

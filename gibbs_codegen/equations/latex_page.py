@@ -9,7 +9,13 @@ from collections.abc import Iterable
 from gibbs_codegen.equations.chain_equation import ChainEquation
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.forms import FORMS
-from gibbs_codegen.equations.page import WIDEST_MATRIX, LegendEntry, Page
+from gibbs_codegen.equations.page import (
+    WIDEST_MATRIX,
+    LegendEntry,
+    Page,
+    filled_form,
+    held_indices,
+)
 from gibbs_codegen.equations.typeset import LATEX
 
 
@@ -34,28 +40,32 @@ class LatexPage(Page):
     def _form(self, equation: ChainEquation) -> list[str]:
         if equation.number == 15:
             return self._display(self._motion(equation))
-        return self._display([FORMS[equation.number].latex.replace("@", str(equation.chain))])
+        return self._display([filled_form(FORMS[equation.number].latex, equation)])
 
     def _motion(self, equation: ChainEquation) -> list[str]:
         """Eq. 15 in blocks and, where that fits a page, entry by entry."""
-        j = equation.chain
-        if equation.torque is None:
-            rows = [f"I_{{{j}}} \\ddot{{\\theta}}_{{{j}}} &= R_{{{j}}} + F_{{{j}}}"]
-        else:
-            torque, zeta = self._entry(equation.torque), f"\\zeta_{{{j},4}}"
+        rows = [r"I_{@} \ddot{\theta}_{@} &= R_{@} + F_{@}"]
+        if equation.torques:
+            zetas = [rf"\zeta_{{{index}}}" for index in held_indices(equation)]
+            columns = "".join(f" & -{zeta}" for zeta in zetas)
+            below = "".join(rf" \\ {zeta}^T" + " & 0" * len(zetas) for zeta in zetas)
+            torques = "".join(rf" \\ {self._entry(torque)}" for torque in equation.torques)
+            zero = r" \\ 0" * len(zetas)
             rows = [
-                f"\\begin{{bmatrix}} I_{{{j}}} & -{zeta} \\\\ {zeta}^T & 0 \\end{{bmatrix}}\n"
-                f"\\begin{{Bmatrix}} \\ddot{{\\theta}}_{{{j}}} \\\\ {torque} \\end{{Bmatrix}} &=\n"
-                f"\\begin{{Bmatrix}} R_{{{j}}} \\\\ 0 \\end{{Bmatrix}} +\n"
-                f"\\begin{{Bmatrix}} F_{{{j}}} \\\\ 0 \\end{{Bmatrix}}"
+                rf"\begin{{bmatrix}} I_{{@}}{columns}{below} \end{{bmatrix}}" + "\n"
+                rf"\begin{{Bmatrix}} \ddot{{\theta}}_{{@}}{torques} \end{{Bmatrix}} &=" + "\n"
+                rf"\begin{{Bmatrix}} R_{{@}}{zero} \end{{Bmatrix}} +" + "\n"
+                rf"\begin{{Bmatrix}} F_{{@}}{zero} \end{{Bmatrix}}"
             ]
+        rows = [filled_form(row, equation) for row in rows]
         matrix, *vectors = equation.bordered
         if len(matrix) > WIDEST_MATRIX:
             return rows
         lines = [" & ".join(map(self._entry, row)) for row in matrix]
-        columns = "c" * len(equation.residual) + ("|c" if equation.torque else "")
-        if equation.torque:
-            lines[-1] = f"\\hline {lines[-1]}"
+        border = "c" * len(equation.torques)
+        columns = "c" * len(equation.residual) + (f"|{border}" if border else "")
+        if border:
+            lines[len(equation.residual)] = f"\\hline {lines[len(equation.residual)]}"
         body = " \\\\\n".join(lines)
         unknowns, residual, forces = (
             "\\begin{Bmatrix} " + " \\\\ ".join(map(self._entry, vector)) + " \\end{Bmatrix}"

@@ -37,14 +37,16 @@ def equations_of_motion(robot: Robot, chain: int, most: int) -> ChainEquation:
         motions = ItemMotions(robot, chain, accelerated=False)
         closed, names = False, motions.names
         matrix, residual, steps = motions.linear_system()
-    named = _NamedEntries(chain, dict(names), [*readable.inertias, *steps])
+        for i, (armature, force) in enumerate(readable.passive):
+            matrix[i][i] += armature
+            residual[i] += force
+    named = _NamedEntries(chain, dict(names), [*readable.definitions, *steps])
     places = range(len(residual))
     symbols = {
         (i, j): named.entry("I", (i, j), matrix[i][j]) for i in places for j in places if i <= j
     }
     shown_residual = tuple(named.entry("R", (i,), residual[i]) for i in places)
     shown_forces = tuple(named.entry("F", (i,), forces[i]) for i in places)
-    torque = sp.Symbol(readable.chain.unknowns[-1]) if readable.chain.is_constrained else None
     return ChainEquation(
         robot.name,
         chain,
@@ -53,11 +55,13 @@ def equations_of_motion(robot: Robot, chain: int, most: int) -> ChainEquation:
         named.names | step_names(named.lines),
         tuple(named.lines),
         tuple(readable.state.accelerations),
-        torque,
+        readable.torques,
+        readable.held,
         tuple(tuple(symbols[min(i, j), max(i, j)] for j in places) for i in places),
         shown_residual,
         shown_forces,
         closed=closed,
+        quasi=readable.quasi,
     )
 
 

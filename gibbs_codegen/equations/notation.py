@@ -10,11 +10,8 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
-
-import sympy as sp
 
 
 class Kind(IntEnum):
@@ -55,6 +52,8 @@ _GREEK = {
     "mu": "μ",
     "rho": "ρ",
     "kappa": "κ",
+    "delta": "δ",
+    "alpha": "α",
     "epsilon": "ε",
     "zeta": "ζ",
 }
@@ -118,36 +117,8 @@ def text_index(index: str) -> str:
 
 
 _LINEAR = ("x", "y", "z")
-_DOTS = (
-    # How a symbol begins, its mark, its kind, what it is of its coordinate, and its unit per that.
-    ("", "", Kind.COORDINATE, "", ""),
-    ("v_", "dot", Kind.RATE, ": its rate", "/s"),
-    ("a_", "ddot", Kind.ACCELERATION, ": its acceleration", "/s²"),
-)
-
-
-def coordinate_names(
-    chain: int, coordinates: Iterable[tuple[str, str, str]]
-) -> Iterator[tuple[sp.Symbol, Name]]:
-    """Names of the coordinates of a chain, with their rates and accelerations.
-
-    Args:
-        chain: Number of the chain.
-        coordinates: Of each the derivation's name, the meaning and the unit, in order.
-
-    Yields:
-        Each symbol and its name.
-    """
-    for item, (internal, meaning, unit) in enumerate(coordinates, start=1):
-        if internal in _LINEAR:
-            letter, index = internal, f"o_{{{chain},3}}"
-        else:
-            letter, index = internal.split("_")[0], f"{chain},{item}"
-        for prefix, mark, kind, what, per_time in _DOTS:
-            explained = f"{meaning}{what} ({unit}{per_time})"
-            yield sp.Symbol(f"{prefix}{internal}"), name(letter, index, kind, explained, mark)
-
-
+# Velocities of a base with a quaternion, by their first letters.
+_TWIST = {"v": "v", "w": "omega"}
 _PARAMETERS = (
     # Parameter's own name, letter, mark, further index, meaning.
     (r"length", "l", "", "", "length of {}"),
@@ -158,17 +129,24 @@ _PARAMETERS = (
     (r"inertia_([xyz]{2})", "J", "bar", r"\1", "inertia of {} about its centre of mass"),
     (r"a", "a", "", "", "distance along x from the joint before to that of {}"),
     (r"d", "d", "bar", "", "offset along the joint's axis of {}"),
+    (r"([xyz])", "p", "", r"\1", "place of {} on what carries it"),
+    (r"damping", "delta", "", "", "damping of the joint of {}"),
+    (r"armature", "alpha", "", "", "inertia of what turns with the joint of {} alone"),
+    (r"stiffness", "k", "", "", "stiffness of the joint of {}"),
+    (r"rest", "theta", "bar", "", "rest of the spring at the joint of {}"),
+    (r"drag", "kappa", "", "", "reaction torque of {} per unit of thrust"),
 )
 
 
-def parameter_name(internal: str, rotors: int, default: float, unit: str) -> Name:
+def parameter_name(internal: str, rotors: int, default: float, unit: str, whose: str = "") -> Name:
     """Name of a parameter: g, l_k, μ_k, m_k … by the number k of its arm.
 
     Args:
-        internal: The derivation's name.
+        internal: The name in the derivation of a robot whose links and rotors have no names.
         rotors: N; the arm's first link is arm N + 1.
         default: Value in the robot file.
         unit: Of the value, with ^2 for squares.
+        whose: What the link or rotor is called, if it has a name.
 
     Returns:
         The name.
@@ -179,7 +157,7 @@ def parameter_name(internal: str, rotors: int, default: float, unit: str) -> Nam
     value = f" ({default:.6g} {unit.replace('^2', '²')})"
     if internal == "gravity":
         return Name("g", "g", Kind.GRAVITY, f"gravity{value}")
-    match = re.fullmatch(r"(base_arm|link)(\d*)_(.+)", internal)
+    match = re.fullmatch(r"(base_arm|base|link|rotor)(\d*)_(.+)", internal)
     if drag := re.fullmatch(r"base_drag_(\d+)", internal):
         meaning = f"reaction torque of motor {drag[1]} per unit of thrust{value}"
         return name("kappa", drag[1], Kind.LENGTH, meaning)
@@ -187,10 +165,13 @@ def parameter_name(internal: str, rotors: int, default: float, unit: str) -> Nam
         raise ValueError(f"no name for the parameter {internal}")
     body, number, key = match.groups()
     arm = int(number or 1) + (rotors if body == "link" else 0)
-    whose = f"arm {arm}" if number else "every base arm"
+    by_number = f"arm {arm}" if number else "every base arm"
+    whose = whose or {"base": "the base", "rotor": f"rotor {arm}"}.get(body, by_number)
+    # Of rotors and arms with one number, and of the base, which is none.
+    own = {"base": "b", "rotor": f"F{arm}"}.get(body, str(arm))
     for pattern, letter, mark, further, meaning in _PARAMETERS:
         if found := re.fullmatch(pattern, key):
-            index = ",".join(filter(None, [str(arm), found.expand(further)]))
+            index = ",".join(filter(None, [own, found.expand(further)]))
             kind = Kind.LENGTH if unit == "m" else Kind.INERTIA
             return name(letter, index, kind, meaning.format(whose) + value, mark)
     raise ValueError(f"no name for the parameter {internal}")
@@ -210,6 +191,8 @@ def hybrid_name(internal: str, meaning: str) -> Name:
         return name(internal, "", Kind.COORDINATE, meaning)
     if internal.startswith("tau_prime_"):
         return name("tau", internal.removeprefix("tau_prime_"), Kind.INPUT, meaning, prime=True)
+    if internal[0] in _TWIST and internal[1:] in _LINEAR:
+        return name(_TWIST[internal[0]], internal[1:], Kind.RATE, meaning)
     letter, number = internal.split("_")
     kind = Kind.INPUT if letter in ("F", "tau") else Kind.COORDINATE
     return name(letter, number.replace("m", "-"), kind, meaning)
@@ -222,14 +205,15 @@ def accelerated(unknown: Name) -> Name:
         unknown: A coordinate, or a constraint torque.
 
     Returns:
-        The coordinate with two dots, or the torque as it is.
+        A coordinate with two dots, a velocity with one, or the torque as it is.
     """
     if unknown.kind is Kind.INPUT:
         return unknown
     letter, separator, index = unknown.latex.partition("_")
-    text = f"{unknown.text[0]}{_MARKS['ddot']}{unknown.text[1:]}"
+    mark = "dot" if unknown.kind is Kind.RATE else "ddot"
+    text = f"{unknown.text[0]}{_MARKS[mark]}{unknown.text[1:]}"
     return Name(
-        f"\\ddot{{{letter}}}{separator}{index}",
+        f"\\{mark}{{{letter}}}{separator}{index}",
         unicodedata.normalize("NFC", text),
         Kind.ACCELERATION,
         unknown.meaning,

@@ -132,19 +132,47 @@ def _form_legend(equations: Sequence[ChainEquation]) -> list[tuple[str, str, str
     """Symbols of the paper's own forms: LaTeX, text and meaning."""
     entries = []
     for equation in equations:
-        chain = str(equation.chain)
         for latex, text, meaning in FORMS[equation.number].legend:
-            if equation.torque is None and "zeta" in latex:
-                continue
-            entries.append((latex.replace("@", chain), text.replace("@", chain), meaning))
+            latex, text = filled_form(latex, equation), filled_form(text, equation)
+            entries.append((latex, text, meaning))
+        for index, place in zip(held_indices(equation), equation.held, strict=True):
+            if equation.matrix:
+                meaning = f"unit column with a 1 in row {place + 1}, for a constrained joint"
+                entries.append((rf"\zeta_{{{index}}}", f"ζ_{{{index}}}", meaning))
     return entries
+
+
+def filled_form(form: str, equation: ChainEquation) -> str:
+    """A form of the paper with the number of the chain, and the unknowns of the robot.
+
+    Args:
+        form: The form, in LaTeX or text.
+        equation: The equation that it is of.
+
+    Returns:
+        The form; with a quaternion the unknowns are rates of velocities.
+    """
+    form = form.replace("@", str(equation.chain))
+    return form.replace(r"\ddot{\theta}", r"\dot{v}").replace("θ̈", "v̇") if equation.quasi else form
+
+
+def held_indices(equation: ChainEquation) -> list[str]:
+    """Indices of the constraint torques of a chain.
+
+    Args:
+        equation: Eq. 15 of the chain.
+
+    Returns:
+        Such as "2,4", by the items that are held.
+    """
+    return [equation.names[torque].index for torque in equation.torques]
 
 
 def _explained(equations: Sequence[ChainEquation]) -> list[Name]:
     """Names to be explained, in order, each once: those that occur and mean something."""
     found: dict[Name, None] = {}
     for equation in equations:
-        occurring = set(equation.accelerations) | {equation.torque}
+        occurring = {*equation.accelerations, *equation.torques}
         for symbol, value in equation.lines:
             occurring |= {symbol} | value.free_symbols
         found |= dict.fromkeys(n for s, n in equation.names.items() if s in occurring)

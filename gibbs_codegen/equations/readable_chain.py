@@ -9,23 +9,25 @@ matrix and the residual come from the functions that code is derived from.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from fractions import Fraction
 from functools import partial
 
 import sympy as sp
 
 from gibbs_codegen.derivation.forces import MountedWrench, carried_in, rotor_wrench
 from gibbs_codegen.derivation.inertia import NO_INERTIA
+from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.segment_tree import Segment, SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_builder import joint_rotation, tree_of_links
+from gibbs_codegen.derivation.tree_builder import JointedLink, joint_rotation, tree_of_links
 from gibbs_codegen.derivation.tree_dynamics import State
-from gibbs_codegen.equations.chain_inertias import defined_inertias, named_inertia
-from gibbs_codegen.equations.chain_names import FIXED, chain_names
+from gibbs_codegen.equations.chain_inertias import defined_inertias
+from gibbs_codegen.equations.chain_names import chain_names
 from gibbs_codegen.equations.definitions import Definition
+from gibbs_codegen.equations.named_constants import Made, fixed_rotation
 from gibbs_codegen.equations.notation import Name
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.robot.chains import Chain
+from gibbs_codegen.robot.chains import Chain, decompose
+from gibbs_codegen.robot.coordinates import held_coordinate
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import AXES, Robot
 from gibbs_codegen.robot.names import coordinate_of
@@ -49,21 +51,44 @@ from gibbs_codegen.symbolic.vectors import (
 class ReadableChain:
     """Chain `chain` of a robot in symbols, and their names.
 
-    `serial` has the named inertias, which `inertias` defines by the parameters; `state` holds the
-    rates, zero where a joint is held, and the accelerations, in the order of the coordinates.
+    `serial` has the named inertias and places, which `definitions` gives by the parameters, and is
+    made of `links`; `state` holds the rates, zero where a joint is held, and the accelerations, in
+    the order of the coordinates. `wrenches` are those of the motors that act in the chain, per unit
+    of thrust; `passive` says for each coordinate which armature adds to its row, and which force of
+    dampers and springs.
     """
 
     symbolic: SymbolicRobot
     chain: Chain
+    links: tuple[JointedLink, ...]
     serial: SegmentTree
     state: State
-    inertias: tuple[Definition, ...]
+    wrenches: dict[int, MountedWrench]
+    passive: tuple[tuple[sp.Expr, sp.Expr], ...]
+    definitions: tuple[Definition, ...]
     names: dict[sp.Symbol, Name]
 
     @property
     def robot(self) -> Robot:
         """The robot that the chain is of."""
         return self.symbolic.robot
+
+    @property
+    def torques(self) -> tuple[sp.Symbol, ...]:
+        """The constraint torques."""
+        unknowns = self.chain.unknowns[len(self.chain.coordinates) :]
+        return tuple(sp.Symbol(unknown) for unknown in unknowns)
+
+    @property
+    def held(self) -> tuple[int, ...]:
+        """Places of what they hold among the coordinates."""
+        names = [held_coordinate(self.robot, arm).name for arm in self.chain.held]
+        return tuple(map(self.chain.coordinates.index, names))
+
+    @property
+    def quasi(self) -> bool:
+        """Whether the base's accelerations are rates of quasi-velocities."""
+        return layout_of(self.robot).is_quaternion
 
 
 def check_chain(robot: Robot, number: int) -> None:
@@ -76,8 +101,10 @@ def check_chain(robot: Robot, number: int) -> None:
     Raises:
         UsageError: If there is no such chain.
     """
-    if not 1 <= number <= robot.rotors:
-        raise UsageError(f"chain {number}: {robot.name} has chains 1 to {robot.rotors}")
+    chains = len(decompose(robot))
+    if not 1 <= number <= chains:
+        only = "only chain 1" if chains == 1 else f"chains 1 to {chains}"
+        raise UsageError(f"chain {number}: {robot.name} has {only}")
 
 
 def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> ReadableChain:
@@ -95,27 +122,49 @@ def readable_chain(robot: Robot, number: int, tape: Scalars | None = None) -> Re
     symbolic = SymbolicRobot.of(robot, tape)
     chain, serial = symbolic.open_chains[number - 1]
     names = chain_names(symbolic, chain)
-    # What the symbols of inertia stand for is written in the parameters themselves.
+    # What the symbols of inertia and places stand for is written in the parameters themselves.
     plain = SymbolicRobot.of(robot, InlineTape())
-    root, *links = serial.segments
+    made = Made(tape, number, names)
+    root, *segments = serial.segments
+    links: list[JointedLink] = []
     if chain.rod is not None:
         (joint,) = _chain_joints(symbolic, chain)
         angle = tape.symbol(joint, Stage.CONFIGURATION)
-        links = [_readable_arm(symbolic, links[0], angle)]
+        segments = [_readable_arm(symbolic, segments[0], angle)]
     else:
-        angle, fixed = symbolic.root.segment_angle, partial(_fixed, tape)
-        jointed = symbolic.chain_bodies(chain).links
-        _, *links = tree_of_links(tape, root, angle, jointed, fixed).segments
-    segments, inertias = [], []
-    pairs = zip((root, *links), defined_inertias(plain, chain), strict=True)
-    for k, (segment, inertia) in enumerate(pairs):
-        named, definitions = named_inertia(tape, chain.number, 3 + k, inertia, names)
-        segments.append(replace(segment, inertia=named))
-        inertias += definitions
-    state = chain_state(symbolic, chain)
-    return ReadableChain(
-        symbolic, chain, SegmentTree(tuple(segments)), state, tuple(inertias), names
+        placed = enumerate(plain.chain_bodies(chain).links, start=4)
+        links = [made.placed(item, link) for item, link in placed]
+        fixed = partial(fixed_rotation, tape, names)
+        _, *segments = tree_of_links(tape, root, symbolic.root.segment_angle, links, fixed).segments
+    pairs = zip((root, *segments), defined_inertias(plain, chain), strict=True)
+    serial = SegmentTree(
+        tuple(
+            replace(segment, inertia=made.inertia(item, inertia))
+            for item, (segment, inertia) in enumerate(pairs, start=3)
+        )
     )
+    wrenches = {k: made.wrench(k, _motor_wrench(plain, chain, k)) for k in chain.motors}
+    return ReadableChain(
+        symbolic,
+        chain,
+        tuple(links),
+        serial,
+        chain_state(symbolic, chain),
+        wrenches,
+        _passive(symbolic, chain),
+        tuple(made.definitions),
+        names,
+    )
+
+
+def _passive(symbolic: SymbolicRobot, chain: Chain) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
+    """For each coordinate of a chain the armature that it has there, and what acts by itself."""
+    given = zip(symbolic.robot.moving, armatures(symbolic), passive_forces(symbolic), strict=True)
+    found = [(sp.S.Zero, sp.S.Zero)] * len(chain.coordinates)
+    for i, armature, force in given:
+        if i in chain.own:
+            found[chain.coordinates.index(coordinate_of(symbolic.robot, i))] = (armature, force)
+    return tuple(found)
 
 
 def own_frames(readable: ReadableChain) -> SegmentTree:
@@ -137,9 +186,8 @@ def own_frames(readable: ReadableChain) -> SegmentTree:
         rotation = Rotation.angle(symbolic.tape, Z, sp.Symbol(joint))
         segments.append(replace(serial.segments[1], rotation=rotation, starts_group=True))
     else:
-        tape, fixed = symbolic.tape, partial(_fixed, symbolic.tape)
-        jointed = symbolic.chain_bodies(readable.chain).links
-        for link, segment in zip(jointed, serial.segments[1:], strict=True):
+        tape, fixed = symbolic.tape, partial(fixed_rotation, symbolic.tape, readable.names)
+        for link, segment in zip(readable.links, serial.segments[1:], strict=True):
             angle = link.coordinate if link.joint == "revolute" else sp.S.Zero
             rotation = joint_rotation(tape, angle, link.theta_deg, fixed)
             segments.append(replace(segment, rotation=rotation, starts_group=True))
@@ -167,7 +215,7 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     places = symbolic.root.places(serial.joints)
     forces = [sp.S.Zero] * places.size
     for k in chain.motors:
-        unit = _motor_wrench(readable, k)
+        unit = readable.wrenches[k]
         wrench, rows = carried_in(tape, serial, {unit.segment: unit.wrench})
         joints = [rows.get(i, sp.S.Zero) for i in range(1, serial.joints + 1)]
         own = places.joined(symbolic.root.rows(tape, wrench), joints)
@@ -175,21 +223,21 @@ def generalised_forces(readable: ReadableChain) -> list[sp.Expr]:
     efforts = dict(zip(symbolic.robot.moving, u[symbolic.robot.rotors :], strict=True))
     for i in chain.own:
         if i in efforts:
-            forces[chain.coordinates.index(coordinate_of(symbolic.robot, i))] = efforts[i]
+            forces[chain.coordinates.index(coordinate_of(symbolic.robot, i))] += efforts[i]
     return forces
 
 
-def _motor_wrench(readable: ReadableChain, k: int) -> MountedWrench:
+def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> MountedWrench:
     """Wrench of motor k per unit of thrust, in the frame of what it is on.
 
     That of a rod's motor is about the rod's joint; for motor 1 it is about the origin of the
     coordinates, at its seat or one rod from it.
     """
-    symbolic, tape = readable.symbolic, readable.symbolic.tape
     if symbolic.robot.thrusters:
-        return rotor_wrench(symbolic, symbolic.chain_bodies(readable.chain), k)
+        return rotor_wrench(symbolic, symbolic.chain_bodies(chain), k)
+    tape = symbolic.tape
     lever = axis_vector(X, symbolic.rod_reach(k))
-    direction = _thrust_direction(readable, k)
+    direction = _thrust_direction(symbolic.robot, k)
     if k == 1:
         lever = add(tape, symbolic.centre, symbolic.rod_frame(1).vector(tape, lever))
         direction = symbolic.rod_frame(1).vector(tape, direction)
@@ -198,9 +246,9 @@ def _motor_wrench(readable: ReadableChain, k: int) -> MountedWrench:
     return MountedWrench(0 if k == 1 else 1, wrench)
 
 
-def _thrust_direction(readable: ReadableChain, k: int) -> Vector:
+def _thrust_direction(robot: Robot, k: int) -> Vector:
     """ε of motor k: an axis, or its components as symbols, those that are zero left out."""
-    direction = readable.robot.base.thrust[k - 1]
+    direction = robot.base.thrust[k - 1]
     if direction in AXES.values():
         return axis_vector(direction.index(1.0))
     x, y, z = (
@@ -227,15 +275,6 @@ def _readable_arm(symbolic: SymbolicRobot, segment: Segment, angle: sp.Symbol) -
     root = symbolic.root
     rotation = Rotation.angle(symbolic.tape, Z, root.segment_angle + angle)
     return replace(segment, rotation=rotation, starts_group=not root.spins_about_normal)
-
-
-def _fixed(tape: Scalars, axis: int, degrees: Fraction) -> Rotation:
-    """Rotation by a fixed angle in degrees: exact, or with the angle as a symbol."""
-    degrees %= 360
-    if degrees % 30 == 0 or degrees % 45 == 0:
-        return Rotation.degrees(axis, degrees)
-    symbol = tape.symbol(f"{FIXED}{float(degrees):.10g}", Stage.PARAMETER)
-    return Rotation.angle(tape, axis, symbol)
 
 
 def chain_state(symbolic: SymbolicRobot, chain: Chain) -> State:

@@ -12,6 +12,8 @@ these grow in proportion to the links.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import sympy as sp
 
 from gibbs_codegen.derivation.gibbs import (
@@ -25,10 +27,11 @@ from gibbs_codegen.derivation.gibbs import (
 )
 from gibbs_codegen.equations.chain_equation import ChainEquation, Place
 from gibbs_codegen.equations.chain_inertias import AXIS_PAIRS, second_moments
+from gibbs_codegen.equations.chain_names import hybrid_names
 from gibbs_codegen.equations.gibbs_equations import gibbs_function, gibbs_partials
 from gibbs_codegen.equations.motion_equation import equations_of_motion
 from gibbs_codegen.equations.normal_form import collected
-from gibbs_codegen.equations.notation import Kind, Name, accelerated, hybrid_name, name
+from gibbs_codegen.equations.notation import Kind, Name, accelerated, name
 from gibbs_codegen.equations.readable_chain import check_chain, readable_chain
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
@@ -109,20 +112,32 @@ def _link(robot: Robot, chain: int) -> ChainEquation:
 def _coupling(robot: Robot, chain: int) -> ChainEquation:
     """Where the chain's unknowns and inputs stand among those of the hybrid system."""
     readable = readable_chain(robot, chain)
-    names, unknowns = readable.names, hybrid_coordinates(robot)
+    names, hybrid = readable.names, hybrid_names(robot)
+    unknowns = hybrid_coordinates(robot)
+    own = [*readable.state.accelerations, *readable.torques]
     places = []
-    for item, place in enumerate(coupling_map(robot)[chain - 1], start=1):
-        internal = unknowns[place].name
-        own = names.get(sp.Symbol(f"a_{internal}")) or names[sp.Symbol(internal)]
-        hybrid = accelerated(hybrid_name(internal, own.meaning))
-        places.append(Place(item, own, hybrid, place - 1))
+    for item, (place, symbol) in enumerate(
+        zip(coupling_map(robot)[chain - 1], own, strict=True), start=1
+    ):
+        meaning = names[symbol].meaning
+        whole = accelerated(replace(hybrid[unknowns[place].name], meaning=meaning))
+        places.append(Place(item, names[symbol], whole, place - 1))
     acting = tuple(
-        (names[sp.Symbol(entry.name)], hybrid_name(entry.name, f"{entry.meaning} ({entry.unit})"))
-        for entry in inputs(robot)
-        if sp.Symbol(entry.name) in names
+        (names[symbol], replace(hybrid[entry.name], meaning=f"{entry.meaning} ({entry.unit})"))
+        for entry, symbol in zip(inputs(robot), readable.symbolic.u, strict=True)
+        if symbol in names
     )
     title = f"Places of chain {chain} in the hybrid system"
-    return ChainEquation(robot.name, chain, 18, title, names, places=tuple(places), inputs=acting)
+    return ChainEquation(
+        robot.name,
+        chain,
+        18,
+        title,
+        names,
+        places=tuple(places),
+        inputs=acting,
+        quasi=readable.quasi,
+    )
 
 
 _MAKERS = {2: gibbs_function, 5: gibbs_partials, 15: equations_of_motion}

@@ -9,7 +9,13 @@ from collections.abc import Iterable, Sequence
 from gibbs_codegen.equations.chain_equation import ChainEquation
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.forms import FORMS
-from gibbs_codegen.equations.page import WIDEST_MATRIX, LegendEntry, Page
+from gibbs_codegen.equations.page import (
+    WIDEST_MATRIX,
+    LegendEntry,
+    Page,
+    filled_form,
+    held_indices,
+)
 from gibbs_codegen.equations.typeset import TEXT, text_width
 
 
@@ -31,17 +37,16 @@ class TextPage(Page):
     def _form(self, equation: ChainEquation) -> list[str]:
         if equation.number == 15:
             return [*self._motion(equation), ""]
-        form = FORMS[equation.number].text.replace("@", str(equation.chain))
+        form = filled_form(FORMS[equation.number].text, equation)
         return [*form.split("\n"), ""]
 
     def _motion(self, equation: ChainEquation) -> list[str]:
         """Eq. 15 in blocks and, where that fits a page, entry by entry."""
-        j = equation.chain
-        if equation.torque is None:
-            lines = [f"I_{j}·θ̈_{j} = R_{j} + F_{j}"]
-        else:
-            zeta, torque = f"ζ_{{{j},4}}", self._entry(equation.torque)
-            lines = [f"I_{j}·θ̈_{j} - {zeta}·{torque} = R_{j} + F_{j}", f"{zeta}ᵀ·θ̈_{j} = 0"]
+        zetas = [f"ζ_{{{index}}}" for index in held_indices(equation)]
+        pairs = zip(zetas, equation.torques, strict=True)
+        torques = [f" - {zeta}·{self._entry(torque)}" for zeta, torque in pairs]
+        lines = [f"I_@·θ̈_@{''.join(torques)} = R_@ + F_@", *(f"{z}ᵀ·θ̈_@ = 0" for z in zetas)]
+        lines = [filled_form(line, equation) for line in lines]
         matrix, *vectors = equation.bordered
         if len(matrix) > WIDEST_MATRIX:
             return lines

@@ -18,6 +18,8 @@ from gibbs_codegen.equations.notation import Kind, Name, latex_index, text_index
 
 Names = Mapping[sp.Symbol, Name]
 
+# Parts of π that are written as such, down to a hundredth of a degree.
+_FINEST = 18000
 _GROUPED = (Kind.ACCELERATION, Kind.RATE, Kind.INPUT)
 _SUPERSCRIPTS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -36,6 +38,8 @@ class Dialect:
     closing: str
     pi: str
     visible: Callable[[str], int]
+    ten: Callable[[int], str]
+    degree: str
 
 
 def _latex_width(text: str) -> int:
@@ -67,6 +71,8 @@ LATEX = Dialect(
     closing=r"\bigr)",
     pi=r"\pi",
     visible=_latex_width,
+    ten=lambda exponent: rf" \cdot 10^{{{exponent}}}",
+    degree=r"^{\circ}",
 )
 TEXT = Dialect(
     symbol=lambda name: name.text,
@@ -79,6 +85,8 @@ TEXT = Dialect(
     closing=")",
     pi="π",
     visible=text_width,
+    ten=lambda exponent: f"e{exponent}",
+    degree="°",
 )
 
 
@@ -124,7 +132,7 @@ class Writer:
         """
         terms: list[list[str]] = []
         for term in sorted(sp.Add.make_args(expression), key=self._term_key):
-            number, factors = term.as_coeff_mul()
+            number, factors = _number_and_factors(term)
             if number.is_negative:
                 number, sign = -number, "- " if terms else "-"
             else:
@@ -167,7 +175,14 @@ class Writer:
             return str(number)
         if number.is_Rational:
             return self._dialect.fraction(number.p, number.q)
+        if number.is_Float:
+            return self._decimal(number)
         raise TypeError(f"no way to write the number {number}")
+
+    def _decimal(self, number: sp.Float) -> str:
+        """Six digits, with a power of ten where the number is very large or small."""
+        digits, _, exponent = f"{float(number):.6g}".partition("e")
+        return f"{digits}{self._dialect.ten(int(exponent))}" if exponent else digits
 
     def _atom(self, base: sp.Expr) -> str:
         if base.is_Symbol:
@@ -213,6 +228,9 @@ class Writer:
         parts = [self._dialect.symbol(self._names[s]) for s in ordered if s.is_Symbol]
         if fixed != 0:
             turn = sp.Rational(fixed / sp.pi)
+            if turn.q > _FINEST:
+                degrees = f"{float(turn * 180):.10g}"
+                return " + ".join([*parts, degrees + self._dialect.degree]).replace("+ -", "- ")
             sign = "-" if turn < 0 else ""
             over = f"/{turn.q}" if turn.q != 1 else ""
             times = "" if abs(turn.p) == 1 else str(abs(turn.p))
@@ -234,7 +252,7 @@ class Writer:
 
     def _term_key(self, term: sp.Expr) -> tuple[object, ...]:
         """Quadratic terms before linear ones, each by their accelerations, then rates, inputs."""
-        factors = term.as_coeff_mul()[1]
+        _, factors = _number_and_factors(term)
         key: list[object] = []
         grouped: set[sp.Expr] = set()
         for kind in _GROUPED:
@@ -247,6 +265,12 @@ class Writer:
             key += [-len(places), sorted(places)]
         rest = sorted(self._factor_key(f) for f in factors if f not in grouped)
         return (*key, len(rest), rest)
+
+
+def _number_and_factors(term: sp.Expr) -> tuple[sp.Expr, tuple[sp.Expr, ...]]:
+    """The number of a term, exact or not, and its other factors."""
+    number, rest = term.as_coeff_Mul()
+    return number, () if rest == 1 else sp.Mul.make_args(rest)
 
 
 def filled(

@@ -30,7 +30,7 @@ from gibbs_codegen.figures.marks import (
 from gibbs_codegen.figures.style import DARK, FULL, style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.posture import Array
+from gibbs_codegen.robot.placement import Array
 
 _QUIET = "0.55"
 # Chains that are drawn unless they are chosen, and links of an arm that are drawn one by one.

@@ -6,7 +6,6 @@ It is drawn from the robot's data alone, in the style of the figures of flights.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,71 +21,38 @@ from gibbs_codegen.figures.marks import (
     draw_name,
     draw_number,
 )
-from gibbs_codegen.figures.robot_drawing import RobotDrawing, disc_radius
+from gibbs_codegen.figures.robot_artists import RobotArtists
 from gibbs_codegen.figures.scene import VIEW, fit, project, set_scene
+from gibbs_codegen.figures.skeleton import (
+    base_rotors,
+    base_shapes,
+    default_posture,
+    link_end,
+    rotor_radius,
+    whole_shapes,
+)
 from gibbs_codegen.figures.style import DARK, FULL, GOLD, style
-from gibbs_codegen.robot.coordinates import points
-from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.posture import Array, Frame, RobotFrames, robot_frames
+from gibbs_codegen.robot.names import rotor_label
+from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.posture import RobotFrames, robot_frames
 
-_ARROWS = {
-    THRUST: "thrust $F_k$",
-    X_AXIS: "$x_i$, along the link",
-    Z_AXIS: "$z_i$, axis of the joint",
-}
-
-# Of the base arms' length: thrusts and frames' axes.
+# Of the base arms' length, or of the whole robot: thrusts and frames' axes.
 _ARROW, _AXIS = 0.75, 0.5
+_SHORT_ARROW, _SHORT_AXIS = 0.2, 0.13
 # Elevation from which thrusts along and across the base can be told apart, degrees.
 _ELEVATION = 42.0
-
-
-@dataclass(frozen=True)
-class _Still:
-    """A robot that stands where its frames are, as a drawing wants it: one sample."""
-
-    points: tuple[str, ...]
-    positions: Array
-    base_rotation: Array
-    thrust_directions: Array
-    rotors: int
-    tangent_arm: int = 0
-
-
-def default_posture(robot: Robot) -> Array:
-    """Choose a configuration in which a robot shows its parts.
-
-    The base is level, with the origin of the coordinates at the world's. Revolute joints are bent
-    by 40° or 140°, each so that the tip moves down and away; prismatic ones stand at half of the
-    longest link.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        The coordinates q (nq), rad and m.
-    """
-    longest = max((link.body.length for link in robot.links), default=0.0)
-    # Where bends are equally good, the first, which is small, is taken.
-    angles = np.deg2rad([-40.0, 40.0, -140.0, 140.0])
-    layout = layout_of(robot)
-    q = np.array(layout.neutral)
-    for place, link in 2 * list(zip(layout.q.joint_places, robot.links, strict=True)):
-        values = angles if link.joint == "revolute" else [longest / 2.0]
-        scores = []
-        for q[place] in values:
-            frames = robot_frames(robot, q)
-            scores.append(frames.tip[2] - float(np.linalg.norm(frames.tip - frames.centre)))
-        q[place] = values[int(np.argmin(np.round(scores, 9)))]
-    return q
+# Of fewer rotors on the base the drawing of the whole robot says all.
+_FEW_ROTORS = 3
+_LONGEST_NAME = 14
 
 
 def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Figure:
     """Draw the robot as in the paper's Fig. 1, in m.
 
-    The whole robot is on the left, the base enlarged on the right, with arm 2 in gold. Rotors are
-    discs normal to their thrusts; x and z axes of the frames start at the joints.
+    The whole robot is on the left, the base enlarged on the right, with arm 2 in gold; a base with
+    few rotors or none is not drawn again. Rotors are discs normal to their thrusts; x and z axes of
+    the frames start at the joints.
 
     Args:
         robot: The robot.
@@ -99,107 +65,177 @@ def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Fi
         UsageError: q has the wrong length.
     """
     frames = robot_frames(robot, default_posture(robot) if q is None else q)
+    draws: list[Any] = [_draw_whole] if robot.links else []
+    if robot.base.rotors or len(base_rotors(robot)) >= _FEW_ROTORS or not robot.links:
+        draws.append(_draw_base)
     with style():
-        figure = Figure(figsize=(FULL if robot.links else 0.6 * FULL, 3.9))
+        figure = Figure(figsize=((0.3 + 0.35 * len(draws)) * FULL, 3.9))
+        if len(draws) == 1:
+            figure.set_figwidth(0.6 * FULL)
         figure.suptitle(robot.name, color="0.35", parse_math=False)
-        if robot.links:
-            _draw_whole(figure.add_subplot(1, 2, 1, projection="3d"), robot, frames)
-        columns = 2 if robot.links else 1
-        _draw_base(figure.add_subplot(1, columns, columns, projection="3d"), robot, frames)
-        figure.legend(
-            handles=[
-                Line2D([], [], color=GOLD, lw=3, label="base arm 2"),
-                *(arrow_key(colour, label) for colour, label in _ARROWS.items()),
-            ],
-            loc="lower center",
-            ncols=4,
-        )
+        for column, draw in enumerate(draws):
+            axes = figure.add_subplot(1, len(draws), column + 1, projection="3d")
+            draw(axes, robot, frames, (column / len(draws), 1.0 / len(draws)))
+        keys = _keys(robot)
+        figure.legend(handles=keys, loc="lower center", ncols=4)
         # Makes the ticks while the style is ours.
         figure.draw_without_rendering()
         return figure
 
 
-def _draw_whole(axes: Any, robot: Robot, frames: RobotFrames) -> None:
-    """Draw the whole robot, with the frames of the arm's links.
+def _keys(robot: Robot) -> list[Line2D]:
+    """What the colours mean."""
+    placed = any(link.pose for link in robot.links) or not robot.base.rotors
+    x = "$x$ of a link or the base" if placed else "$x_i$, along the link"
+    z = "axis of a joint, $z$ of the base" if placed else "$z_i$, axis of the joint"
+    keys = [arrow_key(X_AXIS, x), arrow_key(Z_AXIS, z)]
+    if robot.rotors:
+        keys.insert(0, arrow_key(THRUST, "thrust" if placed else "thrust $F_k$"))
+    if robot.base.rotors:
+        keys.insert(0, Line2D([], [], color=GOLD, lw=3, label="base arm 2"))
+    return keys
+
+
+def _draw_whole(axes: Any, robot: Robot, frames: RobotFrames, columns: tuple[float, float]) -> None:
+    """Draw the whole robot, with the frames of the links.
 
     Args:
         axes: The 3-D axes.
-        robot: The robot.
-        frames: Where its frames are.
+        robot, frames: The robot, and where its frames are.
+        columns: Left edge and width, in shares of the figure.
     """
-    room = float(np.linalg.norm(frames.motors - frames.centre, axis=1).max())
-    length = 0.13 * float(np.ptp(frames.points, axis=0).max())
+    shapes = whole_shapes(robot, frames)
+    tips = [link_end(robot, frames, i) for i in range(1, len(robot.links) + 1)]
+    every = np.array([*frames.points, *tips])
+    size = float(np.ptp(every, axis=0).max())
+    length = _SHORT_AXIS * size
     ends = [f.origin + length * axis for f in frames.links for axis in f.axes.T[::2]]
-    set_scene(axes, _box(np.array([*frames.points, *ends]), 0.5 * room), ticks=5)
-    RobotDrawing(axes, _still(robot, frames, points(robot)), colour="0.45", scale=1.3).show(0)
-    fit(axes, 0.01, 0.07, 0.5, 0.86)
-    for number, frame in enumerate(frames.links, start=robot.rotors + 1):
-        _draw_frame(axes, frame, length, str(number))
-    _name(axes, "$O_2$", frames.centre, (-12.0, 7.0))
-    _name(axes, "tip", frames.tip, (12.0, -5.0))
-    for frame, after, number in zip(
-        frames.links,
-        [*(frame.origin for frame in frames.links[1:]), frames.tip],
-        range(robot.rotors + 1, robot.rotors + len(robot.links) + 1),
-        strict=True,
-    ):
-        if np.linalg.norm(after - frame.origin) > room:
-            draw_number(axes, str(number), project(axes, (frame.origin + after) / 2.0))
+    shown = _shown_thrusts(robot, single=False)
+    thrusts = [frames.motors[k - 1] + _SHORT_ARROW * size * frames.thrusts[k - 1] for k in shown]
+    reach = [
+        float(np.linalg.norm(frames.motors[k - 1] - frames.centre)) for k in base_rotors(robot)
+    ]
+    room = max([*reach, 2.2 * rotor_radius(robot, frames)])
+    set_scene(axes, _box(np.array([*every, *ends, *thrusts]), 0.5 * room), ticks=5)
+    RobotArtists(axes, shapes, colour="0.45", scale=1.3)
+    left, width = columns
+    fit(axes, left + 0.01, 0.07, width, 0.86)
+    for k, end in zip(shown, thrusts, strict=True):
+        _draw_thrust(axes, robot, frames, k, end)
+    _draw_joints(axes, robot, frames, length)
+    _name_links(axes, robot, frames, room if robot.base.rotors else 0.07 * size)
+    _name(axes, "$O_2$" if robot.base.rotors else "base", frames.centre, (-12.0, 7.0))
+    links = {link.name for link in robot.links}
+    for name, frame in frames.named.items():
+        if name != "base" and name not in links:
+            _name(axes, _text(name), frame.origin, (12.0, -5.0))
 
 
-def _draw_base(axes: Any, robot: Robot, frames: RobotFrames) -> None:
+def _shown_thrusts(robot: Robot, single: bool) -> list[int]:
+    """Rotors whose thrusts are drawn with the base alone, or with the whole robot."""
+    base = base_rotors(robot)
+    enlarged = single or len(base) >= _FEW_ROTORS or robot.base.rotors
+    if single:
+        return base
+    return [k for k in range(1, robot.rotors + 1) if not enlarged or k not in base]
+
+
+def _draw_joints(axes: Any, robot: Robot, frames: RobotFrames, length: float) -> None:
+    """Draw the x axis of each link with a joint, and the joint's axis.
+
+    Args:
+        axes: The 3-D axes.
+        robot, frames: The robot, and where its frames are.
+        length: Length of the axes, m.
+    """
+    for i, (link, frame) in enumerate(zip(robot.links, frames.links, strict=True), start=1):
+        if not (link.moves or link.constrained):
+            continue
+        axis = frame.axes @ np.array(link.axis)
+        for letter, colour, along in (("x", X_AXIS, frame.axes[:, 0]), ("z", Z_AXIS, axis)):
+            end = frame.origin + length * along
+            _arrow(axes, frame.origin, end, colour, 0.9)
+            if link.name is None:
+                _name(axes, f"${letter}_{{{robot.rotors + i}}}$", end, end - frame.origin, colour)
+
+
+def _name_links(axes: Any, robot: Robot, frames: RobotFrames, shortest: float) -> None:
+    """Write names or numbers on the links.
+
+    Args:
+        axes: The 3-D axes.
+        robot, frames: The robot, and where its frames are.
+        shortest: Length (m) that a link must exceed.
+    """
+    for i, (link, frame) in enumerate(zip(robot.links, frames.links, strict=True), start=1):
+        end = link_end(robot, frames, i)
+        if np.linalg.norm(end - frame.origin) <= shortest:
+            continue
+        middle = (frame.origin + end) / 2.0
+        if link.name is None:
+            draw_number(axes, str(robot.rotors + i), project(axes, middle))
+        else:
+            _name(axes, _text(link.name), middle, (0.0, -8.0))
+
+
+def _draw_base(axes: Any, robot: Robot, frames: RobotFrames, columns: tuple[float, float]) -> None:
     """Draw the base, with numbers of its arms, their frames, and the thrusts.
 
     Args:
         axes: The 3-D axes.
-        robot: The robot.
-        frames: Where its frames are.
+        robot, frames: The robot, and where its frames are.
+        columns: Left edge and width, in shares of the figure.
     """
-    arms = frames.motors - frames.centre
-    reach = float(np.linalg.norm(arms, axis=1).max())
-    ends = frames.motors + _ARROW * reach * frames.thrusts
-    bare = tuple(name for name in points(robot) if not name.startswith("joint"))
-    still = _still(robot, frames, bare)
-    box = _box(np.concatenate([frames.motors, ends]), 1.1 * disc_radius(still))
+    rotors = _shown_thrusts(robot, single=True)
+    motors = frames.motors[[k - 1 for k in rotors]]
+    arms = motors - frames.centre
+    reach = float(max([*np.linalg.norm(arms, axis=1), 0.0])) or 1.0
+    ends = motors + _ARROW * reach * frames.thrusts[[k - 1 for k in rotors]]
+    places = np.concatenate([motors, ends, frames.centre[np.newaxis]])
+    box = _box(places, 1.1 * rotor_radius(robot, frames))
     set_scene(axes, box, (_ELEVATION, _azimuth_between(arms)), ticks=4)
-    RobotDrawing(axes, still, scale=1.3).show(0)
-    left, width = (0.53, 0.46) if robot.links else (0.02, 0.96)
-    fit(axes, left, 0.07, width, 0.86)
-    for k, (motor, end) in enumerate(zip(frames.motors, ends, strict=True), start=1):
-        _arrow(axes, motor, end, THRUST, 1.6)
-        _name(axes, f"$F_{{{k}}}$", end, end - motor, THRUST)
-        draw_number(axes, str(k), project(axes, 0.45 * frames.centre + 0.55 * motor))
-    for frame in (frames.arm_1, *frames.base_arms):
+    RobotArtists(axes, base_shapes(robot, frames), scale=1.3)
+    left, width = columns
+    fit(axes, left + (0.03 if left else 0.02), 0.07, width - 0.04, 0.86)
+    for k, motor, end in zip(rotors, motors, ends, strict=True):
+        _draw_thrust(axes, robot, frames, k, end, 1.6)
+        if robot.base.rotors:
+            draw_number(axes, str(k), project(axes, 0.45 * frames.centre + 0.55 * motor))
+    for frame in frames.rods or (frames.base,):
         _arrow(axes, frame.origin, frame.point(_AXIS * reach), X_AXIS, 0.9)
-    up = frames.centre + _AXIS * reach * frames.arm_1.axes[:, 2]
+    up = frames.centre + _AXIS * reach * frames.base.axes[:, 2]
     _arrow(axes, frames.centre, up, Z_AXIS, 0.9)
-    last = "" if robot.rotors == 2 else rf"\ldots z_{{{robot.rotors}}}"
-    _name(axes, f"$z_2{last}$", up, up - frames.centre, Z_AXIS)
-    for name, place in (("$O_1$", frames.motors[0]), ("$O_2$", frames.centre)):
-        _name(axes, name, place, -frames.arm_1.axes[:, 2])
+    last = "" if robot.base.rotors == 2 else rf"\ldots z_{{{robot.base.rotors}}}"
+    _name(axes, f"$z_2{last}$" if frames.rods else "$z$", up, up - frames.centre, Z_AXIS)
+    named = [("$O_2$" if frames.rods else "base", frames.centre)]
+    named += [("$O_1$", frames.motors[0])] if frames.rods else []
+    for name, place in named:
+        _name(axes, name, place, -frames.base.axes[:, 2])
 
 
-def _still(robot: Robot, frames: RobotFrames, names: tuple[str, ...]) -> _Still:
-    """Take the points that are named.
+def _draw_thrust(
+    axes: Any, robot: Robot, frames: RobotFrames, k: int, end: Array, width: float = 1.4
+) -> None:
+    """Draw a thrust with its name.
 
     Args:
-        robot: The robot.
-        frames: Where its frames are.
-        names: Names of the points; without joints the tip is the centre.
-
-    Returns:
-        The robot with these points.
+        axes: The 3-D axes.
+        robot, frames: The robot, and where its frames are.
+        k: Number of the rotor, from 1.
+        end: Where (3) the arrow ends, m.
+        width: Width of its line, points.
     """
-    at = dict(zip(points(robot), frames.points, strict=True))
-    if not any(name.startswith("joint") for name in names):
-        at["tip"] = frames.centre
-    return _Still(
-        names,
-        np.array([[at[name] for name in names]]),
-        frames.arm_1.axes[np.newaxis],
-        frames.thrusts @ frames.arm_1.axes,
-        robot.rotors,
-    )
+    motor = frames.motors[k - 1]
+    _arrow(axes, motor, end, THRUST, width)
+    label = rotor_label(robot, k)
+    name = f"$F_{{{k}}}$" if label == str(k) else _text(label)
+    _name(axes, name, end, end - motor, THRUST)
+
+
+def _text(name: str) -> str:
+    """A name of the robot file as it is, shortened where it is long."""
+    short = name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+    return short.replace("$", r"\$")
 
 
 def _box(places: Array, room: float) -> tuple[Array, Array]:
@@ -211,24 +247,9 @@ def _box(places: Array, room: float) -> tuple[Array, Array]:
 
 def _azimuth_between(arms: Array) -> float:
     """An azimuth, in degrees, from which no arm hides another: not along any, not half-way."""
-    angles = np.degrees(np.arctan2(arms[:, 1], arms[:, 0])) + 0.4 * 360.0 / len(arms)
+    angles = np.degrees(np.arctan2(arms[:, 1], arms[:, 0])) + 0.4 * 360.0 / max(len(arms), 1)
     off = (angles - VIEW[1] + 180.0) % 360.0 - 180.0
-    return float(VIEW[1] + off[np.abs(off).argmin()])
-
-
-def _draw_frame(axes: Any, frame: Frame, length: float, number: str) -> None:
-    """Draw x and z axis of a frame with their names.
-
-    Args:
-        axes: The 3-D axes.
-        frame: The frame.
-        length: Length of the axes, m.
-        number: Number of the link.
-    """
-    for place, (letter, colour) in {0: ("x", X_AXIS), 2: ("z", Z_AXIS)}.items():
-        end = frame.origin + length * frame.axes[:, place]
-        _arrow(axes, frame.origin, end, colour, 0.9)
-        _name(axes, f"${letter}_{{{number}}}$", end, end - frame.origin, colour)
+    return float(VIEW[1] + off[np.abs(off).argmin()]) if len(arms) else VIEW[1]
 
 
 def _arrow(axes: Any, start: Array, end: Array, colour: str, width: float) -> None:

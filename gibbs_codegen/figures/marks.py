@@ -14,7 +14,7 @@ from matplotlib.patches import FancyArrowPatch
 from matplotlib.patheffects import withStroke
 
 from gibbs_codegen.figures.style import COLOURS, DARK, GOLD
-from gibbs_codegen.robot.posture import Array
+from gibbs_codegen.robot.placement import Array
 
 X_AXIS, CONSTRAINT, Z_AXIS, THRUST = COLOURS[:4]
 TORQUE = X_AXIS

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.robot.posture import Array
+from gibbs_codegen.robot.placement import Array
 
 # Elevation above the horizon and azimuth from which a robot looks like one, degrees.
 VIEW = (22.0, -62.0)

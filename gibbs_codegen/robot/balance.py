@@ -1,133 +1,104 @@
-"""How the base is balanced, in plain numbers: its mass, where it is, and the thrusts of hovering.
-
-All of it is in the base's frame: arm 1's axes, from the base centre O₂.
-"""
+"""How a robot is balanced, in words: its base, where that is heavy, and the thrusts of hovering."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from gibbs_codegen.robot.hover import Hover, hangs, hover
+from gibbs_codegen.robot.mass_properties import base_properties
 from gibbs_codegen.robot.model import Robot, as_rigid_body
-from gibbs_codegen.robot.rigid_body import inertia_matrix
-from gibbs_codegen.robot.thrusters import arm_frame, wrench_matrix
+from gibbs_codegen.robot.names import rotor_label
 
 # Of the arms' length. Nobody puts a battery more exactly; a misplaced arm is off by more.
 _LOPSIDED = 0.01
-_ROUNDING = 1e-12
 # Of more rotors the least and the largest thrust are told.
 _MOST_LISTED = 12
 
-Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Balance:
-    """Mass (kg), centre of mass (m) and inertia about it (kg m²) of all base arms together.
-
-    `inertia` holds xx, yy, zz, xy, xz, yz (xy = −∫ xy dm), `offset` is the distance of the centre
-    of mass from the base's axis in m. `hover` holds the thrusts in N of least norm that carry the
-    robot's weight with the base level and at rest, the arm's centre of mass beneath the base
-    centre; it is None where no thrusts do.
-    """
-
-    mass: float
-    com: tuple[float, ...]
-    inertia: tuple[float, ...]
-    offset: float
-    hover: tuple[float, ...] | None
-
-
-def balance(robot: Robot) -> Balance:
-    """Balance of the base of a robot.
+def balance_lines(robot: Robot) -> list[str]:
+    """Mass, centre of mass and inertia of the base, and hover thrusts, in words.
 
     Args:
         robot: The robot.
-
-    Returns:
-        The balance, in the base's frame.
-    """
-    mass, moment, second = 0.0, np.zeros(3), np.zeros((3, 3))
-    for k in range(1, robot.rotors + 1):
-        body, (turn, origin) = as_rigid_body(robot.base.arm(k)), arm_frame(robot.base, k)
-        place = origin + turn @ np.array(body.com)
-        mass += body.mass
-        moment += body.mass * place
-        second += turn @ inertia_matrix(body.inertia) @ turn.T + body.mass * _about_origin(place)
-    com: Array = moment / mass if mass else moment
-    inertia = second - mass * _about_origin(com)
-    lengths = [robot.base.arm(k).length for k in range(1, robot.rotors + 1)]
-    com = _rounded(com, max(*lengths, float(np.abs(com).max())))
-    inertia = _rounded(inertia, float(np.abs(second).max()))
-    entries = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    hover = _hover(robot, mass * com)
-    return Balance(
-        mass,
-        tuple(map(float, com)),
-        tuple(map(float, entries)),
-        float(np.hypot(com[0], com[1])),
-        None if hover is None else tuple(map(float, hover)),
-    )
-
-
-def _hover(robot: Robot, moment: Array) -> Array | None:
-    """Thrusts of least norm that carry the weight, the base's first moment of mass being given."""
-    x, y, _ = moment
-    needed = robot.gravity * np.array([0.0, 0.0, robot.total_mass, y, -x, 0.0])
-    matrix = wrench_matrix(robot)
-    thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
-    size = float(np.abs(needed).max())
-    if np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
-        return None
-    return _rounded(thrusts, size)
-
-
-def balance_lines(found: Balance) -> list[str]:
-    """Mass, centre of mass, inertia and hover thrusts in words.
-
-    Args:
-        found: Balance of a base.
 
     Returns:
         A line each for mass with its centre, inertia, and thrusts.
     """
-    x, y, z = map(_number, found.com)
+    found = base_properties(robot)
+    x, y, z = map(number, found.com)
     pairs = zip(("xx", "yy", "zz", "xy", "xz", "yz"), found.inertia, strict=True)
-    how = "of least norm, level, the arm's centre of mass beneath the base centre"
-    hover = f"none carry the weight ({how})"
-    if found.hover is not None and len(found.hover) > _MOST_LISTED:
-        hover = f"{_number(min(found.hover))} to {_number(max(found.hover))} N, {how}"
-    elif found.hover is not None:
-        hover = f"{', '.join(map(_number, found.hover))} N, {how}"
     return [
-        f"base: {_number(found.mass)} kg, centre of mass {x}, {y}, {z} m from the base centre in "
-        "arm 1's axes",
-        f"inertia about it: {', '.join(f'{a} {_number(v)}' for a, v in pairs)} kg m²",
-        f"hover thrusts: {hover}",
+        f"base: {number(found.mass)} kg, centre of mass {x}, {y}, {z} m from {frame_text(robot)}",
+        f"inertia about it: {', '.join(f'{a} {number(v)}' for a, v in pairs)} kg m²",
+        *hover_lines(robot, hover(robot)),
     ]
 
 
-def lopsided(robot: Robot, found: Balance) -> str | None:
-    """What is wrong with a base whose centre of mass is off its axis, and a remedy.
+def frame_text(robot: Robot) -> str:
+    """The frame that masses are told in, in words.
 
     Args:
         robot: The robot.
-        found: Balance of its base.
+
+    Returns:
+        Such as "the base centre in arm 1's axes".
+    """
+    if not robot.base.rotors:
+        return "the origin of the base's frame"
+    by_rule = robot.base.azimuth_deg is None
+    return f"the base centre in {'arm 1' if by_rule else 'the base'}'s axes"
+
+
+def hover_lines(robot: Robot, found: Hover) -> list[str]:
+    """Thrusts of hovering in words, and what they leave.
+
+    Args:
+        robot: The robot.
+        found: How it hovers.
+
+    Returns:
+        A line for the thrusts, and others on limits where there are any.
+    """
+    if not robot.rotors:
+        return ["hover thrusts: the robot has no rotors"]
+    how = "of least norm, level, "
+    how += "the arm's centre of mass beneath the base centre" if hangs(robot) else "joints at zero"
+    if found.thrusts is None:
+        return [f"hover thrusts: none carry the weight ({how})"]
+    values = ", ".join(map(number, found.thrusts))
+    if len(found.thrusts) > _MOST_LISTED:
+        values = f"{number(min(found.thrusts))} to {number(max(found.thrusts))}"
+    lines = [f"hover thrusts: {values} N, {how}"]
+    if found.margin is not None:
+        lines.append(f"thrust margin: the limits carry {found.margin:.3g} times the weight")
+    if found.beyond:
+        which = ", ".join(rotor_label(robot, k) for k in found.beyond)
+        lines.append(f"beyond their limits at these thrusts: {which}")
+    return lines
+
+
+def lopsided(robot: Robot) -> str | None:
+    """What is wrong with a base of rods whose centre of mass is off its axis, and a remedy.
+
+    A central body, and rods at angles of their own, may be anywhere on purpose.
+
+    Args:
+        robot: The robot.
 
     Returns:
         The warning, or None for a base that is balanced.
     """
     base = robot.base
-    longest = max(base.arm(k).length for k in range(1, robot.rotors + 1))
-    if found.offset <= _LOPSIDED * longest or longest == 0.0:
+    if not base.rotors or base.body or base.azimuth_deg is not None:
         return None
-    x, y, _ = found.com
+    longest = max(base.arm(k).length for k in range(1, robot.rotors + 1))
+    x, y, _ = base_properties(robot).com
+    offset = float(np.hypot(x, y))
+    if offset <= _LOPSIDED * longest or longest == 0.0:
+        return None
     what = (
-        f"the base is lopsided: its centre of mass is {found.offset:.3g} m off its axis, "
-        f"{found.offset / longest:.2g} of the arms' length, at x = {x:.3g}, y = {y:.3g} m from the "
+        f"the base is lopsided: its centre of mass is {offset:.3g} m off its axis, "
+        f"{offset / longest:.2g} of the arms' length, at x = {x:.3g}, y = {y:.3g} m from the "
         "base centre in arm 1's axes; "
     )
     if not base.shares_one_arm:
@@ -149,17 +120,13 @@ def lopsided(robot: Robot, found: Balance) -> str | None:
     return what + text
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """A number as reports have it.
+
+    Args:
+        value: The number.
+
+    Returns:
+        Four of its digits.
+    """
     return f"{value:.4g}"
-
-
-def _about_origin(place: Array) -> Array:
-    """Inertia of a unit of mass at a place about the origin."""
-    matrix: Array = place @ place * np.eye(3) - np.outer(place, place)
-    return matrix
-
-
-def _rounded(values: NDArray[np.floating[Any]], size: float) -> Array:
-    """The values with what is rounding set to zero."""
-    rounded: Array = np.where(np.abs(values) <= _ROUNDING * size, 0.0, values)
-    return rounded

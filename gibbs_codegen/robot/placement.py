@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gibbs_codegen.robot.model import BASE, Base, Pose, Robot
+from gibbs_codegen.robot.model import BASE, Base, Pose, Robot, Rotor, Vector3
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def arm_frame(base: Base, k: int) -> tuple[Array, Array]:
     Returns:
         The axes (3, 3), a column each, and the origin (3), m.
     """
-    if k == 1 and base.azimuth_deg is None:
+    if _starts_at_motor(base, k):
         return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
     return turn(2, np.deg2rad(float(base.arm_angle_deg(k)))), np.zeros(3)
 
@@ -92,3 +92,49 @@ def joint_frame(robot: Robot, i: int) -> tuple[Array, Array]:
     step = np.array([before if link.a is None else link.a, 0.0, 0.0])
     axes: Array = twist @ turn(2, np.deg2rad(float(link.theta_deg)))
     return axes, step + link.d * twist[:, 2]
+
+
+def mounted_rotors(robot: Robot) -> tuple[Rotor, ...]:
+    """All rotors as placed ones: the motors at the ends of the rods of the base, or `thrusters`.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The N rotors, those of rods in the base's axes from the base centre.
+    """
+    base = robot.base
+    motors = []
+    for k in range(1, base.rotors + 1):
+        axes, origin = arm_frame(base, k)
+        if not _starts_at_motor(base, k):
+            origin = base.arm(k).length * axes[:, 0]
+        direction = axes @ np.array(base.thrust[k - 1])
+        motors.append(Rotor(_vector(origin), _vector(direction), base.drag[k - 1]))
+    return (*motors, *robot.thrusters)
+
+
+def base_centre(base: Base) -> Array:
+    """The base centre from the origin of the coordinates.
+
+    Args:
+        base: The base.
+
+    Returns:
+        The place (3) in the base's axes, m.
+    """
+    if base.origin != "motor1":
+        return np.zeros(3)
+    axes, origin = arm_frame(base, 1)
+    seat: Array = origin if _starts_at_motor(base, 1) else base.arm(1).length * axes[:, 0]
+    return -seat
+
+
+def _starts_at_motor(base: Base, k: int) -> bool:
+    """Whether the frame of a rod is at its motor, which is so of rod 1 by the paper's rule."""
+    return k == 1 and base.azimuth_deg is None
+
+
+def _vector(values: Array) -> Vector3:
+    x, y, z = map(float, values)
+    return (x, y, z)

@@ -10,19 +10,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.layout import Layout, layout_of
-from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.robot.thrusters import arm_frame, wrench_matrix
-
-Array = NDArray[np.float64]
+from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.placement import (
+    Array,
+    arm_frame,
+    base_centre,
+    joint_frame,
+    mounted_rotors,
+    pose_frame,
+    turn,
+    turn_about,
+)
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Origin (3) and axes (3, 3), a column each, of a link's frame in world axes; m."""
+    """Origin (3) in m and axes (3, 3), a column each, of a frame in another or in the world."""
 
     origin: Array
     axes: Array
@@ -34,34 +41,67 @@ class Frame:
             x: Distance along the axis, m.
 
         Returns:
-            The point (3) in world axes, m.
+            The point (3) in the outer axes, m.
         """
         place: Array = self.origin + x * self.axes[:, 0]
         return place
 
+    def place(self, point: Sequence[float] | Array) -> Array:
+        """A point of the frame seen from outside.
+
+        Args:
+            point: The point (3) in the frame, m.
+
+        Returns:
+            The point (3) in the outer axes, m.
+        """
+        place: Array = self.origin + self.axes @ np.asarray(point)
+        return place
+
+    def within(self, axes: Array, origin: Array) -> Frame:
+        """A frame that is given in this one.
+
+        Args:
+            axes, origin: Its axes (3, 3) and origin (3), m, in this frame.
+
+        Returns:
+            The same in the outer axes.
+        """
+        return Frame(self.place(origin), self.axes @ axes)
+
+
+AT_ORIGIN = Frame(np.zeros(3), np.eye(3))
+
 
 @dataclass(frozen=True)
 class RobotFrames:
-    """Frames of arm 1, of base arms 2 … N and of the arm's links, in world axes.
+    """Frames of the base, of its rods, of all links and those that have names, in world axes.
 
-    `motors` (N, 3) are the seats of the motors in m, `thrusts` (N, 3) the unit vectors of their
-    thrusts. The frame of arm 1 has its origin at O₁, those of the other base arms at O₂. `centre`
-    is O₂, `tip` the end of the last link, or O₂ where there is none.
+    `base` is at the base centre, O₂, and has the base's axes; that of rod 1 is at O₁ by the paper's
+    rule. `motors` (N, 3) are the seats of the rotors in m, `thrusts` (N, 3) the unit vectors of
+    their thrusts. `named` are those of `frames_of`, the base's among them.
     """
 
-    arm_1: Frame
-    base_arms: tuple[Frame, ...]
+    base: Frame
+    rods: tuple[Frame, ...]
     links: tuple[Frame, ...]
     motors: Array
     thrusts: Array
-    centre: Array
-    tip: Array
+    named: dict[str, Frame]
+    moving: tuple[int, ...]
+
+    @property
+    def centre(self) -> Array:
+        """The base centre (3), m."""
+        return self.base.origin
 
     @property
     def points(self) -> Array:
-        """Positions in the order of the emitted POINTS: O1, O2, motors, joints, tip."""
-        joints = [frame.origin for frame in self.links]
-        return np.array([self.motors[0], self.centre, *self.motors, *joints, self.tip])
+        """Positions in the order of the emitted POINTS: base, rotors, joints, frames."""
+        core = [self.motors[0], self.centre] if self.rods else [self.centre]
+        joints = [self.links[i - 1].origin for i in self.moving]
+        frames = [frame.origin for name, frame in self.named.items() if name != "base"]
+        return np.array([*core, *self.motors, *joints, *frames])
 
 
 def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
@@ -77,22 +117,43 @@ def robot_frames(robot: Robot, q: Sequence[float] | Array) -> RobotFrames:
     Raises:
         UsageError: If q has another length.
     """
-    base, layout = robot.base, layout_of(robot)
+    layout = layout_of(robot)
     if np.shape(q) != (layout.q.size,):
         raise UsageError(f"{robot.name} has {layout.q.size} coordinates, not {np.shape(q)}")
-    attitude = _attitude(layout, np.asarray(q)[layout.q.attitude])
-    length = base.arm(1).length
-    motor_1 = 0.0 if base.origin == "motor1" else -length
-    origin = np.array(q[layout.q.position]) + motor_1 * attitude[:, 0]
-    arm_1 = Frame(origin, attitude)
-    centre = arm_1.point(length)
-    turns = (arm_frame(base, k)[0] for k in range(2, base.rotors + 1))
-    arms = tuple(Frame(centre, attitude @ axes) for axes in turns)
-    motors = [origin, *(frame.point(base.arm(k).length) for k, frame in enumerate(arms, start=2))]
-    links = _links(robot, Frame(centre, attitude), q[layout.q.joints])
-    tip = links[-1].point(robot.links[-1].body.length) if links else centre
-    thrusts = (attitude @ wrench_matrix(robot)[:3]).T
-    return RobotFrames(arm_1, arms, links, np.array(motors), thrusts, centre, tip)
+    values = np.asarray(q, dtype=float)
+    attitude = _attitude(layout, values[layout.q.attitude])
+    origin = values[layout.q.position] + attitude @ base_centre(robot.base)
+    return frames_on(robot, Frame(origin, attitude), values[layout.q.joints])
+
+
+def frames_on(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> RobotFrames:
+    """Frames of a robot whose base is somewhere.
+
+    Args:
+        robot: The robot.
+        base: The base's frame, at the base centre.
+        joints: Angle (rad) or travel (m) of each joint that moves.
+
+    Returns:
+        The frames, in the axes that `base` is given in.
+    """
+    bodies = _bodies(robot, base, joints)
+    rods = tuple(base.within(*arm_frame(robot.base, k)) for k in range(1, robot.base.rotors + 1))
+    rotors = mounted_rotors(robot)
+    seats = [bodies[rotor.on].place(rotor.position) for rotor in rotors]
+    thrusts = [bodies[rotor.on].axes @ np.array(rotor.direction) for rotor in rotors]
+    named = {
+        frame.name: bodies[frame.on].within(*pose_frame(frame.pose)) for frame in frames_of(robot)
+    }
+    return RobotFrames(
+        base,
+        rods,
+        tuple(bodies[BASE + 1 :]),
+        np.reshape(seats, (-1, 3)),
+        np.reshape(thrusts, (-1, 3)),
+        named,
+        robot.moving,
+    )
 
 
 def _attitude(layout: Layout, parts: Array) -> Array:
@@ -108,44 +169,25 @@ def _attitude(layout: Layout, parts: Array) -> Array:
     return attitude
 
 
-def _links(robot: Robot, parent: Frame, joints: Sequence[float] | Array) -> tuple[Frame, ...]:
-    """Frames of the arm's links: Rot_x(α)·Trans_x(a)·Rot_z(θ)·Trans_z(d), one after another.
+def _bodies(robot: Robot, base: Frame, joints: Sequence[float] | Array) -> list[Frame]:
+    """Frames of the base and of all links, those that are welded or held among them.
 
     Args:
-        robot: The robot, with n links.
-        parent: Frame at the base centre, with arm 1's axes.
-        joints: Angle (rad) or travel (m) of each joint (n).
+        robot: The robot.
+        base: The base's frame, at the base centre.
+        joints: Angle (rad) or travel (m) of each joint that moves.
 
     Returns:
-        The frames, in world axes.
+        The frames, by the numbers of the bodies.
     """
-    frames: list[Frame] = []
-    before = 0.0
-    for link, joint in zip(robot.links, joints, strict=True):
-        turns = link.joint == "revolute"
-        origin = parent.point(before if link.a is None else link.a)
-        axes = parent.axes @ turn(0, np.deg2rad(float(link.alpha_deg)))
-        origin = origin + (link.d + (0.0 if turns else joint)) * axes[:, 2]
-        axes = axes @ turn(2, np.deg2rad(float(link.theta_deg)) + (joint if turns else 0.0))
-        parent = Frame(origin, axes)
-        frames.append(parent)
-        before = link.body.length
-    return tuple(frames)
-
-
-def turn(axis: int, angle: float) -> Array:
-    """Rotation matrix about a coordinate axis.
-
-    Args:
-        axis: 0, 1 or 2 for x, y or z.
-        angle: The angle, rad.
-
-    Returns:
-        The matrix (3, 3).
-    """
-    c, s = np.cos(angle), np.sin(angle)
-    p, q = (axis + 1) % 3, (axis + 2) % 3
-    matrix: Array = np.eye(3)
-    matrix[p, p] = matrix[q, q] = c
-    matrix[p, q], matrix[q, p] = -s, s
-    return matrix
+    values = dict(zip(robot.moving, joints, strict=True))
+    frames = [base]
+    for i, link in enumerate(robot.links, start=1):
+        frame = frames[robot.parents[i - 1]].within(*joint_frame(robot, i))
+        axis, value = np.array(link.axis), values.get(i, 0.0)
+        if link.joint == "prismatic":
+            frame = frame.within(np.eye(3), value * axis)
+        elif value:
+            frame = frame.within(turn_about(axis, value), np.zeros(3))
+        frames.append(frame)
+    return frames

@@ -1,18 +1,22 @@
-"""Can the motors move the base any way? Rank and conditioning of their arrangement."""
+"""Can the rotors move the base any way? Rank and conditioning of their arrangement."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from gibbs_codegen.robot.model import Base, Robot
+from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.posture import AT_ORIGIN, frames_on
 from gibbs_codegen.robot.wrenches import directions
 
 # Fewer times better is a matter of taste.
 _FAR_BETTER = 3.0
+# Configurations that are tried where the arrangement depends on the joints, and how far joints
+# without limits move in them, rad or m.
+_TRIED, _TRAVEL = 20, 1.0
 
 
 @dataclass(frozen=True)
@@ -20,7 +24,7 @@ class Arrangement:
     """Rank, condition number (infinite where the rank is below 6) and what cannot be commanded.
 
     `missing` names the directions that no combination of thrusts can push in, about the base centre
-    in arm 1's axes.
+    in the base's axes.
     """
 
     rank: int
@@ -28,59 +32,72 @@ class Arrangement:
     missing: tuple[str, ...]
 
 
-def arm_frame(base: Base, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frame of a base arm, from the base centre O₂ in arm 1's axes.
-
-    Args:
-        base: The base.
-        k: Number of the arm, from 1 to N.
-
-    Returns:
-        The axes (3, 3), a column each, and the origin (3), m.
-    """
-    if k == 1:
-        return np.eye(3), np.array([-base.arm(1).length, 0.0, 0.0])
-    angle = np.deg2rad(float(base.arm_angle_deg(k)))
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), np.zeros(3)
-
-
-def wrench_matrix(robot: Robot) -> NDArray[np.float64]:
-    """Force and moment of each unit thrust about the base centre O₂, in arm 1's axes.
+def wrench_matrix(robot: Robot, joints: Sequence[float] | Array | None = None) -> Array:
+    """Force and moment of each unit thrust about the base centre, in the base's axes.
 
     Args:
         robot: The robot, with N rotors.
+        joints: Angle (rad) or travel (m) of each joint that moves; all zero if None.
 
     Returns:
         The matrix (6, N), force rows first; moments in m.
     """
-    base = robot.base
-    columns = []
-    for k in range(1, robot.rotors + 1):
-        turn, position = arm_frame(base, k)
-        if k > 1:
-            position = base.arm(k).length * turn[:, 0]
-        thrust = turn @ np.array(base.thrust[k - 1])
-        moment = np.cross(position, thrust) + base.drag[k - 1] * thrust
-        columns.append(np.concatenate([thrust, moment]))
-    return np.array(columns).T
+    frames = frames_on(robot, AT_ORIGIN, np.zeros(len(robot.moving)) if joints is None else joints)
+    drags = np.array([*robot.base.drag, *(rotor.drag for rotor in robot.thrusters)])
+    moments = np.cross(frames.motors, frames.thrusts) + drags[:, np.newaxis] * frames.thrusts
+    return np.concatenate([frames.thrusts, moments], axis=1).T
 
 
-def arrangement(robot: Robot) -> Arrangement:
-    """Rank and conditioning of the motor arrangement, in N and N m about the base centre.
+def arrangement(robot: Robot, joints: Sequence[float] | Array | None = None) -> Arrangement:
+    """Rank and conditioning of the rotors' arrangement, in N and N m about the base centre.
+
+    Args:
+        robot: The robot.
+        joints: Angle (rad) or travel (m) of each joint that moves; all zero if None.
+
+    Returns:
+        The arrangement.
+    """
+    left, values, _ = np.linalg.svd(wrench_matrix(robot, joints))
+    rank = int(np.sum(values > 1e-9 * values[0])) if values.any() else 0
+    full = rank == len(left)
+    condition = float(values[0] / values[-1]) if full else float("inf")
+    return Arrangement(rank, condition, directions(left[:, rank:]))
+
+
+def carried_rotors(robot: Robot) -> tuple[int, ...]:
+    """Rotors that a joint moves against the base.
 
     Args:
         robot: The robot.
 
     Returns:
-        The arrangement.
+        Their numbers, from 1.
     """
-    matrix = wrench_matrix(robot)
-    left, values, _ = np.linalg.svd(matrix)
-    rank = int(np.sum(values > 1e-9 * values[0])) if values[0] > 0 else 0
-    full = rank == len(matrix)
-    condition = float(values[0] / values[-1]) if full else float("inf")
-    return Arrangement(rank, condition, directions(left[:, rank:]))
+    moved = {BASE: False}
+    for i, link in enumerate(robot.links, start=1):
+        moved[i] = link.moves or moved[robot.parents[i - 1]]
+    return tuple(k for k, rotor in enumerate(robot.thrusters, start=1) if moved[rotor.on])
+
+
+def ranks_in_motion(robot: Robot) -> tuple[int, int] | None:
+    """Least and greatest rank of the arrangement as the joints move, within their limits.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Both, over some configurations that are always the same; None where no joint moves a rotor.
+    """
+    if not carried_rotors(robot):
+        return None
+    limits = [robot.links[i - 1].limits for i in robot.moving]
+    low = [-_TRAVEL if bounds.low is None else bounds.low for bounds in limits]
+    high = [_TRAVEL if bounds.high is None else bounds.high for bounds in limits]
+    shares = np.random.default_rng(0).random((_TRIED, len(limits)))
+    tried = low + shares * (np.array(high) - np.array(low))
+    ranks = [arrangement(robot, joints).rank for joints in tried]
+    return min(ranks), max(ranks)
 
 
 @dataclass(frozen=True)
@@ -106,7 +123,7 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
     """Signs of the tilts that condition the arrangement far better, if there are such.
 
     Tried are those with which alternating tilts go wrong: arm 1's axes point the other way round,
-    and the arms may have to alternate.
+    and the arms may have to alternate. That is so by the paper's rule for rods only.
 
     Args:
         robot: The robot.
@@ -114,8 +131,10 @@ def tilt_hint(robot: Robot) -> TiltHint | None:
     Returns:
         The hint, or None where no signs are far better.
     """
-    rotors, now = robot.rotors, arrangement(robot)
-    every_second = set(range(2, rotors + 1, 2))
+    if not robot.base.rotors or robot.base.azimuth_deg is not None:
+        return None
+    now = arrangement(robot)
+    every_second = set(range(2, robot.rotors + 1, 2))
     found = []
     for motors in ({1}, every_second, every_second ^ {1}):
         condition = arrangement(_mirrored(robot, motors)).condition

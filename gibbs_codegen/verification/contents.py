@@ -108,8 +108,16 @@ def _shown(value: object) -> str:
     return printable(repr(value), 80)
 
 
-def _without_effect(robot: Robot) -> Iterator[str]:
-    """Numbers of the robot that nothing depends on, so that a module may leave them out."""
+def without_effect(robot: Robot) -> Iterator[str]:
+    """Numbers of the robot that nothing depends on, so that a module may leave them out.
+
+    Args:
+        robot: The robot.
+
+    Yields:
+        Names of their parameters, some of which the robot may not have.
+    """
+    yield "base_length"
     followed = {
         parent
         for link, parent in zip(robot.links, robot.parents, strict=True)
@@ -151,7 +159,7 @@ def _parameter_faults(found: object, robot: Robot) -> Iterator[str]:
             yield f"{_shown(name)} is no parameter of this robot"
         elif repr(value) != repr(expected[name]):
             yield f"{name} is {_shown(value)}, not {expected[name]!r}"
-    optional = {*found, *_without_effect(robot)}
+    optional = {*found, *without_effect(robot)}
     for name, value in expected.items():
         if name not in optional and value != 0.0:
             yield f"{name} is missing, and not zero"

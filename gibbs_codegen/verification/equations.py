@@ -10,6 +10,7 @@ from gibbs_codegen.verification.comparison import Comparison, compared, explaine
 from gibbs_codegen.verification.displacements import displacement_rows
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, Quantities
+from gibbs_codegen.verification.frame_rows import Row, frame_rows, mass_rows, wrench_forces
 from gibbs_codegen.verification.states import Sizes, States
 from gibbs_codegen.verification.tree import Tree
 from gibbs_codegen.verification.vectors import Array, times
@@ -20,8 +21,6 @@ _ROUNDING = 1e-15
 _ROUNDINGS = 4
 
 Values = Mapping[str, Array]
-
-Row = tuple[str, Array, Array]
 
 
 class Expected:
@@ -48,11 +47,19 @@ class Expected:
             self._limit = _ROUNDINGS * self._rounding * tree.size
         inputs = input_matrix(tree, found)
         self._matrix = found.mass_matrix[:, tree.free][:, :, tree.free]
-        self._driven = times(inputs, states.u)[:, tree.free]
+        driven = times(inputs, states.u)[:, tree.free]
+        pushed = driven + wrench_forces(tree, found, states)
+        self._driven = {
+            "forward_dynamics": driven,
+            "forward_dynamics_with_wrenches": pushed,
+        }
+        residual = found.residual[:, tree.free]
         rows = [
+            *((what, residual + by, self.sizes.free_effort) for what, by in self._driven.items()),
             *_system(tree, found, inputs, states, self.sizes),
             *_hybrid(tree, found, inputs, self.sizes),
-            *_geometry(tree, found, self.sizes),
+            *frame_rows(tree, found, states, self.sizes),
+            *mass_rows(tree, found, states, self.sizes),
             *displacement_rows(tree, states),
         ]
         self._rows = {what: (theirs, size) for what, theirs, size in rows}
@@ -91,8 +98,8 @@ class Expected:
         comparisons = []
         for what in filter(self._rows.__contains__, values):
             ours, (theirs, size) = values[what][:count], self._rows[what]
-            if what == "forward_dynamics":  # Unlike the accelerations, M a is well-conditioned.
-                size = self.sizes.balance(ours, self._driven[:count])
+            if what in self._driven:  # Unlike the accelerations, M a is well-conditioned.
+                size = self.sizes.balance(ours, self._driven[what][:count])
                 ours = times(self._matrix[:count], ours)
             size = size[:count] * angles.reshape(-1, *[1] * (size.ndim - 1))
             comparisons.append(
@@ -147,7 +154,6 @@ def _system(
     yield "mass_matrix_and_residual.residual", residual, sizes.free_effort
     yield "input_matrix", inputs[:, free], _levers(inputs, sizes)[:, free]
     yield "inverse_dynamics", inverse[:, free], sizes.free_inertial_effort
-    yield "forward_dynamics", residual + driven[:, free], sizes.free_effort
     effort = sizes.inertial_effort + sizes.spread(driven, sizes.units)
     yield "constraint_torques", (inverse - driven)[:, constrained], effort[:, constrained]
     by_parts = np.sum(states.a * (0.5 * times(matrix, states.a) - residual), axis=-1)
@@ -187,48 +193,3 @@ def _levers(inputs: Array, sizes: Sizes) -> Array:
     units = sizes.units[:, :, None]
     size: Array = units * (np.abs(inputs) / units).max(axis=1, keepdims=True)
     return size
-
-
-def _geometry(tree: Tree, found: Quantities, sizes: Sizes) -> Iterator[Row]:
-    """Points, and the motion of the named frames.
-
-    Args:
-        tree: The tree of the formulation.
-        found: What the formulation gives at the states.
-        sizes: The natural sizes there.
-
-    Yields:
-        For each array that a function returns its name, its value, and the sizes of its entries.
-    """
-    rotors = len(tree.motors)
-    poses, jacobians = found.poses[:, rotors:], found.jacobians[:, rotors:][..., tree.free]
-    reach = sizes.reach[:, None, None]
-    if found.positions is not None:
-        yield "positions", found.positions, reach
-    size = np.ones_like(poses)
-    size[..., :3, 3:] = reach[..., None]
-    yield from _of_frames(tree, "pose", poses, size)
-    size = np.ones_like(jacobians)
-    size[..., :3, :] = sizes.length / sizes.scales
-    yield from _of_frames(tree, "jacobian", jacobians, size)
-    if found.bias_accelerations is not None:
-        size = np.ones_like(found.bias_accelerations) * sizes.rate[:, None, None] ** 2
-        size[..., :3] *= sizes.length
-        yield from _of_frames(tree, "bias_acceleration", found.bias_accelerations, size)
-
-
-def _of_frames(tree: Tree, what: str, values: Array, size: Array) -> Iterator[Row]:
-    """Rows of the functions of all frames, and of the tip by itself.
-
-    Args:
-        tree: The tree of the formulation.
-        what: What is given of a frame.
-        values: Of each frame, (s, frames, …).
-        size: The sizes of its entries.
-
-    Yields:
-        The rows, as of `_geometry`.
-    """
-    yield f"frame_{what}s", values, size
-    if tree.tip is not None:
-        yield f"tip_{what}", values[:, tree.tip], size[:, tree.tip]

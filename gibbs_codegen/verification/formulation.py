@@ -34,6 +34,13 @@ class Quantities(NamedTuple):
         positions: of the tree's points in m, (s, points, 3), or None if not computed.
         bias_accelerations: of the named frames where a is zero, linear entries first,
             (s, frames, 6), or None if not computed.
+        centre_of_mass: in m, (s, 3), or None if not computed, as the next.
+        centre_jacobian: of the centre of mass, (s, 3, size).
+        momentum: linear, and angular about the centre of mass, in kg m/s and kg m²/s, (s, 6).
+        gravity_forces: gravity's part of R, (s, size).
+        joint_wrenches: what carries a body does to it, force and moment at the origin and in the
+            axes of the body's frame in N and N m, (s, bodies, 6), in the order of a module's
+            BODIES; only by Newton and Euler.
     """
 
     mass_matrix: Array
@@ -45,6 +52,11 @@ class Quantities(NamedTuple):
     potential_energy: Array
     positions: Array | None = None
     bias_accelerations: Array | None = None
+    centre_of_mass: Array | None = None
+    centre_jacobian: Array | None = None
+    momentum: Array | None = None
+    gravity_forces: Array | None = None
+    joint_wrenches: Array | None = None
 
     def with_passive(self, tree: Tree, states: States) -> Quantities:
         """The same with armature, dampers and springs, which formulations leave out.
@@ -124,4 +136,10 @@ def state_by_state(
         residual=found.residual[:, order],
         inverse_dynamics=found.inverse_dynamics[:, order],
         jacobians=found.jacobians[..., order],
+        centre_jacobian=_ordered(found.centre_jacobian, order),
+        gravity_forces=_ordered(found.gravity_forces, order),
     )
+
+
+def _ordered(values: Array | None, order: Array) -> Array | None:
+    return None if values is None else values[..., order]

@@ -22,7 +22,7 @@ WORLD = -1
 class Part(NamedTuple):
     """One of the bodies that a joint carries, in the joint's frame: as `Joint` has all of them.
 
-    `body` is the number of the link that it is, or `BASE`.
+    `body` is its number, as of `Assembly`.
     """
 
     body: int
@@ -65,7 +65,7 @@ class Joint:
             part: The body, in the joint's frame.
 
         Returns:
-            The joint with the mass and inertia of both.
+            The joint.
         """
         mass, inertia = self.mass + part.mass, self.inertia + part.inertia
         if self.mass == 0.0 or mass == 0.0:
@@ -97,19 +97,28 @@ class Point(NamedTuple):
 
 
 class Motor(NamedTuple):
-    """The direction of a motor's thrust in the frame of its seat, and its drag in m."""
+    """The direction of a motor's thrust in the frame of its seat, and its drag in m.
+
+    `body` is the number of the body that it sits on, as of `Assembly`.
+    """
 
     direction: Array
     drag: float
+    body: int
 
 
 class Assembly:
     """A robot put together from the base outwards.
 
+    Bodies have numbers: 0 the base, with the rod that nothing holds against it, i link i, and −k
+    rod k.
+
     Attributes:
         joints: from the world outwards, each after that which it hangs on.
         parts: the bodies.
-        bodies: frames that the file gives the base, number 0, and the links.
+        bodies: frames that the file gives the bodies, by their numbers: the base's, of rods that
+            are held, and of links.
+        carriers: for each of these but the base, the number of the body that carries it.
         centre: the base centre.
         rods: where the motors of the rods sit.
         arm: places of the joints that move, in the order of their links.
@@ -131,6 +140,7 @@ class Assembly:
             root = self._add(Joint(root, place, "xyz".index(letter)))
         self.centre = Point(root, self._centre())
         self.bodies = {BASE: self.centre}
+        self.carriers: dict[int, int] = {}
         if robot.base.body is not None:
             self._carry(BASE, self.centre, robot.base.body)
         self.rods = [self._rod(k) for k in range(1, robot.base.rotors + 1)]
@@ -141,18 +151,20 @@ class Assembly:
                 at = self._jointed(at, link.axis, next(moving), link.joint == "revolute")
             elif link.constrained:
                 at = self._jointed(at, link.axis, next(self._held))
-            self.bodies[i] = at
+            self.bodies[i], self.carriers[i] = at, robot.parents[i - 1]
             self._carry(i, at, link.body)
 
     @property
     def motors(self) -> list[tuple[Point, Motor]]:
         """Where the motors sit, and what each does there, in the order of the thrusts."""
         base, rotors = self._robot.base, self._robot.thrusters
-        given = zip(self.rods, base.thrust, base.drag, strict=True)
-        motors = [(rod, Motor(np.array(direction), drag)) for rod, direction, drag in given]
+        motors = []
+        for k, (rod, direction) in enumerate(zip(self.rods, base.thrust, strict=True), start=1):
+            body = -k if k > 1 else BASE
+            motors.append((rod, Motor(np.array(direction), base.drag[k - 1], body)))
         for rotor in rotors:
             seat = self.bodies[rotor.on].within(np.eye(3), np.array(rotor.position))
-            motors.append((seat, Motor(np.array(rotor.direction), rotor.drag)))
+            motors.append((seat, Motor(np.array(rotor.direction), rotor.drag, rotor.on)))
         return motors
 
     @property
@@ -179,7 +191,7 @@ class Assembly:
         """Add a body to the joint that its frame is fixed on.
 
         Args:
-            number: Of the link, or `BASE`.
+            number: Of the body.
             at: The body's frame.
             body: The body.
         """
@@ -241,7 +253,8 @@ class Assembly:
         rod = self.centre.within(_turn("z", angle), np.zeros(3))
         if k > 1:
             rod = self._jointed(rod, (0.0, 0.0, 1.0), next(self._held))
-        self._carry(BASE, rod, base.arm(k))
+            self.bodies[-k], self.carriers[-k] = rod, BASE
+        self._carry(-k if k > 1 else BASE, rod, base.arm(k))
         return rod.within(np.eye(3), end)
 
     def _placed(self, i: int, link: Link) -> tuple[Array, Array]:

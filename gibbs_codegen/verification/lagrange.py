@@ -51,11 +51,14 @@ class Lagrange:
         matrix = rows @ np.swapaxes(columns, -1, -2)
         weight = tree.gravity * (by_q[..., 2] @ masses)
         residual = self._by_coordinates(q, v) - weight - self._change(self._momentum, q, v)
-        velocity = _along(self._mass_places, q, v)
+        places, velocity = self._mass_places(q), _along(self._mass_places, q, v)
+        shares = masses / masses.sum()
+        centre, linear = shares @ places, masses @ velocity
+        angular = np.cross(places - centre[:, None], velocity * masses[:, None]).sum(axis=1)
         twists = self._twists(q[:, None], np.eye(tree.size), tree.seats)
 
         def frame_twists(q: Array, v: Array) -> Array:
-            return self._twists(q, v, tree.seats[len(tree.motors) :])
+            return self._twists(q, v, tree.named)
 
         return Quantities(
             mass_matrix=matrix,
@@ -64,9 +67,13 @@ class Lagrange:
             poses=tree.poses(tree.frames(q)),
             jacobians=np.moveaxis(twists, 1, -1),
             kinetic_energy=0.5 * np.sum(velocity**2, axis=-1) @ masses,
-            potential_energy=tree.gravity * (self._mass_places(q)[..., 2] @ masses),
+            potential_energy=tree.gravity * (places[..., 2] @ masses),
             positions=self._places(q, tree.points),
             bias_accelerations=self._change(frame_twists, q, v),
+            centre_of_mass=centre,
+            centre_jacobian=np.swapaxes(np.einsum("p,sipk->sik", shares, by_q), -1, -2),
+            momentum=np.concatenate([linear, angular], axis=-1),
+            gravity_forces=-weight,
         )
 
     def _momentum(self, q: Array, v: Array) -> Array:

@@ -38,13 +38,14 @@ class MuJoCo:
 
     def __init__(self, tree: Tree) -> None:
         self.tree = tree
-        if any(tree.joints[seat.joint].mass == 0.0 for seat in tree.seats):
-            raise NotApplicableError("MuJoCo has no frames on a link without mass")
         try:
             with _without_log():
                 self._model = mujoco.MjModel.from_xml_string(_model_text(tree))
         except ValueError as error:
             raise NotApplicableError(f"MuJoCo rejects it: {' '.join(str(error).split())}") from None
+        bodies = {self._model.body(number).name for number in range(self._model.nbody)}
+        if any(f"body_{seat.joint}" not in bodies for seat in tree.seats):
+            raise NotApplicableError("MuJoCo has no frames for what is on a link without mass")
         self._data = mujoco.MjData(self._model)
         self._turn, self._step = self._model.body_quat[1].copy(), self._model.body_pos[1].copy()
         names = [self._model.joint(number).name for number in range(self._model.njnt)]

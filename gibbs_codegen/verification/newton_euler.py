@@ -5,35 +5,15 @@ The constrained joints are joints here, so that what holds them comes out as the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from gibbs_codegen.verification.body_wrenches import joint_wrenches
 from gibbs_codegen.verification.formulation import Quantities
 from gibbs_codegen.verification.joints import WORLD, Point
+from gibbs_codegen.verification.motions import Motion, joint_motions
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Frames, Tree
 from gibbs_codegen.verification.vectors import Array, cross, times
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """Motion of a joint's frame in world axes, each (…, 3)."""
-
-    velocity: Array
-    angular_velocity: Array
-    acceleration: Array
-    angular_acceleration: Array
-
-    def at(self, lever: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration of a point that is fixed in the frame."""
-        turning = cross(self.angular_velocity, lever)
-        return (
-            self.velocity + turning,
-            self.acceleration
-            + cross(self.angular_acceleration, lever)
-            + cross(self.angular_velocity, turning),
-        )
 
 
 class NewtonEuler:
@@ -58,18 +38,26 @@ class NewtonEuler:
         tree = self.tree
         q, v, a = map(tree.spread, (states.q, states.v, states.a))
         frames = tree.frames(q)
-        steady = self._motions(v, np.zeros_like(a), frames)
-        named = tree.seats[len(tree.motors) :]
+        steady = joint_motions(tree, v, np.zeros_like(a), frames)
+        still = joint_motions(tree, np.zeros_like(v), np.zeros_like(a), frames)
+        moved = joint_motions(tree, v, a, frames)
+        centre = self._centre(frames)
+        bias = [self._bias(steady, frames, point) for point in tree.named]
         return Quantities(
             mass_matrix=self.mass_matrix(states.q),
             residual=-self._efforts(steady, frames, tree.gravity),
-            inverse_dynamics=self._efforts(self._motions(v, a, frames), frames, tree.gravity),
+            inverse_dynamics=self._efforts(moved, frames, tree.gravity),
             poses=tree.poses(frames),
             jacobians=np.stack([self._jacobian(frames, seat) for seat in tree.seats], axis=1),
             kinetic_energy=self._kinetic_energy(steady, frames),
             potential_energy=self._potential_energy(frames),
             positions=tree.positions(frames, tree.points),
-            bias_accelerations=np.stack([self._bias(steady, frames, x) for x in named], axis=1),
+            bias_accelerations=np.stack(bias, axis=1),
+            centre_of_mass=centre,
+            centre_jacobian=self._centre_jacobian(frames),
+            momentum=self._momentum(steady, frames, centre),
+            gravity_forces=-self._efforts(still, frames, tree.gravity),
+            joint_wrenches=joint_wrenches(tree, moved, frames, states.u),
         )
 
     def mass_matrix(self, q: Array) -> Array:
@@ -84,10 +72,11 @@ class NewtonEuler:
         tree = self.tree
         frames = tree.frames(tree.spread(q)[:, None])
         units = np.eye(tree.size)[None]
-        efforts = self._efforts(self._motions(np.zeros_like(units), units, frames), frames, 0.0)
+        motions = joint_motions(tree, np.zeros_like(units), units, frames)
+        efforts = self._efforts(motions, frames, 0.0)
         return np.swapaxes(efforts, -1, -2)
 
-    def _kinetic_energy(self, motions: list[_Motion], frames: Frames) -> Array:
+    def _kinetic_energy(self, motions: list[Motion], frames: Frames) -> Array:
         """König's theorem, summed over the bodies."""
         energy: Array = np.zeros(())
         for joint, motion, rotation in zip(
@@ -108,7 +97,45 @@ class NewtonEuler:
             energy = energy + joint.mass * self.tree.gravity * height
         return energy
 
-    def _efforts(self, motions: list[_Motion], frames: Frames, gravity: float) -> Array:
+    def _centre(self, frames: Frames) -> Array:
+        """The centre of mass, (s, 3)."""
+        bodies = zip(self.tree.joints, frames.rotations, frames.positions, strict=True)
+        moment: Array = np.zeros(3)
+        for joint, rotation, position in bodies:
+            moment = moment + joint.mass * (position + rotation @ joint.com)
+        return moment / self.tree.mass
+
+    def _centre_jacobian(self, frames: Frames) -> Array:
+        """Jacobian of the centre of mass, (s, 3, size)."""
+        moment: Array = np.zeros((3, self.tree.size))
+        for number, joint in enumerate(self.tree.joints):
+            jacobian = self._jacobian(frames, Point(number, joint.com))
+            moment = moment + joint.mass * jacobian[:, :3]
+        return moment / self.tree.mass
+
+    def _momentum(self, motions: list[Motion], frames: Frames, centre: Array) -> Array:
+        """Momentum about the centre of mass, summed over the bodies.
+
+        Args:
+            motions: Motions of the joints' frames.
+            frames: The joints' frames.
+            centre: The centre of mass, (s, 3).
+
+        Returns:
+            Linear, then angular, in kg m/s and kg m²/s, (s, 6).
+        """
+        linear: Array = np.zeros(3)
+        angular: Array = np.zeros(3)
+        rotations, positions, _ = frames
+        for number, (joint, motion) in enumerate(zip(self.tree.joints, motions, strict=True)):
+            lever, spin = rotations[number] @ joint.com, motion.angular_velocity
+            push = joint.mass * motion.at(lever)[0]
+            inertia = rotations[number] @ joint.inertia @ np.swapaxes(rotations[number], -1, -2)
+            about = positions[number] + lever - centre
+            linear, angular = linear + push, angular + cross(about, push) + times(inertia, spin)
+        return np.concatenate([linear, angular], axis=-1)
+
+    def _efforts(self, motions: list[Motion], frames: Frames, gravity: float) -> Array:
         """Efforts of the joints against inertia and gravity.
 
         Args:
@@ -145,54 +172,17 @@ class NewtonEuler:
                 moments[joint.parent] = moments[joint.parent] + moments[number] + lever
         return efforts
 
-    def _motions(self, v: Array, a: Array, frames: Frames) -> list[_Motion]:
-        """Motions of the joints' frames, from the world outwards.
-
-        Args:
-            v: Rates of all joints in rad/s and m/s, (…, size).
-            a: Their accelerations, (…, size).
-            frames: The joints' frames; their leading axes broadcast against those of the rates.
-
-        Returns:
-            The motion of each frame, in the joints' order.
-        """
-        still = _Motion(*(np.zeros((*v.shape[:-1], 3)) for _ in range(4)))
-        motions: list[_Motion] = []
-        for number, joint in enumerate(self.tree.joints):
-            parent = still if joint.parent == WORLD else motions[joint.parent]
-            axis = frames.rotations[number][..., joint.axis]
-            rate = axis * v[..., joint.place, None]
-            gain = axis * a[..., joint.place, None]
-            dragged = cross(parent.angular_velocity, rate)
-            velocity, acceleration = parent.at(frames.steps[number])
-            if joint.revolute:
-                motion = _Motion(
-                    velocity,
-                    parent.angular_velocity + rate,
-                    acceleration,
-                    parent.angular_acceleration + gain + dragged,
-                )
-            else:
-                motion = _Motion(
-                    velocity + rate,
-                    parent.angular_velocity,
-                    acceleration + gain + 2.0 * dragged,
-                    parent.angular_acceleration,
-                )
-            motions.append(motion)
-        return motions
-
     @staticmethod
-    def _bias(motions: list[_Motion], frames: Frames, point: Point) -> Array:
-        """Acceleration of a point and its frame without accelerations of the coordinates.
+    def _bias(motions: list[Motion], frames: Frames, point: Point) -> Array:
+        """Acceleration of a point and of its frame.
 
         Args:
-            motions: Of all joints.
-            frames: Where they are.
+            motions: Motions of the joints' frames.
+            frames: The joints' frames.
             point: The point.
 
         Returns:
-            World axes, (states, 6), linear entries first.
+            In m/s² and rad/s², linear entries first, (s, 6).
         """
         motion = motions[point.joint]
         _, linear = motion.at(frames.rotations[point.joint] @ point.local)

@@ -45,22 +45,32 @@ class InOwnUnits:
         free, time = units[self.tree.free], self._time
         lengths = np.array([unit == "m" for unit in self.tree.layout.q.units])
         q = states.q / np.where(lengths, self._length, 1.0)
-        v, a, u = states.v / free * time, states.a / free * time**2, states.u
-        found = self._inner.at(States(q, v, a, u, states.W))
+        v, a = states.v / free * time, states.a / free * time**2
         energy = self._mass * (self._length / time) ** 2
-        twist = np.repeat([self._length, 1.0], 3)
+        twist, wrench = np.repeat([[self._length, 1.0], [1.0, self._length]], 3, axis=-1)
+        wrench = energy / self._length * wrench
+        efforts = energy / units[self.tree.arm]
+        thrusts = np.full(len(self.tree.motors), energy / self._length)
+        u = states.u / np.concatenate([thrusts, efforts])
+        found = self._inner.at(States(q, v, a, u, states.W / wrench))
         found.poses[..., :3, 3] *= self._length
-        positions, bias = found.positions, found.bias_accelerations
-        return found._replace(
-            mass_matrix=found.mass_matrix * energy * time**2 / np.outer(units, units),
-            residual=found.residual * energy / units,
-            inverse_dynamics=found.inverse_dynamics * energy / units,
-            jacobians=found.jacobians * twist[:, None] / units,
-            kinetic_energy=found.kinetic_energy * energy,
-            potential_energy=found.potential_energy * energy,
-            positions=None if positions is None else positions * self._length,
-            bias_accelerations=None if bias is None else bias * twist / time**2,
-        )
+        scales = {
+            "mass_matrix": energy * time**2 / np.outer(units, units),
+            "residual": energy / units,
+            "inverse_dynamics": energy / units,
+            "jacobians": twist[:, None] / units,
+            "kinetic_energy": energy,
+            "potential_energy": energy,
+            "positions": self._length,
+            "bias_accelerations": twist / time**2,
+            "centre_of_mass": self._length,
+            "centre_jacobian": self._length / units,
+            "momentum": wrench * time,
+            "gravity_forces": energy / units,
+            "joint_wrenches": wrench,
+        }
+        given = {name: getattr(found, name) for name in scales}
+        return found._replace(**{n: x * scales[n] for n, x in given.items() if x is not None})
 
 
 def _lightest(tree: Tree) -> float:

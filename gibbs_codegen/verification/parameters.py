@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import astuple, replace
+from dataclasses import astuple, dataclass, replace
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from gibbs_codegen.robot.model import (
     Rod,
     Rotor,
     Vector3,
+    as_rigid_body,
 )
 from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
 
@@ -45,187 +46,107 @@ ACCELERATION, DENSITY = Dimension(1, time=-2), Dimension(-1, 1)
 # Damping, armature, stiffness and rest of joints that turn; of those that slide with the next.
 _PASSIVE = (Dimension(2, 1, -1), Dimension(2, 1), Dimension(2, 1, -2), Dimension())
 _SLIDING = (Dimension(0, 1, -1), Dimension(0, 1), Dimension(0, 1, -2), Dimension(1))
-# What becomes of a number of a robot, by its name, its value and its dimension.
+# What becomes of a number of a robot, by its name, its value and its dimension; and of a body.
 Change = Callable[[str, float, Dimension], float]
+BodyChange = Callable[[Body], Body]
 
 
-def mapped(robot: Robot, change: Change) -> Robot:
+def mapped(robot: Robot, change: Change, of_body: BodyChange | None = None) -> Robot:
     """The robot with every number changed that can be a parameter, zeros included.
 
     Args:
         robot: The robot.
         change: What becomes of a number.
+        of_body: What becomes of a body; None changes its numbers as all others.
 
     Returns:
         The robot with the changed numbers.
     """
-    base = robot.base
-    drags = enumerate(base.drag, start=1)
-    gravity = change("gravity", robot.gravity, ACCELERATION)
-    drag = tuple(change(f"base_drag_{k}", drag, LENGTH) for k, drag in drags)
-    arms = tuple(_of_body(prefix, arm, change) for prefix, arm in _arms(robot))
-    body = _of_rigid_body("base", base.body, change) if base.body else None
-    links = tuple(
-        _of_link(parameter_prefix(robot, i), link, change)
-        for i, link in enumerate(robot.links, start=1)
-    )
-    return replace(
-        robot,
-        base=replace(base, arms=arms, drag=drag, body=body),
-        links=links,
-        gravity=gravity,
-        thrusters=tuple(
-            _of_rotor(rotor_prefix(robot, k), rotor, change)
-            for k, rotor in enumerate(robot.thrusters, start=1)
-        ),
-        frames=tuple(
-            replace(frame, pose=_of_pose(f"frame_{identifier(frame.name)}", frame.pose, change))
-            for frame in robot.frames
-        ),
-    )
+    return _Mapping(change, of_body)(robot)
 
 
-def _of_vector(prefix: str, vector: Vector3, change: Change) -> Vector3:
-    """A vector with changed components.
+@dataclass(frozen=True)
+class _Mapping:
+    """What becomes of the numbers of a robot."""
 
-    Args:
-        prefix: What the names of its parameters begin with.
-        vector: The components (m).
-        change: Gives a parameter's value from its name, its own value and its dimension.
+    change: Change
+    of_body: BodyChange | None
 
-    Returns:
-        The new components (m).
-    """
-    x, y, z = (
-        change(f"{prefix}_{a}", value, LENGTH) for a, value in zip("xyz", vector, strict=True)
-    )
-    return x, y, z
+    def __call__(self, robot: Robot) -> Robot:
+        """The robot with the changed numbers."""
+        base, change = robot.base, self.change
+        drags = enumerate(base.drag, start=1)
+        return replace(
+            robot,
+            gravity=change("gravity", robot.gravity, ACCELERATION),
+            base=replace(
+                base,
+                drag=tuple(change(f"base_drag_{k}", drag, LENGTH) for k, drag in drags),
+                arms=tuple(self._body(prefix, arm) for prefix, arm in _arms(robot)),
+                body=as_rigid_body(self._body("base", base.body)) if base.body else None,
+            ),
+            links=tuple(
+                self._link(parameter_prefix(robot, i), link)
+                for i, link in enumerate(robot.links, start=1)
+            ),
+            thrusters=tuple(
+                self._rotor(rotor_prefix(robot, k), rotor)
+                for k, rotor in enumerate(robot.thrusters, start=1)
+            ),
+            frames=tuple(
+                replace(frame, pose=self._pose(f"frame_{identifier(frame.name)}", frame.pose))
+                for frame in robot.frames
+            ),
+        )
 
+    def _vector(self, prefix: str, vector: Vector3) -> Vector3:
+        pairs = zip("xyz", vector, strict=True)
+        x, y, z = (self.change(f"{prefix}_{axis}", value, LENGTH) for axis, value in pairs)
+        return x, y, z
 
-def _of_pose(prefix: str, pose: Pose, change: Change) -> Pose:
-    """A pose at a changed place.
+    def _pose(self, prefix: str, pose: Pose) -> Pose:
+        return replace(pose, xyz=self._vector(prefix, pose.xyz))
 
-    Args:
-        prefix: What the names of its parameters begin with.
-        pose: The pose.
-        change: Gives a parameter's value from its name, its own value and its dimension.
+    def _rotor(self, prefix: str, rotor: Rotor) -> Rotor:
+        drag = self.change(f"{prefix}_drag", rotor.drag, LENGTH)
+        return replace(rotor, position=self._vector(prefix, rotor.position), drag=drag)
 
-    Returns:
-        The new pose, turned as before.
-    """
-    return replace(pose, xyz=_of_vector(prefix, pose.xyz, change))
+    def _link(self, prefix: str, link: Link) -> Link:
+        link = replace(link, body=self._body(prefix, link.body))
+        if link.pose is not None:
+            link = replace(link, pose=self._pose(prefix, link.pose))
+        else:
+            a = None if link.a is None else self.change(f"{prefix}_a", link.a, LENGTH)
+            link = replace(link, a=a, d=self.change(f"{prefix}_d", link.d, LENGTH))
+        if not link.moves:
+            return link
+        dimensions = _PASSIVE if link.joint == "revolute" else _SLIDING
+        names = ("damping", "armature", "stiffness", "rest")
+        own = zip(names, astuple(link.passive), dimensions, strict=True)
+        passive = [self.change(f"{prefix}_{name}", x, dimension) for name, x, dimension in own]
+        return replace(link, passive=Passive(*passive))
 
+    def _body(self, prefix: str, body: Body) -> Body:
+        if self.of_body is not None:
+            return self.of_body(body)
+        return self._rod(prefix, body) if isinstance(body, Rod) else self._rigid_body(prefix, body)
 
-def _of_rotor(prefix: str, rotor: Rotor, change: Change) -> Rotor:
-    """A rotor with changed numbers.
+    def _rod(self, prefix: str, rod: Rod) -> Rod:
+        length = self.change(f"{prefix}_length", rod.length, LENGTH)
+        density = self.change(f"{prefix}_mass_per_length", rod.mass_per_length, DENSITY)
+        own = zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
+        x, y, z = (self.change(f"{prefix}_section_inertia_{ij}", i, INERTIA) for ij, i in own)
+        return Rod(length, density, (x, y, z))
 
-    Args:
-        prefix: What the names of its parameters begin with.
-        rotor: The rotor.
-        change: Gives a parameter's value from its name, its own value and its dimension.
-
-    Returns:
-        The new rotor.
-    """
-    position = _of_vector(prefix, rotor.position, change)
-    return replace(rotor, position=position, drag=change(f"{prefix}_drag", rotor.drag, LENGTH))
-
-
-def _of_link(prefix: str, link: Link, change: Change) -> Link:
-    """A link with changed numbers.
-
-    Args:
-        prefix: What the names of its parameters begin with.
-        link: The link.
-        change: Gives a parameter's value from its name, its own value and its dimension.
-
-    Returns:
-        The new link.
-    """
-    link = replace(link, body=_of_body(prefix, link.body, change))
-    if link.pose is not None:
-        link = replace(link, pose=_of_pose(prefix, link.pose, change))
-    else:
-        a = None if link.a is None else change(f"{prefix}_a", link.a, LENGTH)
-        link = replace(link, a=a, d=change(f"{prefix}_d", link.d, LENGTH))
-    if not link.moves:
-        return link
-    dimensions = _PASSIVE if link.joint == "revolute" else _SLIDING
-    names = ("damping", "armature", "stiffness", "rest")
-    own = zip(names, astuple(link.passive), dimensions, strict=True)
-    passive = Passive(*(change(f"{prefix}_{name}", value, unit) for name, value, unit in own))
-    return replace(link, passive=passive)
-
-
-def _of_body(prefix: str, body: Body, change: Change) -> Body:
-    """A rod or a rigid body with changed numbers.
-
-    Args:
-        prefix: What the names of its parameters begin with.
-        body: The body.
-        change: Gives a parameter's value from its name, its own value and its dimension.
-
-    Returns:
-        The new body, of the same kind.
-    """
-    if isinstance(body, Rod):
-        return _of_rod(prefix, body, change)
-    return _of_rigid_body(prefix, body, change)
-
-
-def _of_rod(prefix: str, rod: Rod, change: Change) -> Rod:
-    """A rod with changed numbers.
-
-    Args:
-        prefix: What the names of its parameters begin with.
-        rod: The rod.
-        change: Gives a parameter's value from its name, its own value and its dimension.
-
-    Returns:
-        The new rod.
-    """
-    length = change(f"{prefix}_length", rod.length, LENGTH)
-    density = change(f"{prefix}_mass_per_length", rod.mass_per_length, DENSITY)
-    own = zip(("xx", "yy", "zz"), rod.section_inertia, strict=True)
-    x, y, z = (change(f"{prefix}_section_inertia_{axes}", i, INERTIA) for axes, i in own)
-    return Rod(length, density, (x, y, z))
-
-
-def _of_rigid_body(prefix: str, body: RigidBody, change: Change) -> RigidBody:
-    """A rigid body with changed numbers.
-
-    Args:
-        prefix: What the names of its parameters begin with.
-        body: The body.
-        change: Gives a parameter's value from its name, its own value and its dimension.
-
-    Returns:
-        The new body.
-    """
-    length = change(f"{prefix}_length", body.length, LENGTH)
-    mass = change(f"{prefix}_mass", body.mass, MASS)
-    com = _of_vector(f"{prefix}_com", body.com, change)
-    own = zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
-    xx, yy, zz, xy, xz, yz = (change(f"{prefix}_inertia_{axes}", i, INERTIA) for axes, i in own)
-    return RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
-
-
-class _Numbers(dict[str, float]):
-    """Numbers by the names of their parameters, as they are come by."""
-
-    def note(self, name: str, value: float, _: Dimension) -> float:
-        """Note a number, which stays the same.
-
-        Args:
-            name: Of its parameter.
-            value: The number.
-            _: Its dimension.
-
-        Returns:
-            The number.
-        """
-        self[name] = value
-        return value
+    def _rigid_body(self, prefix: str, body: RigidBody) -> RigidBody:
+        length = self.change(f"{prefix}_length", body.length, LENGTH)
+        mass = self.change(f"{prefix}_mass", body.mass, MASS)
+        com = self._vector(f"{prefix}_com", body.com)
+        own = zip(("xx", "yy", "zz", "xy", "xz", "yz"), body.inertia, strict=True)
+        xx, yy, zz, xy, xz, yz = (
+            self.change(f"{prefix}_inertia_{ij}", i, INERTIA) for ij, i in own
+        )
+        return RigidBody(length, mass, com, (xx, yy, zz, xy, xz, yz))
 
 
 def parameter_values(robot: Robot) -> dict[str, float]:
@@ -237,23 +158,13 @@ def parameter_values(robot: Robot) -> dict[str, float]:
     Returns:
         The numbers under the names of parameters, in SI units.
     """
-    found = _Numbers()
-    mapped(robot, found.note)
-    return found
+    found: dict[str, float] = {}
 
+    def note(name: str, value: float, _: Dimension) -> float:
+        found[name] = value
+        return value
 
-def body_values(prefix: str, body: Body) -> dict[str, float]:
-    """Numbers of a body.
-
-    Args:
-        prefix: What the names of its parameters begin with.
-        body: The body.
-
-    Returns:
-        The numbers by name.
-    """
-    found = _Numbers()
-    _of_body(prefix, body, found.note)
+    mapped(robot, note)
     return found
 
 

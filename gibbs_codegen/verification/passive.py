@@ -49,6 +49,19 @@ class PassiveJoints(NamedTuple):
         forces: Array = -self.damping * v - self.stiffness * (q - self.rest)
         return forces
 
+    def sizes(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Sizes of the terms of these forces, and of the springs' energy.
+
+        Args:
+            q, v: Coordinates and rates of all joints in rad and m, (…, size).
+
+        Returns:
+            Forces in N m and N, (…, size), and energy in J, (…).
+        """
+        stretch = np.abs(q) + np.abs(self.rest)
+        pulling = np.abs(self.stiffness) * stretch
+        return np.abs(self.damping * v) + pulling, np.sum(pulling * stretch, axis=-1)
+
     def energies(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Kinetic energy of what turns with the joints alone, and potential energy of the springs.
 

@@ -79,6 +79,9 @@ class Pinocchio:
         residual = -pin.nonLinearEffects(model, data, q, v)
         kinetic = pin.computeKineticEnergy(model, data, q, v)
         potential = pin.computePotentialEnergy(model, data, q)
+        centre = pin.jacobianCenterOfMass(model, data, q).copy()
+        momentum = pin.computeCentroidalMomentum(model, data, q, v).vector.copy()
+        gravity = -pin.computeGeneralizedGravity(model, data, q)
         pin.computeJointJacobians(model, data, q)
         pin.forwardKinematics(model, data, q, v, np.zeros_like(a))
         seats = [(self._ids[p.joint], _placed(p)) for p in self.tree.seats]
@@ -97,6 +100,10 @@ class Pinocchio:
             potential_energy=potential,
             positions=np.array([self._pose(point).translation for point in self.tree.points]),
             bias_accelerations=np.array(bias),
+            centre_of_mass=pin.centerOfMass(model, data, q).copy(),
+            centre_jacobian=centre,
+            momentum=momentum,
+            gravity_forces=gravity,
         )
 
     def _pose(self, point: Point) -> pin.SE3:

@@ -33,7 +33,7 @@ class States:
         v: velocities, (s, nv).
         a: their rates, (s, nv).
         u: inputs, (s, nu).
-        W: wrenches on the frames, (s, f, 6).
+        W: wrenches on the frames, (s, frames, 6).
     """
 
     q: Array
@@ -97,7 +97,7 @@ class States:
         levers = np.where(tree.turns[tree.arm], tree.reach, 1.0)
         u = rng.normal(size=(count, len(tree.motors) + len(tree.arm)))
         u *= force * np.concatenate([np.ones(len(tree.motors)), levers])
-        wrenches = rng.normal(size=(count, tree.frame_count, 6))
+        wrenches = rng.normal(size=(count, len(tree.named), 6))
         wrenches *= force * np.repeat([1.0, tree.reach], 3)
         return cls(tree.coordinates(q), v * tree.tempo, a * tree.tempo**2, u, wrenches)
 
@@ -177,10 +177,7 @@ class Sizes:
     """
 
     def __init__(self, tree: Tree, states: States) -> None:
-        passive, at_joints = tree.passive, tree.at_joints(states.q)
-        damping = np.abs(passive.damping * tree.spread(states.v))
-        stretch = np.abs(at_joints) + np.abs(passive.rest)
-        stiffness = np.abs(passive.stiffness)
+        passive = tree.passive.sizes(tree.at_joints(states.q), tree.spread(states.v))
         tree, states = states.placed(tree)
         frames = tree.frames(tree.spread(states.q))
         inertias, masses = _moved(tree, frames)
@@ -199,7 +196,7 @@ class Sizes:
         rates = np.abs(states.v / self.scales).sum(axis=-1, keepdims=True)
         momentum = (self.free_units * np.abs(states.v)).max(axis=-1, keepdims=True)
         weight = abs(tree.gravity) * np.sqrt(tree.mass)
-        self.effort = self.units * (momentum * rates + weight) + damping + stiffness * stretch
+        self.effort = self.units * (momentum * rates + weight) + passive[0]
         self.inertial_effort = self.effort + self.units * self.largest(states.a)
         positions = tree.positions(frames, tree.points)
         span = np.abs(positions - positions[:, :1]).max(axis=(1, 2))
@@ -207,8 +204,7 @@ class Sizes:
         self.rate = rates[:, 0]
         self.length = tree.reach
         self.kinetic = np.sum((self.free_units * states.v) ** 2, axis=-1)
-        springs = np.sum(stiffness * stretch**2, axis=-1)
-        self.potential = abs(tree.gravity) * tree.mass * self.reach + springs
+        self.potential = abs(tree.gravity) * tree.mass * self.reach + passive[1]
         self.free_effort = self.effort[:, tree.free]
         self.free_inertial_effort = self.inertial_effort[:, tree.free]
         power = np.abs(states.a) * self.free_inertial_effort

@@ -42,10 +42,13 @@ class Tree:
         arm: places of the arm's joints.
         turns: for each coordinate, whether it is an angle.
         reach: a length of the robot's own size, in m.
+        parts: the bodies of the joints one by one.
+        bodies, carriers: as of `Assembly`.
         scales: for each coordinate the reach if it is a length, and 1 if it is an angle.
         tempo: what rates are of the order of, in 1/s.
         points: the named points, in the order of a module's POINTS.
-        seats: where the motors sit, and then the named frames, in the order of FRAMES.
+        named: the named frames, in the order of FRAMES.
+        seats: where the motors sit, and then the named frames.
         tip: number of the frame of that name, or None where there is none.
         passive: what acts on the joints by themselves.
     """
@@ -57,7 +60,8 @@ class Tree:
         self.placement: tuple[Array, Array] | None = None
         self.free = self.layout.free
         built = Assembly(robot)
-        self.joints, self.arm = built.joints, built.arm
+        self.joints, self.parts, self.arm = built.joints, built.parts, built.arm
+        self.bodies, self.carriers = built.bodies, built.carriers
         self.size = len(self.joints)
         self.constrained = [*range(self.size)[self.layout.constrained]]
         self.turns = np.zeros(self.size, bool)
@@ -72,15 +76,11 @@ class Tree:
         self.tempo = float(np.sqrt(abs(self.gravity) / self.reach)) or 1.0
         self.scales = np.where(self.turns, 1.0, self.reach)
         self.motors = [motor for _, motor in built.motors]
-        self.seats = [*(seat for seat, _ in built.motors), *(point for _, point in built.frames)]
+        self.named = [point for _, point in built.frames]
+        self.seats = [*(seat for seat, _ in built.motors), *self.named]
         names = [frame.name for frame, _ in built.frames]
         self.tip = names.index("tip") if "tip" in names else None
         self.passive = PassiveJoints.of(robot, self.size, self.arm)
-
-    @property
-    def frame_count(self) -> int:
-        """Number of the frames, in the order of a module's FRAMES."""
-        return len(self.seats) - len(self.motors)
 
     @property
     def middle_angle(self) -> int:

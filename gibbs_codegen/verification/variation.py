@@ -10,8 +10,6 @@ from gibbs_codegen.robot.model import Body, RigidBody, Robot, Rod
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.parameters import (
     Dimension,
-    bodies,
-    body_values,
     mapped,
     parameter_values,
     with_values,
@@ -47,13 +45,14 @@ def variation(robot: Robot, names: Collection[str], seed: int, number: int) -> R
     reach, period = tree.reach, 1.0 / tree.tempo
 
     def other(name: str, value: float, dimension: Dimension) -> float:
-        # What has the dimension of an inertia and is none of a body is an armature.
+        # Masses that turn with a joint alone are positive as well.
         drawn = draw.sized if name.endswith("_armature") else draw.signed
         return drawn(value, dimension.unit(reach, robot.total_mass, period))
 
-    values = parameter_values(mapped(robot, other))
-    for prefix, body in bodies(robot):
-        values |= body_values(prefix, _varied_body(body, draw, reach, robot.total_mass))
+    def of_body(body: Body) -> Body:
+        return _varied_body(body, draw, reach, robot.total_mass)
+
+    values = parameter_values(mapped(robot, other, of_body))
     return with_values(robot, {name: values[name] for name in names})
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 import re
@@ -29,12 +28,16 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.equations.chain_equation import ChainEquation
 from gibbs_codegen.equations.closed_form import chain_closed_form
 from gibbs_codegen.equations.layout import as_latex, as_markdown, as_text
+from gibbs_codegen.equations.named_constants import FIXED
 from gibbs_codegen.equations.show import EQUATIONS, MOST_TERMS, chain_equation
 from gibbs_codegen.equations.typeset import text_width
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Base, Link, Origin, Robot, Rod
+from gibbs_codegen.robot.names import coordinate_of
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 
 PAPER = read_robot("hexarotor_3link")[0]
@@ -62,8 +65,9 @@ def value(expression: sp.Expr, values: Mapping[sp.Symbol, float]) -> float:
 
 
 def evaluated(equation: ChainEquation, values: dict[sp.Symbol, float]) -> dict[sp.Symbol, float]:
-    """`values`, and what the lines of an equation define from them."""
-    values = dict(values)
+    """`values`, fixed angles, and what the lines of an equation define from them."""
+    angles = {s: s.name.removeprefix(FIXED) for s in equation.names if s.name.startswith(FIXED)}
+    values = values | {symbol: math.radians(float(angle)) for symbol, angle in angles.items()}
     for symbol, expression in equation.lines:
         assert symbol not in values
         values[symbol] = value(expression, values)
@@ -77,16 +81,18 @@ def given_values(robot: Robot, seed: int) -> dict[sp.Symbol, float]:
     values = {sp.Symbol(name): x for name, x in symbolic.parameters.defaults.items()}
     for symbol in (*symbolic.q, *symbolic.v, *symbolic.a, *symbolic.u):
         values[symbol] = float(rng.normal())
-    for k in range(2, robot.rotors + 1):
+    if layout_of(robot).is_quaternion:
+        parts = symbolic.q[layout_of(robot).q.attitude]
+        size = math.hypot(*(values[part] for part in parts))
+        values |= {part: values[part] / size for part in parts}
+    for i in robot.constrained:
+        values[sp.Symbol(coordinate_of(robot, i))] = 0.0
+        values[sp.Symbol(f"a_{coordinate_of(robot, i)}")] = float(rng.normal())
+    for k in range(2, robot.base.rotors + 1):
         values[sp.Symbol(f"theta_{k}")] = math.radians(robot.base.arm_angle_deg(k))
         values[sp.Symbol(f"a_theta_{k}")] = float(rng.normal())
     for k, direction in enumerate(robot.base.thrust, start=1):
         values |= {sp.Symbol(f"epsilon_{k}_{i}"): x for i, x in zip("xyz", direction, strict=True)}
-    turns = {link.alpha_deg % 360 for link in robot.links}
-    offsets = [link.theta_deg for link in robot.links]
-    for i, j in itertools.combinations(range(len(offsets) + 1), 2):
-        turns.add(sum(offsets[i:j], Fraction(0)) % 360)
-    values |= {sp.Symbol(f"fixed_{float(x):.10g}"): math.radians(x) for x in turns}
     return values
 
 
@@ -96,26 +102,26 @@ def assert_close(ours: np.ndarray, theirs: np.ndarray, tolerance: float = 1e-11)
 
 def assert_chains_add_up(robot: Robot, most_terms: int, seed: int = 5) -> None:
     """Eqs. 15 and 18 of every chain, added by their places, give the emitted hybrid system."""
-    module = emitted_module(robot)
+    module, symbolic = emitted_module(robot), SymbolicRobot.of(robot, InlineTape())
     values = given_values(robot, seed)
     size, width = len(module.HYBRID_COORDINATES), len(module.INPUTS)
     matrix, residual, inputs = np.zeros((size, size)), np.zeros(size), np.zeros((size, width))
-    for chain in range(1, robot.rotors + 1):
-        motion = chain_equation(robot, chain, 15, most_terms)
-        rows = np.array([p.row + 1 for p in chain_equation(robot, chain, 18).places])
+    for chain in decompose(robot):
+        motion = chain_equation(robot, chain.number, 15, most_terms)
+        rows = np.array([p.row + 1 for p in chain_equation(robot, chain.number, 18).places])
         found = evaluated(motion, values)
         free = rows[: len(motion.residual)]
         matrix[np.ix_(free, free)] += [[value(e, found) for e in row] for row in motion.matrix]
         residual[free] += [value(e, found) for e in motion.residual]
-        if motion.torque is not None:
-            assert motion.torque.name == module.HYBRID_COORDINATES[rows[-1]]
-            matrix[rows[3], rows[-1]] -= 1
-            matrix[rows[-1], rows[3]] += 1
-        for column, name in enumerate(module.INPUTS):
-            unit = values | {sp.Symbol(other): float(other == name) for other in module.INPUTS}
+        torques = rows[len(free) :]
+        for torque, row, place in zip(motion.torques, torques, motion.held, strict=True):
+            assert torque.name == module.HYBRID_COORDINATES[row]
+            matrix[free[place], row], matrix[row, free[place]] = -1, 1
+        for column, thrust in enumerate(symbolic.u):
+            unit = values | {other: float(other == thrust) for other in symbolic.u}
             found = evaluated(motion, unit)
             inputs[free, column] += [value(e, found) for e in motion.forces]
-    q, v = ([values[sp.Symbol(p + n)] for n in module.COORDINATES] for p in ("", "v_"))
+    q, v = ([values[symbol] for symbol in symbols] for symbols in (symbolic.q, symbolic.v))
     assert_close(matrix, module.hybrid_mass_matrix(q))
     assert_close(residual, module.hybrid_residual(q, v))
     assert_close(inputs, module.hybrid_input_matrix(q))
@@ -125,6 +131,84 @@ def assert_chains_add_up(robot: Robot, most_terms: int, seed: int = 5) -> None:
 @pytest.mark.parametrize("robot", [PAPER, paper_family(2, 0)], ids=lambda robot: robot.name)
 def test_chains_add_up_to_the_hybrid_system(robot: Robot, most_terms: int) -> None:
     assert_chains_add_up(robot, most_terms)
+
+
+TREE = """name = "tree"
+[base]
+attitude = "quaternion"
+mass = 2.0
+com = [0.01, 0, 0.02]
+inertia = [0.1, 0.12, 0.2, 0, 0, 0.01]
+[[rotor]]
+position = [0.3, 0.1, 0]
+direction = [0, 0.6, 0.8]
+drag = 0.02
+[[rotor]]
+name = "tip rotor"
+on = "leg 1"
+position = [0.1, 0, 0.05]
+[[link]]
+name = "hip"
+xyz = [0.1, 0.2, 0]
+rpy_deg = [20, 0, 90]
+axis = "-y"
+mass = 0.5
+com = [0.1, 0, 0]
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+damping = 0.3
+armature = 0.1
+[[link]]
+name = "leg 1"
+xyz = [0.2, 0, 0]
+mass = 0.3
+com = [0, 0.1, 0]
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+stiffness = 2.0
+rest = 0.1
+[[link]]
+parent = "hip"
+joint = "prismatic"
+xyz = [0, 0.2, 0]
+axis = [0.6, 0, 0.8]
+mass = 0.3
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+[[link]]
+name = "held"
+joint = "fixed"
+constrained = true
+xyz = [0.1, 0, 0]
+mass = 0.2
+com = [0.05, 0, 0]
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+[[link]]
+name = "welded"
+joint = "fixed"
+parent = "base"
+xyz = [0, 0, -0.2]
+rpy_deg = [0, 0, 37.25]
+mass = 0.2
+inertia = [0.01, 0.02, 0.02, 0, 0, 0]
+"""
+
+
+@pytest.mark.parametrize(("attitude", "most_terms"), [("quaternion", 0), ("zyx", 200)])
+def test_chains_of_a_tree_add_up_to_the_hybrid_system(attitude: str, most_terms: int) -> None:
+    """With a joint that two chains share, rotors, joints that are held, and a welded link."""
+    assert_chains_add_up(parse_robot(TREE.replace("quaternion", attitude)), most_terms)
+
+
+@pytest.mark.parametrize("chain", [1, 2, 3])
+def test_text_of_a_tree_is_readable(chain: int) -> None:
+    tree = parse_robot(TREE)
+    equations = [chain_equation(tree, chain, number) for number in EQUATIONS]
+    text = as_text(*equations)
+    assert max(map(text_width, text.splitlines())) <= 80
+    assert not INTERNAL.search(text.replace("Symbols\n", ""))
+    assert_is_latex(as_latex(*equations))
+    assert ("thrust of motor tip_rotor" in text) == (chain == 1)
+    assert ("τ'_{2,6}" in text) == (chain == 2)
+    with pytest.raises(UsageError, match="has chains 1 to 3"):
+        chain_equation(tree, 4, 15)
 
 
 @pytest.mark.slow

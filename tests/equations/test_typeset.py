@@ -47,7 +47,15 @@ def test_angles_are_written_for_the_legend() -> None:
     assert [writer.angle(angle) for angle in writer.angles.values()] == ["θ_{2,3} + θ_{2,4} + π/6"]
 
 
-@pytest.mark.parametrize("unknown", [1 / M, sp.exp(V), sp.Float(0.5) * V])
+def test_floats_are_written_with_six_digits() -> None:
+    """They stand for angles that robot files give in degrees, where they define other symbols."""
+    number = sp.Float("0.363970234266202361", 40)
+    shown = {d: Writer(NAMES, d).line(number * M - sp.Float("1.5e-7") * V) for d in (TEXT, LATEX)}
+    assert shown[TEXT] == "-1.5e-7·θ̇_{2,3} + 0.36397·B0_{2,4}"
+    assert shown[LATEX] == r"-1.5 \cdot 10^{-7} \dot{\theta}_{2,3} + 0.36397 {B_0}_{2,4}"
+
+
+@pytest.mark.parametrize("unknown", [1 / M, sp.exp(V)])
 def test_what_has_no_rule_is_an_error(unknown: sp.Expr) -> None:
     with pytest.raises(TypeError, match="no way to write"):
         Writer(NAMES, TEXT).line(unknown)

@@ -55,7 +55,7 @@ def test_frames_are_where_the_emitted_functions_put_them(robot: Robot) -> None:
     q = np.random.default_rng(2).normal(size=len(module.COORDINATES))
     frames = robot_frames(robot, q)
     assert np.allclose(frames.points, module.positions(q), atol=1e-12)
-    last = frames.links[-1] if frames.links else frames.arm_1
+    last = frames.links[-1] if frames.links else frames.base
     assert np.allclose(last.axes, module.tip_pose(q)[:3, :3], atol=1e-12)
     # A thrust pushes the origin of the coordinates along itself.
     assert np.allclose(frames.thrusts.T, module.input_matrix(q)[-3:, : robot.rotors], atol=1e-12)

@@ -20,6 +20,7 @@ DERIVATION = (
         "derivation",
         "forces articulated articulated_inertia forward_dynamics forward_kinematics parameters",
     ),
+    *_in("derivation", "frames frame_wrenches momentum joint_wrenches"),
     *_in("derivation", "jointed_bodies link_frames passive"),
     *_in("derivation.root", "pose quaternion tait_bryan"),
     *_in("symbolic", "ldlt exact_angles structural vectors tape"),

@@ -93,3 +93,16 @@ def test_sums_over_the_arms_vanish_for_every_rotor_count(rotors: int) -> None:
     expected, found = counts(2, rotors=6), counts(2, rotors=rotors)
     for name in REDUCED:
         assert found[name] == expected[name], name
+
+
+@pytest.mark.parametrize("links", [3, 7])
+def test_wrenches_cost_what_it_takes_to_carry_them_in(links: int) -> None:
+    """They are loads of links like thrusts, so that dynamics with them takes little more.
+
+    Each of the two frames takes 30 operations to turn its wrench and at most 15 to shift and add
+    it; a joint on the way takes at most 20 to pass it on.
+    """
+    found = counts(links)
+    most = 2 * (30 + 15) + 20 * links
+    assert found["forward_dynamics_with_wrenches"] - found["forward_dynamics"] <= most
+    assert found["gravity_forces"] < found["centre_of_mass_jacobian"]

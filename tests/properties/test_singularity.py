@@ -23,9 +23,7 @@ from support.high_precision import DIGITS, accelerations, evaluated, prepared
 from support.random_robots import random_robot
 from support.tools import tool
 
-from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import Signature
-from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import SEQUENCES, Robot
 from gibbs_codegen.runtime.load import load
 
@@ -134,13 +132,11 @@ def test_numpy_is_accurate_next_to_the_singularity(attitude: str, tmp_path: Path
     check(emitted, states(emitted, NEAR, np.float64), calls, np.float64)
 
 
-def test_c_is_accurate_next_to_the_singularity(fast: Callable[[str], ModuleType], shipped) -> None:
+def test_c_is_accurate_next_to_the_singularity(emitted: Callable[[str], Emitted]) -> None:
     tool("cc")
-    robot = "hexarotor_3link"
-    module = shipped(robot)
-    emitted = Emitted(derive(read_robot(robot)[0]), Path(module.__file__).parent, module)
-    calls = module_calls("C", fast(robot))
-    check(emitted, states(emitted, NEAR, np.float64), calls, np.float64)
+    robot = emitted("hexarotor_3link")
+    calls = module_calls("C", load(robot.folder, backend="c"))
+    check(robot, states(robot, NEAR, np.float64), calls, np.float64)
 
 
 def test_single_precision_is_accurate_next_to_the_singularity(tmp_path: Path) -> None:

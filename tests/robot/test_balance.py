@@ -10,9 +10,11 @@ import pytest
 from support.emitted import emitted_module
 from support.random_robots import random_robot
 
-from gibbs_codegen.robot.balance import Balance, balance, balance_lines, lopsided
+from gibbs_codegen.robot.balance import balance_lines, lopsided
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.hover import hover
+from gibbs_codegen.robot.mass_properties import MassProperties, base_properties
 from gibbs_codegen.robot.model import RigidBody, Robot, Rod, as_rigid_body
 
 ARM = "length = 0.3, mass = 0.4, com = [{com}], inertia = [1e-4, 1e-3, 1e-3, 1e-5, 2e-5, 3e-5]"
@@ -27,7 +29,7 @@ def machine(arm: str) -> Robot:
     )
 
 
-def inertia_matrix(found: Balance) -> np.ndarray:
+def inertia_matrix(found: MassProperties) -> np.ndarray:
     xx, yy, zz, xy, xz, yz = found.inertia
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
@@ -35,7 +37,7 @@ def inertia_matrix(found: Balance) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(4))
 def test_base_is_that_of_the_emitted_mass_matrix(seed: int) -> None:
     robot = random_robot(seed, 3 + seed, 0)
-    module, found = emitted_module(robot), balance(robot)
+    module, found = emitted_module(robot), base_properties(robot)
     # Level, the rates of the attitude angles are those about the world's axes, in their order.
     order = ["xyz".index(axis) for axis in robot.base.attitude]
     matrix = module.mass_matrix(np.zeros(6))
@@ -53,52 +55,51 @@ def test_hover_thrusts_hold_the_machine(links: int) -> None:
     """With an arm, where it hangs."""
     base = machine("{ " + ARM.format(com="0.2, 0.01, -0.05") + " }")
     robot = replace(base, links=paper_family(6, links).links)
-    module, found = emitted_module(robot), balance(robot)
+    module, found = emitted_module(robot), hover(robot)
     q, u = np.zeros(6 + links), np.zeros(6 + links)
     q[3 + links - 1] = -np.pi / 2 if links else 0.0
-    assert found.hover is not None
-    u[:6] = found.hover
+    assert found.thrusts is not None
+    u[:6] = found.thrusts
     acceleration = module.forward_dynamics(q, np.zeros(6 + links), u)
     assert np.allclose(acceleration, 0.0, atol=1e-9)
 
 
 def test_hover_thrusts_are_of_least_norm() -> None:
-    hover = balance(paper_family(8, 0)).hover
-    assert hover == pytest.approx((4 * 9.81 / 4, 0.0) * 4)
-    assert "9.81, 0, 9.81, 0" in balance_lines(balance(paper_family(8, 0)))[2]
-    many = balance_lines(balance(paper_family(20, 0)))[2]
+    thrusts = hover(paper_family(8, 0)).thrusts
+    assert thrusts == pytest.approx((4 * 9.81 / 4, 0.0) * 4)
+    assert "9.81, 0, 9.81, 0" in balance_lines(paper_family(8, 0))[2]
+    many = balance_lines(paper_family(20, 0))[2]
     assert many.startswith("hover thrusts: 0 to 9.81 N")
 
 
 def test_thrusts_that_cannot_carry_the_weight() -> None:
     robot = paper_family(3, 0)
     flat = replace(robot.base, thrust=((0.0, 1.0, 0.0),) * 3)
-    found = balance(replace(robot, base=flat))
-    assert found.hover is None
-    assert balance_lines(found)[2].startswith("hover thrusts: none carry the weight")
+    flat_robot = replace(robot, base=flat)
+    assert hover(flat_robot).thrusts is None
+    assert balance_lines(flat_robot)[2].startswith("hover thrusts: none carry the weight")
 
 
 @pytest.mark.parametrize("name", shipped_robots())
 def test_robots_that_ship_are_balanced(name: str) -> None:
     robot = read_robot(name)[0]
-    found = balance(robot)
-    assert found.com[:2] == (0.0, 0.0)
-    assert lopsided(robot, found) is None
+    assert base_properties(robot).com[:2] == (0.0, 0.0)
+    assert lopsided(robot) is None
 
 
 @pytest.mark.parametrize("com", ["0.23, 0, 0.01", "0.15, 0.02, 0", "0.1, -0.05, 0.03"])
 def test_the_remedy_for_one_table_off_the_middle_balances_the_base(com: str) -> None:
     robot = machine("{ " + ARM.format(com=com) + " }")
-    warning = lopsided(robot, balance(robot))
+    warning = lopsided(robot)
     assert warning
     assert "last two entries of inertia of opposite sign" in warning
     (first,) = re.findall(r"com = \[(.*?)\]", warning)
     others = ["{ " + ARM.format(com=com) + " }"] * 5
     arm_1 = "{ " + ARM.format(com=first).replace("2e-5, 3e-5", "-2e-5, -3e-5") + " }"
     remedied = machine(f"[{', '.join([arm_1, *others])}]")
-    found = balance(remedied)
-    assert found.offset < 1e-9
-    assert lopsided(remedied, found) is None
+    found = base_properties(remedied)
+    assert np.hypot(*found.com[:2]) < 1e-9
+    assert lopsided(remedied) is None
     # Six arms that are alike have no principal axis of their own in the plane.
     assert inertia_matrix(found) == pytest.approx(
         np.diag(np.diag(inertia_matrix(found))), abs=1e-12
@@ -108,9 +109,9 @@ def test_the_remedy_for_one_table_off_the_middle_balances_the_base(com: str) -> 
 
 def test_the_base_of_the_issue_is_twenty_seven_millimetres_off() -> None:
     robot = machine("{ " + ARM.format(com="0.23, 0, 0") + " }")
-    found = balance(robot)
-    assert found.offset == pytest.approx(0.16 / 6)
-    assert "0.0267 m off its axis, 0.089 of the arms' length" in str(lopsided(robot, found))
+    found = base_properties(robot)
+    assert found.com[0] == pytest.approx(0.16 / 6)
+    assert "0.0267 m off its axis, 0.089 of the arms' length" in str(lopsided(robot))
 
 
 @pytest.mark.parametrize(("offset", "warns"), [(0.0029, False), (0.0031, True)])
@@ -120,7 +121,7 @@ def test_the_limit_is_a_hundredth_of_the_arms_length(offset: float, warns: bool)
     tables[1] = RigidBody(0.3, 1.0, (0.15 + 4 * offset, 0.0, 0.0))
     robot = paper_family(4, 0)
     robot = replace(robot, base=replace(robot.base, arms=tuple(tables)))
-    warning = lopsided(robot, balance(robot))
+    warning = lopsided(robot)
     assert bool(warning) == warns
     assert not warns or "in each table of base.arm" in str(warning)
 
@@ -130,9 +131,9 @@ def test_a_base_without_mass_or_arms_of_no_length_are_not_warned_of() -> None:
     for arm in ("{ length = 0.5 }", "{ length = 0, mass = 1, com = [0.1, 0, 0] }"):
         text = f'name = "bare"\n[base]\nrotors = 4\narm = {arm}\n{link}'
         robot = parse_robot(text)
-        found = balance(robot)
+        found = base_properties(robot)
         assert np.isfinite([*found.com, *found.inertia]).all()
-        assert lopsided(robot, found) is None
+        assert lopsided(robot) is None
 
 
 def test_a_rod_as_a_rigid_body() -> None:

@@ -30,13 +30,19 @@ C_WAYS = ("C, one state", "C, lists", "C, batch", "C, threads")
 
 
 @pytest.fixture(scope="module")
-def call(shipped: Load, fast: Load) -> Callable[..., object]:
-    """Call a function of the robot in some way, with arguments for one state."""
+def compiled(shipped: Load) -> ModuleType:
+    """The C back end as it is for everyone, not that which is compiled for flights."""
     tool("cc")
+    return load(Path(shipped(NAME).__file__ or "").parent, backend="c")
+
+
+@pytest.fixture(scope="module")
+def call(shipped: Load, compiled: ModuleType) -> Callable[..., object]:
+    """Call a function of the robot in some way, with arguments for one state."""
     threaded = load(Path(shipped(NAME).__file__ or "").parent, backend="c", threads=2)
 
     def called(way: str, function: str, *state: np.ndarray) -> object:
-        module = shipped(NAME) if way in NUMPY_WAYS else fast(NAME)
+        module = shipped(NAME) if way in NUMPY_WAYS else compiled
         match way:
             case "NumPy, batch" | "C, batch":
                 return getattr(module, function)(*(batch_of(a, 7) for a in state))
@@ -143,12 +149,12 @@ def test_an_acceleration_that_nothing_resists_is_said(backend: str, tmp_path: Pa
             module.forward_dynamics(q, np.zeros(8), np.ones(6))
 
 
-def test_flags_of_others_are_not_taken_for_one_s_own(fast: Load) -> None:
+def test_flags_of_others_are_not_taken_for_one_s_own(compiled: ModuleType) -> None:
     """What Python or NumPy did before in this thread may have raised the processor's flags."""
     large = float("1e200")
     assert large * large == np.inf
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         np.log(np.zeros(3))
-        assert np.all(np.isfinite(fast(NAME).mass_matrix(np.zeros(9))))
+        assert np.all(np.isfinite(compiled.mass_matrix(np.zeros(9))))
     assert large * large == np.inf
-    assert np.all(np.isfinite(fast(NAME).mass_matrix(np.zeros((9, 9)))))
+    assert np.all(np.isfinite(compiled.mass_matrix(np.zeros((9, 9)))))

@@ -295,7 +295,7 @@ class Oracle:
             replace(link, constrained=True) if i in held else link
             for i, link in enumerate(self.robot.links, start=1)
         ]
-        whole = Oracle(replace(self.robot, links=tuple(links)), parents=self.parents)
+        whole = Oracle(replace(self.robot, links=tuple(links)))
         outside = pin.StdVec_Force()
         for _ in range(whole.model.njoints):
             outside.append(pin.Force.Zero())

@@ -137,7 +137,8 @@ def random_tree(seed: int) -> Robot:
     """A robot with one to three arms that branch, of a seed.
 
     Half of them have a central body with placed rotors, some on links; the others have rods, some
-    at unequal azimuths. Masses and inertias are those of bodies, and well conditioned.
+    at unequal azimuths. Odd seeds have a quaternion. Masses and inertias are those of bodies, and
+    well conditioned.
     """
     rng = np.random.default_rng(seed)
     arms, pattern = int(rng.integers(1, 4)), NAMES[rng.integers(len(NAMES))]
@@ -164,6 +165,8 @@ def random_tree(seed: int) -> Robot:
         for k in range(int(rng.integers(4)))
     )
     base, rotors = _tree_base(rng, links)
+    if seed % 2:
+        base = replace(base, attitude="quaternion")
     gravity = (9.81, 9.81, 3.7)[rng.integers(3)]
     return Robot(f"tree_{seed}", base, tuple(links), gravity, rotors, frames)
 
@@ -231,3 +234,8 @@ def robots(draw: st.DrawFn, most_rotors: int = 12, most_links: int = 8) -> Robot
     """Robots of 2 … `most_rotors` rotors and 0 … `most_links` links."""
     seed = draw(st.integers(0, 2**32 - 1))
     return random_robot(seed, draw(st.integers(2, most_rotors)), draw(st.integers(0, most_links)))
+
+
+def trees() -> st.SearchStrategy[Robot]:
+    """Robots with one to three arms that branch."""
+    return st.builds(random_tree, st.integers(0, 2**32 - 1))

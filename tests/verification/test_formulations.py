@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from support.pinocchio_oracle import Oracle
-from support.random_robots import random_robot, robots
+from support.random_robots import random_robot, random_tree, robots, trees
 
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Base, Robot, Rod, alternating_thrust
 from gibbs_codegen.verification.equations import input_matrix
 from gibbs_codegen.verification.formulation import Formulation, NotApplicableError, Quantities
+from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.lagrange import Lagrange
 from gibbs_codegen.verification.newton_euler import NewtonEuler
 from gibbs_codegen.verification.own_units import InOwnUnits
@@ -29,7 +30,9 @@ from gibbs_codegen.verification.tree import Tree
 
 # Exact formulations to rounding; Lagrange's differences of fourth order to their truncation.
 EXACT, BY_DIFFERENCES = 1e-12, 1e-8
-NOT_COMPUTED = {("MuJoCo", "positions"), ("MuJoCo", "tip_bias_acceleration")}
+BY_BODIES = ("centre_of_mass", "centre_jacobian", "momentum", "gravity_forces")
+NOT_COMPUTED = {("MuJoCo", name) for name in ("positions", "bias_accelerations", *BY_BODIES)}
+NOT_COMPUTED |= {(name, "joint_wrenches") for name in ("MuJoCo", "Lagrange", "Pinocchio")}
 
 
 def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> None:
@@ -37,24 +40,39 @@ def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> No
     oracle = Oracle(robot)
     states = States.random(formulation.tree, 2, 5)
     q, v, a = states.q, states.v, states.a
-    seats = [*(f"motor{k}" for k in range(1, robot.rotors + 1)), "tip"]
+    frames = [*oracle.frames.values()]
+    seats = [*oracle.rotors, *frames]
     places = [[oracle.point_jacobian(x, seat) for seat in seats] for x in q]
     energies = [oracle.energies(x, rate) for x, rate in zip(q, v, strict=True)]
     motions = [*zip(q, v, a, strict=True)]
+    masses = [oracle.centroidal(x, rate) for x, rate in zip(q, v, strict=True)]
+    centres, columns, momenta, weights = zip(*masses, strict=True)
+    wrenches = [oracle.joint_wrenches(*x, u) for x, u in zip(motions, states.u, strict=True)]
     expected = Quantities(
         mass_matrix=[oracle.mass_matrix(x) for x in q],
-        residual=[-oracle.inverse_dynamics(x, rate, 0 * x) for x, rate, _ in motions],
+        residual=[-oracle.inverse_dynamics(x, rate, 0 * rate) for x, rate, _ in motions],
         inverse_dynamics=[oracle.inverse_dynamics(*motion) for motion in motions],
         poses=[[pose.homogeneous for _, pose in row] for row in places],
         jacobians=[[jacobian for jacobian, _ in row] for row in places],
         kinetic_energy=[kinetic for kinetic, _ in energies],
         potential_energy=[potential for _, potential in energies],
         positions=[oracle.positions(x) for x in q],
-        tip_bias_acceleration=[oracle.tip_bias_acceleration(x, rate) for x, rate, _ in motions],
+        bias_accelerations=[
+            [oracle.bias_acceleration(x, rate, frame) for frame in frames] for x, rate, _ in motions
+        ],
+        centre_of_mass=centres,
+        centre_jacobian=columns,
+        momentum=momenta,
+        gravity_forces=weights,
+        joint_wrenches=wrenches,
     )
-    found = formulation.at(states)
+    found = formulation.at(states).with_passive(formulation.tree, states)
     inputs = input_matrix(formulation.tree, found)
-    pairs = [*zip(found._fields, found, expected, strict=True)]
+    free = formulation.tree.free
+    given = found._asdict()
+    for name in ("centre_jacobian", "gravity_forces"):  # The oracle has them of the free joints.
+        given[name] = None if given[name] is None else given[name][..., free]
+    pairs = [*zip(given, given.values(), expected, strict=True)]
     pairs.append(("input_matrix", inputs, [oracle.input_matrix(x) for x in q]))
     for name, ours, theirs in pairs:
         if ours is None:
@@ -67,28 +85,30 @@ def assert_agree(formulation: Formulation, robot: Robot, tolerance: float) -> No
 
 
 @settings(max_examples=6)
-@given(robot=robots(most_rotors=7, most_links=6))
+@given(robot=robots(most_rotors=7, most_links=6) | trees())
 def test_newton_euler(robot: Robot) -> None:
-    assert_agree(NewtonEuler(Tree(robot)), robot, EXACT)
+    assert_agree(formulated(NewtonEuler(Tree(robot))), robot, EXACT)
 
 
 @settings(max_examples=6)
-@given(robot=robots(most_rotors=7, most_links=6))
+@given(robot=robots(most_rotors=7, most_links=6) | trees())
 def test_lagrange(robot: Robot) -> None:
-    assert_agree(Lagrange(Tree(robot)), robot, BY_DIFFERENCES)
+    assert_agree(formulated(Lagrange(Tree(robot))), robot, BY_DIFFERENCES)
 
 
 @settings(max_examples=4)
-@given(robot=robots(most_rotors=5, most_links=4))
+@given(robot=robots(most_rotors=5, most_links=4) | trees())
 def test_pinocchio(robot: Robot) -> None:
-    assert_agree(Pinocchio(Tree(robot)), robot, EXACT)
+    assert_agree(formulated(Pinocchio(Tree(robot))), robot, EXACT)
 
 
-@pytest.mark.parametrize("robot", [paper_family(5, 3), random_robot(3, 4, 5)])
+@pytest.mark.parametrize(
+    "robot", [paper_family(5, 3), random_robot(3, 4, 5), random_tree(1), random_tree(4)]
+)
 def test_mujoco(robot: Robot) -> None:
-    """One with a link without mass, and one with joints of both kinds."""
+    """One with a link without mass, one with joints of both kinds, and trees."""
     mujoco_tree = pytest.importorskip("gibbs_codegen.verification.mujoco_tree")
-    assert_agree(mujoco_tree.MuJoCo(Tree(robot)), robot, EXACT)
+    assert_agree(formulated(mujoco_tree.MuJoCo(Tree(robot))), robot, EXACT)
 
 
 @pytest.mark.parametrize("length", [1e-3, 1e5])

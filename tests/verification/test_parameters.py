@@ -5,19 +5,24 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support.random_robots import random_robot, robots
+from support.random_robots import random_robot, random_tree, robots, trees
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import Base, Body, RigidBody, Robot, Rod
+from gibbs_codegen.verification.contents import without_effect
 from gibbs_codegen.verification.parameters import parameter_values, with_values
 from gibbs_codegen.verification.variation import determined, variation, variations
 
 
-@pytest.mark.parametrize("name", shipped_robots())
-def test_names_and_values_are_those_of_the_derivation(name: str) -> None:
-    robot = read_robot(name)[0]
-    assert derive(robot, keep_zeros=True).defaults == parameter_values(robot)
+@pytest.mark.parametrize("robot", [*shipped_robots(), *range(3)])
+def test_names_and_values_are_those_of_the_derivation(robot: str | int) -> None:
+    """But for lengths that nothing depends on, of shipped robots and of random trees."""
+    made = read_robot(robot)[0] if isinstance(robot, str) else random_tree(robot)
+    found = derive(made, keep_zeros=True).defaults
+    unused = set(without_effect(made))
+    assert found == {n: x for n, x in parameter_values(made).items() if n in found}
+    assert {n for n in parameter_values(made) if n not in found} <= unused
 
 
 def test_names_and_values_of_arms_one_by_one_and_rigid_bodies() -> None:
@@ -30,7 +35,7 @@ def test_names_and_values_of_arms_one_by_one_and_rigid_bodies() -> None:
 
 
 @settings(max_examples=30)
-@given(robot=robots())
+@given(robot=robots() | trees())
 def test_robots_of_other_numbers_have_those_numbers(robot: Robot) -> None:
     before = parameter_values(robot)
     assert with_values(robot, {}) == robot
@@ -39,7 +44,7 @@ def test_robots_of_other_numbers_have_those_numbers(robot: Robot) -> None:
 
 
 @settings(max_examples=30)
-@given(robot=robots(most_rotors=5, most_links=4), number=st.integers(0, 3))
+@given(robot=robots(most_rotors=5, most_links=4) | trees(), number=st.integers(0, 3))
 def test_variations_change_every_number_by_much(robot: Robot, number: int) -> None:
     before = parameter_values(robot)
     varied = variation(robot, before, 1, number)

@@ -1,0 +1,194 @@
+"""What `info` says of a robot as a machine: masses, links, rotors and frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from gibbs_codegen.cli.terminal import plain_table
+from gibbs_codegen.robot.balance import hover_lines, lopsided, number
+from gibbs_codegen.robot.coordinates import frames_of
+from gibbs_codegen.robot.hover import Hover, hover
+from gibbs_codegen.robot.layout import joint_terms
+from gibbs_codegen.robot.mass_properties import MassProperties, base_properties, whole_properties
+from gibbs_codegen.robot.model import AXES, BASE, Robot, Vector3
+from gibbs_codegen.robot.names import link_label, rotor_label
+from gibbs_codegen.robot.placement import mounted_rotors
+from gibbs_codegen.robot.plausibility import implausible
+
+# Of more rotors the first are listed; --json has them all.
+_MOST_LISTED = 16
+
+
+def machine_facts(robot: Robot) -> dict[str, Any]:
+    """Masses, hover, warnings, links, rotors and frames.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Values that JSON can hold.
+    """
+    base, whole, found = base_properties(robot), whole_properties(robot), hover(robot)
+    offset = float(np.hypot(base.com[0], base.com[1]))
+    warnings = [*filter(None, [lopsided(robot)]), *implausible(robot)]
+    return {
+        "mass": robot.total_mass,
+        "base": asdict(base) | {"offset": offset, "hover": found.thrusts},
+        "machine": asdict(whole) | {"thrust_margin": found.margin},
+        "warnings": warnings,
+        "link_list": _links(robot),
+        "rotor_list": _rotors(robot),
+        "frames": [
+            {"name": frame.name, "on": _body(robot, frame.on), "xyz": list(frame.pose.xyz)}
+            | {"rpy_deg": [float(angle) for angle in frame.pose.rpy_deg]}
+            for frame in frames_of(robot)
+        ],
+    }
+
+
+def _body(robot: Robot, number: int) -> str:
+    return "base" if number == BASE else link_label(robot, number)
+
+
+def _links(robot: Robot) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": link_label(robot, i),
+            "parent": _body(robot, robot.parents[i - 1]),
+            "joint": "held" if link.constrained else link.joint,
+            "axis": list(link.axis) if link.moves or link.constrained else None,
+            "mass": link.body.total_mass,
+            "limits": [link.limits.low, link.limits.high],
+            "unit": joint_terms(robot, i).unit,
+        }
+        | asdict(link.passive)
+        for i, link in enumerate(robot.links, start=1)
+    ]
+
+
+def _rotors(robot: Robot) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": rotor_label(robot, k),
+            "on": _body(robot, rotor.on),
+            "position": list(rotor.position),
+            "direction": list(rotor.direction),
+            "drag": rotor.drag,
+            "limits": rotor.limits,
+        }
+        for k, rotor in enumerate(mounted_rotors(robot), start=1)
+    ]
+
+
+def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
+    """Print masses, hover thrusts, warnings, and tables of links, rotors and frames.
+
+    Args:
+        robot: The robot.
+        data: What `machine_facts` made of it.
+        console: Where to print.
+    """
+    base, whole = base_properties(robot), whole_properties(robot)
+    columns = {"base": base} | ({"whole, joints at zero": whole} if robot.links else {})
+    console.print(_mass_table(robot, columns))
+    found = Hover(data["base"]["hover"], data["machine"]["thrust_margin"], hover(robot).beyond)
+    for line in hover_lines(robot, found):
+        console.print(line)
+    for warning in data["warnings"]:
+        console.print(f"warning: {warning}", style="bold", markup=False)
+    for table in (_link_table(data), _rotor_table(data), _frame_table(data)):
+        if table.row_count:
+            console.print(table)
+
+
+def _mass_table(robot: Robot, columns: dict[str, MassProperties]) -> Table:
+    where = "arm 1's axes" if _by_rule(robot) else "the base's axes"
+    title = f"\nMasses, in {where} (kg, m, kg m² about the centre)"
+    table = plain_table(title, "", *columns)
+    properties = columns.values()
+    table.add_row("mass", *(number(found.mass) for found in properties))
+    table.add_row("centre of mass", *(_listed(found.com) for found in properties))
+    for entries, half in (("xx, yy, zz", slice(3)), ("xy, xz, yz", slice(3, 6))):
+        cells = (_listed(found.inertia[half]) for found in properties)
+        table.add_row(entries, *cells)
+    return table
+
+
+def _by_rule(robot: Robot) -> bool:
+    return bool(robot.base.rotors) and robot.base.azimuth_deg is None
+
+
+def _listed(values: Sequence[float]) -> str:
+    return ", ".join(map(number, values))
+
+
+def _link_table(data: dict[str, Any]) -> Table:
+    names = ("link", "parent", "joint", "axis", "mass, kg", "limits", "damping")
+    table = plain_table("\nLinks", *names)
+    for link in data["link_list"]:
+        table.add_row(
+            link["name"],
+            link["parent"],
+            link["joint"],
+            _direction(link["axis"]) if link["axis"] else "-",
+            number(link["mass"]),
+            _range(link["limits"], link["unit"]),
+            number(link["damping"]) if link["damping"] else "-",
+        )
+    return table
+
+
+def _rotor_table(data: dict[str, Any]) -> Table:
+    names = ("rotor", "on", "position, m", "direction", "drag, m", "limits")
+    table = plain_table("\nRotors", *names)
+    rotors = data["rotor_list"]
+    for rotor in rotors[:_MOST_LISTED]:
+        table.add_row(
+            rotor["name"],
+            rotor["on"],
+            _short(rotor["position"]),
+            _direction(rotor["direction"]),
+            number(rotor["drag"]),
+            _range(rotor["limits"] or (None, None), "N"),
+        )
+    if len(rotors) > _MOST_LISTED:
+        table.add_row("…", f"{len(rotors) - _MOST_LISTED} more; --json lists all")
+    return table
+
+
+def _frame_table(data: dict[str, Any]) -> Table:
+    table = plain_table("\nFrames", "frame", "on", "position, m", "roll, pitch, yaw, °")
+    for frame in data["frames"]:
+        table.add_row(frame["name"], frame["on"], _short(frame["xyz"]), _short(frame["rpy_deg"]))
+    return table
+
+
+def _short(values: Sequence[float]) -> str:
+    return ", ".join(f"{value + 0.0:.3g}" for value in values)
+
+
+def _direction(vector: Sequence[float]) -> str:
+    """A direction as robot files have it: x, -y, or components."""
+    x, y, z = vector
+    given: Vector3 = (x, y, z)
+    for name, axis in AXES.items():
+        for sign, text in ((1.0, name), (-1.0, f"-{name}")):
+            if np.allclose(given, sign * np.array(axis), rtol=0.0, atol=1e-12):
+                return text
+    return _short(given)
+
+
+def _range(bounds: Sequence[float | None], unit: str) -> str:
+    """Limits in words, such as "0 … 15 N"."""
+    low, high = bounds
+    if low is None:
+        return "-" if high is None else f"≤ {number(high)} {unit}"
+    if high is None:
+        return f"≥ {number(low)} {unit}"
+    return f"±{number(high)} {unit}" if low == -high else f"{number(low)} … {number(high)} {unit}"

@@ -1,0 +1,95 @@
+"""Thrusts with which a robot hovers, in plain numbers, and what its rotors can carry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gibbs_codegen.robot.mass_properties import base_properties, rounded, whole_properties
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.placement import Array
+from gibbs_codegen.robot.thrusters import wrench_matrix
+
+
+@dataclass(frozen=True)
+class Hover:
+    """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
+
+    `margin` is how many times its weight the robot may have before a rotor meets its limits, None
+    where they are not all given or do not let it hover at any weight. `beyond` are the numbers of
+    the rotors whose limits the thrusts of least norm break.
+    """
+
+    thrusts: tuple[float, ...] | None
+    margin: float | None
+    beyond: tuple[int, ...]
+
+
+def hangs(robot: Robot) -> bool:
+    """Whether hovering is taken with the arm's centre of mass beneath the base centre.
+
+    So it is for the paper's form of file, whose joints at zero stretch the arm out sideways.
+    Otherwise all joints are at zero.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Whether it is.
+    """
+    return bool(robot.base.rotors)
+
+
+def hover(robot: Robot) -> Hover:
+    """Hovering of a robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Its thrusts and margin.
+    """
+    needed, matrix = _weight(robot), wrench_matrix(robot)
+    size = float(np.abs(needed).max())
+    thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
+    if not robot.rotors or np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
+        return Hover(None, None, ())
+    found = tuple(map(float, rounded(thrusts, size)))
+    limits = [rotor.limits for rotor in robot.thrusters]
+    beyond = [
+        k
+        for k, (thrust, bounds) in enumerate(zip(found, limits, strict=False), start=1)
+        if bounds and not bounds[0] <= thrust <= bounds[1]
+    ]
+    given = [bounds for bounds in limits if bounds]
+    margin = _margin(matrix, needed, given) if size and len(given) == robot.rotors else None
+    return Hover(found, margin, tuple(beyond))
+
+
+def _weight(robot: Robot) -> Array:
+    """Wrench (6) about the base centre that holds the robot, level, in the base's axes."""
+    held = base_properties(robot) if hangs(robot) else whole_properties(robot)
+    x, y, _ = held.mass * np.array(held.com)
+    weight: Array = robot.gravity * np.array([0.0, 0.0, robot.total_mass, y, -x, 0.0])
+    return weight
+
+
+def _margin(matrix: Array, needed: Array, limits: list[tuple[float, float]]) -> float | None:
+    """How many times a wrench the rotors can produce within their limits.
+
+    Args:
+        matrix: Wrenches (6, N) of unit thrusts.
+        needed: The wrench (6).
+        limits: Of each thrust, N.
+
+    Returns:
+        The factor, or None where no multiple is within reach.
+    """
+    from scipy.optimize import linprog  # It takes longer to import than all else here.
+
+    size = np.abs(needed).max()
+    balanced = np.column_stack([matrix, -needed / size])
+    most = np.append(np.zeros(len(limits)), -1.0)
+    found = linprog(most, A_eq=balanced, b_eq=np.zeros(6), bounds=[*limits, (0.0, None)])
+    return float(found.x[-1] / size) if found.success else None

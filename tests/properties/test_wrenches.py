@@ -1,0 +1,105 @@
+"""Wrenches: on frames as an argument of two axes, and through joints as a result.
+
+That they are Pinocchio's, on every robot that is compared with it, is in `support.comparison`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.comparison import compare, states
+from support.compiled import emit
+from support.emitted import emitted_module
+from support.random_robots import random_tree
+from support.tools import tool
+
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.runtime.load import load
+
+SEEDS = (1, 5)
+
+
+def tree(seed: int, attitude: str | None = None) -> Robot:
+    """A tree, with its own coordinates of the base or with others."""
+    robot = random_tree(seed)
+    return replace(robot, base=replace(robot.base, attitude=attitude or robot.base.attitude))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("attitude", [None, "quaternion"])
+def test_compiled_functions_of_trees_are_those_of_pinocchio(
+    seed: int, attitude: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    robot = tree(seed, attitude)
+    compare(robot, load(emit(robot, tmp_path / "tree").folder, "c"))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_a_joint_passes_on_along_its_axis_is_what_drives_it(seed: int) -> None:
+    """Input less damper, spring and armature; nothing of this is an argument of the equation."""
+    robot = tree(seed, "quaternion")
+    module = emitted_module(robot)
+    q, v, _, u = states(robot, module, 4)
+    a = module.forward_dynamics(q, v, u)
+    wrenches = module.joint_wrenches(q, v, a, u)
+    places = [*range(len(module.VELOCITIES))][6:]
+    rods = len(module.BODIES) - len(robot.links)
+    for place, i in zip(places, robot.moving, strict=True):
+        link = robot.links[i - 1]
+        axis = np.array(link.axis) / np.linalg.norm(link.axis)
+        part = slice(0, 3) if link.joint == "prismatic" else slice(3, 6)
+        along = wrenches[:, rods + i - 1, part] @ axis
+        acts = link.passive
+        spring = acts.stiffness * (q[:, place + 1] - acts.rest)
+        driven = u[:, robot.rotors + place - 6] - acts.damping * v[:, place] - spring
+        np.testing.assert_allclose(along, driven - acts.armature * a[:, place], atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_joint_that_is_held_passes_on_its_constraint_torque(seed: int) -> None:
+    robot = tree(seed)
+    module = emitted_module(robot)
+    q, v, a, u = states(robot, module, 3)
+    wrenches = module.joint_wrenches(q, v, a, u)
+    rods = len(module.BODIES) - len(robot.links)
+    axes = [np.array([0.0, 0.0, 1.0])] * rods
+    axes += [np.array(robot.links[i - 1].axis) for i in robot.constrained]
+    rows = [*range(rods), *(rods + i - 1 for i in robot.constrained)]
+    found = [
+        wrenches[:, row, 3:] @ axis / np.linalg.norm(axis)
+        for row, axis in zip(rows, axes, strict=True)
+    ]
+    expected = module.constraint_torques(q, v, a, u)
+    np.testing.assert_allclose(np.reshape(found, (-1, 3)).T, expected, atol=1e-10)
+
+
+def test_wrenches_on_frames_come_as_rows_and_in_any_batch(shipped, fast) -> None:
+    tool("cc")
+    rng = np.random.default_rng(2)
+    for module in (shipped("quadrotor_2link"), fast("quadrotor_2link")):
+        q, wrenches = rng.normal(size=(5, 1, 8)), rng.normal(size=(3, len(module.FRAMES), 6))
+        forces = module.wrench_forces(q, wrenches)
+        assert forces.shape == (5, 3, 8)
+        jacobians = module.frame_jacobians(q)
+        expected = np.einsum("sbfij,bfi->sbj", jacobians, wrenches)
+        np.testing.assert_allclose(forces, expected, atol=1e-12)
+        one = module.wrench_forces(q[0, 0], wrenches[0])
+        np.testing.assert_allclose(one, expected[0, 0], atol=1e-12)
+        from_list = module.wrench_forces(q[0, 0].tolist(), wrenches[0].tolist())
+        np.testing.assert_array_equal(from_list, one)
+        with pytest.raises(ValueError, match=r"W must have 2 rows of 6 entries along its last two"):
+            module.wrench_forces(q[0, 0], wrenches[0].ravel())
+        with pytest.raises(ValueError, match=r"not shape \(6,\)"):
+            module.wrench_forces(q[0, 0], wrenches[0, 0])
+
+
+def test_what_is_not_finite_is_told_by_the_frame(shipped) -> None:
+    module = shipped("quadrotor_2link")
+    wrenches = np.zeros((2, 6))
+    wrenches[module.FRAMES.index("tip"), 1] = 1e308
+    with pytest.warns(RuntimeWarning, match=r"largest there: W of tip, 1.7e\+308"):
+        module.wrench_forces(np.full(8, 0.7), 1.7 * wrenches)

@@ -1,0 +1,81 @@
+"""Modules of trees: what is right passes, and what is wrong anywhere does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from support.emitted import NUMPY
+from support.planted_faults import planted
+from support.random_robots import random_tree
+from support.tools import tool
+
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.errors import WrongModuleError
+from gibbs_codegen.pipeline import generate, generate_robot
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.targets.registry import render_module
+from gibbs_codegen.verification.comparison import failure_text
+from gibbs_codegen.verification.modules import refuse_wrong, verify
+
+# With a quaternion, rotors on links, a link that is held, one that is welded, and passive joints.
+SEED = 45
+
+
+def failures(folder: Path, backends: list[str]) -> list[str]:
+    """What `gibbs-codegen verify` finds wrong with a module."""
+    found = verify(folder, states=2, backends=backends)
+    assert list(found.comparisons) == backends, found.not_done
+    assert not any(what.endswith("with a formulation") for what in found.not_done)
+    return [failure_text(comparison) for _, comparison in found.failures]
+
+
+SEEDS = [*range(12), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(12, 40))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_random_trees_pass(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of every sixth, the C back end too."""
+    monkeypatch.setenv("CC", "cc -O0")
+    backends = ["numpy"]
+    if seed % 6 == 1:
+        tool("cc")
+        backends.append("c")
+    robot = random_tree(seed)
+    _, folder = generate_robot(robot, robot_text(robot), tmp_path, backends)
+    assert failures(folder, backends) == []
+
+
+@pytest.mark.parametrize("name", ["everything", "hydrus"])
+def test_published_robots_pass(name: str, tmp_path: Path) -> None:
+    """One with nearly every feature, and one whose rotors are on its links."""
+    robot = str(ROOT / "tests" / "robots" / "everything.toml") if name == "everything" else name
+    assert failures(generate(robot, tmp_path, ["numpy"]), ["numpy"]) == []
+
+
+@pytest.mark.parametrize(
+    ("faults", "least"), [(6, 6), pytest.param(30, 29, marks=pytest.mark.slow)]
+)
+def test_planted_faults_are_found(faults: int, least: int) -> None:
+    """By the quick check of `generate` already."""
+    robot = random_tree(SEED)
+    text = render_module(derive(robot), "", NUMPY)["numpy_module.py"]
+    refuse_wrong(robot, text)
+    missed = []
+    for altered, what in planted(text, faults, seed=7):
+        try:
+            refuse_wrong(robot, altered)
+        except WrongModuleError:
+            continue
+        missed.append(what)
+    assert len(missed) <= faults - least, missed
+
+
+def test_the_robot_of_planted_faults_has_what_trees_have() -> None:
+    robot = random_tree(SEED)
+    assert robot.base.attitude == "quaternion"
+    assert any(rotor.on for rotor in robot.thrusters)
+    assert robot.constrained
+    assert any(not link.moves and not link.constrained for link in robot.links)
+    assert any(link.passive.damping for link in robot.links)
