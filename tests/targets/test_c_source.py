@@ -67,7 +67,7 @@ def signalling_nan(real: type[np.floating]) -> Array:
 
 
 def states(module: ModuleType, real: type[np.floating] = np.float64) -> Arrays:
-    """Random values of all arguments, away from the singularity of the attitude, that `real` can represent."""
+    """Random arguments that `real` can represent, away from the singularity of the attitude."""
     rng = np.random.default_rng(5)
     n = len(module.COORDINATES)
     q = rng.uniform(-7.0, 7.0, (STATES, n))
