@@ -75,12 +75,13 @@ def _simulate(options: argparse.Namespace) -> int:
         flight = simulate(module, scenario, progress)
         seconds = time.perf_counter() - start
         write_results(flight, options.out, not options.no_figures, options.animate or "", progress)
+    tip = f"tip {max(flight.tip_error):.2g} m, " if flight.has_tip else ""
     energy = max(abs(flight.energy_error), default=0.0)
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {seconds:.1f} s\n"
         f"largest errors: base centre {max(flight.centre_error):.2g} m, "
-        f"tip {max(flight.tip_error):.2g} m, energy balance {energy:.2g} J"
+        f"{tip}energy balance {energy:.2g} J"
     )
     if flight.stopped:
         print(f"gibbs-codegen: the flight ended early: {flight.stopped}", file=sys.stderr)

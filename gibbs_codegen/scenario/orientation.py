@@ -1,4 +1,4 @@
-"""Desired attitude of the base: along the tangent of its path, or level with a heading."""
+"""Desired attitude of the base: along the tangent of its path, level, or turned from level."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.attitude import Turning
-from gibbs_codegen.scenario.paths import Path
+from gibbs_codegen.scenario.paths import Line, Path, Vector
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,31 @@ class Level:
         velocity = np.zeros((*heading.shape, 3))
         velocity[..., 2] = self.rate
         return Turning(rotation, velocity, np.zeros_like(velocity))
+
+
+@dataclass(frozen=True)
+class Turn:
+    """From level, with a heading, about an axis of the world: from rest to rest, minimum jerk.
+
+    rad and s; `angle` may be any number of turns.
+    """
+
+    axis: Vector
+    angle: float
+    duration: float
+    begin: float = 0.0
+    heading: float = 0.0
+
+    def __call__(self, path: Path, time: Array, arm_angles: Array) -> Turning:
+        """Rotation, angular velocity and angular acceleration at times (s)."""
+        time = np.asarray(time, dtype=np.float64)
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        # Angle, rate and acceleration, as of a point on a line.
+        way = Line((0.0, 0.0, 0.0), (self.angle, 0.0, 0.0), self.duration, self.begin)(time)
+        angle, rate, growth = (way[..., order, :1] * axis for order in range(3))
+        start = Level(self.heading)(path, time, arm_angles).rotation
+        turned = Rotation.from_rotvec(angle.reshape(-1, 3)).as_matrix().reshape(start.shape)
+        return Turning(turned @ start, rate, growth)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.scenario.orientation import Level, Tangent
+from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
 
 Law = Literal["computed_torque", "open_loop", "off"]
@@ -127,7 +127,7 @@ class Scenario:
     name: str
     duration: float
     base: Path
-    attitude: Level | Tangent = field(default_factory=Level)
+    attitude: Level | Turn | Tangent = field(default_factory=Level)
     arm: ArmTask = ArmTask()
     start: StartOffset = StartOffset()
     control: Control = Control()

@@ -25,7 +25,7 @@ from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.model import MAX_ROTORS
 from gibbs_codegen.scenario.arm_table import ArmTable
 from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive, Vector
-from gibbs_codegen.scenario.orientation import Level, Tangent
+from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.path_tables import PathTable
 from gibbs_codegen.scenario.scenario import (
     MAX_DURATION,
@@ -71,6 +71,24 @@ class LevelTable(Table):
         return Level(math.radians(self.heading_deg), math.radians(self.rate_deg))
 
 
+class TurnTable(Table):
+    """The base level at first, then turned about an axis, from rest to rest with minimum jerk."""
+
+    kind: Literal["turn"] = Field(description=_KIND)
+    axis: Annotated[Vector, needed(any, "must not be zero")] = Field(
+        description="the axis that the base is turned about, in world axes"
+    )
+    angle_deg: Number = Field(description="how far it is turned, degrees; more than 360 is allowed")
+    begin: NotNegative = Field(default=0.0, description="when the turn begins, s")
+    duration: Positive = Field(description="how long the turn takes, s")
+    heading_deg: Number = Field(default=0.0, description="heading before the turn, degrees")
+
+    def attitude(self) -> Turn:
+        """The attitude that the table describes."""
+        angle, heading = math.radians(self.angle_deg), math.radians(self.heading_deg)
+        return Turn(self.axis, angle, self.duration, self.begin, heading)
+
+
 class TangentTable(Table):
     """A base arm along the path."""
 
@@ -89,7 +107,8 @@ class BaseTable(Table):
 
     path: PathTable = Field(description="desired path of the base centre")
     attitude: Annotated[
-        LevelTable | TangentTable, by_kind(LevelTable, TangentTable, default="level")
+        LevelTable | TurnTable | TangentTable,
+        by_kind(LevelTable, TurnTable, TangentTable, default="level"),
     ] = Field(default_factory=LevelTable, description="desired attitude; default: level")
 
 

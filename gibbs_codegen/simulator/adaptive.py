@@ -94,7 +94,7 @@ class AdaptiveIntegrator:
             relative, absolute = max(relative, _SATURATED[0]), max(absolute, _SATURATED[1])
         solver.rtol = relative
         solver.atol = np.full(len(solver.y), absolute)
-        solver.atol[2 * len(loop.vehicle.coordinates)] *= _WORK_SCALE
+        solver.atol[loop.work_place] *= _WORK_SCALE
 
     def _spend(self, flown: float, evaluations: int) -> None:
         earned = self.budget + flown * _EVALUATIONS_A_SECOND

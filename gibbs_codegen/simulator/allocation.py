@@ -1,7 +1,8 @@
 """Control allocation: the thrusts that produce a desired wrench on the base.
 
-The wrench is force and torque about the base centre in arm 1's frame. A unit thrust of a rotor
-produces the same wrench at every configuration, so one matrix serves.
+The wrench is force and torque about the base centre in the base's frame, which is arm 1's if there
+are arms. A unit thrust of a rotor on the base produces the same wrench at every configuration, so
+one matrix serves; of rotors that joints move, `moving_rotors` tells.
 """
 
 from __future__ import annotations
@@ -102,6 +103,30 @@ class Allocation:
             nearest = lsq_linear(self._weighted, desired, bounds=self.limits, method="bvls")
             found[place] = np.clip(nearest.x, least, most)
         return found
+
+    def thrusts_at(self, q: Array, wrenches: Array) -> Array:
+        """`thrusts` (…, N) for wrenches (…, 6); the configurations (…, nq) make no difference.
+
+        Args:
+            q: Coordinates (…, nq).
+            wrenches: Desired wrenches (…, 6).
+
+        Returns:
+            Thrusts (…, N), N.
+        """
+        return self.thrusts(wrenches)
+
+    def residual_at(self, q: Array, wrenches: Array) -> Array:
+        """`residual` (…) of wrenches (…, 6); the configurations (…, nq) make no difference.
+
+        Args:
+            q: Coordinates (…, nq).
+            wrenches: Desired wrenches (…, 6).
+
+        Returns:
+            Its norm (…), N and N m.
+        """
+        return self.residual(wrenches)
 
     def residual(self, wrenches: Array) -> Array:
         """The part of wrenches that no thrusts produce, whatever the limits.

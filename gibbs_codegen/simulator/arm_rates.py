@@ -43,7 +43,7 @@ def arm_rates(
 
     Args:
         vehicle: The robot.
-        state: Coordinates, rates and accelerations, each (nq), of base and arm; rates and
+        state: Coordinates (nq), velocities and accelerations (nv) of base and arm; velocities and
             accelerations of the arm are not looked at.
         target: Desired position, velocity, acceleration (≥ 3, 3) of the tip, world axes, m and s.
         limits: Joint limits; a joint at its limit does not go beyond it.
@@ -51,11 +51,13 @@ def arm_rates(
     Returns:
         Those of least norm, or where the arm cannot give what is desired, the nearest to it.
     """
-    arm = vehicle.arm
+    arm = vehicle.arm_rates
     q, v, a = state[0], state[1].copy(), state[2].copy()
     v[arm] = a[arm] = 0.0
     jacobian = vehicle.tip_jacobian(q)[:3]
-    v[arm], free = _rates_within_limits(q[arm], jacobian[:, arm], target[1] - jacobian @ v, limits)
+    v[arm], free = _rates_within_limits(
+        q[vehicle.arm], jacobian[:, arm], target[1] - jacobian @ v, limits
+    )
     own = np.where(free, jacobian[:, arm], 0.0)
     inverse = np.linalg.pinv(own, rcond=_RANK)
     bias = vehicle.tip_bias_acceleration(q, v)[:3]
@@ -68,7 +70,8 @@ def arm_rates(
     if redundant:
         # The derivative of J⁺ẋ in the null space of J: (1 − J⁺J) J̇ᵀ J⁺ᵀ v.
         ahead, behind = (
-            vehicle.tip_jacobian(q + sign * _DIFFERENCE * v)[:3, arm] for sign in (1.0, -1.0)
+            vehicle.tip_jacobian(vehicle.integrate(q, sign * _DIFFERENCE * v))[:3, arm]
+            for sign in (1.0, -1.0)
         )
         jacobian_rate = np.where(free, ahead - behind, 0.0) / (2.0 * _DIFFERENCE)
         growth = jacobian_rate.T @ (inverse.T @ v[arm])

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gibbs_codegen.scenario.attitude import SingularAttitudeError, Turning, attitude_angles
+from gibbs_codegen.scenario.attitude import SingularAttitudeError, Turning
 from gibbs_codegen.scenario.orientation import Orientation
 from gibbs_codegen.scenario.paths import Path
 from gibbs_codegen.simulator.knots import (
@@ -21,7 +21,7 @@ from gibbs_codegen.simulator.knots import (
     refined,
     tolerance,
 )
-from gibbs_codegen.simulator.reference import Motion, Reference
+from gibbs_codegen.simulator.reference import Motion
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 _TOO_FAST = (
@@ -67,7 +67,7 @@ def desired_base(
             parts.append(part)
             progress(min(1.0, (begin + BATCH) / pieces))
         if needed == refinement:
-            return _joined(refined(time, refinement), parts, vehicle.layout.q.attitude)
+            return _joined(vehicle, refined(time, refinement), parts)
         refinement = needed
 
 
@@ -79,7 +79,7 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
         time: Times (s), s.
         centre: Position, velocity and acceleration of the base centre (s, ≥ 3, 3), world axes, m
             and s.
-        turning: Rotation of arm 1 in time, with s instants.
+        turning: Rotation of the base in time, with s instants.
 
     Returns:
         The motion at the times.
@@ -87,16 +87,21 @@ def base_motion(vehicle: Vehicle, time: Array, centre: Array, turning: Turning) 
     Raises:
         SingularAttitudeError: Near the singularity of the attitude sequence.
     """
-    q, v, a = (np.zeros((len(time), len(vehicle.coordinates))) for _ in range(3))
-    attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
-    angles, v[:, attitude], a[:, attitude] = attitude_angles(vehicle.attitude, turning)
-    q[:, attitude] = np.unwrap(angles, axis=0)
+    layout = vehicle.layout
+    q = np.zeros((len(time), layout.q.size))
+    v, a = np.zeros((2, len(time), layout.v.size))
+    entries = q[:, layout.q.attitude], v[:, layout.v.attitude], a[:, layout.v.attitude]
+    for entry, value in zip(entries, vehicle.kinematics.turned(turning), strict=True):
+        entry[...] = value
     lever = vehicle.centre_offset(q)
     spin, spin_rate = turning.velocity, turning.acceleration
     swept = np.cross(spin, lever)
-    q[:, position] = centre[:, 0] - lever
-    v[:, position] = centre[:, 1] - swept
-    a[:, position] = centre[:, 2] - np.cross(spin_rate, lever) - np.cross(spin, swept)
+    q[:, layout.q.position] = centre[:, 0] - lever
+    v[:, layout.v.position], a[:, layout.v.position] = vehicle.kinematics.moved(
+        turning,
+        centre[:, 1] - swept,
+        centre[:, 2] - np.cross(spin_rate, lever) - np.cross(spin, swept),
+    )
     return Motion(time, q, v, a)
 
 
@@ -130,37 +135,42 @@ def _part(
         message = f"at t = {every[error.place]:.6g} s {error}"
         raise SingularAttitudeError(message, error.place) from None
     motion = Motion(time, *(series[::CHECKS] for series in (exact.q, exact.v, exact.a)))
-    q, v, _ = Reference(motion)(every)
-    step = every[1] - every[0]
+    kinematics, step = vehicle.kinematics, every[1] - every[0]
+    q, v, _ = kinematics.reference(motion)(every)
+    deviation, deviation_rate = kinematics.errors(exact.q, exact.v, q, v)
     # Rates too: a base that turns once between checks seems to stand still.
-    off = np.maximum(np.abs(q - exact.q), step * np.abs(v - exact.v))
-    excess = off / tolerance(np.abs(exact.q).max(axis=0))
+    off = np.maximum(np.abs(deviation), step * np.abs(deviation_rate))
+    places, _ = kinematics.errors(np.tile(vehicle.neutral, (len(every), 1)), 0.0 * v, exact.q, v)
+    excess = off / tolerance(np.abs(places).max(axis=0))
     instant, coordinate = np.unravel_index(np.argmax(excess), excess.shape)
     if excess[instant, coordinate] <= 1.0:
         return motion, None
-    unit = vehicle.layout.q.units[int(coordinate)]
+    unit = vehicle.layout.v.units[int(coordinate)].removesuffix("/s")
     piece = int(instant) // CHECKS
     return motion, Deviation(piece, every[instant], off[instant, coordinate], unit)
 
 
-def _joined(time: Array, parts: list[Motion], attitude: slice) -> Motion:
+def _joined(vehicle: Vehicle, time: Array, parts: list[Motion]) -> Motion:
     """One motion of parts, each of which begins where the one before ends.
 
     Args:
+        vehicle: The robot.
         time: All knots (s), s.
         parts: Motions at successive knots; the last knot of each is the first of the next.
-        attitude: Where the attitude angles are among the coordinates.
 
     Returns:
         The motion at all knots, with attitude angles that go on beyond ±π.
     """
-    q, v, a = (np.empty((len(time), parts[0].q.shape[1])) for _ in range(3))
+    attitude = vehicle.layout.q.attitude
+    q = np.empty((len(time), vehicle.layout.q.size))
+    v, a = np.empty((2, len(time), vehicle.layout.v.size))
     begin = 0
     for part in parts:
         if begin:
-            # The angles of each part begin within (−π, π], whatever they had grown to before.
-            jump = q[begin, attitude] - part.q[0, attitude]
-            part.q[:, attitude] += 2.0 * np.pi * np.round(jump / (2.0 * np.pi))
+            # Each part begins within (−π, π], whatever the angles had grown to before.
+            part.q[:, attitude] = vehicle.kinematics.continued(
+                q[begin, attitude], part.q[:, attitude]
+            )
         share = slice(begin, begin + len(part.time))
         q[share], v[share], a[share] = part.q, part.v, part.a
         begin += len(part.time) - 1

@@ -1,7 +1,8 @@
 """The closed loop of vehicle, motors and controller: what integrators integrate.
 
 The state is q, v, the work done since the start, and the thrusts where the motors lag. Work is part
-of the state so that the energy balance is as exact as the integration.
+of the state so that the energy balance is as exact as the integration. The length of a quaternion
+drifts with errors of integration, and means nothing: who takes a state apart gets it of length 1.
 """
 
 from __future__ import annotations
@@ -35,13 +36,18 @@ class ClosedLoop:
     @property
     def size(self) -> int:
         """Length of the state."""
-        return 2 * len(self.vehicle.coordinates) + 1 + (self.vehicle.rotors if self.lag else 0)
+        return self.work_place + 1 + (self.vehicle.rotors if self.lag else 0)
+
+    @property
+    def work_place(self) -> int:
+        """Place of the work in the state, after coordinates and velocities."""
+        return self.vehicle.layout.q.size + self.vehicle.layout.v.size
 
     def start(self, q: Array, v: Array) -> Array:
         """The state at time 0, with motors that have settled at the first commanded thrusts.
 
         Args:
-            q, v: Coordinates and rates (nq).
+            q, v: Coordinates (nq) and velocities (nv).
 
         Returns:
             The state (size).
@@ -56,14 +62,15 @@ class ClosedLoop:
             states: States (…, size).
 
         Returns:
-            Coordinates and rates (…, nq), work (…), J, and thrusts (…, N), N; (…, 0) without lag.
+            Coordinates (…, nq), velocities (…, nv), work (…), J, and thrusts (…, N), N; (…, 0)
+            without lag.
         """
-        n = len(self.vehicle.coordinates)
+        n, work = self.vehicle.layout.q.size, self.work_place
         return (
-            states[..., :n],
-            states[..., n : 2 * n],
-            states[..., 2 * n],
-            states[..., 2 * n + 1 :],
+            self.vehicle.kinematics.normalised(states[..., :n]),
+            states[..., n:work],
+            states[..., work],
+            states[..., work + 1 :],
         )
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
@@ -112,12 +119,12 @@ class ClosedLoop:
         """Accelerations of states and inputs, by the forward dynamics.
 
         Args:
-            q, v: Coordinates and rates (…, nq).
+            q, v: Coordinates (…, nq) and velocities (…, nv).
             inputs: Inputs u (…, nu) that act.
             tip_force: Whether the force on the tip acts (…).
 
         Returns:
-            Accelerations (…, nq).
+            Accelerations (…, nv).
         """
         acceleration = self.vehicle.forward_dynamics(q, v, inputs)
         if self.tip_force is None or not np.any(tip_force):
@@ -157,10 +164,11 @@ class ClosedLoop:
         q, v, _, thrusts = self.parts(state)
         commanded = self.controller(time, q, v)
         inputs = self.applied(commanded, thrusts)
-        power = inputs @ (v @ self.vehicle.input_matrix(q))
+        power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
         if tip_force:
             power += self._generalised_tip_force(q) @ v
-        rates: list[Any] = [v, self.acceleration(q, v, inputs, tip_force), [power]]
+        moving = self.vehicle.kinematics.rates(state[: len(q)], v)
+        rates: list[Any] = [moving, self.acceleration(q, v, inputs, tip_force), [power]]
         if self.lag:
             rates.append((self._thrust_setpoints(commanded) - thrusts) / self.lag)
         return np.concatenate(rates)
@@ -183,9 +191,9 @@ class ClosedLoop:
         ]
 
     def _generalised_tip_force(self, q: Array) -> Array:
-        """Generalised force Jᵀf (…, nq) of the force on the tip, at coordinates (…, nq)."""
+        """Generalised force Jᵀf (…, nv) of the force on the tip, at coordinates (…, nq)."""
         if self.tip_force is None:
-            return np.zeros_like(q)
+            return np.zeros(self.vehicle.layout.v.size)
         jacobian = self.vehicle.tip_jacobian(q)[..., :3, :]
         generalised: Array = np.asarray(self.tip_force.force) @ jacobian
         return generalised

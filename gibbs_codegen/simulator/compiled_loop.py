@@ -43,11 +43,14 @@ class _Loop(ctypes.Structure):
         *((name, _POINTER) for name in _FUNCTIONS),
         ("constants", ctypes.c_char_p),
         ("coordinates", ctypes.c_ssize_t),
+        ("velocities", ctypes.c_ssize_t),
         ("rotors", ctypes.c_ssize_t),
         ("attitude", ctypes.c_ssize_t),
         ("joints", ctypes.c_ssize_t),
         ("position", ctypes.c_ssize_t),
         ("middle_angle", ctypes.c_ssize_t),
+        ("quaternion", ctypes.c_ssize_t),
+        ("placed", ctypes.c_ssize_t),
         ("pieces", ctypes.c_ssize_t),
         ("law", ctypes.c_int),
         ("limited", ctypes.c_int),
@@ -63,6 +66,7 @@ class _Loop(ctypes.Structure):
         ("coefficients", _POINTER),
         ("stiffness", _POINTER),
         ("damping", _POINTER),
+        ("losses", _POINTER),
         ("distribution", _POINTER),
         ("scratch", _POINTER),
     )
@@ -92,19 +96,20 @@ class CompiledLoop:
         Args:
             closed: The closed loop.
             step: Size of the steps, s.
-            bounds: Errors of coordinates, then of rates (2 nq), beyond which control is lost; one
-                number serves for all.
+            bounds: Errors, then their rates (2 nv), beyond which control is lost; one number
+                serves for all.
             tip_force: Whether the force on the tip acts.
 
         Returns:
             The loop; None where the module or the loop is not compiled, and under control by
-            rotors that do not command all directions, since Python checks every wrench of those.
+            rotors that do not command all directions, since Python checks every wrench of those,
+            or by rotors that joints move, for which Python finds another allocation every time.
         """
         vehicle, controller = closed.vehicle, closed.controller
         library_file = Path(vehicle.module.__file__ or "")
         if library_file.suffix != ".so":
             return None
-        if controller.allocation.missing and controller.law != "off":
+        if controller.law != "off" and (controller.allocation.missing or vehicle.rotors_move):
             return None
         try:
             rk4 = _rk4(find_compiler(os.environ.get("CC") or None))
@@ -114,16 +119,18 @@ class CompiledLoop:
         library = ctypes.CDLL(str(library_file))
         constants = vehicle.constants or vehicle.module.prepare({})
         arrays = {
-            "bounds": np.full(2 * len(vehicle.coordinates), bounds, dtype=np.float64),
+            "bounds": np.full(2 * vehicle.layout.v.size, bounds, dtype=np.float64),
             "coefficients": np.ascontiguousarray(controller.reference.coefficients),
             "stiffness": np.array(controller.gains.stiffness),
             "damping": np.array(controller.gains.damping),
+            "losses": vehicle.damping,
             "distribution": np.ascontiguousarray(controller.allocation.inverse),
         }
         structure = _Loop(
             **{
                 name: ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
                 for name in _FUNCTIONS
+                if vehicle.has_tip or not name.startswith("tip_")
             },
             **_settings(closed, tip_force),
             **{name: array.ctypes.data for name, array in arrays.items()},
@@ -172,12 +179,15 @@ def _settings(closed: ClosedLoop, tip_force: bool) -> dict[str, Any]:
     force = closed.tip_force.force if tip_force and closed.tip_force else (0.0, 0.0, 0.0)
     least, most = closed.limits or (0.0, 0.0)
     return {
-        "coordinates": len(closed.vehicle.coordinates),
+        "coordinates": layout.q.size,
+        "velocities": layout.v.size,
         "rotors": closed.vehicle.rotors,
-        "attitude": layout.q.attitude.start,
-        "joints": layout.q.joints.start,
-        "position": layout.q.position.start,
-        "middle_angle": layout.middle_angle,
+        "attitude": layout.v.attitude.start,
+        "joints": layout.v.joints.start,
+        "position": layout.v.position.start,
+        "middle_angle": -1 if layout.is_quaternion else layout.middle_angle,
+        "quaternion": layout.q.attitude.start,
+        "placed": layout.q.position.start,
         "pieces": len(reference.coefficients),
         "law": _LAWS.index(controller.law),
         "limited": closed.limits is not None,

@@ -92,7 +92,7 @@ def arm_motion(
 
 
 class _Continuation:
-    """Motion of base and arm (s, nq), of which the arm's part is solved knot by knot.
+    """Motion of base and arm, of which the arm's part is solved knot by knot.
 
     `targets` (s, ≥ 3, 3) are position, velocity and acceleration of the tip. `distances` (s) are
     those of the tip from its path, m; `singular` tells the first knot at which the arm cannot move
@@ -103,6 +103,8 @@ class _Continuation:
     def __init__(self, vehicle: Vehicle, base: Motion, targets: Array, limits: Limits) -> None:
         self.vehicle, self.limits, self.targets, self.time = vehicle, limits, targets, base.time
         self.q, self.v, self.a = base.q.copy(), base.v.copy(), base.a.copy()
+        # Of the joints (s, n).
+        self.rates, self.accelerations = (each[:, vehicle.arm_rates] for each in (self.v, self.a))
         self.distances = np.zeros(len(base.time))
         self.held: Flags = np.zeros(vehicle.joints, dtype=bool)
         self.singular = ""
@@ -125,9 +127,9 @@ class _Continuation:
 
     def advance(self, k: int) -> None:
         """Solve knot k from the last one that was tried."""
-        arm, q, v, a, last = self.vehicle.arm, self.q, self.v, self.a, self.tried[-1]
-        step = self.time[k] - self.time[last]
-        q[k, arm] = q[last, arm] + step * (v[last, arm] + 0.5 * step * a[last, arm])
+        arm, q, last = self.vehicle.arm, self.q, self.tried[-1]
+        step, v, a = self.time[k] - self.time[last], self.rates, self.accelerations
+        q[k, arm] = q[last, arm] + step * (v[last] + 0.5 * step * a[last])
         self.held = self.held | self._beyond(q[k, arm])
         self._reach(k, self.held)
         self.tried.append(k)
@@ -152,7 +154,7 @@ class _Continuation:
         """Find rates and accelerations of the arm at knot k."""
         vehicle = self.vehicle
         found = arm_rates(vehicle, (self.q[k], self.v[k], self.a[k]), self.targets[k], self.limits)
-        self.v[k, vehicle.arm], self.a[k, vehicle.arm] = found.rates, found.accelerations
+        self.rates[k], self.accelerations[k] = found.rates, found.accelerations
         if found.missing:
             self.singular = self.singular or (
                 f"the arm is singular or at its limits at t = {self.time[k]:.6g} s: its joints "
@@ -167,13 +169,11 @@ class _Continuation:
         The path of the tip says nothing of null-space motion. That follows from the rates at both
         ends of the step, by the corrector of fourth order with two derivatives (Obreshkov's).
         """
-        arm, q, v, a = self.vehicle.arm, self.q, self.v, self.a
+        arm, q, v, a = self.vehicle.arm, self.q, self.rates, self.accelerations
         step, held = self.time[k] - self.time[last], self.held
         for _ in range(3):
             integral = (
-                q[last, arm]
-                + step / 2.0 * (v[last, arm] + v[k, arm])
-                + step**2 / 12.0 * (a[last, arm] - a[k, arm])
+                q[last, arm] + step / 2.0 * (v[last] + v[k]) + step**2 / 12.0 * (a[last] - a[k])
             )
             q[k, arm] = np.where(held, q[k, arm], integral)
             held = held | self._beyond(integral)

@@ -1,7 +1,8 @@
 """Control laws: the inputs that are commanded at a time and in a state.
 
 Computed torque is the inverse dynamics of the desired acceleration, corrected by the tracking
-error: with those inputs each coordinate's error e obeys ë + d ė + k e = 0.
+error: with those inputs each coordinate's error e obeys ë + d ė + k e = 0. With a quaternion that
+holds for position and joints, and for the rotation vector of the attitude while its axis stays.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 @dataclass(frozen=True)
 class Gains:
-    """Stiffness k (1/s²) and damping d (1/s) of the coordinates' tracking errors, each (nq)."""
+    """Stiffness k (1/s²) and damping d (1/s) of the tracking errors, each (nv)."""
 
     stiffness: Array
     damping: Array
@@ -29,9 +30,9 @@ class Gains:
         """Gains of the errors' natural frequencies and damping ratios.
 
         Args:
-            frequency: Natural frequency, rad/s, one for all or one per coordinate (nq).
-            damping_ratio: Damping ratio, one for all or one per coordinate (nq).
-            coordinates: Number of coordinates nq.
+            frequency: Natural frequency, rad/s, one for all or one per velocity (nv).
+            damping_ratio: Damping ratio, one for all or one per velocity (nv).
+            coordinates: Number of velocities nv.
 
         Returns:
             The gains.
@@ -55,16 +56,17 @@ class Controller:
     law: Law = "computed_torque"
 
     def __call__(self, time: float | Array, q: Array, v: Array) -> Array:
-        """Inputs u (…, nu) at times (…), s, and states q, v (…, nq).
+        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv).
 
         Raises:
             AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
         """
         if self.law == "off":
             return np.zeros((*np.shape(time), len(self.vehicle.inputs)))
-        q_desired, v_desired, a = self.reference(time)
+        desired = self.reference(time)
         if self.law == "open_loop":
-            q, v = q_desired, v_desired
+            q, v, a = desired
         else:
-            a = a + self.gains.damping * (v_desired - v) + self.gains.stiffness * (q_desired - q)
+            gains = self.gains.stiffness, self.gains.damping
+            a = self.vehicle.kinematics.corrected(q, v, desired, gains)
         return required_inputs(self.vehicle, self.allocation, q, v, a)

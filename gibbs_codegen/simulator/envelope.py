@@ -20,7 +20,7 @@ from gibbs_codegen.simulator.vehicle import Array, Flags
 class Envelope:
     """The tracking errors beyond which control counts as lost.
 
-    `bounds` (2 nq) are those of coordinates (rad or m) and then of rates (rad/s or m/s). All are
+    `bounds` (2 nv) are those of errors (rad or m) and then of their rates (rad/s or m/s). All are
     infinite where nothing is controlled, and those of rates in open loop, whose inputs do not grow
     with the error.
 
@@ -33,7 +33,7 @@ class Envelope:
     def __init__(self, loop: ClosedLoop, divergence: float, duration: float) -> None:
         self.loop = loop
         controller = loop.controller
-        count = len(loop.vehicle.coordinates)
+        count = loop.vehicle.layout.v.size
         self.bounds: Array = np.full(2 * count, np.inf)
         if controller.law != "off":
             self.bounds[:count] = divergence
@@ -73,8 +73,10 @@ class Envelope:
         worst = int(np.argmax(excess))
         if excess[worst] > 1.0:
             return f"{lost}{self._in_words(worst, excess[worst])}; {self._advice()}"
-        # The angle is not wrapped, so this also finds a step across the singularity.
         vehicle = self.loop.vehicle
+        if vehicle.layout.is_quaternion:
+            return ""
+        # The angle is not wrapped, so this also finds a step across the singularity.
         theta_0 = state[vehicle.layout.middle_angle]
         if abs(theta_0) > LARGEST_THETA_0:
             return (
@@ -84,17 +86,18 @@ class Envelope:
         return ""
 
     def _errors(self, time: float | Array, states: Array) -> Array:
-        """Magnitudes of the tracking errors of coordinates, then rates (…, 2 nq)."""
+        """Magnitudes of the tracking errors, then of their rates (…, 2 nv)."""
         q, v, _, _ = self.loop.parts(states)
         q_desired, v_desired, _ = self.loop.controller.reference(time)
-        errors: Array = np.abs(np.concatenate([q - q_desired, v - v_desired], axis=-1))
+        found = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
+        errors: Array = np.abs(np.concatenate(found, axis=-1))
         return errors
 
     def _in_words(self, place: int, excess: float) -> str:
         vehicle = self.loop.vehicle
-        is_rate, coordinate = divmod(place, len(vehicle.coordinates))
-        name = vehicle.coordinates[coordinate]
-        unit = vehicle.layout.q.units[coordinate]
+        is_rate, coordinate = divmod(place, vehicle.layout.v.size)
+        name = vehicle.kinematics.error_names[coordinate]
+        unit = vehicle.layout.v.units[coordinate].removesuffix("/s")
         divergence = f"{self.bounds[coordinate]:.3g} {unit} (integration.divergence)"
         off = f"{excess * self.bounds[place]:.3g} {unit}"
         if is_rate:
@@ -118,7 +121,7 @@ class Envelope:
 
 
 def _peak_response(gains: Gains) -> Array:
-    """Peaks (nq), s, of errors that begin at 0 with a rate of 1: the peak impulse response."""
+    """Peaks (nv), s, of errors that begin at 0 with a rate of 1: the peak impulse response."""
     frequency = np.sqrt(gains.stiffness)
     ratio = gains.damping / (2.0 * frequency) + 0j
     root = np.sqrt(ratio**2 - 1.0)

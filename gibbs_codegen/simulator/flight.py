@@ -28,17 +28,21 @@ _ROWS = 4096
 class Flight:
     """Time series of one flight, a row per sample; SI units, radians, world axes with Z up.
 
-    With s samples, nq coordinates, nu inputs, N rotors and k points:
+    With s samples, nq coordinates, nv velocities, nu inputs, N rotors, k points and c constrained
+    joints:
 
-    - `time` (s); `q`, `v`, `a` and `q_desired`, `v_desired`, `a_desired` (s, nq)
+    - `time` (s); `q`, `q_desired` (s, nq); `v`, `a`, `v_desired`, `a_desired` (s, nv)
     - `commanded` and `applied` (s, nu): inputs that the controller asks for, and those that act
       after thrust limits and motor lag
-    - `constraint_torques` (s, N − 1) about the joints of base arms 2 … N (eqs. 14–17)
+    - `constraint_torques` (s, c): of base arms 2 … N (eqs. 14–17), or of the joints `constrained`
     - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
-      2 … N against arm 1, measured from where the motors are
-    - `positions` (s, k, 3) of the `points`; `base_rotation` (s, 3, 3), from arm 1 to the world
-    - `thrust_directions` (N, 3): unit vectors of the thrusts in the frame of arm 1
-    - `centre_desired`, `tip_desired` (s, 3): where base centre and tip should be
+      2 … N against arm 1, measured from where the motors are; none of a base without arms
+    - `positions` (s, k, 3) of the `points`; `base_rotation` (s, 3, 3), from the base's frame, which
+      is arm 1's if there are arms, to the world
+    - `thrust_directions` (N, 3): unit vectors of the thrusts in the base's frame; (s, N, 3) where
+      rotors move with joints
+    - `centre_desired`, `tip_desired` (s, 3): where base centre and tip should be; without a tip
+      the latter is (s, 0)
     - `heading_error` (s): angle between base arm `tangent_arm` and the tangent of the base's path,
       0 where the attitude does not follow the path (`tangent_arm` is 0 then)
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
@@ -81,13 +85,24 @@ class Flight:
     @property
     def rotors(self) -> int:
         """Number of rotors N."""
-        return len(self.base_arm_angles_desired) + 1
+        return int(self.thrust_directions.shape[-2])
 
     @cached_property
     def layout(self) -> Layout:
         """Places, names and units of the coordinates."""
         units = self.coordinate_units
-        return Layout.listed(self.attitude, self.coordinates, units, self.rotors - 1)
+        constrained = self.constraint_torques.shape[1]
+        return Layout.listed(self.attitude, self.coordinates, units, constrained)
+
+    @property
+    def centre(self) -> str:
+        """Name of the point that is the base centre."""
+        return "O2" if "O2" in self.points else "base"
+
+    @property
+    def has_tip(self) -> bool:
+        """Whether the robot has a tip: one arm, or a frame of that name."""
+        return "tip" in self.points
 
     @property
     def input_units(self) -> tuple[str, ...]:
@@ -113,7 +128,7 @@ class Flight:
     @property
     def centre_error(self) -> Array:
         """Distance (s) of the base centre from where it should be, m."""
-        distance: Array = np.linalg.norm(self.point("O2") - self.centre_desired, axis=1)
+        distance: Array = np.linalg.norm(self.point(self.centre) - self.centre_desired, axis=1)
         return distance
 
     @property
@@ -132,19 +147,21 @@ class Flight:
     def columns(self) -> Iterator[tuple[str, str, Array]]:
         """Name, unit and values (s) of every scalar series, time first."""
         yield "time", "s", self.time
-        for prefix, suffix, series in (
-            ("", "", self.q),
-            ("", "_desired", self.q_desired),
-            ("rate_", "", self.v),
-            ("rate_", "_desired", self.v_desired),
-            ("acceleration_", "", self.a),
-            ("acceleration_", "_desired", self.a_desired),
+        places, velocities = self.layout.q, self.layout.v
+        # Components of velocities have names of their own, rates those of their coordinates.
+        rates = [f"rate_{name}" if name in places.names else name for name in velocities.names]
+        growth = [f"acceleration_{name}" for name in velocities.names]
+        per_square = [f"{unit}^2" for unit in velocities.units]
+        for names, units, suffix, series in (
+            (places.names, places.units, "", self.q),
+            (places.names, places.units, "_desired", self.q_desired),
+            (rates, velocities.units, "", self.v),
+            (rates, velocities.units, "_desired", self.v_desired),
+            (growth, per_square, "", self.a),
+            (growth, per_square, "_desired", self.a_desired),
         ):
-            per = {"": "", "rate_": "/s", "acceleration_": "/s^2"}[prefix]
-            for name, unit, values in zip(
-                self.layout.q.names, self.layout.q.units, series.T, strict=True
-            ):
-                yield f"{prefix}{name}{suffix}", unit + per, values
+            for name, unit, values in zip(names, units, series.T, strict=True):
+                yield f"{name}{suffix}", unit, values
         for suffix, series in (("", self.applied), ("_commanded", self.commanded)):
             for name, unit, values in zip(
                 self.input_names, self.input_units, series.T, strict=True
@@ -157,11 +174,12 @@ class Flight:
         for j, point in enumerate(self.points):
             for i, axis in enumerate("xyz"):
                 yield f"{point}_{axis}", "m", self.positions[:, j, i]
-        for point, series in (("O2", self.centre_desired), ("tip", self.tip_desired)):
-            for i, axis in enumerate("xyz"):
-                yield f"{point}_{axis}_desired", "m", series[:, i]
+        for point, series in ((self.centre, self.centre_desired), ("tip", self.tip_desired)):
+            for axis, values in zip("xyz", series.T, strict=False):
+                yield f"{point}_{axis}_desired", "m", values
         yield "centre_error", "m", self.centre_error
-        yield "tip_error", "m", self.tip_error
+        if self.has_tip:
+            yield "tip_error", "m", self.tip_error
         yield "heading_error", "rad", self.heading_error
         yield "kinetic_energy", "J", self.kinetic_energy
         yield "potential_energy", "J", self.potential_energy

@@ -40,8 +40,10 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
     """
     revolute = vehicle.is_angle[vehicle.arm]
     low, high = limits[0][revolute], limits[1][revolute]
-    places = np.array(vehicle.layout.q.joint_places)[revolute]
-    rest = np.zeros(len(vehicle.coordinates))
+    places, rates = (
+        np.array(entries.joint_places)[revolute] for entries in (vehicle.layout.q, vehicle.layout.v)
+    )
+    rest = vehicle.neutral
     rest[vehicle.arm] = np.clip(0.0, *limits)
     if not np.any(revolute):
         return rest[vehicle.arm]
@@ -57,7 +59,8 @@ def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
     def gradient(angles: Array) -> Array:
         # The torques that hold the arm still are the gradient of its potential energy.
         q = posture(angles)
-        return vehicle.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q))[..., places]
+        still = np.zeros((*q.shape[:-1], vehicle.layout.v.size))
+        return vehicle.inverse_dynamics(q, still, still)[..., rates]
 
     # The first start is away from 0 and from symmetry, where the gradient may vanish at a maximum.
     shares = qmc.Halton(len(places), scramble=False).random(_STARTS)

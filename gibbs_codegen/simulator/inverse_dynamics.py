@@ -1,8 +1,8 @@
 """Inverse dynamics: the thrusts and joint torques of a motion, and its constraint torques.
 
-M a − R = B u for the free coordinates. Each joint torque acts on its own coordinate alone, so it is
-that entry of the left side; the entries of attitude and position are a wrench on the base, which
-the allocation turns into thrusts.
+M a − R = B u for the free coordinates. The entries of attitude and position are a wrench on the
+base, which the allocation turns into thrusts. Each joint torque acts on its own coordinate alone,
+so it is that entry of the left side, less what thrusts of rotors on links contribute to it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def required_inputs(
     Args:
         vehicle: The robot.
         allocation: Control allocation of its rotors.
-        q, v, a: Coordinates, rates and accelerations (…, nq).
+        q, v, a: Coordinates (…, nq), velocities and accelerations (…, nv).
 
     Returns:
         Inputs u (…, nu): thrusts, N, then joint torques, N m or N.
@@ -30,8 +30,12 @@ def required_inputs(
         AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
     """
     force = vehicle.inverse_dynamics(q, v, a)
-    thrusts = allocation.thrusts(vehicle.base_wrench(q, force))
-    return np.concatenate([thrusts, force[..., vehicle.arm]], axis=-1)
+    thrusts = allocation.thrusts_at(q, vehicle.base_wrench(q, force))
+    efforts = force[..., vehicle.arm_rates]
+    if vehicle.rotors_move:
+        loads = vehicle.input_matrix(q)[..., vehicle.arm_rates, : vehicle.rotors]
+        efforts = efforts - (loads @ thrusts[..., np.newaxis])[..., 0]
+    return np.concatenate([thrusts, efforts], axis=-1)
 
 
 def inputs_and_constraint_torques(
@@ -42,7 +46,7 @@ def inputs_and_constraint_torques(
     Args:
         vehicle: The robot.
         allocation: Control allocation of its rotors.
-        q, v, a: Coordinates, rates and accelerations (…, nq).
+        q, v, a: Coordinates (…, nq), velocities and accelerations (…, nv).
 
     Returns:
         Inputs u (…, nu), as `required_inputs` has them, and the torques τ' (…, N − 1) of base arms

@@ -42,10 +42,11 @@ def reach(vehicle: Vehicle, q: Array, target: Array, limits: Limits) -> tuple[Ar
     arm = vehicle.arm
     q[arm] = np.clip(q[arm], *limits)
     fixed = limits[0] >= limits[1]
+    arm_rates = vehicle.arm_rates
     error = target - vehicle.tip_pose(q)[:3, 3]
     damping = 1e-6
     for _ in range(_ITERATIONS):
-        jacobian = np.where(fixed, 0.0, vehicle.tip_jacobian(q)[:3, arm])
+        jacobian = np.where(fixed, 0.0, vehicle.tip_jacobian(q)[:3, arm_rates])
         step = _damped_step(jacobian, error, damping, (limits[0] - q[arm], limits[1] - q[arm]))
         if np.max(np.abs(step), initial=0.0) < _SETTLED:
             break
@@ -162,7 +163,7 @@ def arm_length(vehicle: Vehicle, q: Array) -> float:
     Returns:
         The value, m per rad.
     """
-    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm]
+    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm_rates]
     return float(np.linalg.norm(jacobian, 2))
 
 
@@ -181,5 +182,5 @@ def is_singular(vehicle: Vehicle, q: Array) -> bool:
 
 def _least_singular_value(vehicle: Vehicle, q: Array) -> float:
     """The least singular value of the Jacobian of the tip with respect to the joints."""
-    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm]
+    jacobian = vehicle.tip_jacobian(q)[:3, vehicle.arm_rates]
     return float(np.linalg.svd(jacobian, compute_uv=False)[-1])

@@ -54,7 +54,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         base_arm_angles_desired=vehicle.arm_angles()[1:],
         positions=positions,
         base_rotation=rotation,
-        thrust_directions=_thrust_directions(vehicle),
+        thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(vehicle, scenario, time, q_desired),
         heading_error=_heading_errors(vehicle, scenario, time, rotation),
@@ -64,10 +64,14 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     )
 
 
-def _thrust_directions(vehicle: Vehicle) -> Array:
-    """Unit vectors (N, 3) of the thrusts in the frame of arm 1."""
-    forces = vehicle.thrust_wrenches()[:3].T
-    directions: Array = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
+    """Unit vectors of the thrusts in the base's frame, at coordinates (s, nq).
+
+    They are (N, 3) where they are the same in all samples, and (s, N, 3) where rotors move.
+    """
+    wrenches = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
+    forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
+    directions: Array = forces / np.linalg.norm(forces, axis=-1, keepdims=True)
     return directions
 
 
@@ -86,8 +90,11 @@ def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: A
         q_desired: Desired coordinates (s, nq).
 
     Returns:
-        Positions (s, 3), world axes, m: on the tip's path, or where a held posture puts the tip.
+        Positions (s, 3), world axes, m: on the tip's path, or where a held posture puts the tip;
+        (s, 0) without a tip.
     """
+    if not vehicle.has_tip:
+        return np.zeros((len(time), 0))
     if scenario.arm.tip:
         return scenario.arm.tip(time)[:, 0]
     return vehicle.positions(q_desired)[:, vehicle.points.index("tip")]
@@ -121,12 +128,12 @@ def _measured_arm_angles(vehicle: Vehicle, positions: Array, rotation: Array) ->
         rotation: From the frame of arm 1 to the world (s, 3, 3).
 
     Returns:
-        Angles (s, N − 1), rad.
+        Angles (s, N − 1), rad; (s, 0) of a base without arms.
     """
-    centre = positions[:, vehicle.points.index("O2")]
-    angles = []
-    for k in range(2, vehicle.rotors + 1):
+    centre = positions[:, vehicle.points.index(vehicle.centre)]
+    angles = [np.zeros((0, len(positions)))]
+    for k in range(2, len(vehicle.arm_angles()) + 1):
         arm = positions[:, vehicle.points.index(f"motor{k}")] - centre
         x, y, _ = np.einsum("sji,sj->is", rotation, arm)
-        angles.append(np.arctan2(y, x))
-    return np.stack(angles, axis=-1)
+        angles.append(np.arctan2(y, x)[np.newaxis])
+    return np.concatenate(angles).T

@@ -30,6 +30,7 @@ from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Controller, Gains
 from gibbs_codegen.simulator.flight import Flight
 from gibbs_codegen.simulator.integrate import integrate
+from gibbs_codegen.simulator.moving_rotors import allocation_of
 from gibbs_codegen.simulator.recording import flight_of
 from gibbs_codegen.simulator.reference import Reference
 from gibbs_codegen.simulator.trajectory import Progress, desired_motion, starting_state
@@ -90,7 +91,7 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
         The closed loop.
     """
     control, motors = scenario.control, scenario.motors
-    allocation = Allocation(vehicle.thrust_wrenches(), motors.limits)
+    allocation = allocation_of(vehicle, limits=motors.limits)
     if control.law == "computed_torque":
         allocation.require_all_directions(
             f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
@@ -99,7 +100,7 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
     reference = desired_motion(vehicle, scenario, progress)
     if control.law == "open_loop":
         _check_open_loop(vehicle, allocation, reference)
-    gains = Gains.of(control.frequency, control.damping_ratio, len(vehicle.coordinates))
+    gains = Gains.of(control.frequency, control.damping_ratio, vehicle.layout.v.size)
     controller = Controller(vehicle, reference, allocation, gains, control.law)
     return ClosedLoop(vehicle, controller, motors.limits, motors.time_constant, scenario.tip_force)
 
@@ -137,10 +138,10 @@ def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Refere
     time = np.linspace(reference.begin, reference.end, len(reference.coefficients) + 1)
     q, v, a = reference(time)
     wrenches = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
-    impossible = np.flatnonzero(allocation.residual(wrenches))
+    impossible = np.flatnonzero(allocation.residual_at(q, wrenches))
     if len(impossible):
         try:
-            allocation.thrusts(wrenches[impossible])
+            allocation.thrusts_at(q[impossible], wrenches[impossible])
         except AllocationError as error:
             first = f"from t = {time[impossible[0]]:.6g} s on "
             raise AllocationError(f"{vehicle.name}: {first}{error}", error.missing) from None

@@ -20,7 +20,7 @@ from gibbs_codegen.simulator.knots import (
     refined,
     tolerance,
 )
-from gibbs_codegen.simulator.reference import Motion, Reference
+from gibbs_codegen.simulator.reference import Motion
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 _TOO_FAST = (
@@ -59,6 +59,11 @@ def desired_with_tip(
         UsageError: For a robot without an arm, and where not even the most knots keep the tip on
             its path.
     """
+    if not vehicle.has_tip:
+        raise UsageError(
+            f"{vehicle.name}: has no tip, which a robot has where it has one arm without branches, "
+            f"or a frame of that name; {OTHER_SCENARIO}"
+        )
     if vehicle.joints == 0:
         raise UsageError(
             f"{vehicle.name}: has no arm, so its tip cannot follow a path of its own; "
@@ -93,7 +98,7 @@ def _deviation(vehicle: Vehicle, motion: Motion, tip: Path) -> Deviation | None:
     Returns:
         The greatest deviation, m; None if it is within the tolerance.
     """
-    reference = Reference(motion)
+    reference = vehicle.kinematics.reference(motion)
     worst, found = 1.0, None
     for begin in range(0, len(motion.time) - 1, BATCH):
         every = check_times(motion.time[begin : begin + BATCH + 1])

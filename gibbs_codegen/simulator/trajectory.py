@@ -12,7 +12,6 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.attitude import (
     SingularAttitudeError,
     Turning,
-    attitude_angles,
 )
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
 from gibbs_codegen.simulator.base_trajectory import desired_base
@@ -60,7 +59,7 @@ def desired_motion(
         else:
             posture = _joint_values(vehicle, task.posture)
             _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
-        return Reference(desired_with_posture(vehicle, base_at(time), posture))
+        return vehicle.kinematics.reference(desired_with_posture(vehicle, base_at(time), posture))
     guess = None
     if task.guess is not None:
         guess = _joint_values(vehicle, task.guess)
@@ -75,7 +74,7 @@ def desired_motion(
         guess,
         lambda done, total: progress("inverse kinematics", done / total),
     )
-    return Reference(motion)
+    return vehicle.kinematics.reference(motion)
 
 
 def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Motion:
@@ -105,7 +104,8 @@ def starting_state(
         offset: How far base centre and attitude are off.
 
     Returns:
-        Coordinates and rates, each (nq).
+        Coordinates (nq) and velocities (nv); those of position and attitude stay as they are in
+        the world, or as rates of attitude angles.
 
     Raises:
         SingularAttitudeError: If the offset turns the base to the singularity.
@@ -116,9 +116,10 @@ def starting_state(
     attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
     centre = q[position] + vehicle.centre_offset(q)
     turned = Rotation.from_rotvec(offset.rotation).as_matrix() @ vehicle.base_rotation(q)
-    at_rest = np.zeros(3)
+    at_rest = np.zeros((1, 3))
     try:
-        angles, _, _ = attitude_angles(vehicle.attitude, Turning(turned, at_rest, at_rest))
+        turning = Turning(turned[np.newaxis], at_rest, at_rest)
+        entries, _, _ = vehicle.kinematics.turned(turning)
     except SingularAttitudeError as error:
         raise SingularAttitudeError(
             f"at t = {reference.begin:.6g} s, with the base turned by start.turn_deg (the start's "
@@ -126,10 +127,9 @@ def starting_state(
             error.place,
         ) from None
     start = q.copy()
-    # Of angles that differ by whole turns, those nearest to the desired ones.
-    start[attitude] = angles + 2.0 * np.pi * np.round((q[attitude] - angles) / (2.0 * np.pi))
+    start[attitude] = vehicle.kinematics.continued(q[attitude], entries)[0]
     start[position] = centre + offset.position - vehicle.centre_offset(start)
-    return start, v
+    return start, vehicle.kinematics.kept(v, turned.T @ vehicle.base_rotation(q))
 
 
 def _check_units(vehicle: Vehicle, task: ArmTask) -> None:

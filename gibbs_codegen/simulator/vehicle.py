@@ -6,7 +6,7 @@ This is all that the simulator knows of a robot; either back end serves.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cached_property, partial
 from types import ModuleType
 from typing import Any
 
@@ -15,11 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import DATA, FUNCTIONS
-from gibbs_codegen.robot.layout import QUATERNION, Layout
-from gibbs_codegen.scenario.attitude import rate_matrix, rotation_matrix
+from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.simulator.kinematics import AngleKinematics, Kinematics
+from gibbs_codegen.simulator.quaternion_kinematics import QuaternionKinematics
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+# Angles and travels of joints, rad and m, apart by which it is told whether rotors move with them.
+_FIRST_JOINT, _NEXT_JOINT = 0.3, 0.37
+# Share of a wrench by which rotors that do not move may seem to.
+_ROUNDING = 1e-12
 
 
 class Vehicle:
@@ -36,14 +42,11 @@ class Vehicle:
     """
 
     def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
-        if missing := [name for name in (*DATA, *FUNCTIONS) if not hasattr(module, name)]:
+        # A robot with several arms has no tip.
+        wanted = (*DATA, *(name for name in FUNCTIONS if not name.startswith("tip_")))
+        if missing := [name for name in wanted if not hasattr(module, name)]:
             raise UsageError(
                 f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
-            )
-        if module.ATTITUDE == QUATERNION:
-            raise UsageError(
-                f"{module.NAME}: its attitude is a quaternion, which cannot be simulated yet; give "
-                'base.attitude as a sequence of angles, such as "xyz", and generate it again'
             )
         try:
             self.constants: Any = module.prepare(dict(parameters)) if parameters else None
@@ -56,22 +59,35 @@ class Vehicle:
         constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
         units = module.COORDINATE_UNITS
         self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
+        self.kinematics: Kinematics = AngleKinematics(self.layout)
+        if self.layout.is_quaternion:
+            self.kinematics = QuaternionKinematics(self.layout)
         # By coordinate (nq): an angle, in rad, rather than a length, in m.
         self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])
         self.inputs: tuple[str, ...] = module.INPUTS
         self.points: tuple[str, ...] = module.POINTS
-        self.arm = self.layout.q.joints
+        # Places of the joints among coordinates, and among velocities and accelerations.
+        self.arm, self.arm_rates = self.layout.q.joints, self.layout.v.joints
+        # The point that wrenches on the base are about.
+        self.centre = "O2" if "O2" in self.points else "base"
+        self.has_tip = "tip" in self.points
         self.joints = len(self.joint_names)
         self.rotors = len(self.inputs) - self.joints
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take the module's functions, with the constants."""
         self.forward_dynamics = self._bound("forward_dynamics")
         self.inverse_dynamics = self._bound("inverse_dynamics")
         self.mass_matrix = self._bound("mass_matrix")
         self.input_matrix = self._bound("input_matrix")
         self.constraint_torques = self._bound("constraint_torques")
         self.positions = self._bound("positions")
-        self.tip_pose = self._bound("tip_pose")
-        self.tip_jacobian = self._bound("tip_jacobian")
-        self.tip_bias_acceleration = self._bound("tip_bias_acceleration")
+        self.integrate = self._bound("integrate")
+        if self.has_tip:
+            self.tip_pose = self._bound("tip_pose")
+            self.tip_jacobian = self._bound("tip_jacobian")
+            self.tip_bias_acceleration = self._bound("tip_bias_acceleration")
         self.kinetic_energy = self._bound("kinetic_energy")
         self.potential_energy = self._bound("potential_energy")
 
@@ -91,9 +107,10 @@ class Vehicle:
             q: Coordinates (…, nq).
 
         Returns:
-            R (…, 3, 3), from the frame of arm 1 to the world.
+            R (…, 3, 3), from the base's frame, which is that of arm 1 if there are arms, to the
+            world.
         """
-        return rotation_matrix(self.attitude, np.asarray(q)[..., self.layout.q.attitude])
+        return self.kinematics.rotation(np.asarray(q))
 
     def centre_offset(self, q: ArrayLike) -> Array:
         """Vector from the point whose position is x, y, z to the base centre.
@@ -106,13 +123,15 @@ class Vehicle:
         """
         at_origin = np.array(q, dtype=np.float64)
         at_origin[..., self.layout.q.position] = 0.0
-        return self.positions(at_origin)[..., self.points.index("O2"), :]
+        return self.positions(at_origin)[..., self.points.index(self.centre), :]
 
     def arm_angles(self) -> Array:
-        """Angles (N), rad, of the base arms against arm 1, in the order of the rotors.
+        """Angles, rad, of the base arms against arm 1, in the order of the rotors; none without.
 
         Arm 1 points at the centre, the others away from it; so 0 for both arm 1 and the arm across.
         """
+        if "motor1" not in self.points or self.centre != "O2":
+            return np.zeros(0)
         angles = -np.pi + 2.0 * np.pi * np.arange(self.rotors) / self.rotors
         angles[0] = 0.0
         return angles
@@ -120,30 +139,52 @@ class Vehicle:
     def base_wrench(self, q: Array, generalised_force: Array) -> Array:
         """The wrench on the base that a generalised force amounts to.
 
-        The inverse of ψ = Jᵀw for the rows of attitude and position (eq. 13).
-
         Args:
             q: Coordinates (…, nq).
-            generalised_force: Generalised force (…, nq).
+            generalised_force: Generalised force (…, nv).
 
         Returns:
-            Force, N, and torque about the base centre, N m, (…, 6) in arm 1's frame.
+            Force, N, and torque about the base centre, N m, (…, 6) in the base's frame.
         """
-        attitude = self.layout.q.attitude
-        world_force = generalised_force[..., self.layout.q.position]
-        turn = np.swapaxes(rate_matrix(self.attitude, q[..., attitude]), -1, -2)
-        torque = np.linalg.solve(turn, generalised_force[..., attitude, np.newaxis])[..., 0]
+        world_force, torque = self.kinematics.wrench(q, generalised_force)
         torque = torque - np.cross(self.centre_offset(q), world_force)
         world = np.stack([world_force, torque], axis=-2)
         wrench = world @ self.base_rotation(q)
         return wrench.reshape(*wrench.shape[:-2], 6)
 
-    def thrust_wrenches(self) -> Array:
-        """Wrench on the base (6, N) of a unit thrust of each rotor: force, torque about the centre.
+    @property
+    def neutral(self) -> Array:
+        """Coordinates (nq) of zero, the base level."""
+        return np.array(self.layout.neutral)
 
-        It is in arm 1's frame, and the same at every configuration.
+    def thrust_wrenches(self, q: Array | None = None) -> Array:
+        """Wrench on the base of a unit thrust of each rotor: force, torque about the centre.
+
+        Args:
+            q: Coordinates (…, nq), of which the attitude and the position make no difference, nor
+                do the joints unless rotors move with them; None for those of zero.
+
+        Returns:
+            Forces and torques (…, 6, N), in the base's frame.
         """
-        level = np.zeros(len(self.coordinates))
-        columns = self.input_matrix(level)[:, : self.rotors]
-        wrenches: Array = self.base_wrench(np.zeros_like(columns.T), columns.T).T
-        return wrenches
+        q = self.neutral if q is None else q
+        columns = np.swapaxes(self.input_matrix(q)[..., : self.rotors], -1, -2)
+        places = np.broadcast_to(q[..., np.newaxis, :], (*columns.shape[:-1], q.shape[-1]))
+        return np.swapaxes(self.base_wrench(places, columns), -1, -2)
+
+    @cached_property
+    def damping(self) -> Array:
+        """Damping (nv) of the joints, N m s/rad or N s/m: of forces, the part odd in velocities."""
+        q, v = self.neutral, np.ones(self.layout.v.size)
+        forward, backward = (self.inverse_dynamics(q, sign * v, 0.0 * v) for sign in (1.0, -1.0))
+        return 0.5 * (forward - backward)
+
+    @cached_property
+    def rotors_move(self) -> bool:
+        """Whether thrusts load joints, or their wrench on the base depends on the joints."""
+        q = self.neutral
+        q[self.arm] = _FIRST_JOINT + _NEXT_JOINT * np.arange(self.joints)
+        here, there = self.thrust_wrenches(), self.thrust_wrenches(q)
+        loads = self.input_matrix(q)[self.arm_rates, : self.rotors]
+        moves = np.abs(there - here) > _ROUNDING * np.abs(here).max()
+        return bool(np.any(loads) or np.any(moves))

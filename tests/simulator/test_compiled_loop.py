@@ -379,7 +379,15 @@ int main(void)
         const int large = draw(50) == 0;
         n = large ? 70 : BASE + draw(5);
         rotors = large ? 256 : BASE + draw(5);
-        Loop f = {forward, inverse, inputs, mass, jacobian, NULL, n, rotors};
+        const int turning = draw(2) == 0; /* attitude by a quaternion */
+        const ptrdiff_t coordinates = n + turning;
+        Loop f = {forward, inverse, inputs, mass, jacobian, NULL, coordinates, n, rotors};
+        f.middle_angle = -turning;
+        f.attitude = turning ? 3 : 0;
+        f.joints = turning ? 6 : 3;
+        f.position = turning ? 0 : n - 3;
+        f.quaternion = f.attitude;
+        f.placed = f.position;
         f.pieces = 1 + draw(4);
         f.law = (int)draw(3);
         f.pushed = draw(3) == 0;
@@ -397,14 +405,16 @@ int main(void)
         f.largest_theta_0 = 1.56;
         f.begin = value();
         f.piece = 0.05;
-        double *coefficients = filled(f.pieces * POWERS * n), *distribution = filled(rotors * BASE);
-        double *stiffness = filled(n), *damping = filled(n);
+        double *coefficients = filled(f.pieces * POWERS * coordinates);
+        double *distribution = filled(rotors * BASE);
+        double *stiffness = filled(n), *damping = filled(n), *losses = filled(n);
         f.coefficients = coefficients;
         f.distribution = distribution;
         f.stiffness = stiffness;
         f.damping = damping;
+        f.losses = losses;
         f.scratch = room(gibbs_codegen_rk4_room(&f) - SHORT);
-        const ptrdiff_t size = 2 * n + 1 + (f.lag > 0.0 ? rotors : 0);
+        const ptrdiff_t size = coordinates + n + 1 + (f.lag > 0.0 ? rotors : 0);
         const ptrdiff_t count = draw(30), every = 1 + draw(40), number = draw(1000);
         double *state = filled(size), *samples = room((count / every + 1) * size);
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
@@ -429,6 +439,7 @@ int main(void)
         free(distribution);
         free(stiffness);
         free(damping);
+        free(losses);
         free(f.scratch);
         free(state);
         free(samples);
@@ -468,5 +479,8 @@ def test_the_loop_neither_allocates_nor_keeps_anything(tmp_path: Path) -> None:
     (compiled,) = compile_only("gcc", ["-O2"], [str(NATIVE / "rk4.c")], tmp_path)
     symbols = [line.split() for line in run(["nm", compiled]).splitlines()]
     called = {words[-1] for words in symbols if words[-2] == "U"}
-    assert called <= {"cos", "memcpy", "memset", "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
+    assert called <= {
+        *("atan2", "cos", "sqrt", "memcpy", "memmove", "memset"),
+        *("_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"),
+    }
     assert not [words for words in symbols if words[-2] in "bBdDC"]

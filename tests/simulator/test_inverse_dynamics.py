@@ -39,8 +39,8 @@ def test_minimum_norm_where_there_are_rotors_to_spare(fast: Callable[[str], Modu
     q, v, a = np.random.default_rng(2).uniform(-1, 1, (3, len(vehicle.coordinates)))
     inputs = required_inputs(vehicle, Allocation(vehicle.thrust_wrenches()), q, v, a)
     matrix = vehicle.input_matrix(q)
-    least = np.linalg.pinv(matrix[vehicle.layout.base][:, : vehicle.rotors])
-    force = vehicle.inverse_dynamics(q, v, a)[vehicle.layout.base]
+    least = np.linalg.pinv(matrix[vehicle.layout.v.base][:, : vehicle.rotors])
+    force = vehicle.inverse_dynamics(q, v, a)[vehicle.layout.v.base]
     assert inputs[: vehicle.rotors] == pytest.approx(least @ force, abs=1e-9)
 
 

@@ -2,8 +2,8 @@
  * A controlled flight in fixed steps of Runge and Kutta's classical method, many steps a call.
  *
  * The functions of an emitted C module are given by their addresses, so one compiled loop serves
- * every robot. The state is q, v, the work of the inputs and of the push on the tip, and the
- * thrusts where the motors lag. What takes more than arithmetic, thrusts that meet a limit, is left
+ * every robot. The state is q, v, the work of the inputs and of the push on the tip less what
+ * damping takes, and the thrusts where the motors lag. A quaternion may have any length. What takes more than arithmetic, thrusts that meet a limit, is left
  * to the caller, step by step.
  */
 
@@ -27,11 +27,14 @@ typedef struct {
     Matrix *tip_jacobian;        /* [6][coordinates], of which the upper half is linear */
     const void *constants;
     ptrdiff_t coordinates;
+    ptrdiff_t velocities;
     ptrdiff_t rotors;
-    ptrdiff_t attitude;          /* places in the coordinates: where the attitude begins, */
-    ptrdiff_t joints;            /* where the joints begin, */
-    ptrdiff_t position;          /* where the position begins, */
-    ptrdiff_t middle_angle;      /* and the attitude angle that has a singularity */
+    ptrdiff_t attitude;          /* places in the velocities: where the attitude's begin, */
+    ptrdiff_t joints;            /* where the joints' begin, */
+    ptrdiff_t position;          /* and where the position's begin */
+    ptrdiff_t middle_angle;      /* place of the angle that has a singularity; -1: quaternion, */
+    ptrdiff_t quaternion;        /* place in the coordinates where that begins, */
+    ptrdiff_t placed;            /* and where the position begins */
     ptrdiff_t pieces;
     int law;
     int limited;
@@ -40,13 +43,14 @@ typedef struct {
     double most;
     double lag;
     double push[3];              /* force on the tip, world axes */
-    const double *bounds;        /* [2][coordinates]: errors beyond which control is lost */
+    const double *bounds;        /* [2][velocities]: errors beyond which control is lost */
     double largest_theta_0;      /* beyond it angles are singular */
     double begin;                /* of the first piece of the reference */
     double piece;                /* length of a piece */
     const double *coefficients;  /* [pieces][6][coordinates] */
-    const double *stiffness;     /* [coordinates] */
-    const double *damping;       /* [coordinates] */
+    const double *stiffness;     /* [velocities] */
+    const double *damping;       /* [velocities] */
+    const double *losses;        /* [velocities]: damping of the robot itself */
     const double *distribution;  /* [rotors][6]: thrusts of a force and a torque on the base */
     double *scratch;             /* [gibbs_codegen_rk4_room] */
 } Loop;
@@ -54,10 +58,106 @@ typedef struct {
 /* Length of the state. */
 static ptrdiff_t size_of(const Loop *f)
 {
-    return 2 * f->coordinates + 1 + (f->lag > 0.0 ? f->rotors : 0);
+    return f->coordinates + f->velocities + 1 + (f->lag > 0.0 ? f->rotors : 0);
 }
 
-/* Desired coordinates, rates and accelerations, one after the other. */
+static void cross(const double *a, const double *b, double *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double dot(ptrdiff_t n, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+/* The vector x in the world, of a base with the unit quaternion p; back into the base by -1. */
+static void turn(const double *p, double sign, const double *x, double *out)
+{
+    double once[3], twice[3];
+    cross(p, x, once);
+    cross(p, once, twice);
+    for (int i = 0; i < 3; ++i) {
+        out[i] = x[i] + 2.0 * (sign * p[3] * once[i] + twice[i]);
+    }
+}
+
+/* The product of the conjugate of p and of r. */
+static void between(const double *p, const double *r, double *out)
+{
+    double carried[3];
+    cross(p, r, carried);
+    for (int i = 0; i < 3; ++i) {
+        out[i] = p[3] * r[i] - r[3] * p[i] - carried[i];
+    }
+    out[3] = dot(4, p, r);
+}
+
+/* Make the quaternion of coordinates one of unit length. */
+static void normalise(const Loop *f, double *q)
+{
+    double *p = q + f->quaternion;
+    const double length = sqrt(dot(4, p, p));
+    for (int i = 0; i < 4; ++i) {
+        p[i] /= length;
+    }
+}
+
+/* Rates of coordinates, of which `unit` has the quaternion of length 1; it keeps its length. */
+static void rates_of(const Loop *f, const double *q, const double *unit, const double *v,
+                     double *rate)
+{
+    const double *p = q + f->quaternion, *spin = v + f->attitude;
+    double *growth = rate + f->quaternion;
+    turn(unit + f->quaternion, 1.0, v + f->position, rate + f->placed);
+    cross(p, spin, growth);
+    for (int i = 0; i < 3; ++i) {
+        growth[i] = 0.5 * (growth[i] + p[3] * spin[i]);
+    }
+    growth[3] = -0.5 * dot(3, p, spin);
+    memcpy(rate + f->joints + 1, v + f->joints,
+           (size_t)(f->velocities - BASE) * sizeof *rate);
+}
+
+/*
+ * In place of coordinates and their first two derivatives, the coordinates with a quaternion of
+ * unit length, velocities and accelerations. With c = r p, where p is of unit length,
+ * conj(c) c' = r r' + r^2 spin / 2.
+ */
+static void quasi_velocities(const Loop *f, double *out)
+{
+    const ptrdiff_t n = f->coordinates, m = f->velocities;
+    const size_t joints = (size_t)(m - BASE) * sizeof *out;
+    const double *c = out + f->quaternion;
+    const double square = dot(4, c, c), stretching = dot(4, c, c + n) / square;
+    double spin[4], growth[4], linear[3], rate[3], carried[3];
+    between(c, c + n, spin);
+    between(c, c + 2 * n, growth);
+    for (int i = 0; i < 3; ++i) {
+        spin[i] *= 2.0 / square;
+        growth[i] = growth[i] * (2.0 / square) - 2.0 * stretching * spin[i];
+    }
+    normalise(f, out);
+    turn(c, -1.0, out + n + f->placed, linear);
+    turn(c, -1.0, out + 2 * n + f->placed, rate);
+    cross(spin, linear, carried);
+    memmove(out + n + f->joints, out + n + f->joints + 1, joints);
+    memmove(out + n + m + f->joints, out + 2 * n + f->joints + 1, joints);
+    for (int i = 0; i < 3; ++i) {
+        out[n + f->attitude + i] = spin[i];
+        out[n + f->position + i] = linear[i];
+        out[n + m + f->attitude + i] = growth[i];
+        out[n + m + f->position + i] = rate[i] - carried[i];
+    }
+}
+
+/* Desired coordinates, velocities and accelerations, one after the other. */
 static void reference(const Loop *f, double time, double *restrict out)
 {
     const ptrdiff_t n = f->coordinates;
@@ -75,24 +175,90 @@ static void reference(const Loop *f, double time, double *restrict out)
         out[n + i] = c1 + s * (2.0 * c2 + s * (3.0 * c3 + s * (4.0 * c4 + s * (5.0 * c5))));
         out[2 * n + i] = 2.0 * c2 + s * (6.0 * c3 + s * (12.0 * c4 + s * (20.0 * c5)));
     }
-}
-
-/* Desired accelerations, corrected by the errors of a state. */
-static void corrected(const Loop *f, const double *restrict wanted, const double *restrict state,
-                      double *restrict out)
-{
-    const ptrdiff_t n = f->coordinates;
-    for (ptrdiff_t i = 0; i < n; ++i) {
-        out[i] = wanted[2 * n + i] + f->damping[i] * (wanted[n + i] - state[n + i]) +
-                 f->stiffness[i] * (wanted[i] - state[i]);
+    if (f->middle_angle < 0) {
+        quasi_velocities(f, out);
     }
 }
 
-static void cross(const double *a, const double *b, double *out)
+/*
+ * Errors of a state, then their rates: with angles, differences. With a quaternion those of the
+ * position are in world axes; that of the attitude is the rotation vector in the base's frame.
+ */
+static void errors_of(const Loop *f, const double *wanted, const double *q, const double *v,
+                      double *off)
 {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
+    const ptrdiff_t n = f->coordinates, m = f->velocities;
+    const ptrdiff_t shift = n - m; /* of the joints, past a quaternion */
+    double *rate = off + m;
+    for (ptrdiff_t i = 0; i < m; ++i) {
+        off[i] = wanted[i + shift] - q[i + shift];
+        rate[i] = wanted[n + i] - v[i];
+    }
+    if (f->middle_angle >= 0) {
+        return;
+    }
+    const double *p = q + f->quaternion, *r = wanted + f->quaternion;
+    double turned[4], spin[3], here[3], there[3];
+    between(p, r, turned);
+    const double sine = sqrt(dot(3, turned, turned)), cosine = fabs(turned[3]);
+    const double half = sine > 0.0 ? atan2(sine, cosine) / sine : 1.0 / cosine;
+    turn(r, 1.0, wanted + n + f->attitude, there);
+    turn(p, -1.0, there, spin);
+    turn(p, 1.0, v + f->position, here);
+    turn(r, 1.0, wanted + n + f->position, there);
+    for (int i = 0; i < 3; ++i) {
+        off[f->attitude + i] = copysign(2.0 * half, turned[3]) * turned[i];
+        off[f->position + i] = wanted[f->placed + i] - q[f->placed + i];
+        rate[f->attitude + i] = spin[i] - v[f->attitude + i];
+        rate[f->position + i] = there[i] - here[i];
+    }
+}
+
+/* Of a base with a quaternion, accelerations in which the base would move in the world as wanted
+ * but for `pull`, which is what control makes of the errors. */
+static void carried_over(const Loop *f, const double *wanted, const double *q, const double *v,
+                         const double *pull, double *out)
+{
+    const ptrdiff_t n = f->coordinates, m = f->velocities;
+    const double *p = q + f->quaternion, *r = wanted + f->quaternion;
+    const double *turning = wanted + n + f->attitude, *spin = v + f->attitude;
+    double swept[3], world[3], rate[3], there[3], here[3];
+    cross(turning, wanted + n + f->position, swept);
+    for (int i = 0; i < 3; ++i) {
+        swept[i] += wanted[n + m + f->position + i];
+    }
+    turn(r, 1.0, swept, world);
+    for (int i = 0; i < 3; ++i) {
+        world[i] += pull[f->position + i];
+    }
+    turn(p, -1.0, world, out + f->position);
+    cross(spin, v + f->position, swept);
+    turn(r, 1.0, wanted + n + m + f->attitude, world);
+    turn(p, -1.0, world, rate);
+    turn(r, 1.0, turning, there);
+    turn(p, -1.0, there, here);
+    cross(spin, here, there);
+    for (int i = 0; i < 3; ++i) {
+        out[f->position + i] -= swept[i];
+        out[f->attitude + i] = rate[i] - there[i] + pull[f->attitude + i];
+    }
+}
+
+/* Desired accelerations, corrected by the errors of a state; `off` is room for those. */
+static void corrected(const Loop *f, const double *wanted, const double *q, const double *v,
+                      double *off, double *restrict out)
+{
+    const ptrdiff_t n = f->coordinates, m = f->velocities;
+    errors_of(f, wanted, q, v, off);
+    for (ptrdiff_t i = 0; i < m; ++i) {
+        out[i] = wanted[n + m + i] + f->damping[i] * off[m + i] + f->stiffness[i] * off[i];
+    }
+    if (f->middle_angle < 0) {
+        for (ptrdiff_t i = 0; i < m; ++i) {
+            off[i] = f->stiffness[i] * off[i] + f->damping[i] * off[m + i];
+        }
+        carried_over(f, wanted, q, v, off, out);
+    }
 }
 
 /* Solve A x = b for three unknowns by Cramer's rule, A row by row. */
@@ -116,7 +282,7 @@ static void solve(const double *a, const double *b, double *x)
  */
 static void allocate(const Loop *f, const double *matrix, const double *wanted, double *inputs)
 {
-    const ptrdiff_t joints = f->coordinates - BASE, width = f->rotors + joints;
+    const ptrdiff_t joints = f->velocities - BASE, width = f->rotors + joints;
     const double *attitude = matrix + f->attitude * width;
     const double *position = matrix + f->position * width;
     double pushed[9] = {0.0}, turned[9] = {0.0}, force[3], torque[3];
@@ -147,10 +313,11 @@ static void allocate(const Loop *f, const double *matrix, const double *wanted, 
     memcpy(inputs + f->rotors, wanted + f->joints, (size_t)joints * sizeof *inputs);
 }
 
-/* Power of inputs: thrusts act on attitude and position, joint torques on their own joints. */
+/* Power of inputs, less that of damping: thrusts act on attitude and position (the thrusts of
+ * rotors that joints move are 0 here), joint torques on their own joints. */
 static double power(const Loop *f, const double *matrix, const double *inputs, const double *v)
 {
-    const ptrdiff_t joints = f->coordinates - BASE, width = f->rotors + joints;
+    const ptrdiff_t joints = f->velocities - BASE, width = f->rotors + joints;
     const double *attitude = matrix + f->attitude * width;
     const double *position = matrix + f->position * width;
     double sum = 0.0;
@@ -164,6 +331,7 @@ static double power(const Loop *f, const double *matrix, const double *inputs, c
     }
     for (ptrdiff_t k = 0; k < joints; ++k) {
         sum += v[f->joints + k] * inputs[f->rotors + k];
+        sum -= f->losses[f->joints + k] * v[f->joints + k] * v[f->joints + k];
     }
     return sum;
 }
@@ -206,40 +374,46 @@ static void solve_symmetric(ptrdiff_t n, double *restrict a, double *restrict b)
  */
 static void push(const Loop *f, const double *q, const double *v, double *rate, double *room)
 {
-    const ptrdiff_t n = f->coordinates;
+    const ptrdiff_t n = f->velocities;
+    double *acceleration = rate + f->coordinates, *power_rate = acceleration + n;
     double *jacobian = room, *mass = jacobian + BASE * n, *force = mass + n * n;
     f->tip_jacobian(f->constants, q, jacobian);
     f->mass_matrix(f->constants, q, mass);
     for (ptrdiff_t i = 0; i < n; ++i) {
         force[i] = f->push[0] * jacobian[i] + f->push[1] * jacobian[n + i] +
                    f->push[2] * jacobian[2 * n + i];
-        rate[2 * n] += force[i] * v[i];
+        *power_rate += force[i] * v[i];
     }
     solve_symmetric(n, mass, force);
     for (ptrdiff_t i = 0; i < n; ++i) {
-        rate[n + i] += force[i];
+        acceleration[i] += force[i];
     }
 }
 
 /*
  * Time derivative of a state. `wanted` is the reference at its time; `matrix` is room for the input
- * matrix, `work` for two vectors of coordinates, one of inputs, and what `push` takes where the tip
- * is pushed. Returns LIMIT, without a rate, where a thrust meets one.
+ * matrix, `work` for four vectors of velocities, one of coordinates, one of inputs, and what `push`
+ * takes where the tip is pushed. Returns LIMIT, without a rate, where a thrust meets one.
  */
 static int derivative(const Loop *f, const double *wanted, const double *state, double *rate,
                       double *matrix, double *work)
 {
-    const ptrdiff_t n = f->coordinates, inputs = f->rotors + n - BASE;
-    const double *q = state, *v = state + n, *thrusts = state + 2 * n + 1;
-    double *acceleration = work, *force = acceleration + n, *commanded = force + n;
+    const ptrdiff_t n = f->coordinates, m = f->velocities, inputs = f->rotors + m - BASE;
+    const double *v = state + n, *thrusts = state + n + m + 1;
+    double *q = work, *off = q + n, *acceleration = off + 2 * m, *force = acceleration + m;
+    double *commanded = force + m;
+    memcpy(q, state, (size_t)n * sizeof *q);
+    if (f->middle_angle < 0) {
+        normalise(f, q);
+    }
     if (f->law == OPEN_LOOP) {
-        f->inverse_dynamics(f->constants, wanted, wanted + n, wanted + 2 * n, force);
+        f->inverse_dynamics(f->constants, wanted, wanted + n, wanted + n + m, force);
         f->input_matrix(f->constants, wanted, matrix);
         allocate(f, matrix, force, commanded);
     }
     f->input_matrix(f->constants, q, matrix);
     if (f->law == COMPUTED_TORQUE) {
-        corrected(f, wanted, state, acceleration);
+        corrected(f, wanted, q, v, off, acceleration);
         f->inverse_dynamics(f->constants, q, v, acceleration, force);
         allocate(f, matrix, force, commanded);
     } else if (f->law == OFF) {
@@ -250,13 +424,17 @@ static int derivative(const Loop *f, const double *wanted, const double *state, 
     }
     if (f->lag > 0.0) {
         for (ptrdiff_t k = 0; k < f->rotors; ++k) {
-            rate[2 * n + 1 + k] = (commanded[k] - thrusts[k]) / f->lag;
+            rate[n + m + 1 + k] = (commanded[k] - thrusts[k]) / f->lag;
             commanded[k] = thrusts[k];
         }
     }
-    memcpy(rate, v, (size_t)n * sizeof *rate);
+    if (f->middle_angle < 0) {
+        rates_of(f, state, q, v, rate);
+    } else {
+        memcpy(rate, v, (size_t)n * sizeof *rate);
+    }
     f->forward_dynamics(f->constants, q, v, commanded, rate + n);
-    rate[2 * n] = power(f, matrix, commanded, v);
+    rate[n + m] = power(f, matrix, commanded, v);
     if (f->pushed) {
         push(f, q, v, rate, commanded + inputs);
     }
@@ -273,20 +451,29 @@ static void advance(ptrdiff_t size, const double *restrict rate, double share, d
     }
 }
 
-/* Whether a flight can go on: finite, near what is wanted, and away from the singularity. */
-static int goes_on(const Loop *f, const double *wanted, const double *state, ptrdiff_t size)
+/* Whether a flight can go on: finite, near what is wanted, and away from the singularity. `room` is
+ * for coordinates and errors. */
+static int goes_on(const Loop *f, const double *wanted, const double *state, ptrdiff_t size,
+                   double *room)
 {
+    const ptrdiff_t n = f->coordinates;
+    double *off = room + n;
     for (ptrdiff_t i = 0; i < size; ++i) {
         if (!isfinite(state[i])) {
             return 0;
         }
     }
-    for (ptrdiff_t i = 0; i < 2 * f->coordinates; ++i) { /* coordinates, then rates */
-        if (fabs(state[i] - wanted[i]) > f->bounds[i]) {
+    memcpy(room, state, (size_t)n * sizeof *room);
+    if (f->middle_angle < 0) {
+        normalise(f, room);
+    }
+    errors_of(f, wanted, room, state + n, off);
+    for (ptrdiff_t i = 0; i < 2 * f->velocities; ++i) { /* errors, then their rates */
+        if (fabs(off[i]) > f->bounds[i]) {
             return 0;
         }
     }
-    return fabs(state[f->middle_angle]) <= f->largest_theta_0;
+    return f->middle_angle < 0 || fabs(state[f->middle_angle]) <= f->largest_theta_0;
 }
 
 /* How many numbers `scratch` must hold; it is not looked at itself. */
@@ -294,9 +481,10 @@ ptrdiff_t gibbs_codegen_rk4_room(const Loop *loop);
 
 ptrdiff_t gibbs_codegen_rk4_room(const Loop *loop)
 {
-    const ptrdiff_t n = loop->coordinates, inputs = loop->rotors + n - BASE;
-    const ptrdiff_t pushing = loop->pushed ? BASE * n + n * n + n : 0;
-    return 3 * size_of(loop) + 3 * (3 * n) + n * inputs + (2 * n + inputs) + pushing;
+    const ptrdiff_t n = loop->coordinates, m = loop->velocities;
+    const ptrdiff_t inputs = loop->rotors + m - BASE;
+    const ptrdiff_t pushing = loop->pushed ? BASE * m + m * m + m : 0;
+    return 3 * size_of(loop) + 3 * (3 * n) + m * inputs + (n + 4 * m + inputs) + pushing;
 }
 
 /*
@@ -314,10 +502,11 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
     static const double weight[4] = {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0};
     static const double ahead[4] = {0.5, 0.5, 1.0, 0.0}; /* to where the next slopes are taken */
     const Loop f = *loop;
-    const ptrdiff_t n = f.coordinates, inputs = f.rotors + n - BASE, size = size_of(&f);
+    const ptrdiff_t n = f.coordinates, m = f.velocities, inputs = f.rotors + m - BASE;
+    const ptrdiff_t size = size_of(&f);
     double *rate = f.scratch, *stage = rate + size, *sum = stage + size;
     double *now = sum + size, *middle = now + 3 * n, *then = middle + 3 * n;
-    double *matrix = then + 3 * n, *work = matrix + n * inputs;
+    double *matrix = then + 3 * n, *work = matrix + m * inputs;
     reference(&f, time, now);
     for (ptrdiff_t done = 0; done < count; ++done) {
         const double *const wanted[4] = {now, middle, middle, then};
@@ -338,7 +527,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
         double *const swap = now;
         now = then;
         then = swap;
-        if (!goes_on(&f, now, state, size)) {
+        if (!goes_on(&f, now, state, size, work)) {
             return done + 1;
         }
     }

@@ -1,0 +1,323 @@
+"""Kinematics of a base whose attitude is a quaternion; no attitude is singular.
+
+v holds the linear and the angular velocity of the base in its own frame. Quaternions are
+qx, qy, qz, qw; where none of unit length is asked for, any length means the same attitude.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.scenario.attitude import Turning
+from gibbs_codegen.simulator.reference import Motion, Reference
+
+Array = NDArray[np.float64]
+
+
+class QuaternionKinematics:
+    """What `Kinematics` says, for a quaternion.
+
+    Errors of the position are in world axes. Those of the attitude are the rotation vector from
+    the actual to the desired attitude in the base's frame, and the difference of angular
+    velocities there.
+
+    Args:
+        layout: the layout of the coordinates.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+        names = [*layout.v.names]
+        names[layout.v.position] = layout.q.names[layout.q.position]
+        names[layout.v.attitude] = [f"attitude about the base's {axis}" for axis in "xyz"]
+        self.error_names = tuple(names)
+
+    def rotation(self, q: Array) -> Array:
+        """R (…, 3, 3), from the base's frame to the world, at coordinates (…, nq).
+
+        Args:
+            q: Coordinates (…, nq).
+
+        Returns:
+            R (…, 3, 3).
+        """
+        quaternion = q[..., self.layout.q.attitude]
+        flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
+        matrix: Array = flat.reshape(*quaternion.shape[:-1], 3, 3)
+        return matrix
+
+    def normalised(self, q: Array) -> Array:
+        """Coordinates (…, nq) with quaternions of unit length.
+
+        Args:
+            q: Coordinates (…, nq).
+
+        Returns:
+            Coordinates (…, nq) of the same configuration.
+        """
+        unit, attitude = np.array(q), self.layout.q.attitude
+        unit[..., attitude] /= np.linalg.norm(q[..., attitude], axis=-1, keepdims=True)
+        return unit
+
+    def rates(self, q: Array, v: Array) -> Array:
+        """Rates (…, nq) of coordinates, by which a quaternion keeps the length that it has.
+
+        Args:
+            q: Coordinates (…, nq).
+            v: Velocities (…, nv).
+
+        Returns:
+            The rates (…, nq).
+        """
+        places, rates = self.layout, np.empty_like(q)
+        rates[..., places.q.joints] = v[..., places.v.joints]
+        rates[..., places.q.position] = _times(self.rotation(q), v[..., places.v.position])
+        turn = 0.5 * _pure(v[..., places.v.attitude])
+        rates[..., places.q.attitude] = _product(q[..., places.q.attitude], turn)
+        return rates
+
+    def turned(self, turning: Turning) -> tuple[Array, Array, Array]:
+        """Quaternions (s, 4), angular velocity and acceleration (s, 3) in the base's frame.
+
+        Args:
+            turning: Rotation of the base in time, with s instants.
+
+        Returns:
+            The entries (s, k) of q, v and a.
+        """
+        quaternion = np.asarray(Rotation.from_matrix(turning.rotation).as_quat())
+        # Of a quaternion and its opposite, which are the same attitude, the one nearer to the last.
+        turns_back = np.einsum("si,si->s", quaternion[1:], quaternion[:-1]) < 0.0
+        quaternion[1:][np.cumsum(turns_back) % 2 == 1] *= -1.0
+        world = turning.velocity, turning.acceleration
+        velocity, acceleration = (_times(_transposed(turning.rotation), each) for each in world)
+        return quaternion, velocity, acceleration
+
+    def continued(self, last: Array, attitude: Array) -> Array:
+        """Quaternions (s, 4), or their opposites if the first of those is nearer to the last.
+
+        Args:
+            last: Entries (k) in q of an attitude.
+            attitude: Entries (s, k) of attitudes, of which the first is the same.
+
+        Returns:
+            Entries (s, k) of the same attitudes.
+        """
+        signed: Array = np.copysign(1.0, attitude[0] @ last) * attitude
+        return signed
+
+    def moved(self, turning: Turning, velocity: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Linear velocity and its rate (…, 3) in the frame of a base that moves in the world.
+
+        Args:
+            turning: Rotation of the base in time.
+            velocity, acceleration: Of the position (…, 3), world axes.
+
+        Returns:
+            The entries (…, 3) of v and a.
+        """
+        inverse = _transposed(turning.rotation)
+        linear = _times(inverse, velocity)
+        carried = np.cross(_times(inverse, turning.velocity), linear)
+        return linear, _times(inverse, acceleration) - carried
+
+    def kept(self, v: Array, turn: Array) -> Array:
+        """Velocities (nv) that are the same in the world, by the `turn` (3, 3) between frames.
+
+        Args:
+            v: Velocities (nv) before.
+            turn: From the frame of the base before to that after it is turned (3, 3).
+
+        Returns:
+            Velocities (nv) after.
+        """
+        after = v.copy()
+        for part in (self.layout.v.position, self.layout.v.attitude):
+            after[part] = turn @ v[part]
+        return after
+
+    def wrench(self, q: Array, generalised_force: Array) -> tuple[Array, Array]:
+        """Force and torque (…, 3) in world axes: entries of a generalised force, turned.
+
+        Args:
+            q: Coordinates (…, nq).
+            generalised_force: Generalised force (…, nv).
+
+        Returns:
+            Force, N, and torque, N m, about the position: (…, 3), world axes.
+        """
+        places, rotation = self.layout.v, self.rotation(q)
+        force, torque = (
+            _times(rotation, generalised_force[..., part])
+            for part in (places.position, places.attitude)
+        )
+        return force, torque
+
+    def errors(self, q: Array, v: Array, q_desired: Array, v_desired: Array) -> tuple[Array, Array]:
+        """Errors and their rates (…, nv), those of the position in world axes.
+
+        Args:
+            q, v: Coordinates (…, nq) and velocities (…, nv).
+            q_desired, v_desired: Those desired.
+
+        Returns:
+            Errors and their rates (…, nv).
+        """
+        places = self.layout.q, self.layout.v
+        (attitude, position, joints), (spin, linear, rates) = (
+            (each.attitude, each.position, each.joints) for each in places
+        )
+        off, off_rate = v_desired - v, v_desired - v
+        rotation, desired = self.rotation(q), self.rotation(q_desired)
+        off[..., linear] = q_desired[..., position] - q[..., position]
+        between = _product(_conjugate(q[..., attitude]), q_desired[..., attitude])
+        off[..., spin] = _rotation_vector(between)
+        off[..., rates] = q_desired[..., joints] - q[..., joints]
+        carried = _times(desired, v_desired[..., linear])
+        off_rate[..., linear] = carried - _times(rotation, v[..., linear])
+        off_rate[..., spin] = self._carried(rotation, desired, v_desired[..., spin]) - v[..., spin]
+        return off, off_rate
+
+    def corrected(
+        self, q: Array, v: Array, desired: tuple[Array, Array, Array], gains: tuple[Array, Array]
+    ) -> Array:
+        """Accelerations (…, nv) of a base that moves in the world as desired, but for the gains.
+
+        Args:
+            q, v: Coordinates (…, nq) and velocities (…, nv).
+            desired: Desired coordinates, velocities and accelerations.
+            gains: Stiffness, 1/s², and damping, 1/s, of the errors (nv).
+
+        Returns:
+            The accelerations (…, nv).
+        """
+        q_desired, v_desired, a_desired = desired
+        off, off_rate = self.errors(q, v, q_desired, v_desired)
+        pull = gains[0] * off + gains[1] * off_rate
+        spin, linear = self.layout.v.attitude, self.layout.v.position
+        rotation, wanted = self.rotation(q), self.rotation(q_desired)
+        turn, turn_desired = v[..., spin], v_desired[..., spin]
+        a = a_desired + pull
+        carried = a_desired[..., linear] + np.cross(turn_desired, v_desired[..., linear])
+        world = _times(wanted, carried) + pull[..., linear]
+        a[..., linear] = _times(_transposed(rotation), world) - np.cross(turn, v[..., linear])
+        a[..., spin] = (
+            self._carried(rotation, wanted, a_desired[..., spin])
+            - np.cross(turn, self._carried(rotation, wanted, turn_desired))
+            + pull[..., spin]
+        )
+        return a
+
+    def reference(self, motion: Motion) -> Reference:
+        """Quintics of position, quaternion and joints, as `PoseReference` has them.
+
+        Args:
+            motion: Coordinates, velocities and accelerations at knots.
+
+        Returns:
+            Those in time.
+        """
+        return PoseReference(motion, self)
+
+    def _carried(self, rotation: Array, desired: Array, vector: Array) -> Array:
+        """A vector of the desired base's frame in that of the actual base.
+
+        Args:
+            rotation, desired: Of the actual and the desired base (…, 3, 3).
+            vector: The vector (…, 3), in the frame of the desired base.
+
+        Returns:
+            The vector (…, 3).
+        """
+        return _times(_transposed(rotation) @ desired, vector)
+
+
+class PoseReference(Reference):
+    """A desired motion whose quintics are those of the coordinates, quaternion and all.
+
+    Between knots the quaternion is as good as of unit length, and is made so; velocities and
+    accelerations are the exact rates of what that gives.
+
+    Args:
+        motion: coordinates, velocities and accelerations at the knots.
+        kinematics: those of the base.
+    """
+
+    def __init__(self, motion: Motion, kinematics: QuaternionKinematics) -> None:
+        self.kinematics = kinematics
+        layout, rates = kinematics.layout, kinematics.rates(motion.q, motion.v)
+        growth = kinematics.rates(motion.q, motion.a)
+        spin, linear = motion.v[:, layout.v.attitude], motion.v[:, layout.v.position]
+        carried = np.cross(spin, linear)
+        growth[:, layout.q.position] += _times(kinematics.rotation(motion.q), carried)
+        turning = rates[:, layout.q.attitude]
+        growth[:, layout.q.attitude] += 0.5 * _product(turning, _pure(spin))
+        super().__init__(Motion(motion.time, motion.q, rates, growth))
+
+    def __call__(self, time: float | Array) -> tuple[Array, Array, Array]:
+        """Evaluate q (…, nq), v and a (…, nv) at times (…), as those of `Reference` are."""
+        c, rates, growth = super().__call__(time)
+        layout = self.kinematics.layout
+        q = self.kinematics.normalised(c)
+        inverse = _transposed(self.kinematics.rotation(q))
+        v = np.zeros((*c.shape[:-1], layout.v.size))
+        a = np.zeros_like(v)
+        v[..., layout.v.joints] = rates[..., layout.q.joints]
+        a[..., layout.v.joints] = growth[..., layout.q.joints]
+        quaternion, turning, bending = (each[..., layout.q.attitude] for each in (c, rates, growth))
+        # With c = r p, where p is of unit length, c̄ ċ = r ṙ + r² ω / 2.
+        square = np.sum(quaternion**2, axis=-1, keepdims=True)
+        stretching = np.sum(quaternion * turning, axis=-1, keepdims=True) / square
+        back = _conjugate(quaternion) * (2.0 / square)
+        spin = _product(back, turning)[..., :3]
+        linear = _times(inverse, rates[..., layout.q.position])
+        v[..., layout.v.attitude], v[..., layout.v.position] = spin, linear
+        a[..., layout.v.attitude] = _product(back, bending)[..., :3] - 2.0 * stretching * spin
+        a[..., layout.v.position] = _times(inverse, growth[..., layout.q.position]) - np.cross(
+            spin, linear
+        )
+        return q, v, a
+
+
+def _product(first: Array, second: Array) -> Array:
+    """Products (…, 4) of quaternions."""
+    one, two = first[..., :3], second[..., :3]
+    scalars = first[..., 3:], second[..., 3:]
+    vector = scalars[0] * two + scalars[1] * one + np.cross(one, two)
+    scalar = scalars[0] * scalars[1] - np.sum(one * two, axis=-1, keepdims=True)
+    product: Array = np.concatenate([vector, scalar], axis=-1)
+    return product
+
+
+def _conjugate(quaternion: Array) -> Array:
+    conjugate: Array = quaternion * np.array([-1.0, -1.0, -1.0, 1.0])
+    return conjugate
+
+
+def _pure(vector: Array) -> Array:
+    """Quaternions (…, 4) of vectors (…, 3)."""
+    return np.concatenate([vector, np.zeros_like(vector[..., :1])], axis=-1)
+
+
+def _rotation_vector(quaternion: Array) -> Array:
+    """Rotation vectors (…, 3), rad, of quaternions; no longer than half a turn."""
+    sine = np.linalg.norm(quaternion[..., :3], axis=-1, keepdims=True)
+    cosine = quaternion[..., 3:]
+    half = np.arctan2(sine, np.abs(cosine))
+    safe = np.where(sine > 0.0, sine, 1.0)
+    # Near none, the angle is twice the sine's share, and so is the factor's limit.
+    factor = np.where(sine > 0.0, half / safe, 1.0 / np.maximum(np.abs(cosine), 1e-300))
+    vector: Array = 2.0 * np.copysign(factor, cosine) * quaternion[..., :3]
+    return vector
+
+
+def _transposed(matrix: Array) -> Array:
+    return np.swapaxes(matrix, -1, -2)
+
+
+def _times(matrix: Array, vector: Array) -> Array:
+    product: Array = (matrix @ vector[..., np.newaxis])[..., 0]
+    return product
