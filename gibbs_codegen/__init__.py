@@ -6,6 +6,7 @@ when it is first used.
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 from gibbs_codegen.errors import GibbsCodegenError as GibbsCodegenError
@@ -17,6 +18,10 @@ from gibbs_codegen.errors import SingularRobotError as SingularRobotError
 from gibbs_codegen.errors import UsageError as UsageError
 from gibbs_codegen.errors import WrongModuleError as WrongModuleError
 from gibbs_codegen.version import __version__ as __version__
+
+# Functions of a robot share much of what they are derived from. When SymPy is imported it reads how
+# many results to remember: with a thousand, its default, `derive` takes half as long again.
+os.environ.setdefault("SYMPY_CACHE_SIZE", "100000")
 
 if TYPE_CHECKING:
     from gibbs_codegen.derivation.derive import derive as derive

@@ -29,9 +29,10 @@ DATA = """
     emitted/blocks.c emitted/column_major.c emitted/platform.c emitted/sine_cosine.c
     emitted/sine_cosine_kernel.c emitted/support.c
     runtime/native/caller.c runtime/native/rk4.c runtime/native/rows.c
-    robots/__init__.py robots/decarotor_3link.toml robots/hexarotor.toml
+    robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
-    robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor_2link.toml
+    robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml
+    robots/quadrotor_2link.toml
     scenarios/circle.toml scenarios/hover.toml scenarios/line.toml scenarios/paper.toml
     templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja
     templates/numpy_module.py.jinja templates/package_init.py.jinja templates/robot.toml.jinja

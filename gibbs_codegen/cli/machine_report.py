@@ -188,7 +188,13 @@ def _range(bounds: Sequence[float | None], unit: str) -> str:
     """Limits in words, such as "0 … 15 N"."""
     low, high = bounds
     if low is None:
-        return "-" if high is None else f"≤ {number(high)} {unit}"
+        return "-" if high is None else f"≤ {_digits(high)} {unit}"
     if high is None:
-        return f"≥ {number(low)} {unit}"
-    return f"±{number(high)} {unit}" if low == -high else f"{number(low)} … {number(high)} {unit}"
+        return f"≥ {_digits(low)} {unit}"
+    return (
+        f"±{_digits(high)} {unit}" if low == -high else f"{_digits(low)} … {_digits(high)} {unit}"
+    )
+
+
+def _digits(value: float) -> str:
+    return f"{value:.3g}"

@@ -55,7 +55,7 @@ def plain_table(title: str, *columns: str, **style: Any) -> Table:
         title=title, title_justify="left", box=None, header_style="dim", pad_edge=False, **style
     )
     for column in columns:
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     return table
 
 

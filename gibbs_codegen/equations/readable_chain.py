@@ -232,6 +232,14 @@ def _motor_wrench(symbolic: SymbolicRobot, chain: Chain, k: int) -> MountedWrenc
 
     That of a rod's motor is about the rod's joint; for motor 1 it is about the origin of the
     coordinates, at its seat or one rod from it.
+
+    Args:
+        symbolic: The robot in symbols.
+        chain: The chain in which it acts.
+        k: Number of the motor, from 1.
+
+    Returns:
+        The wrench (1 and m).
     """
     if symbolic.robot.thrusters:
         return rotor_wrench(symbolic, symbolic.chain_bodies(chain), k)

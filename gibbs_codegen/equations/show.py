@@ -4,6 +4,9 @@ Equation 2 is the Gibbs function S_j, 5 its partials ∂S_j/∂θ̈_{j,i}, 6 the
 link, 15 the chain's equations of motion, bordered where it is constrained, and 18 the places of its
 rows and columns in the hybrid system.
 
+With a quaternion the base's unknowns are the rates of quasi-velocities: of its linear and angular
+velocity in its own frame.
+
 Where expanded expressions have few enough terms they are given in closed form, collected by
 products of accelerations and rates. They grow about threefold with every link, so that longer
 chains are given as definitions in order, as the derivation makes them, each item in its own frame:
@@ -36,7 +39,6 @@ from gibbs_codegen.equations.readable_chain import check_chain, readable_chain
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.chains import coupling_map
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
-from gibbs_codegen.robot.layout import QUATERNION
 from gibbs_codegen.robot.model import Robot
 
 EQUATIONS = (2, 5, 6, 15, 18)
@@ -63,13 +65,8 @@ def chain_equation(
         The equation.
 
     Raises:
-        UsageError: If there is no such chain or equation, or the attitude is a quaternion.
+        UsageError: If there is no such chain or equation.
     """
-    if robot.base.attitude == QUATERNION:
-        raise UsageError(
-            f"{robot.name}: its attitude is a quaternion, but the paper's equations are in angles; "
-            'give base.attitude as a sequence of angles, such as "xyz", to see them'
-        )
     if equation not in EQUATIONS:
         known = ", ".join(map(str, EQUATIONS))
         raise UsageError(f"equation {equation}: cannot be shown; known: {known}")

@@ -26,10 +26,13 @@ from gibbs_codegen.figures.marks import (
     draw_name,
     draw_thrust,
     draw_torque,
+    short_name,
 )
 from gibbs_codegen.figures.style import DARK, FULL, style
 from gibbs_codegen.robot.chains import Chain, decompose
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.coordinates import has_default_tip
+from gibbs_codegen.robot.layout import QUATERNION
+from gibbs_codegen.robot.model import BASE, Robot
 from gibbs_codegen.robot.placement import Array
 
 _QUIET = "0.55"
@@ -41,13 +44,14 @@ _ROW, _LEGEND_ROW = 1.85, 0.2
 _LEGEND_COLUMNS = {1: 1, 2: 3, 3: 4}
 # Width and height that the links of an arm have, and the width of a gap for links left out.
 _ARM_ROOM, _GAP = np.array([1.2, 1.0]), 0.2
+_LONGEST_NAME = 10
 
 
 def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
     """Draw the open chains of a robot side by side, as in the paper's Fig. 2 (eq. 1).
 
     Each is a sketch in the plane of the base, seen from above: links without length are drawn
-    apart, base arms at their angles from arm 1, at most 150°, and the manipulator laid flat.
+    apart, base arms at their angles from arm 1, at most 150°, and the links of arms laid flat.
 
     Args:
         robot: The robot.
@@ -60,15 +64,15 @@ def chains_figure(robot: Robot, numbers: Iterable[int] | None = None) -> Figure:
         UsageError: The robot has no such chain.
     """
     chains = decompose(robot)
+    ends = range(1, len(chains) + 1)
     if numbers is None:
-        ends = range(1, robot.rotors + 1)
-        numbers = ends if robot.rotors <= _MOST_CHAINS else [*ends[:3], *ends[-3:]]
+        numbers = ends if len(chains) <= _MOST_CHAINS else [*ends[:3], *ends[-3:]]
     chosen = list(numbers)
-    if not chosen or not all(1 <= number <= robot.rotors for number in chosen):
-        raise UsageError(f"{robot.name} has chains 1 to {robot.rotors}, not {chosen}")
+    if not chosen or not all(number in ends for number in chosen):
+        raise UsageError(f"{robot.name} has chains 1 to {len(chains)}, not {chosen}")
     columns = 2 if len(chosen) == 4 else min(len(chosen), _COLUMNS)
     rows = -(-len(chosen) // columns)
-    keys = _chain_keys()
+    keys = _chain_keys(robot)
     legend = _LEGEND_ROW * (-(-len(keys) // _LEGEND_COLUMNS[columns]) + 0.75)
     height = _ROW * rows + legend
     with style():
@@ -95,24 +99,73 @@ def _draw_chain(axes: Axes, robot: Robot, chain: Chain) -> None:
     axes.set_axis_off()
     axes.set(xlim=(-1.08, 2.42), ylim=(-1.3, 1.3), aspect="equal")
     axes.set_title(f"chain {j}", loc="left", x=0.03, y=0.88, pad=0)
+    centre = _draw_root(axes, robot, chain)
+    if chain.rod is not None:
+        _draw_base_arm(axes, robot, chain, centre)
+    else:
+        _draw_arm(axes, robot, chain, centre)
+
+
+def _draw_root(axes: Axes, robot: Robot, chain: Chain) -> Array:
+    """Draw the base as the chain begins: virtual links where angles turn it, and arm 1 or its body.
+
+    Args:
+        axes: The axes.
+        robot: The robot.
+        chain: The chain.
+
+    Returns:
+        Where the base centre is drawn (2).
+    """
+    j, rods = chain.number, robot.base.rotors
     joints = np.array([[-0.9, 0.0], [-0.45, 0.0], [0.0, 0.0], [1.0, 0.0]])
-    for start, number in zip(joints[:2], ("−1", "0"), strict=True):
-        axes.plot(
-            *np.array([start, start + _by(0.45, 0.0)]).T, color=_QUIET, lw=1.2, ls=(0, (2, 1.5))
-        )
-        draw_name(axes, number, start + _by(0.225, -0.13), _QUIET)
-    draw_link(axes, joints[2], joints[3], "1", 1 in chain.massive and _has_mass(robot, 1))
-    for place, item in zip(joints, (1, 2, 3), strict=False):
-        draw_joint(axes, place)
-        draw_name(axes, f"$\\theta_{{{j},{item}}}$", place + _by(0.0, 0.2))
-    draw_name(axes, "$O_1$", joints[2] + _by(0.08, -0.2), _QUIET)
-    if 1 in chain.motors:
+    if robot.base.attitude == QUATERNION:
+        draw_name(axes, f"$v_{{{j}}}$, $\\omega_{{{j}}}$", joints[2] + _by(-0.1, 0.22))
+    else:
+        for start, number in zip(joints[:2], ("−1", "0"), strict=True):
+            ends = np.array([start, start + _by(0.45, 0.0)]).T
+            axes.plot(*ends, color=_QUIET, lw=1.2, ls=(0, (2, 1.5)))
+            draw_name(axes, number, start + _by(0.225, -0.13), _QUIET)
+    has_mass = robot.base.arm(1).total_mass > 0.0 if rods else robot.base.body is not None
+    label = "1" if rods else "base"
+    draw_link(axes, joints[2], joints[3], label, chain.has_core and has_mass)
+    if robot.base.attitude != QUATERNION:
+        for place, item in zip(joints, (1, 2, 3), strict=False):
+            draw_joint(axes, place)
+            draw_name(axes, f"$\\theta_{{{j},{item}}}$", place + _by(0.0, 0.2))
+    if rods:
+        draw_name(axes, "$O_1$", joints[2] + _by(0.08, -0.2), _QUIET)
+    if rods and 1 in chain.motors:
         below = _by(0.04, -0.42)
         draw_thrust(axes, joints[2], 0.0, robot.base.thrust[0], f"$F_{{{j},3}}$", below)
-    if chain.is_constrained:
-        _draw_base_arm(axes, robot, chain, joints[3])
-    else:
-        _draw_arm(axes, robot, chain, joints[3])
+    _draw_placed(axes, robot, chain, BASE, ((joints[2] + joints[3]) / 2.0, _by(0.0, 0.3)))
+    centre: Array = joints[3]
+    return centre
+
+
+def _draw_placed(
+    axes: Axes, robot: Robot, chain: Chain, body: int, where: tuple[Array, Array]
+) -> None:
+    """Draw the thrusts of the placed rotors of a body, which may point anywhere, as one arrow.
+
+    Args:
+        axes: The axes.
+        robot: The robot.
+        chain: The chain, in which they may act.
+        body: Number of the body.
+        where: A place (2) on its drawing, and the step (2) to the tip of the arrow.
+    """
+    acting = [
+        k
+        for k, rotor in enumerate(robot.thrusters, start=1)
+        if rotor.on == body and k in chain.motors
+    ]
+    if acting:
+        start, step = where
+        draw_force(axes, start, step, THRUST)
+        first = f"F_{{{acting[0]}}}"
+        last = rf"\ldots F_{{{acting[-1]}}}" if len(acting) > 1 else ""
+        draw_name(axes, f"${first}{last}$", start + step + 0.17 * step / np.hypot(*step), THRUST)
 
 
 def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
@@ -129,7 +182,7 @@ def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> Non
     angle = np.deg2rad(np.clip(true, -150.0, 150.0))
     along = np.array([np.cos(angle), np.sin(angle)])
     end = centre + along
-    draw_link(axes, centre, end, str(arm), arm in chain.massive and _has_mass(robot, arm))
+    draw_link(axes, centre, end, str(arm), robot.base.arm(arm).total_mass > 0.0)
     draw_joint(axes, centre)
     draw_joint(axes, end)
     # Beside the joint, where neither arm is.
@@ -147,58 +200,87 @@ def _draw_base_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> Non
 
 
 def _draw_arm(axes: Axes, robot: Robot, chain: Chain, centre: Array) -> None:
-    """Draw the links of the arm, laid flat in steps, with the torques and forces of its joints.
+    """Draw the links of an arm, laid flat in steps, with what acts at their joints.
 
     Args:
         axes: The axes.
         robot: The robot.
         chain: The chain that ends in the arm.
-        centre: Where O₂ is drawn (2).
+        centre: Where the base centre is drawn (2).
     """
-    n = len(robot.links)
+    path, n = chain.path, len(chain.path)
     shown = list(range(n)) if n <= _MOST_LINKS else [*range(_MOST_LINKS - 1), n - 1]
-    steps = _arm_steps(robot, shown)
-    draw_name(axes, "$O_2$", centre + _by(-0.19, -0.15), _QUIET)
+    steps = _arm_steps(robot, [path[place] for place in shown], len(shown) < n)
+    if robot.base.rotors:
+        draw_name(axes, "$O_2$", centre + _by(-0.19, -0.15), _QUIET)
     place = centre
-    for step, i in enumerate(shown):
-        if i != step:
+    for step, position in enumerate(shown):
+        if position != step:
             draw_name(axes, "…", place + _by(_GAP / 2.0, 0.0))
             draw_joint(axes, place)
             place = place + _by(_GAP, 0.0)
-        end = place + steps[step]
-        number = chain.links[3 + i]
-        draw_link(axes, place, end, str(number), _has_mass(robot, number))
-        turns = robot.links[i].joint == "revolute"
+        i, end = path[position], place + steps[step]
+        link = robot.links[i - 1]
+        number = short_name(link.name, _LONGEST_NAME) if link.name else str(robot.rotors + i)
+        draw_link(axes, place, end, number, i in chain.own and link.body.total_mass > 0.0)
         aside = np.array([0.0, 1.0 if step % 2 == 0 else -1.0])
-        if turns:
-            draw_torque(axes, place, aside, TORQUE)
-        else:
-            draw_force(axes, place + 0.2 * aside, 0.5 * steps[step], TORQUE)
-        index = f"{{{chain.number},{4 + i}}}"
-        letter = "\\theta" if turns else "d"
-        draw_name(axes, f"${letter}_{index}$, $\\tau_{index}$", place + _by(0.1, 0.36) * aside[1])
-        draw_joint(axes, place, "o" if turns else "s")
+        _draw_link_joint(axes, robot, chain, i, (place, 0.5 * steps[step], aside))
+        # Where neither this joint's name is nor that of the next.
+        steep = step % 2 == 0
+        share, arrow = (0.5, _by(-0.5, 0.0)) if steep else (0.75, _by(0.0, -0.3))
+        _draw_placed(axes, robot, chain, i, (place + share * (end - place), arrow))
         place = end
-    if n:
+    if n and has_default_tip(robot):
         draw_name(axes, "tip", place + _by(0.17, 0.0), _QUIET)
     draw_joint(axes, place)
 
 
-def _arm_steps(robot: Robot, shown: list[int]) -> Array:
-    """Steps (k, 2) from joint to joint of the links that are shown, steep and flat by turns."""
-    sizes = np.array([0.7 if robot.links[i].body.length else 0.5 for i in shown])
+def _draw_link_joint(
+    axes: Axes, robot: Robot, chain: Chain, i: int, where: tuple[Array, Array, Array]
+) -> None:
+    """Draw the joint of a link, and what acts there; a link that is welded has neither.
+
+    Args:
+        axes: The axes.
+        robot: The robot.
+        chain: The chain.
+        i: Number of the link.
+        where: The joint (2), half of the link's step (2), and the side (2) that is free.
+    """
+    link, (place, step, aside) = robot.links[i - 1], where
+    jointed = [k for k in chain.path if k in robot.moving or k in robot.constrained]
+    if i not in jointed:
+        return
+    index = f"{{{chain.number},{4 + jointed.index(i)}}}"
+    slides, colour = link.joint == "prismatic", CONSTRAINT if link.constrained else TORQUE
+    if slides:
+        draw_force(axes, place + 0.2 * aside, step, TORQUE)
+    else:
+        draw_torque(axes, place, aside, colour)
+    letter, prime = "d" if slides else "\\theta", r"\prime" if link.constrained else ""
+    text = f"${letter}_{index}$, $\\tau{prime}_{index}$"
+    draw_name(axes, text, place + _by(0.1, 0.36) * aside[1])
+    draw_joint(axes, place, "s" if slides else "o")
+
+
+def _arm_steps(robot: Robot, shown: list[int], gap: bool) -> Array:
+    """Steps (k, 2) from joint to joint of the links that are shown, steep and flat by turns.
+
+    Args:
+        robot: The robot.
+        shown: Numbers of the links.
+        gap: Whether others are left out.
+
+    Returns:
+        The steps, scaled so that they fit.
+    """
+    long = [robot.links[i - 1].body.length or robot.links[i - 1].pose for i in shown]
+    sizes = np.array([0.7 if drawn else 0.5 for drawn in long])
     slopes = np.deg2rad([(-75.0, -5.0)[step % 2] for step in range(len(shown))])
     steps = sizes[:, np.newaxis] * np.stack([np.cos(slopes), np.sin(slopes)], axis=1)
-    room = _ARM_ROOM - _by(_GAP if len(shown) < len(robot.links) else 0.0, 0.0)
+    room = _ARM_ROOM - _by(_GAP if gap else 0.0, 0.0)
     scaled: Array = steps * min(1.0, *(room / np.maximum(np.abs(steps.sum(axis=0)), 1e-9)))
     return scaled
-
-
-def _has_mass(robot: Robot, arm: int) -> bool:
-    """Whether an arm, by its number, has any mass at all."""
-    if arm <= robot.rotors:
-        return robot.base.arm(arm).total_mass > 0.0
-    return robot.links[arm - robot.rotors - 1].body.total_mass > 0.0
 
 
 def _by(x: float, y: float) -> Array:
@@ -206,19 +288,20 @@ def _by(x: float, y: float) -> Array:
     return np.array([x, y])
 
 
-def _chain_keys() -> list[Line2D]:
+def _chain_keys(robot: Robot) -> list[Line2D]:
     """What the parts of a chain mean."""
     bar: dict[str, Any] = {
         "lw": 3.6,
         "path_effects": [withStroke(linewidth=5.0, foreground=DARK)],
     }
     circle: dict[str, Any] = {"ls": "", "mfc": "none", "mec": THRUST, "ms": 8, "mew": 1.3}
+    normal = Line2D([], [], marker="o", label="thrust normal to the plane", **circle)
+    thrusts = [normal, arrow_key(THRUST, "thrust in the plane")]
     return [
         Line2D([], [], color=_QUIET, lw=1.2, ls=(0, (2, 1.5)), label="virtual link"),
         Line2D([], [], color=DARK, label="mass counted in this chain", **bar),
         Line2D([], [], color="white", label="no mass in this chain", **bar),
-        Line2D([], [], marker="o", label="thrust normal to the plane", **circle),
-        arrow_key(THRUST, "thrust in the plane"),
+        *(thrusts if robot.base.rotors else [arrow_key(THRUST, "thrust")]),
         arrow_key(CONSTRAINT, "constraint torque"),
         arrow_key(TORQUE, "joint torque or force"),
     ]

@@ -17,16 +17,22 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 
 from gibbs_codegen.derivation.filling import Filling, filled_entries
-from gibbs_codegen.equations.notation import Name, accelerated, hybrid_name
+from gibbs_codegen.equations.chain_names import hybrid_names
+from gibbs_codegen.equations.notation import Name, accelerated
 from gibbs_codegen.equations.show import chain_equation
+from gibbs_codegen.figures.marks import short_name
 from gibbs_codegen.figures.style import COLOURS, DARK, style
 from gibbs_codegen.robot.chains import Chain, decompose
 from gibbs_codegen.robot.coordinates import hybrid_coordinates, inputs
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import coordinate_of
 
 # Fig. 6, in units of a row: distance between rows and between chains, and where things stand.
 _ROW, _CHAIN_GAP, _PADDING = 0.187, 1.1, 0.25
 _LEFT_WIDTH, _RIGHT_WIDTH, _BETWEEN = 6.5, 8.0, 22.0
+# Letters of a joint's name that are shown.
+_LONGEST_NAME = 10
 
 # Figs. 7–9: inches of a cell, and cells that labels and gaps between the arrays take.
 _CELL = 0.22
@@ -67,7 +73,7 @@ def coupling_figure(robot: Robot) -> Figure:
         step = _draw_hybrid_unknowns(axes, robot, height)
         _symbol(axes, _LEFT_WIDTH / 2, -1.0, "unknowns of the chains", size=8)
         for chain, top in zip(chains, tops, strict=False):
-            _draw_chain(axes, robot, chain, top, step)
+            _draw_chain(axes, robot, chain, top, (step, len(chains)))
     return figure
 
 
@@ -83,18 +89,33 @@ def _draw_hybrid_unknowns(axes: Axes, robot: Robot, height: float) -> float:
         The distance between unknowns, rows.
     """
     left, unknowns = _LEFT_WIDTH + _BETWEEN, hybrid_coordinates(robot)
+    names, given = hybrid_names(robot), _given_names(robot)
     step = height / len(unknowns)
     _symbol(axes, left + _RIGHT_WIDTH / 2, -1.0, "hybrid unknowns, row $k$", size=8)
     for place, unknown in enumerate(unknowns):
         y = (place + 0.5) * step
         _box(axes, left, y - 0.42 * step, _RIGHT_WIDTH, 0.84 * step, "0.35", "0.97")
         _symbol(axes, left + 0.2 * _RIGHT_WIDTH, y, _row_number(place), "0.45")
-        symbol = _math(_unknown(unknown.name, unknown.meaning))
-        _symbol(axes, left + 0.62 * _RIGHT_WIDTH, y, symbol, size=11)
+        symbol = _math(accelerated(names[unknown.name]))
+        at = 0.45 if unknown.name in given else 0.62
+        _symbol(axes, left + at * _RIGHT_WIDTH, y, symbol, size=min(11.0, 7.5 * step))
+        if unknown.name in given:
+            _symbol(axes, left + 0.77 * _RIGHT_WIDTH, y, given[unknown.name], "0.45", 7)
     return step
 
 
-def _draw_chain(axes: Axes, robot: Robot, chain: Chain, top: float, step: float) -> None:
+def _given_names(robot: Robot) -> dict[str, str]:
+    """Names that the robot file gives joints, by those of their coordinates."""
+    names = {}
+    for i, link in enumerate(robot.links, start=1):
+        if given := link.coordinate or link.name:
+            names[coordinate_of(robot, i)] = short_name(given, _LONGEST_NAME)
+    return names
+
+
+def _draw_chain(
+    axes: Axes, robot: Robot, chain: Chain, top: float, hybrid: tuple[float, int]
+) -> None:
     """Draw the unknowns of a chain, and arrows to the hybrid unknowns.
 
     Args:
@@ -102,14 +123,15 @@ def _draw_chain(axes: Axes, robot: Robot, chain: Chain, top: float, step: float)
         robot: The robot.
         chain: Its chain.
         top: Where the unknowns begin, rows from above.
-        step: The distance between hybrid unknowns, rows.
+        hybrid: The distance between hybrid unknowns, rows, and the number of all chains.
     """
+    step, chains = hybrid
     colour, length = chain_colour(chain.number), len(chain.unknowns)
     _box(axes, 0.0, top - _PADDING, _LEFT_WIDTH, length + 2 * _PADDING, colour, (colour, 0.1))
     text = axes.text(-0.8, top + length / 2, _title(chain), ha="center", va="center", rotation=90)
     text.set(color=colour, fontweight="bold")
     # Arrows that come to the same unknown end beside each other.
-    aside = 0.6 * ((chain.number - 0.5) / robot.rotors - 0.5)
+    aside = 0.6 * ((chain.number - 0.5) / chains - 0.5)
     for item, place in enumerate(chain_equation(robot, chain.number, 18).places):
         y = top + item + 0.5
         _symbol(axes, _LEFT_WIDTH / 2, y, _math(place.unknown))
@@ -131,8 +153,9 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
         The figure.
     """
     filled = filled_entries(robot)
-    names = [_unknown(c.name, c.meaning) for c in hybrid_coordinates(robot)]
-    acting = [hybrid_name(c.name, c.meaning) for c in inputs(robot)]
+    found = hybrid_names(robot)
+    names = [accelerated(found[c.name]) for c in hybrid_coordinates(robot)]
+    acting = [found[c.name] for c in inputs(robot)]
     size, width = len(names), len(acting)
     residual_left = size + _GAP
     input_left = residual_left + 1 + _GAP
@@ -151,8 +174,8 @@ def hybrid_pattern_figure(robot: Robot) -> Figure:
         for row, name in enumerate(names):
             _symbol(axes, -2.0, row + 0.5, _row_number(row), "0.45", 7)
             _symbol(axes, -0.8, row + 0.5, _math(name), size=8)
-        for row in range(size - robot.rotors + 1, size):
-            joint = row - size + robot.rotors + 2
+        held = range(size)[layout_of(robot).constrained]
+        for joint, row in zip(held, range(size - len(held), size), strict=True):
             _symbol(axes, row + 0.5, joint + 0.5, "−1", "white", 7)
             _symbol(axes, joint + 0.5, row + 0.5, "1", "white", 7)
         _legend(axes, decompose(robot), size + 0.7, input_left + width)
@@ -167,10 +190,6 @@ def _row_number(place: int) -> str:
 def _math(symbol: Name) -> str:
     """A symbol in Matplotlib's mathematics, which sets a prime apart unless it is a letter."""
     return f"${symbol.latex}$".replace("'", r"\prime")
-
-
-def _unknown(internal: str, meaning: str) -> Name:
-    return accelerated(hybrid_name(internal, meaning))
 
 
 def _title(chain: Chain) -> str:

@@ -20,6 +20,7 @@ from gibbs_codegen.figures.marks import (
     arrow_key,
     draw_name,
     draw_number,
+    short_name,
 )
 from gibbs_codegen.figures.robot_artists import RobotArtists
 from gibbs_codegen.figures.scene import VIEW, fit, project, set_scene
@@ -45,6 +46,10 @@ _ELEVATION = 42.0
 # Of fewer rotors on the base the drawing of the whole robot says all.
 _FEW_ROTORS = 3
 _LONGEST_NAME = 14
+# How far names may be from what they name, points; one that finds no room is left out.
+_OFFSETS = np.array(
+    [(0, -8), (0, 9), (26, 0), (-26, 0), (24, -14), (-24, -14), (24, 14), (-24, 14)]
+)
 
 
 def machine_figure(robot: Robot, q: Sequence[float] | Array | None = None) -> Figure:
@@ -123,12 +128,8 @@ def _draw_whole(axes: Any, robot: Robot, frames: RobotFrames, columns: tuple[flo
     for k, end in zip(shown, thrusts, strict=True):
         _draw_thrust(axes, robot, frames, k, end)
     _draw_joints(axes, robot, frames, length)
-    _name_links(axes, robot, frames, room if robot.base.rotors else 0.07 * size)
     _name(axes, "$O_2$" if robot.base.rotors else "base", frames.centre, (-12.0, 7.0))
-    links = {link.name for link in robot.links}
-    for name, frame in frames.named.items():
-        if name != "base" and name not in links:
-            _name(axes, _text(name), frame.origin, (12.0, -5.0))
+    _name_links(axes, robot, frames, room if robot.base.rotors else 0.07 * size)
 
 
 def _shown_thrusts(robot: Robot, single: bool) -> list[int]:
@@ -160,13 +161,14 @@ def _draw_joints(axes: Any, robot: Robot, frames: RobotFrames, length: float) ->
 
 
 def _name_links(axes: Any, robot: Robot, frames: RobotFrames, shortest: float) -> None:
-    """Write names or numbers on the links.
+    """Write names or numbers on the links, and names at frames, where there is room for them.
 
     Args:
         axes: The 3-D axes.
         robot, frames: The robot, and where its frames are.
         shortest: Length (m) that a link must exceed.
     """
+    wanted: list[tuple[str, Array]] = []
     for i, (link, frame) in enumerate(zip(robot.links, frames.links, strict=True), start=1):
         end = link_end(robot, frames, i)
         if np.linalg.norm(end - frame.origin) <= shortest:
@@ -175,7 +177,27 @@ def _name_links(axes: Any, robot: Robot, frames: RobotFrames, shortest: float) -
         if link.name is None:
             draw_number(axes, str(robot.rotors + i), project(axes, middle))
         else:
-            _name(axes, _text(link.name), middle, (0.0, -8.0))
+            wanted.append((_text(link.name), middle))
+    links = {link.name for link in robot.links} | {"base"}
+    if "tip" in frames.named:
+        _name(axes, "tip", frames.named["tip"].origin, (12.0, -5.0))
+        links.add("tip")
+    wanted += [(_text(n), frame.origin) for n, frame in frames.named.items() if n not in links]
+    taken: list[Array] = [_pixels(axes, frames.centre) + np.array([-12.0, 7.0])]
+    for text, place in wanted:
+        for offset in _OFFSETS:
+            spot = _pixels(axes, place) + offset
+            apart = np.abs(np.array(taken) - spot) / (2.9 * len(text) + 14.0, 9.0)
+            if apart.max(axis=1).min() > 1.0:
+                _name(axes, text, place, (float(offset[0]), float(offset[1])))
+                taken.append(spot)
+                break
+
+
+def _pixels(axes: Any, place: Array) -> Array:
+    """Where a point of the scene is on the page, in points."""
+    at: Array = axes.transData.transform(project(axes, place)) * 72.0 / axes.figure.dpi
+    return at
 
 
 def _draw_base(axes: Any, robot: Robot, frames: RobotFrames, columns: tuple[float, float]) -> None:
@@ -233,9 +255,7 @@ def _draw_thrust(
 
 
 def _text(name: str) -> str:
-    """A name of the robot file as it is, shortened where it is long."""
-    short = name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
-    return short.replace("$", r"\$")
+    return short_name(name, _LONGEST_NAME)
 
 
 def _box(places: Array, room: float) -> tuple[Array, Array]:

@@ -54,21 +54,38 @@ def draw_name(
     )
 
 
+def short_name(name: str, longest: int) -> str:
+    """A name of the robot file as Matplotlib should write it.
+
+    Args:
+        name: The name.
+        longest: Letters that there is room for.
+
+    Returns:
+        The name, its middle left out where it is longer: names often begin or end alike.
+    """
+    if len(name) > longest:
+        tail = longest // 2
+        name = f"{name[: longest - 1 - tail]}…{name[-tail:]}"
+    return name.replace("$", r"\$")
+
+
 def draw_number(axes: Axes, text: str, place: Array) -> None:
-    """Write the number of a link on it, in a circle.
+    """Write the number of a link on it, in a circle, or its name.
 
     Args:
         axes: The axes.
-        text: The number.
+        text: The number or name.
         place: The place (2) in data units.
     """
+    shape = "circle,pad=0.18" if text.isdigit() else "round,pad=0.15,rounding_size=0.3"
     axes.annotate(
         text,
         xy=(float(place[0]), float(place[1])),
         fontsize=7.5,
         horizontalalignment="center",
         verticalalignment="center",
-        bbox={"boxstyle": "circle,pad=0.18", "facecolor": "white", "edgecolor": DARK, "lw": 0.5},
+        bbox={"boxstyle": shape, "facecolor": "white", "edgecolor": DARK, "lw": 0.5},
         zorder=ABOVE_ALL,
     )
 

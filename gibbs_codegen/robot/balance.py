@@ -61,8 +61,11 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
     """
     if not robot.rotors:
         return ["hover thrusts: the robot has no rotors"]
-    how = "of least norm, level, "
-    how += "the arm's centre of mass beneath the base centre" if hangs(robot) else "joints at zero"
+    how = "of least norm, level"
+    if hangs(robot):
+        how += ", the arm's centre of mass beneath the base centre"
+    elif robot.moving:
+        how += ", joints at zero"
     if found.thrusts is None:
         return [f"hover thrusts: none carry the weight ({how})"]
     values = ", ".join(map(number, found.thrusts))

@@ -89,8 +89,11 @@ class Tape:
         self._group = ("", Stage.PARAMETER)
         self._stages: dict[sp.Symbol, Stage] = {}
         self._ranks: dict[sp.Symbol, int] = {}
-        # What `let` has returned for an expression, and the name of each definition.
+        # What `let` has returned for an expression in this function, and in any function with what
+        # it named and let for that; the name of each definition.
         self._results: dict[sp.Expr, sp.Expr] = {}
+        self._known: dict[sp.Expr, tuple[sp.Expr, list[sp.Expr]]] = {}
+        self._parts: list[sp.Expr] = []
         self._names: dict[sp.Expr, sp.Symbol] = {}
 
     def symbol(self, name: str, stage: Stage) -> sp.Symbol:
@@ -172,9 +175,26 @@ class Tape:
         """
         if expression.is_Symbol or expression.is_Number:
             return expression
+        self._parts.append(expression)
         result = self._results.get(expression)
         if result is None:
-            result = self._results[expression] = self._name(expression)
+            result = self._results[expression] = self._named(expression)
+        return result
+
+    def _named(self, expression: sp.Expr) -> sp.Expr:
+        """Name an expression; where another function has named it, only its words are new."""
+        if expression in self._known:
+            result, parts = self._known[expression]
+            for part in parts:
+                if part.is_Symbol:
+                    self._say(part)
+                else:
+                    self.let(part)
+            return result
+        outer, self._parts = self._parts, []
+        result = self._name(expression)
+        self._known[expression] = (result, self._parts)
+        self._parts = outer
         return result
 
     def _name(self, expression: sp.Expr) -> sp.Expr:
@@ -277,11 +297,16 @@ class Tape:
             name = self._names[expression] = sp.Symbol(f"{prefix}{len(self.statements)}")
             self._register(name, stage)
             self.statements[name] = expression
+        self._parts.append(name)
+        self._say(name)
+        return name
+
+    def _say(self, name: sp.Symbol) -> None:
+        """Put a name into the group of the present block, unless the function has put it before."""
         words, earliest = self._group
-        words = words if stage >= earliest else _CONSTANTS
+        words = words if self._stages[name] >= earliest else _CONSTANTS
         self.groups.setdefault(name, words)
         self._said.setdefault(name, words)
-        return name
 
     def _register(self, symbol: sp.Symbol, stage: Stage) -> None:
         self._stages[symbol] = stage

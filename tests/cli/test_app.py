@@ -225,6 +225,24 @@ def test_info_is_readable(tmp_path: Path) -> None:
     assert "Hint" not in done.stdout
 
 
+def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
+    file = ROOT / "tests" / "robots" / "everything.toml"
+    done = run("info", str(file), cwd=tmp_path)
+    assert done.returncode == 0
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
+    assert "a1 base revolute 0.6, 0, 0.8 0.4 ±2 rad 0.1" in lines
+    assert "rotor_4 b2 0.2, 0.02, 0.03 -x 0.03 0 … 15 N" in lines
+    assert "hover thrusts: none carry the weight (of least norm, level, joints at zero)" in lines
+    assert "They move rotors rotor_0, rotor_1," in done.stdout
+    assert "2 base → tilt_left tilt_left rotor_2, rotor_3 7 -" in lines
+    data = json.loads(run("info", str(file), "--json", cwd=tmp_path).stdout)
+    assert [link["parent"] for link in data["link_list"]][:5] == ["base"] * 3 + ["a1", "a2"]
+    assert data["machine"]["mass"] == pytest.approx(4.58)
+    assert data["arrangement"]["ranks_in_motion"] == [5, 5]
+    assert data["warnings"] == []
+
+
 def test_info_as_json(tmp_path: Path) -> None:
     done = run("info", "hexarotor_3link", "--json", cwd=tmp_path)
     data = json.loads(done.stdout)

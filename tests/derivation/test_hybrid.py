@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from fractions import Fraction
+from itertools import product
 from types import ModuleType
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from support.emitted import emitted_module
-from support.random_robots import robots
+from support.random_robots import random_tree, robots
 
-from gibbs_codegen.derivation.hybrid import LinearSystem, chain_system, hybrid_from_chains
+from gibbs_codegen.derivation.hybrid import (
+    LinearSystem,
+    chain_system,
+    hybrid_from_chains,
+    hybrid_system,
+    reduced_system,
+)
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.robot.chains import coupling_map, decompose
 from gibbs_codegen.robot.coordinates import hybrid_coordinates
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import Base, Link, RigidBody, Robot, Rotor
 from gibbs_codegen.symbolic.tape import Tape
 
 
@@ -91,6 +101,55 @@ def test_chains_added_by_the_coupling_map_give_the_emitted_hybrid_system(robot: 
         (module.hybrid_residual(q, v), residual[0]),
         (module.hybrid_input_matrix(q), inputs),
     ]:
+        assert np.linalg.norm(ours - theirs) <= 1e-12 * max(1.0, float(np.linalg.norm(theirs)))
+
+
+# Trees in which a held link carries others: between links that move, shared by two chains, and
+# beside the rods of a base; and a hand on a held wrist, whose two fingers share its mass.
+SHARED = ((16, "tait_bryan"), (49, "quaternion"))
+MORE = product((9, 25, 29, 35, 49, 51, 52), ("tait_bryan", "quaternion"))
+
+
+@pytest.mark.parametrize(
+    ("number", "attitude"),
+    [*SHARED, *(pytest.param(*case, marks=pytest.mark.slow) for case in MORE)],
+)
+def test_chains_of_a_tree_add_up_to_the_emitted_hybrid_system(number: int, attitude: str) -> None:
+    robot = random_tree(number)
+    if attitude == "quaternion":
+        robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    check_chains(robot)
+
+
+def test_what_holds_a_hand_is_shared_by_its_fingers() -> None:
+    """The wrist is held: each finger's chain has the joint, the first has the wrist's mass too."""
+    body = RigidBody(0.3, 1.0, (0.1, 0.02, 0.03), (0.01, 0.02, 0.02, 0.001, 0.0, 0.0))
+    links = (
+        Link(body, name="arm"),
+        Link(body, joint="fixed", constrained=True, alpha_deg=Fraction(90), name="wrist"),
+        Link(body, name="thumb"),
+        Link(body, joint="prismatic", parent=2, name="finger"),
+    )
+    base = Base(origin="base", body=body)
+    robot = Robot("hand", base, links, thrusters=(Rotor(on=2), Rotor(on=4)))
+    thumb, finger = decompose(robot)
+    assert (thumb.path, thumb.own, thumb.motors) == ((1, 2, 3), (1, 2, 3), (1,))
+    assert (finger.path, finger.own, finger.motors) == ((1, 2, 4), (4,), (2,))
+    assert thumb.held == finger.held == (4,)
+    check_chains(robot)
+
+
+def check_chains(robot: Robot) -> None:
+    """Eq. 18 against the combiner's short cut, on one tape."""
+    symbolic = SymbolicRobot.of(robot, Tape())
+    rng = np.random.default_rng(5)
+    q, v = rng.normal(size=len(symbolic.q)), rng.normal(size=len(symbolic.v))
+    layout = layout_of(robot)
+    if layout.is_quaternion:
+        q[layout.q.attitude] /= np.linalg.norm(q[layout.q.attitude])
+    emitted = numbers(symbolic, hybrid_system(symbolic, reduced_system(symbolic)), q, v)
+    added = numbers(symbolic, hybrid_from_chains(symbolic), q, v)
+    for ours, theirs in zip(emitted, added, strict=True):
         assert np.linalg.norm(ours - theirs) <= 1e-12 * max(1.0, float(np.linalg.norm(theirs)))
 
 

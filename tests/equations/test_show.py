@@ -370,8 +370,9 @@ def test_text_read_back_gives_the_same_numbers(
 
 COMMANDS = re.findall(
     r"\\[a-zA-Z]+",
-    r"""\allowdisplaybreaks \bar \begin \bigl \bigr \Bigl \Bigr \circ \ddot \dot \dots \end \epsilon
-    \frac \ge \hline \kappa \left \mathcal \mu \omega \paragraph \partial \pi \qquad \quad \rho
+    r"""\allowdisplaybreaks \alpha \bar \begin \bigl \bigr \Bigl \Bigr \cdot \circ \ddot \delta
+    \dot \dots \end \epsilon \frac \ge \hline \kappa \left \mathcal \mu \omega \paragraph
+    \partial \pi \qquad \quad \rho
     \right \sqrt \sum \tau \text \tfrac \theta \tilde \usepackage \zeta""",
 )
 

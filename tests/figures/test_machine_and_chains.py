@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -26,7 +27,8 @@ from gibbs_codegen.figures.style import DARK, GOLD
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Link, Robot, Rod
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.model import Attitude, Link, Robot, Rod
 from gibbs_codegen.robot.posture import robot_frames
 
 SHIPPED = ("hexarotor_3link", "quadrotor_2link", "octorotor_7link", "decarotor_3link", "hexarotor")
@@ -59,6 +61,73 @@ def test_frames_are_where_the_emitted_functions_put_them(robot: Robot) -> None:
     assert np.allclose(last.axes, module.tip_pose(q)[:3, :3], atol=1e-12)
     # A thrust pushes the origin of the coordinates along itself.
     assert np.allclose(frames.thrusts.T, module.input_matrix(q)[-3:, : robot.rotors], atol=1e-12)
+
+
+TREES = ["hydrus", "dual_arm", "everything"]
+
+
+def tree(name: str) -> Robot:
+    """A robot that ships, or the one with nearly all keys of robot files."""
+    path = Path(__file__).parents[1] / "robots" / f"{name}.toml"
+    return read_robot(str(path) if path.exists() else name)[0]
+
+
+@pytest.mark.parametrize("attitude", ["quaternion", "zyx"])
+def test_frames_of_a_tree_are_where_the_emitted_functions_put_them(attitude: Attitude) -> None:
+    robot = tree("everything")
+    robot = replace(robot, base=replace(robot.base, attitude=attitude))
+    module, layout = emitted_module(robot), layout_of(robot)
+    q = np.random.default_rng(4).normal(size=layout.q.size)
+    if layout.is_quaternion:
+        q[layout.q.attitude] /= np.linalg.norm(q[layout.q.attitude])
+    frames = robot_frames(robot, q)
+    assert np.allclose(frames.points, module.positions(q), atol=1e-12)
+    poses = [np.column_stack([f.axes, f.origin]) for f in frames.named.values()]
+    assert np.allclose(poses, module.frame_poses(q)[:, :3], atol=1e-12)
+    position = [*range(layout.v.size)][layout.v.position]
+    thrusts = module.input_matrix(q)[position, : robot.rotors]
+    # Along the world's axes, or the base's where the velocities are in its frame.
+    axes = frames.base.axes.T if layout.is_quaternion else np.eye(3)
+    assert np.allclose(axes @ frames.thrusts.T, thrusts, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_machine_of_a_tree_has_every_rotor_and_joint(name: str) -> None:
+    robot = tree(name)
+    q = default_posture(robot)
+    assert all(
+        (low is None or value >= low) and (high is None or value <= high)
+        for value, limits in (
+            (q[place], robot.links[i - 1].limits)
+            for place, i in zip(layout_of(robot).q.joint_places, robot.moving, strict=True)
+        )
+        for low, high in [(limits.low, limits.high)]
+    )
+    figure = machine_figure(robot)
+    whole = figure.axes[0]
+    assert arrows(whole, Z_AXIS) == arrows(whole, X_AXIS) == len(robot.moving)
+    assert sum(arrows(axes, THRUST) for axes in figure.axes) == robot.rotors
+    (discs,) = [c for c in whole.collections if isinstance(c, Poly3DCollection)]
+    assert len(np.reshape(discs._faces, (-1, 24, 3))) == robot.rotors
+    (links,) = [line for line in whole.lines if line.get_marker() == "o"]
+    ends = np.transpose(links.get_data_3d())
+    joints = [frame.origin for frame in robot_frames(robot, q).links]
+    assert all(np.isclose(ends, joint).all(axis=1).any() for joint in joints)
+
+
+@pytest.mark.parametrize("name", TREES)
+def test_chains_of_a_tree_show_what_the_decomposition_says(name: str) -> None:
+    robot = tree(name)
+    panels = [axes for axes in chains_figure(robot).axes if axes.get_title(loc="left")]
+    for chain, axes in zip(decompose(robot), panels, strict=True):
+        shown = texts(axes)
+        assert (f"$\\theta_{{{chain.number},1}}$" in shown) == (robot.base.attitude != "quaternion")
+        if len(chain.path) <= 4:
+            moving = [i for i in chain.path if i in robot.moving]
+            assert arrows(axes, TORQUE) == len(moving)
+            assert bars(axes).count(DARK) == len(chain.own) + chain.has_core
+        acting = {robot.thrusters[k - 1].on for k in chain.motors}
+        assert arrows(axes, THRUST) == len(acting)
 
 
 def test_coordinates_of_another_number_are_refused() -> None:

@@ -9,8 +9,13 @@ from benchmarks.family import benchmark_robot
 from support.random_robots import random_robot
 
 from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.derivation.forward_dynamics import factorised_dynamics
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.program.lower import operations
+from gibbs_codegen.program.nodes import Number
 from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.robot.model import Origin, Robot
+from gibbs_codegen.symbolic.tape import Tape
 
 REDUCED = (
     "mass_matrix_and_residual",
@@ -79,6 +84,33 @@ def test_with_a_quaternion_it_takes_fewer(links: int, reached: tuple[int, ...]) 
     assert both.sine_cosine_pairs == links
     found = [count_operations(program.function(name).nodes()).total for name in COUNTED]
     assert dict(zip(COUNTED, found, strict=True)) == dict(zip(COUNTED, reached, strict=True))
+
+
+def two_arms(links: int) -> Robot:
+    """The benchmark's robot with a quaternion and its arm twice."""
+    robot = benchmark_robot(links)
+    arm = robot.links
+    second = (replace(arm[0], parent=0), *arm[1:])
+    base = replace(robot.base, attitude="quaternion")
+    return replace(robot, base=base, links=(*arm, *second))
+
+
+def test_two_arms_of_seven_joints_cost_less_than_one_of_fourteen() -> None:
+    """No entry of M between the arms is computed, and articulated bodies pass each arm by itself.
+
+    LDLᵀ with the translation eliminated first would couple the arms.
+    """
+    robot = two_arms(7)
+    program = derive(robot).program
+    names = COUNTED[:-1]  # Two arms have no tip.
+    found = {name: count_operations(program.function(name).nodes()).total for name in names}
+    assert list(found.values()) == [1669, 761, 982, 2269, 1019, 61, 1458]
+    (matrix,) = program.function("mass_matrix").outputs
+    between = {matrix.entries[20 * i + j] for i in range(6, 13) for j in range(13, 20)}
+    assert between == {Number(0.0)}
+    tape = Tape()
+    factorised = factorised_dynamics(SymbolicRobot.of(robot, tape), most=10**9)
+    assert operations(tape, factorised) > 1.5 * found["forward_dynamics"]
 
 
 def test_forty_rotors_cost_the_same_as_four() -> None:

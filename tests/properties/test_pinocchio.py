@@ -6,7 +6,9 @@ constrained joints are real joints.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from support.comparison import compare
 from support.emitted import emitted_module
-from support.random_robots import random_robot, rigid_body, robots
+from support.random_robots import random_robot, random_tree, rigid_body, robots
 
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot, shipped_robots
@@ -39,6 +41,48 @@ def test_random_robots(numbers: range) -> None:
             compare(robot, emitted_module(robot))
         except AssertionError as error:
             raise AssertionError(f"random robot {number}: {error}\n{robot}") from None
+
+
+# By default one with Tait–Bryan angles and one with a quaternion, which together have held and
+# welded links, rotors on links, springs, poses and Denavit–Hartenberg parameters.
+QUICK_TREES = {(9, "tait_bryan"), (6, "quaternion")}
+CI_TREES = range(10, 13)
+TREES = 100
+
+
+def tree_cases() -> list[Any]:
+    """Random trees with both attitudes: a few, a few more that are slow, and all."""
+    cases = []
+    for case in product(range(TREES), ("tait_bryan", "quaternion")):
+        slow = [] if case in QUICK_TREES else [pytest.mark.slow]
+        if slow and case[0] not in CI_TREES:
+            slow.append(pytest.mark.exhaustive)
+        cases.append(pytest.param(*case, marks=slow))
+    return cases
+
+
+def tree_of(number: int, attitude: str) -> Robot:
+    robot = random_tree(number)
+    if attitude == "quaternion":
+        robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    return robot
+
+
+def test_quick_trees_have_every_structure() -> None:
+    robots = [tree_of(*case) for case in QUICK_TREES]
+    links = [link for robot in robots for link in robot.links]
+    assert {link.joint for link in links} == {"revolute", "prismatic", "fixed"}
+    assert {link.constrained for link in links if not link.moves} == {True, False}
+    assert {link.pose is None for link in links} == {True, False}
+    assert any(link.passive.stiffness for link in links)
+    assert all(len(set(robot.parents)) < len(robot.links) for robot in robots)
+    assert any(rotor.on for robot in robots for rotor in robot.thrusters)
+
+
+@pytest.mark.parametrize(("number", "attitude"), tree_cases())
+def test_random_trees(number: int, attitude: str) -> None:
+    robot = tree_of(number, attitude)
+    compare(robot, emitted_module(robot))
 
 
 @settings(max_examples=2)

@@ -25,7 +25,7 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import module_signatures
 from gibbs_codegen.program.nodes import names_in
 from gibbs_codegen.robot.file import read_robot, shipped_robots
-from gibbs_codegen.robot.model import ORIGINS, Robot
+from gibbs_codegen.robot.model import ROD_ORIGINS, Robot
 
 SPECIAL = [0.0, 1e-300, 1e-160, 1e-40, 1e-18, 1e-9, 1e-8, 1e-5, 1e-3, 0.1, 1.0, 3.0]
 NEAR_HALF_TURN = [np.pi - step for step in (1e-3, 1e-7, 1e-9, 1e-13)]
@@ -53,7 +53,7 @@ def test_robots_that_ship(name: str) -> None:
 def test_random_robots(number: int) -> None:
     """Every structure, about either origin."""
     robot = with_quaternion(random_robot(300 + number, 2 + number % 5, number % 6))
-    robot = replace(robot, base=replace(robot.base, origin=ORIGINS[number // 2 % 2]))
+    robot = replace(robot, base=replace(robot.base, origin=ROD_ORIGINS[number // 2 % 2]))
     compare(robot, emitted_module(robot), count=4)
 
 

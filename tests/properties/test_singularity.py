@@ -69,13 +69,14 @@ def states(emitted: Emitted, angles: Sequence[float], real: type[np.floating]) -
     q[:, 1] = angles
     v, a = rng.uniform(-3, 3, (2, len(angles), n))
     u = rng.uniform(-20, 20, (len(angles), inputs))
-    named = zip("qvau", (q, v, a, u), strict=True)
-    return {name: values.astype(real).astype(np.float64) for name, values in named}
+    wrenches = rng.uniform(-20, 20, (len(angles), len(emitted.module.FRAMES), 6))
+    named = {"q": q, "v": v, "a": a, "u": u, "W": wrenches, "q0": q, "q1": q[::-1]}
+    return {name: values.astype(real).astype(np.float64) for name, values in named.items()}
 
 
 def kinds(signature: Signature, entries: int) -> list[list[int]]:
     """Places of an output whose entries are of one size: those of accelerations by what moves."""
-    if signature.name != "forward_dynamics":
+    if not signature.name.startswith("forward_dynamics"):
         return [list(range(entries))]
     parts = [[0, 2], [1], list(range(3, entries - 3)), list(range(entries - 3, entries))]
     return [part for part in parts if part]
@@ -93,12 +94,12 @@ def check(emitted: Emitted, at: State, calls: Mapping[str, Call], real: type[np.
     }
     for i, signature in np.ndindex(len(at["q"]), len(emitted.signatures())):
         signature = emitted.signatures()[signature]
-        state = {name: rows[i] for name, rows in at.items()}
+        state = {name: rows[i].ravel() for name, rows in at.items()}
         function = program.function(signature.name)
         for k, bounded in enumerate(evaluated(program, function, constants, state)):
             right = [entry.value for entry in bounded]
-            if signature.name == "forward_dynamics":
-                right = accelerations(program, constants, state)
+            if signature.name.startswith("forward_dynamics"):
+                right = accelerations(program, constants, state, "W" in signature.arguments)
             lost = [entry.error for entry in bounded]
             for places in kinds(signature, len(right)):
                 size = max(abs(right[j]) for j in places)

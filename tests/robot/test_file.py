@@ -55,6 +55,8 @@ def test_robots_that_ship() -> None:
         "decarotor_3link",
         "hextilt_flying_arm_5",
         "hydrus",
+        "quadrotor",
+        "dual_arm",
     }
     for name in shipped_robots():
         assert read_robot(name)[0].name == name

@@ -282,7 +282,7 @@ def test_the_paper_s_arm_is_in_closed_form(hexa: Vehicle) -> None:
     forms = {closed_form_number(hexa, *pair) for pair in zip(motion.q, targets, strict=True)}
     assert len(forms) == 1
     # The base's part is as it was.
-    assert_array_equal(motion.q[:, hexa.layout.base], base.q[:, hexa.layout.base])
+    assert_array_equal(motion.q[:, hexa.layout.q.base], base.q[:, hexa.layout.q.base])
     fine = fly(hexa, paper.arm.tip, 2.0, spacing=0.005, base=paper.base, attitude=paper.attitude)
     assert_consistent(fine)
 

@@ -263,7 +263,7 @@ def test_a_posture_is_held(hexa: Vehicle) -> None:
     assert_array_equal(motion.q[:, hexa.arm], [posture] * len(motion.q))
     assert not motion.v[:, hexa.arm].any()
     assert not motion.a[:, hexa.arm].any()
-    assert_array_equal(motion.q[:, hexa.layout.base], base.q[:, hexa.layout.base])
+    assert_array_equal(motion.q[:, hexa.layout.q.base], base.q[:, hexa.layout.q.base])
     assert not base.q[:, hexa.arm].any()
 
 

@@ -209,6 +209,7 @@ class Library:
 
     def blocks(self, rows: Array, unused: Array) -> Array:
         """States in blocks, entry by entry as the header says."""
+        rows = rows.reshape(len(rows), -1)
         count, width = rows.shape
         blocks = np.full(math.ceil(count / LANES) * width * LANES, unused, self.real)
         for i, e in np.ndindex(count, width):

@@ -92,9 +92,12 @@ def evaluated(
 
 
 def accelerations(
-    program: Program, constants: Values, state: Mapping[str, Sequence[float]]
+    program: Program,
+    constants: Values,
+    state: Mapping[str, Sequence[float]],
+    wrenches: bool = False,
 ) -> list[Any]:
-    """What M a = R + B u gives, solved in the coordinates themselves."""
+    """What M a = R + B u gives, solved in the coordinates themselves; with `wrenches` on frames."""
     (matrix,), (residual,), (inputs,) = (
         evaluated(program, program.function(name), constants, state)
         for name in ("mass_matrix", "residual", "input_matrix")
@@ -105,6 +108,9 @@ def accelerations(
         + mpmath.fdot((inputs[i * len(u) + k].value, float(u[k])) for k in range(len(u)))
         for i in range(n)
     ]
+    if wrenches:
+        (forces,) = evaluated(program, program.function("wrench_forces"), constants, state)
+        right = [entry + force.value for entry, force in zip(right, forces, strict=True)]
     rows = [[matrix[i * n + j].value for j in range(n)] for i in range(n)]
     return list(mpmath.lu_solve(mpmath.matrix(rows), mpmath.matrix(right)))
 

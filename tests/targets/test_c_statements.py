@@ -51,18 +51,20 @@ def test_functions_are_called_for_one_state_or_for_every_lane() -> None:
 
 
 def test_a_helper_has_constants_arrays_and_stride() -> None:
-    assert helper("f", [*read_arrays(["q"]), *written_arrays(["x"])], ["a;", "", "b;"]) == [
+    body = ["x[0 * stride] = a;", "", "b;"]
+    assert helper("f", [*read_arrays(["q"]), *written_arrays(["x"])], body) == [
         "static INLINE void f(",
         "    const Constants *RESTRICT constants,",
         "    const real *RESTRICT q,",
         "    real *RESTRICT x,",
         "    const int stride)",
         "{",
-        "    a;",
+        "    x[0 * stride] = a;",
         "",
         "    b;",
         "}",
     ]
+    assert helper("f", [], ["a;"])[-4:] == ["{", "    (void)stride;", "    a;", "}"]
     assert read_arrays(["q"], "toy_real", "") == ["const toy_real *q"]
 
 

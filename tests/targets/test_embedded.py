@@ -180,7 +180,9 @@ def states(module: ModuleType, real: type[np.floating[Any]]) -> dict[str, NDArra
     q[:, 1] = rng.uniform(-1.0, 1.0, STATES)
     # Many turns, in steps whose sums floats hold exactly: an arm's angles are added up.
     q[-1, :-3] = np.round((q[-1, :-3] + np.round(2e5 / math.tau) * math.tau) * 32) / 32
-    return {k: x.astype(real) for k, x in zip("qvau", (q, v, a, u), strict=True)}
+    wrenches = rng.uniform(-20.0, 20.0, (STATES, len(module.FRAMES), 6))
+    named = {"q": q, "v": v, "a": a, "u": u, "W": wrenches, "q0": q, "q1": q[::-1]}
+    return {name: values.astype(real) for name, values in named.items()}
 
 
 def chosen_parameters(module: ModuleType) -> dict[str, float]:

@@ -6,6 +6,7 @@ Absolute times do not carry to other machines; ratios within one run do.
 from __future__ import annotations
 
 import ctypes
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -47,9 +48,10 @@ NANOSECONDS_PER_REPEAT = 2e6
 
 
 def contenders(robot: Robot, folder: Path) -> list[Contender]:
-    """Every peer for one robot, built in `folder`; what is there already is not built again."""
+    """Every peer for one robot, built in `folder`; libraries there that serve every robot stay."""
     own = folder / robot.name
-    own.mkdir(exist_ok=True)
+    shutil.rmtree(own, ignore_errors=True)
+    own.mkdir()
     tree = tree_of(robot)
     mujoco = [] if tree.quaternion else mujoco_contenders(tree, own)
     return [*pinocchio_contenders(tree, own), *mujoco, *casadi_contenders(tree, own)]

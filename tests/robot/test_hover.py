@@ -1,0 +1,96 @@
+"""Mass properties, hover thrusts and margins of robots whose rotors stand anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.emitted import emitted_module
+
+from gibbs_codegen.robot.balance import balance_lines, hover_lines
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.hover import hover
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.robot.mass_properties import whole_properties
+from gibbs_codegen.robot.thrusters import (
+    arrangement,
+    carried_rotors,
+    ranks_in_motion,
+    wrench_matrix,
+)
+
+QUADROTOR = read_robot("quadrotor")[0]
+DUAL_ARM = read_robot("dual_arm")[0]
+HYDRUS = read_robot("hydrus")[0]
+
+
+def test_whole_machine_is_that_of_the_emitted_functions() -> None:
+    """At any configuration of the joints, the base at the origin of the world."""
+    module, layout = emitted_module(DUAL_ARM), layout_of(DUAL_ARM)
+    joints = np.random.default_rng(1).normal(size=len(DUAL_ARM.moving))
+    q = np.array(layout.neutral)
+    q[layout.q.joints] = joints
+    found = whole_properties(DUAL_ARM, joints)
+    matrix, (x, y, z) = module.mass_matrix(q), found.com
+    assert np.allclose(found.com, module.centre_of_mass(q), atol=1e-12)
+    assert found.mass == pytest.approx(matrix[0, 0], rel=1e-12)
+    xx, yy, zz, xy, xz, yz = found.inertia
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    assert np.allclose(matrix[3:6, 3:6], inertia - found.mass * skew @ skew, atol=1e-12)
+
+
+def test_wrenches_are_those_of_the_emitted_input_matrix() -> None:
+    """Rotors on links, joints bent; generalised forces of the base are the wrench itself."""
+    robot = replace(HYDRUS, base=replace(HYDRUS.base, attitude="quaternion"))
+    module, layout = emitted_module(robot), layout_of(robot)
+    joints = np.array([0.4, -0.9, 1.3])
+    q = np.array(layout.neutral)
+    q[layout.q.joints] = joints
+    matrix = module.input_matrix(q)
+    assert np.allclose(wrench_matrix(robot, joints), matrix[:6, : robot.rotors], atol=1e-12)
+
+
+def test_hover_holds_the_machine_with_joints_at_zero() -> None:
+    module, layout = emitted_module(DUAL_ARM), layout_of(DUAL_ARM)
+    q, still = np.array(layout.neutral), np.zeros(layout.v.size)
+    thrusts = hover(DUAL_ARM).thrusts
+    assert thrusts is not None
+    u = np.zeros(len(module.INPUTS))
+    u[: DUAL_ARM.rotors] = thrusts
+    u[DUAL_ARM.rotors :] = module.inverse_dynamics(q, still, still)[layout.v.joints]
+    assert np.allclose(module.forward_dynamics(q, still, u), 0.0, atol=1e-9)
+
+
+def test_the_margin_is_how_much_heavier_the_robot_may_be() -> None:
+    found = hover(QUADROTOR)
+    assert found.thrusts == pytest.approx([1.5 * 9.81 / 4] * 4)
+    assert found.margin == pytest.approx(4 * 8.5 / (1.5 * 9.81))
+    assert not found.beyond
+    weak = replace(
+        QUADROTOR, thrusters=tuple(replace(r, limits=(0.0, 3.0)) for r in QUADROTOR.thrusters)
+    )
+    found = hover(weak)
+    assert found.margin == pytest.approx(12 / (1.5 * 9.81))
+    assert found.beyond == (1, 2, 3, 4)
+    *_, margin, beyond = hover_lines(weak, found)
+    assert margin == "thrust margin: the limits carry 0.815 times the weight"
+    assert beyond.endswith("front_left, rear_left, rear_right, front_right")
+    unlimited = replace(QUADROTOR, thrusters=(replace(QUADROTOR.thrusters[0], limits=None),) * 4)
+    assert hover(unlimited).margin is None
+
+
+def test_a_robot_without_rotors_is_told_plainly() -> None:
+    robot = parse_robot('name = "bare"\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n')
+    assert hover(robot).thrusts is None
+    assert arrangement(robot).rank == 0
+    assert balance_lines(robot)[-1] == "hover thrusts: the robot has no rotors"
+
+
+def test_rotors_on_links_command_other_wrenches_as_the_joints_move() -> None:
+    assert carried_rotors(HYDRUS) == (2, 3, 4)
+    assert arrangement(HYDRUS).rank == 3
+    assert arrangement(HYDRUS, [0.5, 0.5, 0.5]).rank == 4
+    assert ranks_in_motion(HYDRUS) == (4, 4)
+    assert ranks_in_motion(QUADROTOR) is None

@@ -1,0 +1,50 @@
+"""Numbers that are probably in another unit, and robots without any."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from gibbs_codegen.robot.file import parse_robot, read_robot, shipped_robots
+from gibbs_codegen.robot.plausibility import implausible
+
+GOOD = """name = "quad"
+[base]
+mass = 1.5
+inertia = [0.01, 0.01, 0.02, 0, 0, 0]
+[[rotor]]
+position = [0.2, 0, 0]
+drag = 0.02
+[[rotor]]
+position = [-0.2, 0, 0]
+drag = -0.02
+[[link]]
+xyz = [0, 0, -0.1]
+mass = 0.1
+com = [0.1, 0, 0]
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+limits_deg = [-180, 180]
+"""
+
+
+@pytest.mark.parametrize("name", [*shipped_robots(), "everything"])
+def test_robots_that_ship_are_plausible(name: str) -> None:
+    path = Path(__file__).parents[1] / "robots" / f"{name}.toml"
+    assert implausible(read_robot(str(path) if path.exists() else name)[0]) == ()
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "words"),
+    [
+        ("mass = 1.5", "mass = 1500", "the robot weighs 1500 kg at a size of 0.4 m"),
+        ("0.01, 0.01, 0.02", "1e4, 1e4, 2e4", "the inertia of the base is that of its mass at"),
+        ("1e-4, 1e-4, 1e-4", "1e2, 1e2, 1e2", "the inertia of link 1 is"),
+        ("drag = -0.02", "drag = -20", "the drag of rotor 2 is -20 m"),
+        ("limits_deg", "limits", "a limit of link 1 is -180 rad, more than a turn"),
+    ],
+)
+def test_other_units_are_warned_of(good: str, bad: str, words: str) -> None:
+    assert implausible(parse_robot(GOOD)) == ()
+    (warning,) = implausible(parse_robot(GOOD.replace(good, bad)))
+    assert warning.startswith(words)
