@@ -79,7 +79,7 @@ def test_not_a_number_in_any_argument_is_one_in_the_result(ways: list[ModuleType
             # With attitude angles the rates of coordinates are the velocities, wherever it is.
             unread = int(signature.name == "coordinate_rates")
             for place in range(unread, len(signature.widths)):
-                states = [np.full((3, width), 0.5) for width in signature.widths]
+                states = [np.full((3, *shape), 0.5) for shape in signature.argument_shapes]
                 states[place][1] = np.nan
                 with np.errstate(invalid="ignore"):
                     batch = function(*states)
