@@ -200,12 +200,12 @@ def chosen_parameters(module: ModuleType) -> dict[str, float]:
 def cases_header(module: ModuleType, real: type[np.floating[Any]]) -> str:
     """The cases.h that main.c asks for."""
     functions = module_signatures(module)
-    arrays = {f"all_{name}": values for name, values in states(module, real).items()}
+    given = states(module, real)
+    arrays = {f"all_{name}": values for name, values in given.items()}
+    widths = [f"ARGUMENT({name}, {values[0].size})" for name, values in given.items()]
     arrays["parameters"] = np.array([*chosen_parameters(module).values()], dtype=real)
     lengths = {
         "LANES": LANES,
-        "COORDINATES": len(module.COORDINATES),
-        "INPUTS": len(module.INPUTS),
         "PARAMETERS": len(module.PARAMETERS),
         "WIDEST": max(math.prod(shape) for s in functions for shape in s.shapes),
         "STATES": STATES,
@@ -229,6 +229,7 @@ def cases_header(module: ModuleType, real: type[np.floating[Any]]) -> str:
         f"({', '.join([s.name, *(str(math.prod(shape)) for shape in s.shapes), *s.arguments])})"
         for s in functions
     ]
+    lines.append(f"#define ARGUMENTS {' '.join(widths)}")
     return "\n".join([*lines, f"#define FUNCTIONS {' '.join(calls)}", ""])
 
 
