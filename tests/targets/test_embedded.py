@@ -34,6 +34,7 @@ LIBRARY = {np.float32: {"sinf", "cosf"}, np.float64: {"sin", "cos"}}
 OF_QUATERNIONS = {np.float32: {"sqrtf", "atanf"}, np.float64: {"sqrt", "atan"}}
 MEMORY = {"memcpy", "memset", "memmove"}
 RUN_SECONDS = 60.0
+QUICK = ("hexarotor_3link", "quadrotor_2link", "quadrotor")
 # Rounding errors of a result, in units of its last place; seven times the most that was seen.
 FEW = 64
 
@@ -109,14 +110,14 @@ def compiled(module: ModuleType, target: Target, folder: Path) -> Build:
 def objects(names: Sequence[str], *targets: Target) -> pytest.MarkDecorator:
     """Parametrise a test by robots and targets, all that it builds being its own.
 
-    The largest robots take their time.
+    All but the smallest take their time.
     """
     cases = [
         pytest.param(
             name,
             target,
             id=f"{name}-{target.name}",
-            marks=[pytest.mark.slow] if name in ("octorotor_7link", "decarotor_3link") else [],
+            marks=[] if name in QUICK else [pytest.mark.slow],
         )
         for name in names
         for target in targets
