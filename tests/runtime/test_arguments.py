@@ -105,8 +105,8 @@ def test_constants_of_another_robot_are_refused(ways: list[ModuleType], tmp_path
 @pytest.mark.parametrize(
     ("parameters", "error", "message"),
     [
-        ({"gravity": "9.81"}, TypeError, "gravity must be real numbers: not <U4"),
-        ({"gravity": 1j}, TypeError, "gravity must be real numbers: not complex128"),
+        ({"gravity": "9.81"}, TypeError, "gravity must be real numbers: not str"),
+        ({"gravity": 1j}, TypeError, "gravity must be real numbers: not complex"),
         ({"gravity": 10**400}, ValueError, "gravity must be real numbers: int too large"),
         (
             {"gravity": [9.81, 1.0]},
