@@ -136,6 +136,10 @@ _QUICK = {
     "robot.layout": ("tests/robot/test_layout.py",),
     "robot.thrusters": ("tests/robot/test_thrusters.py",),
     "robot.wrenches": ("tests/simulator/test_allocation.py",),
+    "program.inlining": (
+        "tests/properties/test_operation_counts.py::test_operations_are_as_few_as_they_were[centre-3-0]",
+        *_QUICK_EMISSION,
+    ),
     "program.steps": _QUICK_LOOPS,
     "program.live_ranges": _QUICK_LOOPS,
     "program.rows": _QUICK_LOOPS,
