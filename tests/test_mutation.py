@@ -100,6 +100,7 @@ CLASSIC = {
 
 
 @pytest.mark.slow
+@pytest.mark.exhaustive
 def test_classic_faults_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A term dropped, a sign turned, gravity forgotten, a − (b − c) mistaken, an index off by one.
 
