@@ -32,7 +32,14 @@ def failures(folder: Path, backends: list[str]) -> list[str]:
 
 
 # One with attitude angles and one with a quaternion in the default run.
-SEEDS = [pytest.param(seed, marks=[] if seed in (4, 9) else pytest.mark.slow) for seed in range(24)]
+SEEDS = [
+    *(4, 9),
+    *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 6, 7)),
+    *(
+        pytest.param(seed, marks=[pytest.mark.slow, pytest.mark.exhaustive])
+        for seed in range(10, 40)
+    ),
+]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
