@@ -43,10 +43,10 @@ class Allocation:
 
     Args:
         wrenches: wrench of a unit thrust of each rotor (6, N), as `Vehicle.thrust_wrenches` has it.
-        limits: least and greatest thrust of every rotor, N; None for no limits.
+        limits: least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
     """
 
-    def __init__(self, wrenches: Array, limits: tuple[float, float] | None = None) -> None:
+    def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
         self.wrenches = wrenches
         self.limits = limits
         left, values, _ = np.linalg.svd(wrenches)

@@ -22,7 +22,8 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.paths import Circle
-from gibbs_codegen.scenario.scenario import Law, Settings, TipForce
+from gibbs_codegen.scenario.scenario import Law, Push, Settings
+from gibbs_codegen.simulator.actuators import Actuators
 from gibbs_codegen.simulator.allocation import AllocationError
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
@@ -115,7 +116,11 @@ def test_errors_under_control_decay_as_the_gains_say(compiled: Load) -> None:
 
 @pytest.mark.parametrize("name", ["hextilt_flying_arm_5", "quaternion"])
 def test_an_offset_hover_is_reached(name: str, compiled: Load) -> None:
-    changes = {"start": {"offset": [0.2, 0.1, -0.1], "turn_deg": [10, 80, 30]}}
+    changes = {
+        "start": {"offset": [0.2, 0.1, -0.1], "turn_deg": [10, 80, 30]},
+        "motors": {"limits": [-1e3, 1e3]},  # in place of those of the robot file
+        "arm": {"effort": dict.fromkeys(Vehicle(compiled(name)).joint_names, 1e3)},
+    }
     scenario = replace(read_scenario("hover", changes), integration=RK4, duration=3.0)
     flight = simulate(compiled(name), scenario)
     assert not flight.stopped
@@ -138,19 +143,21 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     count = vehicle.layout.v.size
     gains = Gains.of(np.linspace(4.0, 9.0, count), np.linspace(0.5, 1.1, count), count)
     controller = Controller(vehicle, reference, allocation_of(vehicle), gains, law)
-    push = TipForce((0.7, -0.4, 0.5), 0.0, 1.0)
-    closed = ClosedLoop(vehicle, controller, None, lag, push)
+    push = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1), "base")
+    actuators = Actuators.unlimited(vehicle)
+    actuators.lag[1:] = lag  # The first motor does not lag.
+    closed = ClosedLoop(vehicle, controller, actuators, push)
     state = closed.start(*starting_state(vehicle, reference, scenario.start))
     state[vehicle.layout.q.size :] += 0.3 * np.cos(np.arange(len(state) - vehicle.layout.q.size))
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, step, np.inf, tip_force=True)
+    loop = CompiledLoop.of(closed, step, np.inf, pushed=True)
     assert loop is not None
     taken, samples, _ = loop(0.0, state, 25, 1, 0)
     assert taken == 25
     for number, sample in enumerate(samples):
-        state = rk4_step(closed, number * step, state, step, tip_force=True)
+        state = rk4_step(closed, number * step, state, step, pushed=True)
         assert sample == pytest.approx(state, rel=1e-9, abs=1e-9)
         state = sample
 
