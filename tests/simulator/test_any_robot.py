@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
 
@@ -21,6 +22,7 @@ from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle
 from gibbs_codegen.scenario.scenario import Law, Push, Settings
 from gibbs_codegen.simulator.actuators import Actuators
@@ -219,6 +221,29 @@ def test_hydrus_hovers_in_open_loop_only(compiled: Load) -> None:
 def test_several_arms_have_no_tip_to_lead(everything: ModuleType) -> None:
     with pytest.raises(UsageError, match="everything: has no tip"):
         simulate(everything, read_scenario("paper", {"control": {"law": "off"}}))
+
+
+@pytest.mark.parametrize("arm", [1, 4])
+def test_an_arm_at_any_azimuth_follows_the_path(arm: int) -> None:
+    """What points along the velocity of the base is the arm, from the centre to its motor."""
+    robot, _ = read_robot("hexarotor")
+    azimuths = tuple(map(Fraction, (10, 60, 130, 175, 250, 300)))
+    base = replace(robot.base, azimuth_deg=azimuths)
+    scenario = replace(read_scenario("circle"), attitude=Tangent(arm), duration=0.05)
+    flight = simulate(emitted_module(replace(robot, base=base)), scenario)
+    assert not flight.stopped
+    along = flight.point(f"motor{arm}") - flight.point("O2")
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    velocity = scenario.base(flight.time)[:, 1]
+    velocity /= np.linalg.norm(velocity, axis=1, keepdims=True)
+    assert along == pytest.approx(velocity, abs=1e-9)
+    assert flight.heading_error == pytest.approx(0.0, abs=1e-9)
+    expected = np.array(azimuths[1:], dtype=float)
+    off = np.degrees(flight.base_arm_angles_desired) - expected
+    assert np.sin(np.radians(off) / 2.0) == pytest.approx(0.0, abs=1e-9)
+    assert flight.base_arm_angles == pytest.approx(
+        np.tile(flight.base_arm_angles_desired, (len(flight.time), 1)), abs=1e-9
+    )
 
 
 def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: Load) -> None:
