@@ -4753,6 +4753,8 @@ static INLINE void gravity_forces_lane(
 
     /* centre of mass from the origin */
     const real t24 = (c3 * k83 + t18) * k119;
+
+    /* columns of the base */
     const real t25 = s2 * t21 + c2 * t24;
     const real t26 = s1 * (c2 * t21 - s2 * t24);
     const real t27 = c1 * (s3 * k83 + t19) * k119 - t26;
@@ -5344,6 +5346,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t142 = W_tip_tx * t129 + W_tip_tz * t131 - W_tip_ty * t130;
     const real t143 = W_tip_ty * t124 + W_tip_tz * t125 - W_tip_tx * t123;
     const real t144 = t142 + link3_length * t140;
+
+    /* thrusts and wrenches together */
     const real t145 = R(0.8660254037844386) * F_2 + t132 - R(0.8660254037844386) * F_6;
     const real t146 = F_4 + t133 - R(0.5) * F_2 - R(0.5) * F_6;
     const real t147 = F_3 * k90 - F_5 * k90 - t135;
@@ -7996,14 +8000,14 @@ static INLINE void centre_of_mass_jacobian_lane(
     /* centre of mass from the origin */
     const real t32 = (c3 * k83 + t18) * k119;
     const real t33 = (s3 * k83 + t19) * k119;
+
+    /* columns of the base */
     const real t34 = c2 * t24 - s2 * t32;
     const real t35 = s2 * t24 + c2 * t32;
     const real t36 = c1 * t33 - s1 * t34;
     jacobian[18 * stride] = t36;
     const real t37 = c1 * t34 + s1 * t33;
     jacobian[9 * stride] = -t37;
-
-    /* columns of the base */
     const real t38 = c1 * t37 - s1 * t36;
     jacobian[1 * stride] = t38;
     const real t39 = s1 * t35;

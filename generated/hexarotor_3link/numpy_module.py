@@ -386,7 +386,7 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "biufO":
-            raise TypeError(f"not {array.dtype}")
+            raise TypeError(f"not {array.dtype.type.__name__.rstrip('_0123456789')}")
         if array.dtype.kind == "O":
             # None would become NaN, and text would be read.
             for entry in array.flat:
@@ -3433,6 +3433,8 @@ def _gravity_forces(k, sin, cos, q):
 
     # centre of mass from the origin
     t24 = (t5 * k83 + t18) * k119
+
+    # columns of the base
     t25 = t4 * t21 + t3 * t24
     t26 = t2 * (t3 * t21 - t4 * t24)
     t27 = t1 * (t6 * k83 + t19) * k119 - t26
@@ -3891,6 +3893,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t142 = W_tip_tx * t129 + W_tip_tz * t131 - W_tip_ty * t130
     t143 = W_tip_ty * t124 + W_tip_tz * t125 - W_tip_tx * t123
     t144 = t142 + link3_length * t140
+
+    # thrusts and wrenches together
     t145 = 0.8660254037844386 * F_2 + t132 - 0.8660254037844386 * F_6
     t146 = F_4 + t133 - 0.5 * F_2 - 0.5 * F_6
     t147 = F_3 * k90 - F_5 * k90 - t135
@@ -5546,12 +5550,12 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     # centre of mass from the origin
     t32 = (t5 * k83 + t18) * k119
     t33 = (t6 * k83 + t19) * k119
+
+    # columns of the base
     t34 = t3 * t24 - t4 * t32
     t35 = t4 * t24 + t3 * t32
     t36 = t1 * t33 - t2 * t34
     t37 = t1 * t34 + t2 * t33
-
-    # columns of the base
     t38 = t1 * t37 - t2 * t36
     t39 = t2 * t35
     t40 = t1 * t35

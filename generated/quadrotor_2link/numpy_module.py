@@ -311,7 +311,7 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "biufO":
-            raise TypeError(f"not {array.dtype}")
+            raise TypeError(f"not {array.dtype.type.__name__.rstrip('_0123456789')}")
         if array.dtype.kind == "O":
             # None would become NaN, and text would be read.
             for entry in array.flat:
@@ -2683,6 +2683,8 @@ def _gravity_forces(k, sin, cos, q):
 
     # centre of mass from the origin
     t17 = (t5 * k55 + t13) * k69
+
+    # columns of the base
     t18 = t3 * t17 + t4 * t15
     t19 = t2 * (t3 * t15 - t4 * t17)
     t20 = t1 * (t6 * k55 + t14) * k69 - t19
@@ -3063,6 +3065,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     # articulated inertia and load of link 2, about joint 6
     t100 = t10 * t96 - t11 * t99
     t101 = t11 * t96 + t10 * t99
+
+    # thrusts and wrenches together
     t102 = F_2 + t87 - F_4
     t103 = F_1 * base_arm_length + t91 - F_3 * base_arm_length
     t104 = F_2 * base_arm_length + F_4 * base_arm_length + t92
@@ -4413,12 +4417,12 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     # centre of mass from the origin
     t23 = (t5 * k55 + t13) * k69
     t24 = (t6 * k55 + t14) * k69
+
+    # columns of the base
     t25 = t3 * t19 - t4 * t23
     t26 = t3 * t23 + t4 * t19
     t27 = t1 * t24 - t2 * t25
     t28 = t1 * t25 + t2 * t24
-
-    # columns of the base
     t29 = t1 * t28 - t2 * t27
     t30 = t2 * t26
     t31 = t1 * t26

@@ -3866,6 +3866,8 @@ static INLINE void gravity_forces_lane(
 
     /* centre of mass from the origin */
     const real t17 = (c3 * k55 + t13) * k69;
+
+    /* columns of the base */
     const real t18 = c2 * t17 + s2 * t15;
     const real t19 = s1 * (c2 * t15 - s2 * t17);
     const real t20 = c1 * (s3 * k55 + t14) * k69 - t19;
@@ -4377,6 +4379,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     /* articulated inertia and load of link 2, about joint 6 */
     const real t100 = c5 * t96 - s5 * t99;
     const real t101 = s5 * t96 + c5 * t99;
+
+    /* thrusts and wrenches together */
     const real t102 = F_2 + t87 - F_4;
     const real t103 = F_1 * base_arm_length + t91 - F_3 * base_arm_length;
     const real t104 = F_2 * base_arm_length + F_4 * base_arm_length + t92;
@@ -6679,14 +6683,14 @@ static INLINE void centre_of_mass_jacobian_lane(
     /* centre of mass from the origin */
     const real t23 = (c3 * k55 + t13) * k69;
     const real t24 = (s3 * k55 + t14) * k69;
+
+    /* columns of the base */
     const real t25 = c2 * t19 - s2 * t23;
     const real t26 = c2 * t23 + s2 * t19;
     const real t27 = c1 * t24 - s1 * t25;
     jacobian[16 * stride] = t27;
     const real t28 = c1 * t25 + s1 * t24;
     jacobian[8 * stride] = -t28;
-
-    /* columns of the base */
     const real t29 = c1 * t28 - s1 * t27;
     jacobian[1 * stride] = t29;
     const real t30 = s1 * t26;

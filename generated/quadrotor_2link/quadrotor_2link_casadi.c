@@ -34,7 +34,8 @@ const char *CASADI(mass_matrix_and_residual_name_in)(casadi_int);
 const char *CASADI(mass_matrix_and_residual_name_out)(casadi_int);
 const casadi_int *CASADI(mass_matrix_and_residual_sparsity_in)(casadi_int);
 const casadi_int *CASADI(mass_matrix_and_residual_sparsity_out)(casadi_int);
-int CASADI(mass_matrix_and_residual_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(mass_matrix_and_residual_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(mass_matrix)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(mass_matrix_n_in)(void);
 casadi_int CASADI(mass_matrix_n_out)(void);
@@ -42,7 +43,8 @@ const char *CASADI(mass_matrix_name_in)(casadi_int);
 const char *CASADI(mass_matrix_name_out)(casadi_int);
 const casadi_int *CASADI(mass_matrix_sparsity_in)(casadi_int);
 const casadi_int *CASADI(mass_matrix_sparsity_out)(casadi_int);
-int CASADI(mass_matrix_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(mass_matrix_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(residual)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(residual_n_in)(void);
 casadi_int CASADI(residual_n_out)(void);
@@ -50,7 +52,8 @@ const char *CASADI(residual_name_in)(casadi_int);
 const char *CASADI(residual_name_out)(casadi_int);
 const casadi_int *CASADI(residual_sparsity_in)(casadi_int);
 const casadi_int *CASADI(residual_sparsity_out)(casadi_int);
-int CASADI(residual_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(residual_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(input_matrix)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(input_matrix_n_in)(void);
 casadi_int CASADI(input_matrix_n_out)(void);
@@ -58,7 +61,8 @@ const char *CASADI(input_matrix_name_in)(casadi_int);
 const char *CASADI(input_matrix_name_out)(casadi_int);
 const casadi_int *CASADI(input_matrix_sparsity_in)(casadi_int);
 const casadi_int *CASADI(input_matrix_sparsity_out)(casadi_int);
-int CASADI(input_matrix_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(input_matrix_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(forward_dynamics)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(forward_dynamics_n_in)(void);
 casadi_int CASADI(forward_dynamics_n_out)(void);
@@ -66,7 +70,8 @@ const char *CASADI(forward_dynamics_name_in)(casadi_int);
 const char *CASADI(forward_dynamics_name_out)(casadi_int);
 const casadi_int *CASADI(forward_dynamics_sparsity_in)(casadi_int);
 const casadi_int *CASADI(forward_dynamics_sparsity_out)(casadi_int);
-int CASADI(forward_dynamics_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(forward_dynamics_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(inverse_dynamics)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(inverse_dynamics_n_in)(void);
 casadi_int CASADI(inverse_dynamics_n_out)(void);
@@ -74,7 +79,8 @@ const char *CASADI(inverse_dynamics_name_in)(casadi_int);
 const char *CASADI(inverse_dynamics_name_out)(casadi_int);
 const casadi_int *CASADI(inverse_dynamics_sparsity_in)(casadi_int);
 const casadi_int *CASADI(inverse_dynamics_sparsity_out)(casadi_int);
-int CASADI(inverse_dynamics_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(inverse_dynamics_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(hybrid_mass_matrix)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(hybrid_mass_matrix_n_in)(void);
 casadi_int CASADI(hybrid_mass_matrix_n_out)(void);
@@ -82,7 +88,8 @@ const char *CASADI(hybrid_mass_matrix_name_in)(casadi_int);
 const char *CASADI(hybrid_mass_matrix_name_out)(casadi_int);
 const casadi_int *CASADI(hybrid_mass_matrix_sparsity_in)(casadi_int);
 const casadi_int *CASADI(hybrid_mass_matrix_sparsity_out)(casadi_int);
-int CASADI(hybrid_mass_matrix_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(hybrid_mass_matrix_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(hybrid_residual)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(hybrid_residual_n_in)(void);
 casadi_int CASADI(hybrid_residual_n_out)(void);
@@ -90,7 +97,8 @@ const char *CASADI(hybrid_residual_name_in)(casadi_int);
 const char *CASADI(hybrid_residual_name_out)(casadi_int);
 const casadi_int *CASADI(hybrid_residual_sparsity_in)(casadi_int);
 const casadi_int *CASADI(hybrid_residual_sparsity_out)(casadi_int);
-int CASADI(hybrid_residual_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(hybrid_residual_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(hybrid_input_matrix)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(hybrid_input_matrix_n_in)(void);
 casadi_int CASADI(hybrid_input_matrix_n_out)(void);
@@ -98,7 +106,8 @@ const char *CASADI(hybrid_input_matrix_name_in)(casadi_int);
 const char *CASADI(hybrid_input_matrix_name_out)(casadi_int);
 const casadi_int *CASADI(hybrid_input_matrix_sparsity_in)(casadi_int);
 const casadi_int *CASADI(hybrid_input_matrix_sparsity_out)(casadi_int);
-int CASADI(hybrid_input_matrix_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(hybrid_input_matrix_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(constraint_torques)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(constraint_torques_n_in)(void);
 casadi_int CASADI(constraint_torques_n_out)(void);
@@ -106,7 +115,8 @@ const char *CASADI(constraint_torques_name_in)(casadi_int);
 const char *CASADI(constraint_torques_name_out)(casadi_int);
 const casadi_int *CASADI(constraint_torques_sparsity_in)(casadi_int);
 const casadi_int *CASADI(constraint_torques_sparsity_out)(casadi_int);
-int CASADI(constraint_torques_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(constraint_torques_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(gibbs)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(gibbs_n_in)(void);
 casadi_int CASADI(gibbs_n_out)(void);
@@ -114,7 +124,8 @@ const char *CASADI(gibbs_name_in)(casadi_int);
 const char *CASADI(gibbs_name_out)(casadi_int);
 const casadi_int *CASADI(gibbs_sparsity_in)(casadi_int);
 const casadi_int *CASADI(gibbs_sparsity_out)(casadi_int);
-int CASADI(gibbs_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(gibbs_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(kinetic_energy)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(kinetic_energy_n_in)(void);
 casadi_int CASADI(kinetic_energy_n_out)(void);
@@ -122,7 +133,8 @@ const char *CASADI(kinetic_energy_name_in)(casadi_int);
 const char *CASADI(kinetic_energy_name_out)(casadi_int);
 const casadi_int *CASADI(kinetic_energy_sparsity_in)(casadi_int);
 const casadi_int *CASADI(kinetic_energy_sparsity_out)(casadi_int);
-int CASADI(kinetic_energy_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(kinetic_energy_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(potential_energy)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(potential_energy_n_in)(void);
 casadi_int CASADI(potential_energy_n_out)(void);
@@ -130,7 +142,8 @@ const char *CASADI(potential_energy_name_in)(casadi_int);
 const char *CASADI(potential_energy_name_out)(casadi_int);
 const casadi_int *CASADI(potential_energy_sparsity_in)(casadi_int);
 const casadi_int *CASADI(potential_energy_sparsity_out)(casadi_int);
-int CASADI(potential_energy_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(potential_energy_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(gravity_forces)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(gravity_forces_n_in)(void);
 casadi_int CASADI(gravity_forces_n_out)(void);
@@ -138,7 +151,8 @@ const char *CASADI(gravity_forces_name_in)(casadi_int);
 const char *CASADI(gravity_forces_name_out)(casadi_int);
 const casadi_int *CASADI(gravity_forces_sparsity_in)(casadi_int);
 const casadi_int *CASADI(gravity_forces_sparsity_out)(casadi_int);
-int CASADI(gravity_forces_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(gravity_forces_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(wrench_forces)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(wrench_forces_n_in)(void);
 casadi_int CASADI(wrench_forces_n_out)(void);
@@ -146,7 +160,8 @@ const char *CASADI(wrench_forces_name_in)(casadi_int);
 const char *CASADI(wrench_forces_name_out)(casadi_int);
 const casadi_int *CASADI(wrench_forces_sparsity_in)(casadi_int);
 const casadi_int *CASADI(wrench_forces_sparsity_out)(casadi_int);
-int CASADI(wrench_forces_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(wrench_forces_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(forward_dynamics_with_wrenches)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(forward_dynamics_with_wrenches_n_in)(void);
 casadi_int CASADI(forward_dynamics_with_wrenches_n_out)(void);
@@ -154,7 +169,8 @@ const char *CASADI(forward_dynamics_with_wrenches_name_in)(casadi_int);
 const char *CASADI(forward_dynamics_with_wrenches_name_out)(casadi_int);
 const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_in)(casadi_int);
 const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_out)(casadi_int);
-int CASADI(forward_dynamics_with_wrenches_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(forward_dynamics_with_wrenches_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(joint_wrenches)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(joint_wrenches_n_in)(void);
 casadi_int CASADI(joint_wrenches_n_out)(void);
@@ -162,7 +178,8 @@ const char *CASADI(joint_wrenches_name_in)(casadi_int);
 const char *CASADI(joint_wrenches_name_out)(casadi_int);
 const casadi_int *CASADI(joint_wrenches_sparsity_in)(casadi_int);
 const casadi_int *CASADI(joint_wrenches_sparsity_out)(casadi_int);
-int CASADI(joint_wrenches_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(joint_wrenches_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(positions)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(positions_n_in)(void);
 casadi_int CASADI(positions_n_out)(void);
@@ -170,7 +187,8 @@ const char *CASADI(positions_name_in)(casadi_int);
 const char *CASADI(positions_name_out)(casadi_int);
 const casadi_int *CASADI(positions_sparsity_in)(casadi_int);
 const casadi_int *CASADI(positions_sparsity_out)(casadi_int);
-int CASADI(positions_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(positions_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(tip_pose)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(tip_pose_n_in)(void);
 casadi_int CASADI(tip_pose_n_out)(void);
@@ -178,7 +196,8 @@ const char *CASADI(tip_pose_name_in)(casadi_int);
 const char *CASADI(tip_pose_name_out)(casadi_int);
 const casadi_int *CASADI(tip_pose_sparsity_in)(casadi_int);
 const casadi_int *CASADI(tip_pose_sparsity_out)(casadi_int);
-int CASADI(tip_pose_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(tip_pose_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(tip_jacobian)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(tip_jacobian_n_in)(void);
 casadi_int CASADI(tip_jacobian_n_out)(void);
@@ -186,7 +205,8 @@ const char *CASADI(tip_jacobian_name_in)(casadi_int);
 const char *CASADI(tip_jacobian_name_out)(casadi_int);
 const casadi_int *CASADI(tip_jacobian_sparsity_in)(casadi_int);
 const casadi_int *CASADI(tip_jacobian_sparsity_out)(casadi_int);
-int CASADI(tip_jacobian_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(tip_jacobian_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(tip_bias_acceleration)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(tip_bias_acceleration_n_in)(void);
 casadi_int CASADI(tip_bias_acceleration_n_out)(void);
@@ -194,7 +214,8 @@ const char *CASADI(tip_bias_acceleration_name_in)(casadi_int);
 const char *CASADI(tip_bias_acceleration_name_out)(casadi_int);
 const casadi_int *CASADI(tip_bias_acceleration_sparsity_in)(casadi_int);
 const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int);
-int CASADI(tip_bias_acceleration_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(tip_bias_acceleration_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(frame_poses)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(frame_poses_n_in)(void);
 casadi_int CASADI(frame_poses_n_out)(void);
@@ -202,7 +223,8 @@ const char *CASADI(frame_poses_name_in)(casadi_int);
 const char *CASADI(frame_poses_name_out)(casadi_int);
 const casadi_int *CASADI(frame_poses_sparsity_in)(casadi_int);
 const casadi_int *CASADI(frame_poses_sparsity_out)(casadi_int);
-int CASADI(frame_poses_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_poses_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(frame_jacobians)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(frame_jacobians_n_in)(void);
 casadi_int CASADI(frame_jacobians_n_out)(void);
@@ -210,7 +232,8 @@ const char *CASADI(frame_jacobians_name_in)(casadi_int);
 const char *CASADI(frame_jacobians_name_out)(casadi_int);
 const casadi_int *CASADI(frame_jacobians_sparsity_in)(casadi_int);
 const casadi_int *CASADI(frame_jacobians_sparsity_out)(casadi_int);
-int CASADI(frame_jacobians_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_jacobians_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(frame_velocities)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(frame_velocities_n_in)(void);
 casadi_int CASADI(frame_velocities_n_out)(void);
@@ -218,7 +241,8 @@ const char *CASADI(frame_velocities_name_in)(casadi_int);
 const char *CASADI(frame_velocities_name_out)(casadi_int);
 const casadi_int *CASADI(frame_velocities_sparsity_in)(casadi_int);
 const casadi_int *CASADI(frame_velocities_sparsity_out)(casadi_int);
-int CASADI(frame_velocities_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_velocities_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(frame_bias_accelerations)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(frame_bias_accelerations_n_in)(void);
 casadi_int CASADI(frame_bias_accelerations_n_out)(void);
@@ -226,7 +250,8 @@ const char *CASADI(frame_bias_accelerations_name_in)(casadi_int);
 const char *CASADI(frame_bias_accelerations_name_out)(casadi_int);
 const casadi_int *CASADI(frame_bias_accelerations_sparsity_in)(casadi_int);
 const casadi_int *CASADI(frame_bias_accelerations_sparsity_out)(casadi_int);
-int CASADI(frame_bias_accelerations_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(frame_bias_accelerations_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(centre_of_mass)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(centre_of_mass_n_in)(void);
 casadi_int CASADI(centre_of_mass_n_out)(void);
@@ -234,7 +259,8 @@ const char *CASADI(centre_of_mass_name_in)(casadi_int);
 const char *CASADI(centre_of_mass_name_out)(casadi_int);
 const casadi_int *CASADI(centre_of_mass_sparsity_in)(casadi_int);
 const casadi_int *CASADI(centre_of_mass_sparsity_out)(casadi_int);
-int CASADI(centre_of_mass_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(centre_of_mass_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(centre_of_mass_jacobian)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(centre_of_mass_jacobian_n_in)(void);
 casadi_int CASADI(centre_of_mass_jacobian_n_out)(void);
@@ -242,7 +268,8 @@ const char *CASADI(centre_of_mass_jacobian_name_in)(casadi_int);
 const char *CASADI(centre_of_mass_jacobian_name_out)(casadi_int);
 const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_in)(casadi_int);
 const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_out)(casadi_int);
-int CASADI(centre_of_mass_jacobian_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(centre_of_mass_jacobian_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(centroidal_momentum)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(centroidal_momentum_n_in)(void);
 casadi_int CASADI(centroidal_momentum_n_out)(void);
@@ -250,7 +277,8 @@ const char *CASADI(centroidal_momentum_name_in)(casadi_int);
 const char *CASADI(centroidal_momentum_name_out)(casadi_int);
 const casadi_int *CASADI(centroidal_momentum_sparsity_in)(casadi_int);
 const casadi_int *CASADI(centroidal_momentum_sparsity_out)(casadi_int);
-int CASADI(centroidal_momentum_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(centroidal_momentum_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(coordinate_rates)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(coordinate_rates_n_in)(void);
 casadi_int CASADI(coordinate_rates_n_out)(void);
@@ -258,7 +286,8 @@ const char *CASADI(coordinate_rates_name_in)(casadi_int);
 const char *CASADI(coordinate_rates_name_out)(casadi_int);
 const casadi_int *CASADI(coordinate_rates_sparsity_in)(casadi_int);
 const casadi_int *CASADI(coordinate_rates_sparsity_out)(casadi_int);
-int CASADI(coordinate_rates_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(coordinate_rates_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(integrate)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(integrate_n_in)(void);
 casadi_int CASADI(integrate_n_out)(void);
@@ -266,7 +295,8 @@ const char *CASADI(integrate_name_in)(casadi_int);
 const char *CASADI(integrate_name_out)(casadi_int);
 const casadi_int *CASADI(integrate_sparsity_in)(casadi_int);
 const casadi_int *CASADI(integrate_sparsity_out)(casadi_int);
-int CASADI(integrate_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(integrate_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 int CASADI(difference)(const real **, real **, casadi_int *, real *, int);
 casadi_int CASADI(difference_n_in)(void);
 casadi_int CASADI(difference_n_out)(void);
@@ -274,7 +304,8 @@ const char *CASADI(difference_name_in)(casadi_int);
 const char *CASADI(difference_name_out)(casadi_int);
 const casadi_int *CASADI(difference_sparsity_in)(casadi_int);
 const casadi_int *CASADI(difference_sparsity_out)(casadi_int);
-int CASADI(difference_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *);
+int CASADI(difference_work)(
+    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
 #ifdef __cplusplus
 }
 #endif

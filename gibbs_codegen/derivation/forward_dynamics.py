@@ -78,7 +78,8 @@ def thrusts_and_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
     """
     acting = thrusts(symbolic)
     for k, load in frame_loads(symbolic).items():
-        acting[k] = acting.get(k, NO_WRENCH).plus(symbolic.tape, load)
+        with symbolic.tape.group("thrusts and wrenches together"):
+            acting[k] = acting.get(k, NO_WRENCH).plus(symbolic.tape, load)
     return acting
 
 

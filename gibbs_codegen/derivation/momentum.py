@@ -59,8 +59,9 @@ def _columns(symbolic: SymbolicRobot) -> tuple[sp.Expr, list[Vector]]:
     tape, root, tree = symbolic.tape, symbolic.root, symbolic.reduced_tree
     frames, composites = segment_frames(tape, root, tree), dict(composites_inward(tape, tree))
     whole = composites[0]
-    centre = root.world(tape, _centre(symbolic, whole))
+    centre = _centre(symbolic, whole)
     with tape.group("columns of the base"):
+        centre = root.world(tape, centre)
         base = [linear for linear, _ in root.velocities_at(tape, centre)]
     joints = []
     for k, segment in enumerate(tree.segments[1:], start=1):

@@ -102,7 +102,7 @@ def real_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "biufO":
-            raise TypeError(f"not {array.dtype}")
+            raise TypeError(f"not {array.dtype.type.__name__.rstrip('_0123456789')}")
         if array.dtype.kind == "O":
             # None would become NaN, and text would be read.
             for entry in array.flat:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping
-from typing import Any, Self, get_args
+from typing import Any, ClassVar, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
@@ -40,6 +40,9 @@ class Table(BaseModel):
     model_config = ConfigDict(
         strict=True, extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True
     )
+
+    # Another kind of file that may be given by mistake, and keys that only it has.
+    mistaken: ClassVar[tuple[str, frozenset[str]]] = ("", frozenset())
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
@@ -94,6 +97,12 @@ class Table(BaseModel):
             for found in details:
                 place = found["loc"][:-1] if found["type"] == IN_NAME else found["loc"]
                 faults.append((place, cls._words(found, unknown <= _MOST_SUGGESTIONS)))
+        meant = {words.partition("; did you mean ")[2].rstrip("?") for _, words in faults}
+        faults = [
+            (place, words)  # A key that is misspelt is not missing as well.
+            for place, words in faults
+            if not (words.startswith("missing: ") and place[-1] in meant)
+        ]
         if faults:
             raise refusal(faults)
         return table

@@ -48,15 +48,28 @@ def checked(
         document = tomllib.loads(text)
     except ValueError as error:
         raise refused(source, [_syntax_fault(text, error)]) from None
+    other, keys = table.mistaken
+    if theirs := [key for key in document if key in keys]:
+        words = f"a key of {other}, and not of a {refused.kind}, which must be given here"
+        raise refused(source, [Fault(theirs[0], words, line_of(key_lines(text), (theirs[0],)))])
     changes = changes or {}
     found, refusals = table.read(merged(document, changes))
-    refusals = [*nothing_to_remove(document, changes), *refusals]
-    if found is not None and not refusals:
+    absent = list(nothing_to_remove(document, changes))
+    if found is not None and not absent:
         return found
     lines = key_lines(text)
-    for path in changed_paths(changes):  # What has been replaced stands in no line.
+    changed = set(changed_paths(changes))
+    for path in changed:  # What has been replaced stands in no line.
         lines.pop(path, None)
-    faults = [Fault(key_path(place), words, line_of(lines, place)) for place, words in refusals]
+    faults = [Fault(key_path(place), words) for place, words in absent]
+    faults += [
+        Fault(
+            key_path(place),
+            f"{words} (changed: not as in the file)" if key_path(place) in changed else words,
+            line_of(lines, place),
+        )
+        for place, words in refusals
+    ]
     raise refused(source, sorted(faults, key=lambda fault: fault.line or 0))
 
 

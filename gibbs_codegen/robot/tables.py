@@ -30,6 +30,7 @@ class RobotTable(Table):
     """
 
     model_config = ConfigDict(title="Robot file of gibbs_codegen")
+    mistaken = ("a scenario", frozenset({"duration", "control", "motors", "integration"}))
 
     name: Name = Field(
         description="the robot's name, which becomes that of the module and the prefix in C"

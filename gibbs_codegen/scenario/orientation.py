@@ -97,7 +97,9 @@ class Tangent:
         straight up or down.
         """
         if not 1 <= self.arm <= len(arm_angles):
-            raise UsageError(f"base arm {self.arm}: there are arms 1 to {len(arm_angles)}")
+            raise UsageError(
+                f"base.attitude.arm: {self.arm}: there are arms 1 to {len(arm_angles)}"
+            )
         angle = arm_angles[self.arm - 1]
         time = np.asarray(time, dtype=np.float64)
         derivatives = path(time)

@@ -186,6 +186,7 @@ class ScenarioTable(Table):
     """
 
     model_config = ConfigDict(title="Scenario file of gibbs_codegen")
+    mistaken = ("a robot file", frozenset({"gravity", "link", "rotor", "frame"}))
 
     name: Annotated[str, _line_of_text(1)] = Field(description="name of the flight, on one line")
     description: Annotated[str, _line_of_text(0)] = Field(

@@ -96,7 +96,10 @@ def test_a_broken_scenario_is_refused_with_its_lines(workplace: Path) -> None:
     assert done.returncode == 2
     assert "scenario rejected, 3 faults" in done.stderr
     assert "broken.toml:2: duration: must be a number, not a string" in done.stderr
-    assert "broken.toml:4: base.attitude.kind: must be one of 'level', 'tangent'" in done.stderr
+    assert (
+        "broken.toml:4: base.attitude.kind: must be one of 'level', 'turn', 'tangent'"
+        in done.stderr
+    )
 
 
 def test_a_flight_that_ends_early_fails_with_its_reason_and_its_results(workplace: Path) -> None:

@@ -77,7 +77,7 @@ def test_an_altered_module_fails_with_what_is_wrong(
     out, err = capsys.readouterr()
     assert "FAILS" in out
     assert "comparisons failed:" in err
-    assert "numpy: residual against Newton–Euler: error " in err
+    assert "numpy: gravity_forces against Newton–Euler: error " in err
     assert main(["verify", str(folder), "--states", "2", "--backend", "numpy", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["passed"] is False
 

@@ -6,12 +6,12 @@
  *
  *     real, Constants                 types of the module
  *     MODEL(name)                     a function or constant of the module
- *     LANES, COORDINATES, INPUTS      lengths of the module
- *     PARAMETERS, WIDEST              parameters, and entries of the largest output
+ *     LANES, PARAMETERS, WIDEST       lengths: of a block, of the parameters, of the largest output
  *     STATES, BLOCKS                  states, and blocks that hold them
- *     all_q, all_v, all_a, all_u      the states, one after the other
+ *     ARGUMENTS                       for each argument ARGUMENT(name, width)
+ *     all_q and so on                 its values for the states, one after the other
  *     parameters                      what init_constants() is given
- *     FUNCTIONS                       for each function its outputs and, of q, v, a, u, its inputs:
+ *     FUNCTIONS                       for each function its outputs and its arguments:
  *                                     ONE(name, size, ...) or TWO(name, size, other_size, ...)
  */
 
@@ -41,9 +41,11 @@ static void print_blocks(const char *name, const char *suffix, size_t width, con
     print(name, suffix, STATES * width, rows);
 }
 
-static void
-one_state(const Constants *constants, const real *q, const real *v, const real *a, const real *u)
+static void one_state(const Constants *constants, size_t state)
 {
+#define ARGUMENT(name, width) const real *name = all_##name + state * (width);
+    ARGUMENTS
+#undef ARGUMENT
 #define ONE(name, size, ...)                    \
     MODEL(name)(constants, __VA_ARGS__, first); \
     print(#name, ":1", size, first);
@@ -58,12 +60,10 @@ one_state(const Constants *constants, const real *q, const real *v, const real *
 
 static void batch(const Constants *constants)
 {
-    static real q[ROOM * COORDINATES], v[ROOM * COORDINATES], a[ROOM * COORDINATES];
-    static real u[ROOM * INPUTS];
-    MODEL(pack)(STATES, COORDINATES, all_q, q);
-    MODEL(pack)(STATES, COORDINATES, all_v, v);
-    MODEL(pack)(STATES, COORDINATES, all_a, a);
-    MODEL(pack)(STATES, INPUTS, all_u, u);
+#define ARGUMENT(name, width)          \
+    static real name[ROOM * (width)]; \
+    MODEL(pack)(STATES, width, all_##name, name);
+    ARGUMENTS
 #define ONE(name, size, ...)                                    \
     MODEL(name##_batch)(constants, STATES, __VA_ARGS__, first); \
     print_blocks(#name, "_batch:1", size, first);
@@ -90,12 +90,7 @@ int main(void)
     }
     print("constants", "", sizeof constants / sizeof(real), (const real *)&constants);
     for (size_t i = 0; i < STATES; ++i) {
-        one_state(
-            &constants,
-            all_q + i * COORDINATES,
-            all_v + i * COORDINATES,
-            all_a + i * COORDINATES,
-            all_u + i * INPUTS);
+        one_state(&constants, i);
     }
     batch(&constants);
     return 0;

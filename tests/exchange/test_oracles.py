@@ -24,7 +24,7 @@ NAMES = ("hextilt_flying_arm_5", "hydrus", "everything")
 # The coordinates that the oracles are given in, by the attitude of the robot file.
 COORDINATES: dict[Attitude, str] = {"quaternion": "free_flyer", "xyz": "tait_bryan_xyz"}
 BACKENDS: tuple[Literal["numpy", "c"], ...] = ("numpy", "c")
-QUICK = [("hydrus", "xyz"), ("hextilt_flying_arm_5", "quaternion")]
+QUICK = [("hydrus", "quaternion")]
 EMITTED = [
     pytest.param(*case, marks=[] if case in QUICK else [pytest.mark.slow])
     for case in product(NAMES, COORDINATES)

@@ -73,7 +73,7 @@ def test_operations_are_as_few_as_they_were(robot: Robot, reached: tuple[int, ..
     [
         (3, (265, 72, 210, 350, 247, 61, 338, 155)),
         (7, (852, 379, 510, 1139, 547, 61, 760, 297)),
-        (30, (7989, 5909, 2227, 5824, 2264, 61, 3161, 1138)),
+        pytest.param(*(30, (7989, 5909, 2227, 5824, 2264, 61, 3161, 1138)), marks=pytest.mark.slow),
     ],
 )
 def test_with_a_quaternion_it_takes_fewer(links: int, reached: tuple[int, ...]) -> None:

@@ -117,7 +117,6 @@ lenght = 1.0
         "robot.toml:1: name: 'class' is a keyword of Python, which no module can be named; "
         "add a word, e.g. class_arm",
         "robot.toml:2: gravity: must be a number, not a string",
-        "robot.toml:3: base.rotors: missing: the number of rotors and arms, N",
         "robot.toml:4: base.rotor: unknown key; did you mean rotors?",
         "robot.toml:5: base.attitude: must be one of 'xyz', 'xzy', 'yxz', 'yzx', 'zxy', 'zyx', "
         "'quaternion', not 'yaw'",
@@ -342,3 +341,10 @@ arm = { length = -1 }
 """
     lines = {line.split(": ")[1]: int(line.split(":")[1]) for line in faults(text)}
     assert lines == {"base.thrust 2": 4, "base.drag 3": 9, "base.arm.length": 11, "base.link": 12}
+
+
+def test_a_scenario_is_told_from_a_robot_file() -> None:
+    assert faults('duration = 5\n[base]\npath = { kind = "point" }\n') == [
+        "robot.toml:1: duration: a key of a scenario, and not of a robot file, which must be given "
+        "here"
+    ]

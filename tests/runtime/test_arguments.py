@@ -79,7 +79,7 @@ def test_not_a_number_in_any_argument_is_one_in_the_result(ways: list[ModuleType
             # With attitude angles the rates of coordinates are the velocities, wherever it is.
             unread = int(signature.name == "coordinate_rates")
             for place in range(unread, len(signature.widths)):
-                states = [np.full((3, width), 0.5) for width in signature.widths]
+                states = [np.full((3, *shape), 0.5) for shape in signature.argument_shapes]
                 states[place][1] = np.nan
                 with np.errstate(invalid="ignore"):
                     batch = function(*states)
@@ -105,8 +105,8 @@ def test_constants_of_another_robot_are_refused(ways: list[ModuleType], tmp_path
 @pytest.mark.parametrize(
     ("parameters", "error", "message"),
     [
-        ({"gravity": "9.81"}, TypeError, "gravity must be real numbers: not <U4"),
-        ({"gravity": 1j}, TypeError, "gravity must be real numbers: not complex128"),
+        ({"gravity": "9.81"}, TypeError, "gravity must be real numbers: not str"),
+        ({"gravity": 1j}, TypeError, "gravity must be real numbers: not complex"),
         ({"gravity": 10**400}, ValueError, "gravity must be real numbers: int too large"),
         (
             {"gravity": [9.81, 1.0]},

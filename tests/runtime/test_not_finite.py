@@ -25,6 +25,7 @@ Load = Callable[[str], ModuleType]
 NAME = "hexarotor_3link"
 # Enough of them for two threads.
 MANY = 2 * 16_384
+LINEAR_IN_V = ("coordinate_rates", "integrate", "frame_velocities", "centroidal_momentum")
 NUMPY_WAYS = ("NumPy, one state", "NumPy, batch")
 C_WAYS = ("C, one state", "C, lists", "C, batch", "C, threads")
 
@@ -58,7 +59,7 @@ def call(shipped: Load, compiled: ModuleType) -> Callable[..., object]:
 
 def batch_of(values: np.ndarray, count: int) -> np.ndarray:
     """States of ones, of which the third, and the last, is the one given."""
-    batch = np.ones((count, len(values)))
+    batch = np.ones((count, *values.shape))
     batch[2], batch[-1] = values, values
     return batch
 
@@ -71,7 +72,7 @@ def arguments(signature: Signature) -> dict[str, np.ndarray]:
 def too_large(signature: Signature) -> tuple[dict[str, np.ndarray], str] | None:
     """Arguments of a function that it overflows with, and what is largest; None where none do."""
     state = arguments(signature)
-    if "v" in state and signature.name not in ("coordinate_rates", "integrate"):
+    if "v" in state and signature.name not in LINEAR_IN_V:
         state["v"][1] = -1e200
         return state, "v of theta_0, -1e+200"
     if signature.name == "potential_energy":

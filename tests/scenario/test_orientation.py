@@ -152,7 +152,7 @@ def test_level_with_a_heading(heading: float, turn: float) -> None:
 
 @pytest.mark.parametrize("arm", [-1, 0, 7, 256])
 def test_an_arm_that_is_not_there(arm: int) -> None:
-    with pytest.raises(UsageError, match=f"base arm {arm}: there are arms 1 to 6"):
+    with pytest.raises(UsageError, match=f"base.attitude.arm: {arm}: there are arms 1 to 6"):
         Tangent(arm)(PAPER, TIME, arm_angles(6))
 
 

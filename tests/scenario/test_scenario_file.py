@@ -297,7 +297,6 @@ gravity = "9.81"
 mass = nan
 """
     assert faults(text) == [
-        "s.toml: duration: missing: the time to fly, in s",
         "s.toml:1: name: must be a string, not a number",
         "s.toml:2: duraton: unknown key; did you mean duration?",
         "s.toml:4: base.attitude.heading: unknown key; did you mean heading_deg?",
@@ -678,3 +677,18 @@ def test_what_is_there_can_be_taken_away() -> None:
         read_scenario("hover", changes_of(["base.path.kind="]))
     with pytest.raises(ScenarioFileError, match=r"hover\.toml: duration: missing: the time to fly"):
         read_scenario("hover", changes_of(["duration="]))
+
+
+def test_a_robot_file_is_told_from_a_scenario() -> None:
+    assert faults('name = "a"\n\ngravity = 9.81\n[base]\nrotors = 6\n') == [
+        "s.toml:3: gravity: a key of a robot file, and not of a scenario, which must be given here"
+    ]
+
+
+def test_what_was_changed_is_not_looked_for_in_the_file() -> None:
+    with pytest.raises(ScenarioFileError) as refused:
+        read_scenario("hover", {"duration": -3, "start": {"ofset": [1, 2, 3]}})
+    assert [fault.text("hover.toml") for fault in refused.value.faults] == [
+        "hover.toml: duration: must be from 0.001 to 3600 s, not -3 (changed: not as in the file)",
+        "hover.toml: start.ofset: unknown key; did you mean offset? (changed: not as in the file)",
+    ]

@@ -166,7 +166,7 @@ LEVEL = Level()
         (Line((0, 0, 0), (1, 0, 0), 5.0, begin=-4.6), Tangent(2), r"stands still at t = 0\.3\d* s"),
         (Harmonic(z=(Term(1.0, 1.0),)), Tangent(2), r"is vertical at t = 0 s"),
         (Circle((0, 0, 0), 1.0, 4.0, (0, 1, 0)), Tangent(1), r"is vertical at t = 0 s"),
-        (Circle((0, 0, 0), 1.0, 4.0), Tangent(7), r"base arm 7: there are arms 1 to 6"),
+        (Circle((0, 0, 0), 1.0, 4.0), Tangent(7), r"base.attitude.arm: 7: there are arms 1 to 6"),
         # It turns back at t = 0.5 s + 1 ms, between two knots: there its tangent jumps.
         (
             Harmonic(x=(Term(1.0, 0.0, np.pi, -np.pi * 0.501),)),

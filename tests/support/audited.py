@@ -109,14 +109,14 @@ def watch(event: str, arguments: tuple[Any, ...]) -> None:
 
 def plant(text: str) -> None:
     """Let the package run `text` when a robot's name is looked at."""
-    from gibbs_codegen.robot import tables
+    from gibbs_codegen.robot import quantities
 
     lines = ["def rename(name):", *(f"    {line}" for line in text.split("; "))]
     lines += ["    class Unused: pass", "    return None"]
     made: dict[str, Any] = {}
     code: CodeType = compile("\n".join(lines), str(PACKAGE / "planted.py"), "exec")
     exec(code, made)  # noqa: S102
-    tables.name_fault = made["rename"]
+    quantities.name_fault = made["rename"]
 
 
 if __name__ == "__main__":

@@ -41,6 +41,7 @@ from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.robot.coordinates import inputs, reduced_coordinates
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.model import JOINT_KINDS, RigidBody, Robot
+from gibbs_codegen.robot.module_lists import module_lists
 
 NATIVE = ["-O3", "-march=native"]
 # What distributions add to every program is no part of the emitted code; and addresses in constant
@@ -721,8 +722,9 @@ def test_comments_tell_arguments_shapes_units_and_cost(
         function = robot.model.program.function(signature.name)
         comment = _comment(header, f"{robot.name}_{signature.name}")
         described = FUNCTIONS[signature.name]
-        said = f"@brief {described.summary} {described.details}".rstrip()
-        assert comment.startswith(f"{said} @param[in] constants ")
+        said, _, rest = described.details.partition("{singularity}")
+        assert comment.startswith(f"@brief {described.summary} {said}".rstrip())
+        assert f"{rest} @param[in] constants " in comment
         assert f"@par Source: {described.source}." in comment
         for name, width in zip(signature.arguments, signature.widths, strict=True):
             entries = comment.partition(f"@param[in] {name} ")[2].partition("@")[0]
@@ -736,8 +738,11 @@ def test_comments_tell_arguments_shapes_units_and_cost(
 def _entries(robot: Robot, argument: str) -> str:
     if argument == "u":
         return ", ".join(f"{c.name} [{c.unit}]" for c in inputs(robot))
+    if argument == "W":
+        frames = ", ".join(module_lists(robot)["FRAMES"])
+        return f"force [N] and torque [N m], a row for each of {frames}"
     prefix = "" if argument == "q" else f"{argument}_"
-    per_time = {"q": "", "v": "/s", "a": "/s^2"}[argument]
+    per_time = {"v": "/s", "a": "/s^2"}.get(argument, "")
     return ", ".join(f"{prefix}{c.name} [{c.unit}{per_time}]" for c in reduced_coordinates(robot))
 
 
