@@ -97,9 +97,10 @@ class Tangent:
         straight up or down.
         """
         if not 1 <= self.arm <= len(arm_angles):
-            raise UsageError(
-                f"base.attitude.arm: {self.arm}: there are arms 1 to {len(arm_angles)}"
-            )
+            known = f"there are arms 1 to {len(arm_angles)}"
+            if not len(arm_angles):
+                known = "the base has no arms to follow a path; choose a level attitude"
+            raise UsageError(f"base.attitude.arm: {self.arm}: {known}")
         angle = arm_angles[self.arm - 1]
         time = np.asarray(time, dtype=np.float64)
         derivatives = path(time)
