@@ -218,6 +218,15 @@ def test_hydrus_hovers_in_open_loop_only(compiled: Load) -> None:
     assert flight.applied[0, :4] == pytest.approx(flight.applied[0, :4].mean(), rel=0.2)
 
 
+def test_a_robot_without_arms_hovers_in_open_loop(compiled: Load) -> None:
+    """Coplanar rotors, no joints, limits and lag from the robot file."""
+    scenario = replace(read_scenario("hover", {"control": {"law": "open_loop"}}), duration=0.1)
+    flight = simulate(compiled("quadrotor"), scenario)
+    assert not flight.stopped
+    assert flight.centre_error.max() < 1e-9
+    assert flight.parents[1:5].tolist() == [0] * 4
+
+
 def test_several_arms_have_no_tip_to_lead(everything: ModuleType) -> None:
     with pytest.raises(UsageError, match="everything: has no tip"):
         simulate(everything, read_scenario("paper", {"control": {"law": "off"}}))

@@ -21,6 +21,7 @@ from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle, Harmonic, Term
 from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Push, Scenario, Settings
 from gibbs_codegen.simulator import fixed_step
+from gibbs_codegen.simulator.actuators import Actuators
 from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
@@ -300,7 +301,8 @@ def test_the_bound_on_rates_is_where_an_error_would_swing_out_too_far(fast: Load
         (0.01, 1.0, 0.5),
     ):
         gains = Gains.of(frequency, ratio, 6)
-        loop = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains))
+        controller = Controller(vehicle, reference, allocation, gains)
+        loop = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
         bounds = Envelope(loop, 20.0, duration).bounds
         assert np.array_equal(bounds[:6], np.full(6, 20.0))
         system = lti([1.0], [1.0, 2.0 * ratio * frequency, frequency**2])
@@ -357,7 +359,8 @@ def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None
     gains = Gains.of(1.0, 1.0, len(vehicle.coordinates))
     reference = desired_motion(vehicle, scenario)
     allocation = Allocation(vehicle.thrust_wrenches())
-    loop = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains, "off"))
+    controller = Controller(vehicle, reference, allocation, gains, "off")
+    loop = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
     q, v, _ = reference(0.0)
     one, round_and_round = Settings("rk4"), Settings("rk4", step=0.1, rate=10.0)
     for sign, rate, settings in (
