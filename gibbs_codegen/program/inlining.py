@@ -57,13 +57,15 @@ def inline_single_uses(statements: list[Statement], outputs: list[Output]) -> li
         if uses[statement.name] == 1 and not isinstance(value, Call | Reciprocal):
             pending[statement.name] = value
             continue
-        kept.append(replace(statement, value=value))
+        kept.append(_with_value(statement, value))
     return _restored(kept, pending, statements)
 
 
 def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
     """`node` with pending definitions written in, the shortest first, while the line is short."""
     names = [name for name in dict.fromkeys(names_in(node)) if name in pending]
+    if not names:
+        return node
     room = _LEAVES - node.leaves
     chosen: dict[str, Node] = {}
     for name in sorted(names, key=lambda name: pending[name].leaves):
@@ -97,7 +99,11 @@ def _restored(
             missing.extend(n for n in names_in(pending[name]) if n in pending)
     values = {statement.name: statement.value for statement in kept}
     values.update({name: pending[name] for name in needed})
-    return [replace(s, value=values[s.name]) for s in statements if s.name in values]
+    return [_with_value(s, values[s.name]) for s in statements if s.name in values]
+
+
+def _with_value(statement: Statement, value: Node) -> Statement:
+    return statement if value is statement.value else replace(statement, value=value)
 
 
 def substituted(node: Node, values: Mapping[str, Node]) -> Node:
