@@ -11,6 +11,7 @@ loop's results overwrite, iteration by iteration, the operands that they replace
 
 from __future__ import annotations
 
+from bisect import insort
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -103,18 +104,21 @@ def _linear_scan(tuples: SlotTuples, live: LiveRanges) -> dict[str, int]:
         names = list(chain(*members.values()))
         start = min(live.first_definition[name] for name in names)
         intervals.append((start, max(live.last_use[name] for name in names), members))
-    # Slots that are taken: the first, the one after the last, and the section of the last use.
+    # Slots that are taken, in order: the first, the one after the last, and the section of the last
+    # use.
     active: list[tuple[int, int, int]] = []
+    present = -1
     for start, end, members in sorted(intervals, key=lambda interval: interval[:2]):
         lowest, size = min(members), max(members) - min(members) + 1
-        # A straight section reloads all before it spills.
-        active = [a for a in active if a[2] > start or (a[2] == start and live.is_loop(start))]
+        if start > present:  # A straight section reloads all before it spills.
+            present, kept = start, start - live.is_loop(start)
+            active = [taken for taken in active if taken[2] > kept]
         base = 0
-        for first, stop, _ in sorted(active):
+        for first, stop, _ in active:
             if base + size <= first:
                 break
             base = max(base, stop)
-        active.append((base, base + size, end))
+        insort(active, (base, base + size, end))
         for offset, names in members.items():
             slots.update(dict.fromkeys(names, base + offset - lowest))
     return slots
