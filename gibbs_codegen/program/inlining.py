@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 from gibbs_codegen.program.nodes import (
     Call,
@@ -29,6 +30,7 @@ from gibbs_codegen.program.nodes import (
     names_in,
 )
 
+_SIGN = itemgetter(0)
 # Names and literals in one line, at most: keeps statements short enough to be read.
 _LEAVES = 7
 
@@ -116,9 +118,9 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
     Returns:
         The node that takes the same operations as both together, or fewer.
     """
+    if isinstance(node, Name):  # By far the most frequent.
+        return values.get(node.name, node)
     match node:
-        case Name(name):
-            return values.get(name, node)
         case Number():
             return node
         case Sum(terms):
@@ -136,7 +138,12 @@ def _merged_product(factors: Sequence[Node]) -> Product:
     merged: list[Node] = []
     for factor in factors:
         merged.extend(factor.factors if isinstance(factor, Product) else (factor,))
-    return Product(tuple(sorted(merged, key=lambda factor: not isinstance(factor, Number))))
+    merged.sort(key=_is_no_number)
+    return Product(tuple(merged))
+
+
+def _is_no_number(factor: Node) -> bool:
+    return not isinstance(factor, Number)
 
 
 def _merged_terms(
@@ -147,7 +154,8 @@ def _merged_terms(
     for sign, term in terms:
         value = substituted(term, values)
         if isinstance(value, Sum):
-            merged.extend((sign * inner, node) for inner, node in value.terms)
+            merged.extend([(sign * inner, node) for inner, node in value.terms])
         else:
             merged.append((sign, value))
-    return sorted(merged, key=lambda term: -term[0])
+    merged.sort(key=_SIGN, reverse=True)
+    return merged
