@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.emitted import emitted_module
 
 from gibbs_codegen.derivation.parameters import Parameters
 from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.exchange.names import Namer
+from gibbs_codegen.robot.coordinates import frame_names, points
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Frame, Link, Pose, RigidBody, Robot, Rod, Rotor
 from gibbs_codegen.robot.names import default_prefix
 from gibbs_codegen.robot.taken_names import TakenNames, parameter_names
 from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.simulator.simulation import simulate
+from gibbs_codegen.simulator.vehicle import Vehicle
 from gibbs_codegen.symbolic.tape import Tape
 
 EVERYTHING = Path(__file__).parents[1] / "robots" / "everything.toml"
@@ -158,3 +164,29 @@ def test_thousands_of_one_name_are_told_apart_at_once(monkeypatch: pytest.Monkey
     namer = Namer()
     assert len({namer.frame("plate") for _ in range(1000)}) == 1000
     assert asked < 1010
+
+
+def test_points_have_names_of_their_own() -> None:
+    """The first keeps its name, but for those of the base centre and the tip."""
+    text = CARRIED + "".join(map(rotor, ("left", "joint_a1", "tip", "eye")))
+    text += link("a1") + link("a2") + "".join(map(frame, ("left", "eye", "O2", "frame_eye")))
+    found = parse_robot(text)
+    rotors = ("left", "joint_a1", "rotor_tip", "eye")
+    frames = ("tip", "frame_left", "frame_eye", "frame_O2", "frame_frame_eye")
+    assert points(found) == ("base", *rotors, "joint_joint_a1", "joint_a2", *frames)
+    assert frame_names(found) == ("base", "tip", "left", "eye", "O2", "frame_eye")
+
+
+def test_rotors_and_frames_may_be_called_like_what_a_simulation_looks_for() -> None:
+    text = "name = 'named'\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n"
+    for name, x, y in (("tip", 1, 0), ("O2", 0, 1), ("motor1", -1, 0), ("base_", 0, -1)):
+        text += rotor(name) + f"position = [{x}, {y}, 0]\ndrag = {0.1 * (x * x - y * y)}\n"
+    text += frame("O1") + "xyz = [0, 0, 5]\n"
+    vehicle = Vehicle(emitted_module(parse_robot(text)))
+    assert (vehicle.centre, vehicle.has_tip) == ("base", False)
+    assert not vehicle.centre_offset(vehicle.neutral).any()
+    scenario = replace(read_scenario("hover", {"control": {"law": "off"}}), duration=0.02)
+    flight = simulate(vehicle.module, scenario)
+    assert (flight.centre, flight.has_tip) == ("base", False)
+    assert flight.rotor_points == ("rotor_tip", "rotor_O2", "motor1", "base_")
+    assert np.array_equal(flight.point("base"), flight.q[:, 3:])
