@@ -43,10 +43,10 @@ class Allocation:
 
     Args:
         wrenches: wrench of a unit thrust of each rotor (6, N), as `Vehicle.thrust_wrenches` has it.
-        limits: least and greatest thrust of every rotor, N; None for no limits.
+        limits: least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
     """
 
-    def __init__(self, wrenches: Array, limits: tuple[float, float] | None = None) -> None:
+    def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
         self.wrenches = wrenches
         self.limits = limits
         left, values, _ = np.linalg.svd(wrenches)
@@ -73,8 +73,8 @@ class Allocation:
         if self.missing:
             raise AllocationError(
                 f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
-                "(arm 1's frame, about the base centre); tilt some thrusts in the robot file, add "
-                'rotors, or set control.law to "open_loop"',
+                "(in the base's frame, about the base centre); tilt some thrusts in the robot "
+                'file, add rotors, or set control.law to "open_loop"',
                 self.missing,
             )
 
@@ -145,9 +145,9 @@ class Allocation:
     def _check_produced(self, wrenches: Array) -> None:
         if np.any(missed := self.residual(wrenches)):
             raise AllocationError(
-                f"the motion needs {_listed(self.missing)} (arm 1's frame, about the base centre), "
-                f"up to {np.max(missed):.3g} N or N m, which the rotors cannot command; tilt some "
-                "thrusts in the robot file, or add rotors",
+                f"the motion needs {_listed(self.missing)} (in the base's frame, about the base "
+                f"centre), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
+                "tilt some thrusts in the robot file, or add rotors",
                 self.missing,
             )
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import dataclasses
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -37,7 +38,7 @@ class Flight:
       after thrust limits and motor lag
     - `constraint_torques` (s, c): of base arms 2 … N (eqs. 14–17), or of the joints `constrained`
     - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
-      2 … N against arm 1, measured from where the motors are; none of a base without arms
+      2 … N about z of the base, measured from where the motors are; none of a base without arms
     - `positions` (s, k, 3) of the `points`, and `parents` (k): numbers of the points that each is
       drawn as joined to, −1 for none; `base_rotation` (s, 3, 3), from the base's frame, which
       is arm 1's if there are arms, to the world
@@ -256,8 +257,10 @@ def read_flight(path: StrPath) -> Flight:
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            values = {each.name: stored[each.name] for each in dataclasses.fields(Flight)}
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
+            values: dict[str, Any] = {} if "parents" in stored else _before_trees(stored)
+            names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
+            values |= {name: stored[name] for name in names}
+    except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:
         raise UsageError(
             f"{printable(path)}: is not a flight that was saved: {printable(error)}"
         ) from None
@@ -266,6 +269,30 @@ def read_flight(path: StrPath) -> Flight:
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
     values["tangent_arm"] = int(values["tangent_arm"])
     return Flight(**values)
+
+
+def _before_trees(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What files lack that are from when all robots had base arms, angles and one serial arm.
+
+    Args:
+        stored: The arrays of a file.
+
+    Returns:
+        Attitude, units and parents. The sequence of the angles is not in such files; it makes no
+        difference to what a flight has.
+    """
+    points, coordinates = stored["points"].tolist(), stored["coordinates"].tolist()
+    rotors = len(stored["base_arm_angles_desired"]) + 1
+    centre = points.index("O2") if "O2" in points else 0
+    parents = np.full(len(points), -1)
+    parents[centre + 1 : centre + rotors + 2] = centre
+    parents[centre + rotors + 2 :] = np.arange(centre + rotors + 1, len(points) - 1)
+    units = ["rad" if name.startswith("theta_") else "m" for name in coordinates]
+    return {
+        "attitude": np.array("xyz"),
+        "coordinate_units": np.array(units),
+        "parents": parents,
+    }
 
 
 def is_flight(path: StrPath) -> bool:

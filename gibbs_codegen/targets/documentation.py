@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import textwrap
+from functools import lru_cache
 
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.trigonometry import gather_angles
+from gibbs_codegen.program.trigonometry import GatheredFunction
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
     constraint_torque,
@@ -57,12 +58,13 @@ def docstring(model: Model, function: Function) -> list[str]:
     return lines
 
 
-def doxygen(model: Model, function: Function) -> list[str]:
+def doxygen(model: Model, function: Function, gathered: GatheredFunction) -> list[str]:
     """Documentation of a C function, as it stands in a comment.
 
     Args:
         model: The derived robot.
         function: One of its program's.
+        gathered: The same with its sines and cosines gathered.
 
     Returns:
         Lines without what a comment begins with.
@@ -80,7 +82,7 @@ def doxygen(model: Model, function: Function) -> list[str]:
     for output, shaped in zip(row.outputs, function.outputs, strict=True):
         shape = " x ".join(map(str, shaped.shape)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
-    stack = stack_bytes(gather_angles(function))
+    stack = stack_bytes(gathered)
     items += [
         f"@note {_operations(function)}; about {stack} bytes of stack for one state of doubles, "
         "optimised.",
@@ -157,20 +159,25 @@ def output_text(robot: Robot, output: Output) -> str:
     Returns:
         Names with units, or the units alone.
     """
+    return output.entries.format(unit=output.unit, **_entry_lists(robot))
+
+
+@lru_cache(maxsize=1)
+def _entry_lists(robot: Robot) -> dict[str, str]:
+    """Entries of the outputs with their units, by the words that stand for them in the table."""
     torques = tuple(constraint_torque(robot, arm) for arm in held_arms(robot))
-    return output.entries.format(
-        unit=output.unit,
-        accelerations=argument_text(robot, "a"),
-        forces=_forces(free_unknowns(robot)),
-        hybrid_forces=_forces(hybrid_coordinates(robot)),
-        coordinates=_units(reduced_coordinates(robot)),
-        coordinate_rates=_units(reduced_coordinates(robot), "/s"),
-        displacement=_units(velocities(robot)).replace("/s]", "]"),
-        constraint_torques=_units(torques),
-        points=", ".join(points(robot)),
-        frames=", ".join(frame_names(robot)),
-        bodies=", ".join(body_names(robot)),
-    )
+    return {
+        "accelerations": argument_text(robot, "a"),
+        "forces": _forces(free_unknowns(robot)),
+        "hybrid_forces": _forces(hybrid_coordinates(robot)),
+        "coordinates": _units(reduced_coordinates(robot)),
+        "coordinate_rates": _units(reduced_coordinates(robot), "/s"),
+        "displacement": _units(velocities(robot)).replace("/s]", "]"),
+        "constraint_torques": _units(torques),
+        "points": ", ".join(points(robot)),
+        "frames": ", ".join(frame_names(robot)),
+        "bodies": ", ".join(body_names(robot)),
+    }
 
 
 def _units(listed: tuple[Coordinate, ...], per_time: str = "") -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
 
@@ -21,8 +22,10 @@ from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle
-from gibbs_codegen.scenario.scenario import Law, Settings, TipForce
+from gibbs_codegen.scenario.scenario import Law, Push, Settings
+from gibbs_codegen.simulator.actuators import Actuators
 from gibbs_codegen.simulator.allocation import AllocationError
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
@@ -115,7 +118,11 @@ def test_errors_under_control_decay_as_the_gains_say(compiled: Load) -> None:
 
 @pytest.mark.parametrize("name", ["hextilt_flying_arm_5", "quaternion"])
 def test_an_offset_hover_is_reached(name: str, compiled: Load) -> None:
-    changes = {"start": {"offset": [0.2, 0.1, -0.1], "turn_deg": [10, 80, 30]}}
+    changes = {
+        "start": {"offset": [0.2, 0.1, -0.1], "turn_deg": [10, 80, 30]},
+        "motors": {"limits": [-1e9, 1e9]},  # in place of those of the robot file
+        "arm": {"effort": dict.fromkeys(Vehicle(compiled(name)).joint_names, 1e9)},
+    }
     scenario = replace(read_scenario("hover", changes), integration=RK4, duration=3.0)
     flight = simulate(compiled(name), scenario)
     assert not flight.stopped
@@ -138,19 +145,21 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     count = vehicle.layout.v.size
     gains = Gains.of(np.linspace(4.0, 9.0, count), np.linspace(0.5, 1.1, count), count)
     controller = Controller(vehicle, reference, allocation_of(vehicle), gains, law)
-    push = TipForce((0.7, -0.4, 0.5), 0.0, 1.0)
-    closed = ClosedLoop(vehicle, controller, None, lag, push)
+    push = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1), "base")
+    actuators = Actuators.unlimited(vehicle)
+    actuators.lag[1:] = lag  # The first motor does not lag.
+    closed = ClosedLoop(vehicle, controller, actuators, push)
     state = closed.start(*starting_state(vehicle, reference, scenario.start))
     state[vehicle.layout.q.size :] += 0.3 * np.cos(np.arange(len(state) - vehicle.layout.q.size))
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, step, np.inf, tip_force=True)
+    loop = CompiledLoop.of(closed, step, np.inf, pushed=True)
     assert loop is not None
     taken, samples, _ = loop(0.0, state, 25, 1, 0)
     assert taken == 25
     for number, sample in enumerate(samples):
-        state = rk4_step(closed, number * step, state, step, tip_force=True)
+        state = rk4_step(closed, number * step, state, step, pushed=True)
         assert sample == pytest.approx(state, rel=1e-9, abs=1e-9)
         state = sample
 
@@ -209,9 +218,41 @@ def test_hydrus_hovers_in_open_loop_only(compiled: Load) -> None:
     assert flight.applied[0, :4] == pytest.approx(flight.applied[0, :4].mean(), rel=0.2)
 
 
+def test_a_robot_without_arms_hovers_in_open_loop(compiled: Load) -> None:
+    """Coplanar rotors, no joints, limits and lag from the robot file."""
+    scenario = replace(read_scenario("hover", {"control": {"law": "open_loop"}}), duration=0.1)
+    flight = simulate(compiled("quadrotor"), scenario)
+    assert not flight.stopped
+    assert flight.centre_error.max() < 1e-9
+    assert flight.parents[1:5].tolist() == [0] * 4
+
+
 def test_several_arms_have_no_tip_to_lead(everything: ModuleType) -> None:
     with pytest.raises(UsageError, match="everything: has no tip"):
         simulate(everything, read_scenario("paper", {"control": {"law": "off"}}))
+
+
+@pytest.mark.parametrize("arm", [1, 4])
+def test_an_arm_at_any_azimuth_follows_the_path(arm: int) -> None:
+    """What points along the velocity of the base is the arm, from the centre to its motor."""
+    robot, _ = read_robot("hexarotor")
+    azimuths = tuple(map(Fraction, (10, 60, 130, 175, 250, 300)))
+    base = replace(robot.base, azimuth_deg=azimuths)
+    scenario = replace(read_scenario("circle"), attitude=Tangent(arm), duration=0.05)
+    flight = simulate(emitted_module(replace(robot, base=base)), scenario)
+    assert not flight.stopped
+    along = flight.point(f"motor{arm}") - flight.point("O2")
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    velocity = scenario.base(flight.time)[:, 1]
+    velocity /= np.linalg.norm(velocity, axis=1, keepdims=True)
+    assert along == pytest.approx(velocity, abs=1e-9)
+    assert flight.heading_error == pytest.approx(0.0, abs=1e-9)
+    expected = np.array(azimuths[1:], dtype=float)
+    off = np.degrees(flight.base_arm_angles_desired) - expected
+    assert np.sin(np.radians(off) / 2.0) == pytest.approx(0.0, abs=1e-9)
+    assert flight.base_arm_angles == pytest.approx(
+        np.tile(flight.base_arm_angles_desired, (len(flight.time), 1)), abs=1e-9
+    )
 
 
 def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: Load) -> None:
