@@ -109,7 +109,7 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
 
 def _mass_table(robot: Robot, columns: dict[str, MassProperties]) -> Table:
     where = "arm 1's axes" if _by_rule(robot) else "the base's axes"
-    title = f"\nMasses, in {where} (kg, m, kg m² about the centre)"
+    title = f"\nMasses, in {where} (kg, m, kg m² about the centre of mass)"
     table = plain_table(title, "", *columns)
     properties = columns.values()
     table.add_row("mass", *(number(found.mass) for found in properties))
