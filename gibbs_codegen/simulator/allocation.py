@@ -73,7 +73,7 @@ class Allocation:
         if self.missing:
             raise AllocationError(
                 f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
-                "(arm 1's frame, about the base centre); tilt some thrusts in the robot file, add "
+                "(in the base's frame, about its origin); tilt some thrusts in the robot file, add "
                 'rotors, or set control.law to "open_loop"',
                 self.missing,
             )
@@ -145,9 +145,9 @@ class Allocation:
     def _check_produced(self, wrenches: Array) -> None:
         if np.any(missed := self.residual(wrenches)):
             raise AllocationError(
-                f"the motion needs {_listed(self.missing)} (arm 1's frame, about the base centre), "
-                f"up to {np.max(missed):.3g} N or N m, which the rotors cannot command; tilt some "
-                "thrusts in the robot file, or add rotors",
+                f"the motion needs {_listed(self.missing)} (in the base's frame, about its "
+                f"origin), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
+                "tilt some thrusts in the robot file, or add rotors",
                 self.missing,
             )
 
