@@ -12,6 +12,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from conftest import compiled_soon
 from support.emitted import emitted_module
 from support.random_robots import random_tree
 
@@ -62,9 +63,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Load:
                 robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
                 text = robot_text(robot)
             generate_robot(robot, text, folder / name, verify=False)
-            with pytest.MonkeyPatch.context() as patch:  # It flies for seconds only.
-                patch.setenv("CC", "cc -O1")
-                made[name] = load(folder / name / robot.name, backend="c")
+            made[name] = compiled_soon(folder / name / robot.name)
         return made[name]
 
     return module
