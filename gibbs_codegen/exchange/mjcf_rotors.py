@@ -34,7 +34,7 @@ def mjcf_rotors(
         site, gear = model.actuator_trnid[k, 0], np.array(model.actuator_gear[k])
         body, size = model.site_bodyid[site], float(np.linalg.norm(gear[:3]))
         size = 1.0 if abs(size - 1.0) < 4e-16 else size
-        name = _name(model, k) or f"rotor_{k}"
+        name = _name(model, k) or f"rotor_{k + 1}"
         if body not in bodies:
             continue
         if size == 0.0:

@@ -116,6 +116,8 @@ def _check(root: Element, file: str) -> None:
                 faults.append(Fault(where, f"more than {_MOST_COPIES} copies", line))
         if element.tag == "composite":
             faults.append(Fault(where, "composite bodies are not imported", line))
+        if element.tag == "mesh" and "builtin" in element.attrib:
+            faults.append(Fault(where, "builtin meshes are not imported; give a file", line))
         for key, text in element.attrib.items():
             words = text.lower().replace("+", "").replace("-", "").split()
             if key not in _TEXTS and {"nan", "inf", "infinity"} & {*words}:

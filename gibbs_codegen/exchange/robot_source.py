@@ -11,6 +11,7 @@ from gibbs_codegen.exchange.source import (
     SourceLink,
     SourceRotor,
 )
+from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.model import BASE, Body, Link, Robot, Rotor, as_rigid_body
 from gibbs_codegen.robot.names import default_prefix, joint_name
 from gibbs_codegen.robot.rigid_body import inertia_matrix
@@ -43,7 +44,7 @@ def source_of(robot: Robot) -> Source:
         joints.append(_joint(robot, i, names, centre))
     rotors += [_placed(rotor, k, names, centre) for k, rotor in enumerate(robot.thrusters, start=1)]
     frames = []
-    for frame in robot.frames:
+    for frame in frames_of(robot)[1:]:  # The first is the base's own.
         own = Placement(frame.pose.xyz, frame.pose.rpy_deg)
         pose = centre @ own if frame.on == BASE else own
         frames.append(SourceFrame(frame.name, names[frame.on], pose))

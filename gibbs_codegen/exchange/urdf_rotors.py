@@ -13,6 +13,8 @@ from gibbs_codegen.exchange.source import SourceRotor
 from gibbs_codegen.exchange.urdf_values import Values, child, children
 from gibbs_codegen.exchange.xml_file import Element
 
+_THRUST = "thrust"
+
 
 def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
     """The rotors that a file describes.
@@ -30,6 +32,20 @@ def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
     taken = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
     jsk = _jsk(root, values)
     return gazebo + [r for r in jsk if r.joint not in taken and r.on not in taken]
+
+
+def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
+    """Whether a joint is a rotor by the convention of JSK, in a file without a common rate.
+
+    Args:
+        joint: Its name.
+        link: Name of the link that it carries.
+        prefix: How the links of rotors begin.
+
+    Returns:
+        Whether it is.
+    """
+    return bool(re.fullmatch(r"rotor\d+", joint) and re.fullmatch(rf"{re.escape(prefix)}\d+", link))
 
 
 def _is_motor(plugin: Element) -> bool:
@@ -72,17 +88,15 @@ def _jsk(root: Element, values: Values) -> list[SourceRotor]:
     name, and there need not be one rate for all.
     """
     common = child(root, "m_f_rate")
-    prefix = child(root, "thrust_link")
-    thrust = re.escape("thrust" if prefix is None else prefix.get("name", "thrust"))
+    thrust = child(root, "thrust_link")
+    prefix = _THRUST if thrust is None else thrust.get("name", _THRUST)
     rotors = []
     for joint in children(root):
         if joint.tag != "joint":
             continue
         own, link = child(joint, "m_f_rate"), child(joint, "child")
         name, on = joint.get("name", ""), "" if link is None else link.get("link", "")
-        by_name = re.fullmatch(r"rotor\d+", name) and (
-            common is not None or re.fullmatch(rf"{thrust}\d+", on)
-        )
+        by_name = is_rotor_by_name(name, on if common is None else f"{prefix}0", prefix)
         if own is None and not by_name:
             continue
         rate = values.number(own if own is not None else common, "value", 0.0)

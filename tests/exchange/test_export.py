@@ -18,7 +18,7 @@ from support.robot_in_pinocchio import PinocchioRobot
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.exchange.exporting import Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
 
@@ -134,6 +134,92 @@ def test_paper_robots_come_back(
     matrix, inputs = module.mass_matrix(q), module.input_matrix(q)
     assert np.abs(jacobian.T @ found.mass_matrix @ jacobian - matrix).max() < 1e-11
     assert np.abs(jacobian.T @ found.inputs - inputs).max() < 1e-12
+
+
+MACHINE = """
+name = "machine"
+gravity = 9.81
+[base]
+attitude = "quaternion"
+mass = 2.0
+inertia = [0.01, 0.01, 0.02, 0, 0, 0]
+[[rotor]]
+name = "r"
+time_constant = 0.02
+[[rotor]]
+name = "tau_j"
+[[link]]
+name = "thrust1"
+coordinate = "rotor1"
+joint = "revolute"
+xyz = [0.1, 0, 0]
+limits = [-1.0, inf]
+velocity = 3.0
+effort = 2.0
+stiffness = 0.5
+rest = 0.1
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[link]]
+name = "a"
+coordinate = "root"
+xyz = [0.1, 0, 0]
+joint = "revolute"
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[link]]
+name = "b"
+coordinate = "j"
+xyz = [0.1, 0, 0]
+joint = "prismatic"
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[link]]
+name = "c\\u0001d"
+joint = "fixed"
+constrained = true
+xyz = [0.1, 0, 0]
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[frame]]
+name = "r"
+on = "a"
+[[frame]]
+name = "a"
+on = "b"
+xyz = [0, 0, 0.1]
+"""
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_clashing_and_hostile_names_come_back_as_the_same_machine(
+    form: Format, tmp_path: Path
+) -> None:
+    robot = parse_robot(MACHINE)
+    _, lines = export_robot(robot, form)
+    back = again(robot, form, tmp_path)
+    assert [link.coordinate for link in back.links] == ["rotor1", "root", "j"]
+    assert [rotor.name for rotor in back.thrusters] == ["r", "tau_j"]
+    assert [link.limits.effort for link in back.links] == [2.0, None, None]
+    q, v = state(9)
+    found, expected = PinocchioRobot(back).at(q, v, np.ones(5)), Oracle(robot, rigid_base=True)
+    assert np.allclose(found.mass_matrix, expected.mass_matrix(q), rtol=0.0, atol=1e-12)
+    assert np.allclose(found.inputs, expected.input_matrix(q), rtol=0.0, atol=1e-12)
+    renamed = ["renamed: link thrust1 is thrust1_", "renamed: frame a is a_2"]
+    assert [line for line in renamed if line in lines] == renamed[: 2 * (form == "urdf")]
+    assert "renamed: link c\\x01d is c_d" in lines
+    assert "left out: c\\x01d: that a constraint torque holds it; it is welded" in lines
+    lost = {"urdf": "stiffness", "mjcf": "velocity and limits, since it has one only"}[form]
+    assert f"left out: joint rotor1: {lost}" in lines
+    assert ("left out: time constants of r" in lines) == (form == "urdf")
+
+
+def test_a_joint_that_is_no_rotor_is_none_for_its_name(tmp_path: Path) -> None:
+    robot = parse_robot(MACHINE.replace('"c\\u0001d"', '"c"'))
+    robot = replace(robot, thrusters=(), links=robot.links[:1], frames=())
+    back = again(robot, "urdf", tmp_path)
+    assert [link.coordinate for link in back.links] == ["rotor1"]
+    assert back.thrusters == ()
 
 
 def test_mujoco_s_limits_are_told() -> None:

@@ -85,6 +85,11 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
         ),
         "more than 1000 copies",
     ),
+    "mjcf builtin mesh": (
+        '<mujoco><asset><mesh name="m" builtin="supersphere" params="3000 1 1"/></asset>'
+        '<worldbody><body><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+        "builtin meshes are not imported",
+    ),
     "mjcf two": (
         "<mujoco><worldbody>"
         + '<body><freejoint/><geom size="1"/></body>' * 2
@@ -140,6 +145,39 @@ def test_files_of_rotors(
     words = ["import", str(SOURCES / "features.urdf"), "--attitude", "xyz"]
     assert main([*words, "--rotors", str(rotors), "--out", str(out)]) == 2
     assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+PLATFORM = """platform: {cf: 1.0e-5, cm: 2.0e-7, max_thrust: 9.0, min_thrust: 0.1,
+  $rotors: [{translation: [0, 0, 0], orientation: [0, 0, 0, 1], spin_direction: [-1]}]}"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("[-1]", "[]", "IndexError"),
+        ("[-1]", "9" * 400, "OverflowError"),
+        ("[-1]", '!!timestamp "abc"', "AttributeError"),
+        ("[-1]", '!!int ""', "IndexError"),
+        ("[0, 0, 0, 1]", "[0, 0, 0, 0]", "orientation must be a quaternion"),
+        ("1.0e-5", "0", "ZeroDivisionError"),
+        ("[0, 0, 0]", "&a [*a, *a, *a]", "anchors are not read"),
+        ("[0, 0, 0]", "[" * 2_000, "RecursionError"),
+        ("[0, 0, 0]", "[" + "0, " * 100_000 + "]", "more than 100000 characters"),
+        (PLATFORM, "", "TypeError"),
+    ],
+)
+def test_hostile_platforms(
+    right: str, wrong: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rotors, out = tmp_path / "platform.yaml", tmp_path / "out.toml"
+    assert right in PLATFORM
+    rotors.write_text(PLATFORM.replace(right, wrong, 1))
+    words = ["import", str(SOURCES / "features.urdf"), "--rotors", str(rotors), "--out", str(out)]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "platform.yaml: no platform of eagle_mpc" in said
+    assert message in said
     assert not out.exists()
 
 

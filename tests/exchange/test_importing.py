@@ -241,7 +241,6 @@ def test_pictures_of_mjcf_are_not_needed(tmp_path: Path) -> None:
 
 
 def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
-    pytest.importorskip("yaml")
     platform = tmp_path / "platform.yaml"
     platform.write_text(
         "platform:\n  cf: 1.0e-5\n  cm: 2.0e-7\n  max_thrust: 9.0\n  min_thrust: 0.1\n"
@@ -250,6 +249,7 @@ def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
     )
     robot, _ = imported(FEATURES, tmp_path, rotors=platform)
     (rotor,) = robot.thrusters
+    assert rotor.name == "rotor_1"
     assert rotor.direction == (1.0, 0.0, 0.0)
     assert rotor.drag == pytest.approx(-0.02)
     # The joints of the rotors that it replaces stay locked.
@@ -280,12 +280,13 @@ def test_servos_are_no_rotors(tmp_path: Path) -> None:
 
 
 def test_xacro_is_expanded(tmp_path: Path) -> None:
-    pytest.importorskip("xacrodoc")
     path = tmp_path / "robot.urdf.xacro"
     path.write_text(
         '<robot name="Two" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         '<xacro:property name="m" value="2"/><link name="b"><inertial><mass value="${m * 2}"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<visual><geometry><mesh filename="package://unknown/a.stl"/></geometry></visual>'
+        "</link></robot>"
     )
     assert import_robot(path, ImportOptions("xyz"))[0].total_mass == 4.0
     path.write_text(path.read_text().replace("m * 2", "n"))
