@@ -65,7 +65,8 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
     for world in root.iter("worldbody"):
         if isinstance(world, Element):
             shapes.strip(world, "", True)
-    told.append(Told("left out", "shapes that give no mass", f"{shapes.count}"))
+    if shapes.count:
+        told.append(Told("left out", "shapes that give no mass", f"{shapes.count}"))
     told += _only_motors(root)
     told += _settle(root, path)
     return ET.tostring(root, encoding="unicode"), told

@@ -240,6 +240,43 @@ def test_pictures_of_mjcf_are_not_needed(tmp_path: Path) -> None:
     assert "roll" in told(report, "left out")
 
 
+DETAILS = """<mujoco><worldbody>
+  <body name="quad"><freejoint name="root"/><geom size=".1" mass="1"/>
+    <body name="b" gravcomp="1"><joint name="j" stiffness="1 2" damping="1 0 3" {j}/>
+      <joint name="k" axis="1 0 0"/><geom size=".1" mass="1"/>
+      <body name="b_j"><joint name="ball" type="ball" armature="0.1"/><geom size=".1" mass="1"/>
+        <site name="s" pos="0 0 1"/></body></body></body></worldbody>
+  <actuator><general name="servo" joint="j" gainprm="50" biastype="affine" biasprm="0 -50 0"
+      ctrlrange="-1.5 1.5"/>
+    <general site="s" gear="0 0 2 0 0 .04" gainprm="-3" ctrlrange="0 1"/></actuator></mujoco>"""
+
+
+def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
+    text = DETAILS.format(j='actuatorfrcrange="-4 4"')
+    robot, report = imported(text, tmp_path, lock={"root": 0.0})
+    assert robot.name == "robot"  # The file's, since the model has none.
+    assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
+        ("b", "compensation of its weight"),
+        ("j", "stiffness of higher order, damping of higher order"),
+        ("ball", "armature"),
+    ]
+    assert ("note", "ball", "a ball joint, as three hinges about x, y and z") in map(
+        _as_tuple, report
+    )
+    # The first of the body's two links gives way to the link that has its name.
+    assert [link.name for link in robot.links[:3]] == ["b_j_2", "b", "b_j_ball_x"]
+    assert [link.limits.effort for link in robot.links[:2]] == [4.0, None]
+    (rotor,) = robot.thrusters
+    assert (rotor.name, rotor.direction, rotor.limits) == ("rotor_2", (0.0, 0.0, -1.0), (0.0, 6.0))
+    assert rotor.drag == pytest.approx(0.02)
+    # The control of a servo is an angle, and says nothing of its torque.
+    assert imported(DETAILS.format(j=""), tmp_path)[0].links[0].limits.effort is None
+
+
+def _as_tuple(line: Told) -> tuple[str, str, str]:
+    return line.kind, line.subject, line.detail
+
+
 def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
     platform = tmp_path / "platform.yaml"
     platform.write_text(
