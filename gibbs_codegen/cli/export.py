@@ -34,6 +34,7 @@ def _export(options: argparse.Namespace) -> int:
     from gibbs_codegen.files.module_writer import write_new_file
 
     robot, _ = robot_argument.find_robot(options.robot)
+    robot_argument.warn_of_inertias(robot)
     text, told = export_robot(robot, options.format)
     path = Path(options.out or f"{robot.name}{ENDINGS[options.format]}")
     write_new_file(path, text, options.force)

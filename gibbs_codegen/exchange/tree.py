@@ -227,7 +227,8 @@ def rerooted(tree: SourceTree, link: str) -> SourceTree:
     while on_the_way in carried:
         reverse.append(carried[on_the_way])
         on_the_way = carried[on_the_way].parent
-    others = [joint for joint in source.joints if joint not in reverse]
+    turned = {*reverse}
+    others = [joint for joint in source.joints if joint not in turned]
     told = [*source.told]
     if reverse:
         told.append(Told("base", link, f"in place of {tree.root}"))

@@ -7,6 +7,7 @@ the tip of its thrust.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gibbs_codegen.exchange.source import SourceRotor
@@ -27,8 +28,8 @@ def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
         The rotors, in the order of their numbers or of the file.
     """
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
-    numbered = [_gazebo(found, values) for found in motors if _is_motor(found)]
-    gazebo = [rotor for _, rotor in sorted(numbered, key=lambda pair: pair[0])]
+    numbered = [_gazebo(found, values) for found in motors if is_motor(found)]
+    gazebo = _by_number(numbered)
     taken = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
     jsk = _jsk(root, values)
     return gazebo + [r for r in jsk if r.joint not in taken and r.on not in taken]
@@ -48,8 +49,19 @@ def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
     return bool(re.fullmatch(r"rotor\d+", joint) and re.fullmatch(rf"{re.escape(prefix)}\d+", link))
 
 
-def _is_motor(plugin: Element) -> bool:
-    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too."""
+def _by_number(numbered: Sequence[tuple[float, SourceRotor]]) -> list[SourceRotor]:
+    return [rotor for _, rotor in sorted(numbered, key=lambda pair: pair[0])]
+
+
+def is_motor(plugin: Element) -> bool:
+    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too.
+
+    Args:
+        plugin: The element.
+
+    Returns:
+        Whether it is.
+    """
     kind = child(plugin, "motorType")
     if kind is not None and (kind.text or "").strip() != "velocity":
         return False
@@ -90,7 +102,7 @@ def _jsk(root: Element, values: Values) -> list[SourceRotor]:
     common = child(root, "m_f_rate")
     thrust = child(root, "thrust_link")
     prefix = _THRUST if thrust is None else thrust.get("name", _THRUST)
-    rotors = []
+    numbered = []
     for joint in children(root):
         if joint.tag != "joint":
             continue
@@ -106,5 +118,6 @@ def _jsk(root: Element, values: Values) -> list[SourceRotor]:
         rotor = SourceRotor(name, on, joint=name, found_by="JSK")
         drag = (z > 0.0) * rate - (z < 0.0) * rate
         limits = None if low is None or high is None or low >= high else (low, high)
-        rotors.append(replace(rotor, drag=drag, limits=limits))
-    return rotors
+        number = int(name.removeprefix("rotor")) if own is None else 0
+        numbered.append((number, replace(rotor, drag=drag, limits=limits)))
+    return _by_number(numbered)

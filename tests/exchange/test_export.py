@@ -15,6 +15,7 @@ from support.pinocchio_oracle import Oracle
 from support.random_robots import random_tree
 from support.robot_in_pinocchio import PinocchioRobot
 
+from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.exchange.exporting import Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
@@ -220,6 +221,16 @@ def test_a_joint_that_is_no_rotor_is_none_for_its_name(tmp_path: Path) -> None:
     back = again(robot, "urdf", tmp_path)
     assert [link.coordinate for link in back.links] == ["rotor1"]
     assert back.thrusters == ()
+
+
+def test_impossible_inertias_are_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "machine.toml"
+    text = MACHINE.replace("inertia = [0.01,", "inertia = [0.1,")
+    path.write_text(f"allow_impossible_inertia = true\n{text}")
+    assert main(["export", str(path), "--format", "urdf", "--out", str(tmp_path / "m.urdf")]) == 0
+    assert "warning: the base: its inertia violates" in capsys.readouterr().err
 
 
 def test_mujoco_s_limits_are_told() -> None:

@@ -43,7 +43,7 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "external": ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "declares a document type"),
     "undeclared": ("<robot>&a;</robot>", "not well-formed XML"),
     "unclosed": ("<robot><link", "not well-formed XML"),
-    "nested": ("<robot>" + "<a>" * 100_000, "nested more than 100 deep"),
+    "nested": ("<robot>" + "<a>" * 100_000, "nested more than 300 deep"),
     "flood": ("<robot>" + "<a/>" * 300_000 + "</robot>", "more than 200000 elements"),
     "fifty megabytes": (b"<robot>" + b" " * 50_000_000 + b"</robot>", "larger than 10000000 bytes"),
     "other": ("<svg/>", "URDF has <robot>, MJCF has <mujoco>"),
@@ -121,10 +121,22 @@ def test_hostile_files_are_refused(
     assert os.listdir() == ["robot.xml"]
 
 
-def test_long_chains_of_welds_are_no_trouble(tmp_path: Path) -> None:
+def test_long_chains_of_welds_are_no_trouble(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "robot.urdf"
-    path.write_text(chain(200, "fixed"))
-    assert main(["import", str(path), "--attitude", "xyz", "--out", str(tmp_path / "o.toml")]) == 0
+    path.write_text(chain(400, "fixed"))
+    words = ["import", str(path), "--base", "l400", "--out", str(tmp_path / "o.toml")]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "and 350 more" in said
+    assert len(said.splitlines()) < 120
+
+
+def test_deep_bodies_of_mjcf_are_no_trouble(tmp_path: Path) -> None:
+    path, body = tmp_path / "robot.xml", '<body><geom size="1"/>'
+    path.write_text(MJCF.format('<geom size="1"/>' + body * 120 + "</body>" * 120))
+    assert main(["import", str(path), "--out", str(tmp_path / "o.toml")]) == 0
 
 
 @pytest.mark.parametrize(
@@ -249,7 +261,9 @@ def test_a_file_is_replaced_by_force_only(
     out = tmp_path / "out.toml"
     out.write_text("mine")
     assert imported() == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already; choose another name, or have it replaced with --force" in (
+        capsys.readouterr().err
+    )
     assert out.read_text() == "mine"
     assert imported("--force") == 0
     assert out.read_text().startswith("# Imported from features.urdf by gibbs-codegen import.")

@@ -45,6 +45,7 @@ def test_features_of_published_files(tmp_path: Path) -> None:
     assert told(report, "locked") == ["spin_0", "spin_1", "stuck", "slid"]
     assert told(report, "left out") == ["transmissions", "x", "right", "world"]
     assert {"boom-left", "boom_left", "x", "rotors"} == set(told(report, "note"))
+    assert set(told(report, "snapped")) == {"x", "right", "spin_1", "inertia of boom-left"}
     assert left.pose is not None
     assert right.pose is not None
     # What was 1.5708 is 90 degrees, and an axis of 3e-6 beside 1 is x.
@@ -275,6 +276,57 @@ def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
 
 def _as_tuple(line: Told) -> tuple[str, str, str]:
     return line.kind, line.subject, line.detail
+
+
+def test_rotors_of_jsk_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    link = FEATURES.partition('<link name="prop_1">')[2].partition("</link>")[0]
+    parts = [
+        f'<link name="thrust{k}">{link}</link><joint name="rotor{k}" type="continuous">'
+        f'<parent link="hub"/><child link="thrust{k}"/><axis xyz="0 0 1"/></joint>'
+        for k in (10, 2, 1)
+    ]
+    hub = FEATURES.partition('<link name="hub">')[2].partition("</link>")[0]
+    text = f'<robot name="r"><link name="hub">{hub}</link>{"".join(parts)}</robot>'
+    robot, _ = imported(text, tmp_path)
+    assert [rotor.name for rotor in robot.thrusters] == ["rotor1", "rotor2", "rotor10"]
+
+
+def test_other_plugins_of_gazebo_are_told(tmp_path: Path) -> None:
+    plugin = (
+        '<gazebo><plugin name="imu" filename="imu.so"><linkName>hub</linkName></plugin></gazebo>'
+    )
+    _, report = imported(FEATURES.replace("</robot>", f"{plugin}</robot>"), tmp_path)
+    told_of = [line.detail for line in report if line.subject.startswith("<gazebo>")]
+    assert told_of == ["1"]
+
+
+def test_a_follower_without_range_is_not_said_to_move(tmp_path: Path) -> None:
+    text = FEATURES.replace(
+        'type="continuous"><origin xyz="0 -', 'type="revolute"><origin xyz="0 -', 1
+    )
+    text = text.replace('<mimic joint="x"', '<limit effort="1" velocity="1"/><mimic joint="x"')
+    _, report = imported(text, tmp_path)
+    assert {"that it follows joint x", "at 0; its limits leave it no range"} == {
+        line.detail for line in report if line.subject == "right" and line.kind != "snapped"
+    }
+
+
+def test_faults_of_numbers_name_links_and_rotors_of_the_source(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.urdf"
+    for right, wrong, message in (
+        (
+            'revolute"><origin xyz="0 0 -0.1"',
+            'revolute"><origin xyz="0 0 1e30"',
+            "link hub: inertia",
+        ),
+        ("<maxRotVelocity>838", "<maxRotVelocity>1e47", "rotor prop_1: limits"),
+    ):
+        assert right in FEATURES
+        path.write_text(FEATURES.replace(right, wrong, 1))
+        assert main(["import", str(path), "--out", str(tmp_path / "o.toml")]) == 2
+        assert f"r.urdf: {message}" in capsys.readouterr().err
 
 
 def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
