@@ -280,8 +280,8 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]
         stored: The arrays of a file.
 
     Returns:
-        Attitude, units, parents and names. The sequence of the angles is not in such files; it makes no
-        difference to what a flight has.
+        Attitude, units, parents and names. The sequence of the angles is not in such files; it
+        makes no difference to what a flight has.
     """
     points, coordinates = stored["points"].tolist(), stored["coordinates"].tolist()
     rotors = len(stored["base_arm_angles_desired"]) + 1

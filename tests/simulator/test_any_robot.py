@@ -11,8 +11,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from conftest import compiled_soon
+from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
 from support.random_robots import random_tree
 
@@ -23,7 +23,6 @@ from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Attitude, Base, RigidBody, Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
