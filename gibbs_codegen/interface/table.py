@@ -64,7 +64,7 @@ _ROWS = (
         (_MASS_MATRIX, _RESIDUAL),
         "Mass matrix M and residual R of M a = R + B u, in one pass.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "R holds the velocity terms and gravity, with the sign of a force.",
+        "R holds the velocity terms and gravity{passive}, with the sign of a force.",
     ),
     Row(
         "mass_matrix",
@@ -80,7 +80,7 @@ _ROWS = (
         (_RESIDUAL,),
         "Residual R of M a = R + B u: velocity terms and gravity, with the sign of a force.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "It is minus what Pinocchio calls nonLinearEffects.",
+        "It is minus what Pinocchio calls nonLinearEffects{passive}.",
     ),
     Row(
         "input_matrix",
@@ -139,7 +139,7 @@ _ROWS = (
         (Output("torque", "c", "N m", "constraint_torques", "{constraint_torques}"),),
         "Torques that keep the base arms 2 ... N from turning against arm 1.",
         "eqs. 14 and 15",
-        "Linear in the accelerations and inputs, which need not fit each other.",
+        "{constrained}Linear in the accelerations and inputs, which need not fit each other.",
     ),
     Row(
         "gibbs",

@@ -52,7 +52,7 @@ def docstring(model: Model, function: Function) -> list[str]:
     returns.append(f"Source: {row.source}. {_operations(function)}.")
     lines = [row.summary]
     if row.details:
-        lines += ["", *_wrapped([_details(robot, row)], _DOCSTRING_WIDTH, "")]
+        lines += ["", *_wrapped([_details(model, row)], _DOCSTRING_WIDTH, "")]
     for items in (takes, returns):
         lines += ["", *_wrapped(items, _DOCSTRING_WIDTH, _HANGING)]
     return lines
@@ -90,7 +90,7 @@ def doxygen(model: Model, function: Function, gathered: GatheredFunction) -> lis
     ]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
-        lines += [*_wrapped([_details(robot, row)], _DOXYGEN_WIDTH, ""), ""]
+        lines += [*_wrapped([_details(model, row)], _DOXYGEN_WIDTH, ""), ""]
     return lines + _wrapped(items, _DOXYGEN_WIDTH, _HANGING)
 
 
@@ -99,10 +99,18 @@ def _meaning(robot: Robot, argument: str) -> str:
     return (layout_of(robot).is_quaternion and row.with_quaternion) or row.meaning
 
 
-def _details(robot: Robot, row: Row) -> str:
-    return row.details.format(singularity="" if layout_of(robot).is_quaternion else _SINGULARITY)
+def _details(model: Model, row: Row) -> str:
+    robot = model.robot
+    is_passive = any(name.endswith(("_damping", "_stiffness")) for name in model.defaults)
+    return row.details.format(
+        singularity="" if layout_of(robot).is_quaternion else _SINGULARITY,
+        passive=_PASSIVE if is_passive else "",
+        constrained=_CONSTRAINED if robot.constrained else "",
+    )
 
 
+_PASSIVE = ", plus what dampers and springs give"
+_CONSTRAINED = "After these come the torques that hold the constrained links. "
 _SINGULARITY = (
     ": next to +-90 degrees of the middle attitude angle the accelerations of the other two grow "
     "as the inverse of its cosine, and what is computed from them loses as many digits"

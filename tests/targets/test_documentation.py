@@ -10,7 +10,8 @@ import pytest
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import FUNCTIONS, Output, Row
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.targets.documentation import attitude_text, output_text
+from gibbs_codegen.robot.file import parse_robot
+from gibbs_codegen.targets.documentation import attitude_text, docstring, output_text
 
 
 def test_emitted_functions_are_those_of_the_table() -> None:
@@ -60,3 +61,19 @@ def test_entries_are_told_with_units() -> None:
     assert text("positions") == "O1, O2, motor1, motor2, motor3, joint4, tip [m]"
     assert text("forward_dynamics").endswith("a_z [m/s^2]")
     assert attitude_text(paper_family(3, 1)) == "R_x(theta_m1) R_y(theta_0) R_z(theta_1)"
+
+
+def test_dampers_and_constrained_links_are_told_where_a_robot_has_them() -> None:
+    robot = parse_robot(
+        "name = 'damped'\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n"
+        "[[link]]\nname = 'arm'\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\ndamping = 1\n"
+        "[[link]]\nname = 'hand'\nmass = 1\njoint = 'fixed'\nconstrained = true\n"
+    )
+    for described, told in ((robot, True), (paper_family(3, 1), False)):
+        model = derive(described)
+        said = {f.name: " ".join(docstring(model, f)) for f in model.program.functions}
+        for name in ("mass_matrix_and_residual", "residual"):
+            assert (", plus what dampers and springs give" in said[name]) is told
+        assert (
+            "the torques that hold the constrained links." in said["constraint_torques"]
+        ) is told
