@@ -34,10 +34,11 @@ def _export(options: argparse.Namespace) -> int:
     from gibbs_codegen.files.module_writer import write_new_file
 
     robot, _ = robot_argument.find_robot(options.robot)
-    text, left_out = export_robot(robot, options.format)
+    robot_argument.warn_of_inertias(robot)
+    text, told = export_robot(robot, options.format)
     path = Path(options.out or f"{robot.name}{ENDINGS[options.format]}")
     write_new_file(path, text, options.force)
-    for line in left_out:
-        print(f"left out: {printable(line)}")
+    for line in told:
+        print(printable(line))
     print(f"{printable(path)}: written")
     return 0

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from gibbs_codegen.cli.terminal import Parser
-from gibbs_codegen.errors import RobotFileError, UsageError, printable
+from gibbs_codegen.errors import Fault, RobotFileError, UsageError, printable
 
 if TYPE_CHECKING:
     from gibbs_codegen.exchange.source import Told
+    from gibbs_codegen.robot.model import Robot
 
+# Lines of one kind, more than a person will read at a time.
+_SHOWN = 50
 _OPTIONS = {
     "--rotors": (
         "ROTORS",
@@ -67,9 +71,7 @@ def _import(options: argparse.Namespace) -> int:
 
     from gibbs_codegen.exchange.importing import ImportOptions, import_robot
     from gibbs_codegen.exchange.report import opening_comment
-    from gibbs_codegen.exchange.source import SourceFileError
     from gibbs_codegen.files.module_writer import write_new_file
-    from gibbs_codegen.robot.file import parse_robot
     from gibbs_codegen.robot.model import ATTITUDES
     from gibbs_codegen.robot.text import robot_text
 
@@ -87,11 +89,7 @@ def _import(options: argparse.Namespace) -> int:
     )
     robot, told = import_robot(path, asked)
     text = opening_comment(path.name, told) + robot_text(robot)
-    try:
-        parse_robot(text)
-    except RobotFileError as error:  # Lines of a text that nobody sees help nobody.
-        faults = [fault._replace(line=None) for fault in error.faults]
-        raise SourceFileError(options.file, faults) from None
+    _check(text, robot, told, options.file)
     out = Path(options.out or f"{robot.name}.toml")
     write_new_file(out, text, options.force)
     _print_report(told)
@@ -100,6 +98,36 @@ def _import(options: argparse.Namespace) -> int:
         f"{len(robot.links)} moving links, {robot.total_mass:.4g} kg"
     )
     return 0
+
+
+def _check(text: str, robot: Robot, told: Sequence[Told], file: str) -> None:
+    """Refuse what a robot file must not hold, in terms of the file that is imported.
+
+    Args:
+        text: The robot file.
+        robot: The robot in it.
+        told: What importing did.
+        file: The file that it is imported from.
+
+    Raises:
+        SourceFileError: If the text is no robot file.
+    """
+    from gibbs_codegen.exchange.source import SourceFileError
+    from gibbs_codegen.robot.file import parse_robot
+
+    try:
+        parse_robot(text)
+    except RobotFileError as error:  # Keys and lines of a text that nobody sees help nobody.
+        root = next(line.subject for line in told if line.kind == "base")
+        named = {"base": f"link {printable(root, 60)}: "}
+        named |= {f"link[{i}]": f"link {link.name}: " for i, link in enumerate(robot.links)}
+        named |= {f"rotor[{k}]": f"rotor {r.name}: " for k, r in enumerate(robot.thrusters)}
+        named |= {f"frame[{k}]": f"frame {f.name}: " for k, f in enumerate(robot.frames)}
+        faults = []
+        for fault in error.faults:
+            table, dot, key = fault.path.partition(".")
+            faults.append(Fault(named.get(table, table + dot) + key, fault.message))
+        raise SourceFileError(file, faults) from None
 
 
 def _locked(words: Sequence[str]) -> dict[str, float]:
@@ -129,9 +157,10 @@ def _print_report(told: Sequence[Told]) -> None:
     from gibbs_codegen.exchange.report import in_order
 
     table = plain_table("", "done", "what", "how", show_header=False)
-    before = ""
-    for line in in_order(told):
-        kind = line.kind if line.kind != before else ""
-        before = line.kind
-        table.add_row(kind, Text(printable(line.subject, 60)), Text(printable(line.detail)))
+    for kind, found in itertools.groupby(in_order(told), key=lambda line: line.kind):
+        lines = [*found]
+        for line, shown in zip(lines[:_SHOWN], (kind, *[""] * _SHOWN), strict=False):
+            table.add_row(shown, Text(printable(line.subject, 60)), Text(printable(line.detail)))
+        if len(lines) > _SHOWN:
+            table.add_row("", f"and {len(lines) - _SHOWN} more")
     Console(width=width(), highlight=False).print(table)

@@ -77,7 +77,7 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
         if options.rotors is not None or options.links is not None:
             raise UsageError("give ROBOT, or --rotors and --links, not both")
         robot, text = find_robot(options.robot)
-        _warn(robot)
+        warn_of_inertias(robot)
         return robot, text
     if options.rotors is None or options.links is None:
         raise UsageError("give ROBOT, or both --rotors and --links")
@@ -88,7 +88,12 @@ def chosen_robot(options: argparse.Namespace) -> tuple[Robot, str]:
     return robot, robot_text(robot)
 
 
-def _warn(robot: Robot) -> None:
+def warn_of_inertias(robot: Robot) -> None:
+    """Warn of inertias that no body has and that the robot's file lets pass.
+
+    Args:
+        robot: The robot.
+    """
     if robot.allow_impossible_inertia:
         import sys
 

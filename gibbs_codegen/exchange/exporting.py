@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Literal, get_args
 
+from gibbs_codegen.exchange.export_names import with_free_names
 from gibbs_codegen.exchange.mjcf_export import mjcf_text
 from gibbs_codegen.exchange.robot_source import ROOT, source_of
-from gibbs_codegen.exchange.urdf_text import left_out_of_urdf, urdf_text
+from gibbs_codegen.exchange.source import Source, SourceJoint
+from gibbs_codegen.exchange.urdf_text import urdf_text
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.names import link_label
 
 Format = Literal["urdf", "mjcf"]
 FORMATS: tuple[Format, ...] = get_args(Format)
@@ -22,9 +26,45 @@ def export_robot(robot: Robot, form: Format) -> tuple[str, list[str]]:
         form: The format.
 
     Returns:
-        The text of the file, and what the format has no place for, a line each.
+        The text of the file, and what the format has no place for and which names it cannot hold,
+        a line each.
     """
+    is_urdf = form == "urdf"
     source = source_of(robot)
-    if form == "urdf":
-        return urdf_text(source), left_out_of_urdf(source)
-    return mjcf_text(source, ROOT), []
+    lines = [f"left out: {line}" for line in _left_out(robot, source, is_urdf)]
+    source, renamed = with_free_names(source, is_urdf)
+    text = urdf_text(source) if is_urdf else mjcf_text(source, ROOT)
+    return text, [*lines, *renamed]
+
+
+def _left_out(robot: Robot, source: Source, is_urdf: bool) -> Iterator[str]:
+    """What a format has no place for.
+
+    Args:
+        robot: The robot.
+        source: Its links and joints.
+        is_urdf: Whether the format is URDF, and not MJCF.
+
+    Yields:
+        A line for each thing.
+    """
+    for joint in source.joints:
+        if joint.kind != "fixed" and (lost := _lost(joint, is_urdf)):
+            yield f"joint {joint.name}: {' and '.join(lost)}"
+    for i in robot.constrained:
+        yield f"{link_label(robot, i)}: that a constraint torque holds it; it is welded"
+    if is_urdf:
+        if slow := [rotor.name for rotor in source.rotors if rotor.time_constant]:
+            yield f"time constants of {', '.join(slow)}"
+        if source.gravity != 9.81:
+            yield f"gravity of {source.gravity:g} m/s²"
+
+
+def _lost(joint: SourceJoint, is_urdf: bool) -> list[str]:
+    passive, limits = joint.passive, joint.limits
+    if is_urdf:
+        return [key for key in ("armature", "stiffness") if getattr(passive, key)]
+    lost = [] if limits.velocity is None else ["velocity"]
+    if (limits.low is None) != (limits.high is None):
+        lost.append("limits, since it has one only")
+    return lost

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.errors import Fault, UsageError, printable
+from gibbs_codegen.exchange.export_names import Names
 from gibbs_codegen.exchange.mjcf_rotors import efforts, mjcf_rotors
 from gibbs_codegen.exchange.mjcf_text import reduced_mjcf
 from gibbs_codegen.exchange.placement import Placement, of_quaternion, vector
@@ -29,6 +30,8 @@ from gibbs_codegen.robot.model import AXES, JointLimits, Passive
 
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 WORLD = 0
+# What MuJoCo calls a model without a name.
+_UNNAMED = "MuJoCo Model"
 
 
 def read_mjcf(path: Path, data: bytes, base: str | None) -> Source:
@@ -84,8 +87,9 @@ class _Reader:
 
     def __init__(self, model: Any, file: str, told: list[Told]) -> None:
         self.model, self.file, self.told = model, file, told
-        self.names = [_name(model, model.name_bodyadr, b, "body") for b in range(model.nbody)]
-        self.joint_names = [_name(model, model.name_jntadr, j, "joint") for j in range(model.njnt)]
+        self.names = _names(model, model.name_bodyadr, "body")
+        self.joint_names = _names(model, model.name_jntadr, "joint")
+        self._links = Names(self.names)
         self.efforts = efforts(model)
 
     def source(self, base: str | None) -> Source:
@@ -102,22 +106,22 @@ class _Reader:
         bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == root]
         links: dict[str, SourceLink] = {}
         joints: list[SourceJoint] = []
-        self._tell_of_root(root)
+        anchors = self._anchors(root)
         for body in bodies:
+            if model.body_gravcomp[body]:
+                self._leave_out(self.names[body], "compensation of its weight")
             for link, joint in self._joints(body) if body != root else ():
-                if link in links:
-                    message = f"two links are called {printable(link)}; give bodies other names"
-                    raise SourceFileError(self.file, [Fault("", message)])
                 links[link] = SourceLink(link)
                 joints.append(joint)
             links[self.names[body]] = SourceLink(self.names[body], self._inertial(body))
         rotors, told = mjcf_rotors(model, self.names, bodies)
         return Source(
             self.file,
-            _text(model, 0),
+            _text(model, 0).removeprefix(_UNNAMED),
             links,
             tuple(joints),
             rotors,
+            anchors=anchors,
             frames=tuple(self._frames(bodies)),
             gravity=self._gravity(),
             told=(*self.told, *told),
@@ -139,12 +143,17 @@ class _Reader:
     def _type(self, body: int) -> int:
         return int(self.model.jnt_type[self.model.body_jntadr[body]])
 
-    def _tell_of_root(self, body: int) -> None:
+    def _leave_out(self, what: str, why: str) -> None:
+        self.told.append(Told("left out", what, why))
+
+    def _anchors(self, body: int) -> frozenset[str]:
+        """Joints of the root, which are left out."""
         first, count = self.model.body_jntadr[body], self.model.body_jntnum[body]
         for j in range(first, first + count):
             if self.model.jnt_type[j] != _FREE:
                 why = "a joint between the world and the root: the robot flies"
-                self.told.append(Told("left out", self.joint_names[j], why))
+                self._leave_out(self.joint_names[j], why)
+        return frozenset(self.joint_names[first : first + count])
 
     def _inertial(self, body: int) -> Inertial:
         model = self.model
@@ -168,7 +177,9 @@ class _Reader:
                 SourceJoint(f"{self.names[body]}_mount", "fixed", parent, self.names[body], pose),
             )
         for number, (name, j, axis) in enumerate(parts, start=1):
-            link = self.names[body] if number == len(parts) else f"{self.names[body]}_{name}"
+            link = self.names[body]
+            if number < len(parts):
+                link = self._links.free(f"{link}_{name}")
             anchor = np.array(model.jnt_pos[j])
             joint = SourceJoint(
                 name,
@@ -187,11 +198,30 @@ class _Reader:
     def _parts(self, j: int) -> list[tuple[str, int, Any]]:
         """Name, number and axis of each joint of one degree of freedom that a joint consists of."""
         name = self.joint_names[j]
+        if lost := self._lost(j):
+            self._leave_out(name, ", ".join(lost))
         if self.model.jnt_type[j] != _BALL:
             return [(name, j, vector(self.model.jnt_axis[j]))]
-        why = "a ball joint, as three hinges about x, y and z; its spring, damping and limits"
-        self.told.append(Told("left out", name, why))
+        self.told.append(Told("note", name, "a ball joint, as three hinges about x, y and z"))
         return [(f"{name}_{letter}", j, axis) for letter, axis in AXES.items()]
+
+    def _lost(self, j: int) -> list[str]:
+        """What a joint has that is not imported, in words."""
+        model, dof = self.model, self.model.jnt_dofadr[j]
+        friction = model.dof_frictionloss[dof]
+        found = {
+            f"dry friction {friction:g}": friction,
+            "stiffness of higher order": _higher(model, "jnt_stiffness", j),
+            "damping of higher order": _higher(model, "dof_damping", dof),
+        }
+        if model.jnt_type[j] == _BALL:
+            found |= {
+                "damping": model.dof_damping[dof],
+                "armature": model.dof_armature[dof],
+                "stiffness": model.jnt_stiffness[j],
+                "limits": model.jnt_limited[j],
+            }
+        return [words for words, value in found.items() if np.any(value)]
 
     def _properties(self, j: int) -> tuple[Passive, JointLimits]:
         model = self.model
@@ -201,9 +231,6 @@ class _Reader:
         zero = float(model.qpos0[place])
         if zero:
             self.told.append(Told("note", self.joint_names[j], f"counts from its ref, {zero:g}"))
-        if model.dof_frictionloss[dof]:
-            friction = f"dry friction {model.dof_frictionloss[dof]:g}"
-            self.told.append(Told("left out", self.joint_names[j], friction))
         stiffness = float(np.ravel(model.jnt_stiffness[j])[0])
         rest = float(model.qpos_spring[place]) - zero if stiffness else 0.0
         passive = Passive(
@@ -238,19 +265,35 @@ class _Reader:
         return abs(z)
 
 
-def _name(model: Any, addresses: Any, number: int, what: str) -> str:
-    """The name of a body or joint, or what it is with its number.
+def _names(model: Any, addresses: Any, what: str) -> list[str]:
+    """Names of bodies or joints; of those without one what they are, with their number.
 
     Args:
         model: The model.
-        addresses: Where the names of its kind begin.
-        number: Its number.
-        what: What it is, in a word.
+        addresses: Where the names of their kind begin.
+        what: What they are, in a word.
 
     Returns:
-        The name.
+        The names, by number.
     """
-    return _text(model, addresses[number]) or f"{what}_{number}"
+    given = [_text(model, address) for address in addresses]
+    names = Names(given)
+    return [name or names.free(f"{what}_{number}") for number, name in enumerate(given)]
+
+
+def _higher(model: Any, key: str, place: int) -> Any:
+    """Coefficients after the first of a stiffness or damping, which new versions of MuJoCo know.
+
+    Args:
+        model: The model.
+        key: Name of the array of first coefficients.
+        place: Number of the joint or degree of freedom.
+
+    Returns:
+        The coefficients, or 0.
+    """
+    found = getattr(model, f"{key}poly", None)
+    return 0.0 if found is None else found[place]
 
 
 def _text(model: Any, address: int) -> str:

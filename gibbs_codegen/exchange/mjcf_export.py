@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.exchange.export_names import Names
 from gibbs_codegen.exchange.placement import HERE, Placement
 from gibbs_codegen.exchange.source import Inertial, Source, SourceJoint, SourceRotor
 from gibbs_codegen.exchange.urdf_text import numbers
@@ -21,7 +22,7 @@ def mjcf_text(source: Source, root: str) -> str:
     """The text of an MJCF file.
 
     Args:
-        source: The robot.
+        source: The robot, with names that a file can hold.
         root: Name of its root.
 
     Returns:
@@ -38,11 +39,11 @@ def mjcf_text(source: Source, root: str) -> str:
         writer.rotor(actuator, rotor)
     for joint in source.joints:
         if joint.kind != "fixed":
-            _motor(actuator, joint)
+            writer.motor(actuator, joint)
     for frame in source.frames:
         place = {"pos": numbers(frame.pose.xyz), "quat": _quaternion(frame.pose)}
-        name = writer.site_name(frame.name)
-        ET.SubElement(writer.place_of(frame.on, frame.name), "site", {"name": name, **place})
+        site = {"name": frame.name, **place}
+        ET.SubElement(writer.place_of(frame.on, frame.name), "site", site)
     ET.indent(top)
     return ET.tostring(top, encoding="unicode") + "\n"
 
@@ -60,7 +61,9 @@ class _Writer:
         for joint in source.joints:
             self._below.setdefault(joint.parent, []).append(joint)
         self._bodies: dict[str, ET.Element] = {}
-        self._sites: set[str] = set()
+        self._joints = Names(joint.name for joint in source.joints)
+        self._sites = Names(frame.name for frame in source.frames)
+        self._actuators = Names(rotor.name for rotor in source.rotors)
 
     def body(self, parent: ET.Element, name: str, group: _Group) -> None:
         """Write a body and what hangs on it.
@@ -88,7 +91,7 @@ class _Writer:
         element = ET.SubElement(parent, "body", {"name": name, **place})
         self._bodies[name] = element
         if joint is None:
-            ET.SubElement(element, "freejoint", name="root")
+            ET.SubElement(element, "freejoint", name=self._joints.free("root"))
         _inertial(element, name, inertial)
         for moved, its_frame in group:
             if moved is not None and moved.kind != "fixed":
@@ -103,7 +106,7 @@ class _Writer:
             actuator: The element that holds motors.
             rotor: The rotor.
         """
-        site = self.site_name(rotor.name)
+        site = self._sites.free(rotor.name)
         element = self.place_of(rotor.on, rotor.name)
         ET.SubElement(element, "site", name=site, pos=numbers(rotor.position))
         push = np.array(rotor.direction)
@@ -117,6 +120,18 @@ class _Writer:
         if rotor.time_constant:
             given |= {"dyntype": "filterexact", "dynprm": repr(rotor.time_constant)}
         ET.SubElement(actuator, "general" if rotor.time_constant else "motor", given)
+
+    def motor(self, actuator: ET.Element, joint: SourceJoint) -> None:
+        """Write the motor of a joint.
+
+        Args:
+            actuator: The element that holds motors.
+            joint: The joint.
+        """
+        given = {"name": self._actuators.free(f"tau_{joint.name}"), "joint": joint.name}
+        if (effort := joint.limits.effort) is not None:
+            given["ctrlrange"] = numbers((-effort, effort))
+        ET.SubElement(actuator, "motor", given)
 
     def place_of(self, link: str, what: str) -> ET.Element:
         """The body of a link.
@@ -137,20 +152,6 @@ class _Writer:
                 "body in MuJoCo; export URDF"
             )
         return self._bodies[link]
-
-    def site_name(self, name: str) -> str:
-        """A name for a site that no other has.
-
-        Args:
-            name: The name as near as can be.
-
-        Returns:
-            The name.
-        """
-        while name in self._sites:
-            name += "_"
-        self._sites.add(name)
-        return name
 
 
 def _weighs(inertial: Inertial) -> bool:
@@ -213,13 +214,6 @@ def _joint(element: ET.Element, joint: SourceJoint, frame: Placement) -> None:
     if limits.low is not None and limits.high is not None:
         given["range"] = numbers((limits.low, limits.high))
     ET.SubElement(element, "joint", given)
-
-
-def _motor(actuator: ET.Element, joint: SourceJoint) -> None:
-    given = {"name": f"tau_{joint.name}", "joint": joint.name}
-    if (effort := joint.limits.effort) is not None:
-        given["ctrlrange"] = numbers((-effort, effort))
-    ET.SubElement(actuator, "motor", given)
 
 
 def _quaternion(pose: Placement) -> str:

@@ -12,6 +12,7 @@ from gibbs_codegen.exchange.source import SourceRotor, Told
 
 _JOINT, _SITE = 0, 4
 _FILTERS = (2, 3)
+_NO_BIAS = 0
 
 
 def mjcf_rotors(
@@ -34,7 +35,7 @@ def mjcf_rotors(
         site, gear = model.actuator_trnid[k, 0], np.array(model.actuator_gear[k])
         body, size = model.site_bodyid[site], float(np.linalg.norm(gear[:3]))
         size = 1.0 if abs(size - 1.0) < 4e-16 else size
-        name = _name(model, k) or f"rotor_{k}"
+        name = _name(model, k) or f"rotor_{k + 1}"
         if body not in bodies:
             continue
         if size == 0.0:
@@ -46,6 +47,9 @@ def mjcf_rotors(
         drag = float(direction @ gear[3:]) / size
         if np.abs(gear[3:] - drag * gear[:3]).max() > 1e-9 * np.abs(gear).max():
             told.append(Told("left out", name, "torque across the thrust"))
+        limits = _range(model, k, size)
+        if limits is not None and limits[1] <= 0.0:  # It pulls: turned, it pushes.
+            direction, limits = -direction, (-limits[1], -limits[0])
         rotors.append(
             SourceRotor(
                 name,
@@ -53,7 +57,7 @@ def mjcf_rotors(
                 vector(model.site_pos[site]),
                 vector(turn @ direction),
                 drag,
-                _range(model, k, size),
+                limits,
                 float(model.actuator_dynprm[k, 0]) or None
                 if model.actuator_dyntype[k] in _FILTERS
                 else None,
@@ -72,18 +76,23 @@ def efforts(model: Any) -> dict[int, float]:
     Returns:
         The effort in N m or N by the number of the joint.
     """
-    found = {}
+    found = {
+        j: float(np.abs(model.jnt_actfrcrange[j]).max())
+        for j in range(model.njnt)
+        if model.jnt_actfrclimited[j]
+    }
     for k in range(model.nu):
         if model.actuator_trntype[k] != _JOINT:
             continue
         limits = _range(model, k, abs(float(model.actuator_gear[k, 0])))
         if limits is not None and (most := max(map(abs, limits))) > 0.0:
-            found[int(model.actuator_trnid[k, 0])] = most
+            j = int(model.actuator_trnid[k, 0])
+            found[j] = min(most, found.get(j, most))
     return found
 
 
 def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
-    """Least and largest force of an actuator.
+    """Least and largest force of an actuator. With a bias, a servo's control is no force.
 
     Args:
         model: The compiled model.
@@ -94,7 +103,7 @@ def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
         The bounds, or None where there are none.
     """
     bounds: list[Array] = []
-    if model.actuator_ctrllimited[k]:
+    if model.actuator_ctrllimited[k] and model.actuator_biastype[k] == _NO_BIAS:
         bounds.append(float(model.actuator_gainprm[k, 0]) * np.array(model.actuator_ctrlrange[k]))
     if model.actuator_forcelimited[k]:
         bounds.append(np.array(model.actuator_forcerange[k]))
@@ -102,7 +111,7 @@ def _range(model: Any, k: int, gear: float) -> tuple[float, float] | None:
         return None
     low = gear * max(float(min(pair)) for pair in bounds)
     high = gear * min(float(max(pair)) for pair in bounds)
-    return (low, high) if low < high else None
+    return (low + 0.0, high + 0.0) if low < high else None
 
 
 def _name(model: Any, k: int) -> str:

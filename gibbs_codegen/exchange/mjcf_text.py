@@ -65,7 +65,8 @@ def reduced_mjcf(path: Path, data: bytes) -> tuple[str, list[Told]]:
     for world in root.iter("worldbody"):
         if isinstance(world, Element):
             shapes.strip(world, "", True)
-    told.append(Told("left out", "shapes that give no mass", f"{shapes.count}"))
+    if shapes.count:
+        told.append(Told("left out", "shapes that give no mass", f"{shapes.count}"))
     told += _only_motors(root)
     told += _settle(root, path)
     return ET.tostring(root, encoding="unicode"), told
@@ -116,6 +117,8 @@ def _check(root: Element, file: str) -> None:
                 faults.append(Fault(where, f"more than {_MOST_COPIES} copies", line))
         if element.tag == "composite":
             faults.append(Fault(where, "composite bodies are not imported", line))
+        if element.tag == "mesh" and "builtin" in element.attrib:
+            faults.append(Fault(where, "builtin meshes are not imported; give a file", line))
         for key, text in element.attrib.items():
             words = text.lower().replace("+", "").replace("-", "").split()
             if key not in _TEXTS and {"nan", "inf", "infinity"} & {*words}:

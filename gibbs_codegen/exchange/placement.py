@@ -162,23 +162,6 @@ def of_quaternion(x: float, y: float, z: float, w: float) -> Array:
     return turned
 
 
-def about_axis(axis: Sequence[float], radians: float) -> Array:
-    """Rotation about any axis, by Rodrigues' formula.
-
-    Args:
-        axis: The unit axis (3).
-        radians: The angle.
-
-    Returns:
-        The matrix (3, 3).
-    """
-    x, y, z = axis
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    turned: Array = np.eye(3) + math.sin(radians) * cross
-    turned += 2 * math.sin(radians / 2) ** 2 * (cross @ cross)
-    return turned
-
-
 def angles_of(matrix: Array) -> Angles3:
     """Roll, pitch and yaw of a rotation, accurate at and near a pitch of ±90° too.
 

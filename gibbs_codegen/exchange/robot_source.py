@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from gibbs_codegen.exchange.export_names import Names
 from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.source import (
     Inertial,
@@ -11,8 +12,10 @@ from gibbs_codegen.exchange.source import (
     SourceLink,
     SourceRotor,
 )
+from gibbs_codegen.robot.coordinates import frames_of
 from gibbs_codegen.robot.model import BASE, Body, Link, Robot, Rotor, as_rigid_body
 from gibbs_codegen.robot.names import default_prefix, joint_name
+from gibbs_codegen.robot.placement import base_centre
 from gibbs_codegen.robot.rigid_body import inertia_matrix
 
 ROOT = "base"
@@ -29,12 +32,15 @@ def source_of(robot: Robot) -> Source:
     Returns:
         Its links and joints, as of a file.
     """
-    centre, names, body = _centre(robot), _names(robot), robot.base.body
+    centre = Placement(vector(base_centre(robot.base)))
+    names, body = [ROOT], robot.base.body
+    names += [link.name or default_prefix("link", i) for i, link in enumerate(robot.links, start=1)]
+    rods = Names(names)
     links = {ROOT: SourceLink(ROOT, _inertial(body, centre) if body else Inertial())}
     joints: list[SourceJoint] = []
     rotors: list[SourceRotor] = []
     for k in range(1, robot.base.rotors + 1):
-        rotor, rod = _motor(robot, k), centre @ _rod_frame(robot, k)
+        rotor, rod = _motor(robot, k, rods.free(f"arm{k}")), centre @ _rod_frame(robot, k)
         links[rotor.on] = SourceLink(rotor.on, _inertial(robot.base.arm(k), HERE))
         joints.append(SourceJoint(f"{rotor.on}_mount", "fixed", ROOT, rotor.on, rod))
         rotors.append(rotor)
@@ -43,7 +49,7 @@ def source_of(robot: Robot) -> Source:
         joints.append(_joint(robot, i, names, centre))
     rotors += [_placed(rotor, k, names, centre) for k, rotor in enumerate(robot.thrusters, start=1)]
     frames = []
-    for frame in robot.frames:
+    for frame in frames_of(robot)[1:]:  # The first is the base's own.
         own = Placement(frame.pose.xyz, frame.pose.rpy_deg)
         pose = centre @ own if frame.on == BASE else own
         frames.append(SourceFrame(frame.name, names[frame.on], pose))
@@ -58,12 +64,21 @@ def source_of(robot: Robot) -> Source:
     )
 
 
-def _motor(robot: Robot, k: int) -> SourceRotor:
-    """The motor of a rod, on a link of the rod."""
+def _motor(robot: Robot, k: int, rod: str) -> SourceRotor:
+    """The motor of a rod.
+
+    Args:
+        robot: The robot.
+        k: Number of the rod, from 1.
+        rod: What the link of the rod is called.
+
+    Returns:
+        The motor, as a rotor on that link.
+    """
     base = robot.base
     seen_from_motor = k == 1 and base.azimuth_deg is None
     place = (0.0 if seen_from_motor else base.arm(k).length, 0.0, 0.0)
-    return SourceRotor(f"rotor{k}", f"arm{k}", place, base.thrust[k - 1], base.drag[k - 1])
+    return SourceRotor(f"rotor{k}", rod, place, base.thrust[k - 1], base.drag[k - 1])
 
 
 def _placed(rotor: Rotor, k: int, names: list[str], centre: Placement) -> SourceRotor:
@@ -89,35 +104,11 @@ def _placed(rotor: Rotor, k: int, names: list[str], centre: Placement) -> Source
     )
 
 
-def _centre(robot: Robot) -> Placement:
-    """The frame of the base in that of the root."""
-    base = robot.base
-    if base.origin != "motor1":
-        return HERE
-    if base.azimuth_deg is None:
-        return Placement((base.arm(1).length, 0.0, 0.0))
-    motor = Placement(rpy_deg=_rod_frame(robot, 1).rpy_deg).point((base.arm(1).length, 0.0, 0.0))
-    return Placement(vector(-motor))
-
-
 def _rod_frame(robot: Robot, k: int) -> Placement:
     """The frame of a rod in that of the base."""
     if k == 1 and robot.base.azimuth_deg is None:
         return Placement((-robot.base.arm(1).length, 0.0, 0.0))
     return Placement(rpy_deg=(HERE.rpy_deg[0], HERE.rpy_deg[1], robot.base.arm_angle_deg(k)))
-
-
-def _names(robot: Robot) -> list[str]:
-    """Names of the base and the links, none of them twice."""
-    names = [ROOT]
-    taken = {ROOT, *(f"arm{k}" for k in range(1, robot.base.rotors + 1))}
-    for i, link in enumerate(robot.links, start=1):
-        name = link.name or default_prefix("link", i)
-        while name in taken:
-            name += "_"
-        taken.add(name)
-        names.append(name)
-    return names
 
 
 def _inertial(body: Body, frame: Placement) -> Inertial:

@@ -24,6 +24,8 @@ from gibbs_codegen.files.toml import checked
 from gibbs_codegen.robot.model import MAX_ROTORS
 from gibbs_codegen.robot.placed_tables import RotorTable
 
+_MOST_YAML = 100_000
+
 
 class RotorFileTable(Table):
     """A file of rotors."""
@@ -87,7 +89,7 @@ def _of_toml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
             rotor.time_constant,
             found_by=path.name,
         )
-        for number, rotor in enumerate(found.rotor)
+        for number, rotor in enumerate(found.rotor, start=1)
     )
 
 
@@ -109,7 +111,7 @@ def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
 
     Raises:
         UsageError: If PyYAML is not installed.
-        SourceFileError: If the file is refused: KeyError, ValueError and the like stay inside.
+        SourceFileError: If the file is refused; ValueError and the like stay inside.
     """
     try:
         import yaml
@@ -121,16 +123,14 @@ def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
     try:
         if "&" in text:  # Aliases of anchors can expand without end; platforms have none.
             raise ValueError("anchors are not read")
+        if len(text) > _MOST_YAML:  # Its parser is slow.
+            raise ValueError(f"more than {_MOST_YAML} characters")
         platform = yaml.safe_load(text)["platform"]
-        return tuple(_eagle(platform, entry, tree, path) for entry in platform["$rotors"])
-    except (
-        yaml.YAMLError,
-        ValueError,
-        TypeError,
-        KeyError,
-        ZeroDivisionError,
-        RecursionError,
-    ) as e:
+        return tuple(
+            _eagle(platform, f"rotor_{number}", entry, tree, path)
+            for number, entry in enumerate(platform["$rotors"], start=1)
+        )
+    except Exception as e:  # Whatever its parser, and values of other kinds, raise.
         fault = Fault(
             "",
             "no platform of eagle_mpc: platform with cf, cm, max_thrust, min_thrust and $rotors, "
@@ -141,12 +141,13 @@ def _of_yaml(text: str, path: Path, tree: SourceTree) -> tuple[SourceRotor, ...]
 
 
 def _eagle(
-    platform: Mapping[str, Any], entry: Mapping[str, Any], tree: SourceTree, path: Path
+    platform: Mapping[str, Any], name: str, entry: Mapping[str, Any], tree: SourceTree, path: Path
 ) -> SourceRotor:
     """One rotor of a platform.
 
     Args:
         platform: The platform, with the coefficients of all rotors.
+        name: What the rotor is called.
         entry: What it says of the rotor.
         tree: The robot.
         path: The file.
@@ -155,12 +156,16 @@ def _eagle(
         The rotor.
 
     Raises:
-        ValueError: If a number is not finite.
+        ValueError: If a number is not finite, or the orientation has no length.
     """
     spin = entry["spin_direction"]
-    x, y, z, w = (float(value) for value in entry["orientation"])
+    turn = [float(value) for value in entry["orientation"]]
+    size = math.hypot(*turn)
+    if not 0.0 < size < math.inf:
+        raise ValueError("orientation must be a quaternion x, y, z, w, which is not zero")
+    x, y, z, w = (value / size for value in turn)
     rotor = SourceRotor(
-        f"rotor_{platform['$rotors'].index(entry)}",
+        name,
         str(platform.get("base_link_name") or tree.root),
         vector(entry["translation"]),
         vector(of_quaternion(x, y, z, w)[:, 2]),

@@ -13,8 +13,8 @@ from fractions import Fraction
 import numpy as np
 
 from gibbs_codegen.exchange.placement import Array, Placement, vector
-from gibbs_codegen.exchange.source import Inertial, Source, SourceJoint, Told
-from gibbs_codegen.robot.model import Angles3, Vector3
+from gibbs_codegen.exchange.source import Source, SourceJoint, Told
+from gibbs_codegen.robot.model import Vector3
 
 SNAP = 2e-5
 _SNAP_DEG = Fraction(math.degrees(SNAP))
@@ -23,7 +23,7 @@ _NOISE = 1e-12
 
 
 def snapped_source(source: Source) -> Source:
-    """Snap every angle and axis of a file, and tell of those of joints.
+    """Snap every angle and axis of a file, and tell of each that changes.
 
     Args:
         source: The file.
@@ -31,22 +31,28 @@ def snapped_source(source: Source) -> Source:
     Returns:
         The file, with exact angles.
     """
-    told, joints = list(source.told), []
-    for joint in source.joints:
-        exact = _snapped_joint(joint)
-        if exact.pose.rpy_deg != joint.pose.rpy_deg:
-            change = f"{_shown(joint.pose.rpy_deg)} to {_shown(exact.pose.rpy_deg)} degrees"
-            told.append(Told("snapped", joint.name, change))
-        if exact.axis != joint.axis:
-            change = f"axis {_listed(joint.axis)} to {_listed(exact.axis)}"
-            told.append(Told("snapped", joint.name, change))
-        joints.append(exact)
+    told = list(source.told)
+
+    def tell(name: str, before: Placement | Vector3, after: Placement | Vector3) -> None:
+        if (old := _shown(before)) != (new := _shown(after)):
+            told.append(Told("snapped", name, f"{old} to {new}"))
+
+    joints = [_snapped_joint(joint) for joint in source.joints]
+    for joint, exact in zip(source.joints, joints, strict=True):
+        tell(joint.name, joint.pose, exact.pose)
+        tell(joint.name, joint.axis, exact.axis)
     links = {
-        name: replace(link, inertial=_snapped_inertial(link.inertial))
+        name: replace(link, inertial=replace(link.inertial, pose=snapped(link.inertial.pose)))
         for name, link in source.links.items()
     }
+    for name, link in source.links.items():
+        tell(f"inertia of {name}", link.inertial.pose, links[name].inertial.pose)
     frames = [replace(frame, pose=snapped(frame.pose)) for frame in source.frames]
+    for frame, made in zip(source.frames, frames, strict=True):
+        tell(frame.name, frame.pose, made.pose)
     rotors = [replace(rotor, direction=_snapped_axis(rotor.direction)) for rotor in source.rotors]
+    for rotor, turned in zip(source.rotors, rotors, strict=True):
+        tell(rotor.name, rotor.direction, turned.direction)
     return replace(
         source,
         joints=tuple(joints),
@@ -60,10 +66,6 @@ def snapped_source(source: Source) -> Source:
 def _snapped_joint(joint: SourceJoint) -> SourceJoint:
     axis = joint.axis if joint.kind == "fixed" else _snapped_axis(joint.axis)
     return replace(joint, pose=snapped(joint.pose), offset=snapped(joint.offset), axis=axis)
-
-
-def _snapped_inertial(inertial: Inertial) -> Inertial:
-    return replace(inertial, pose=snapped(inertial.pose))
 
 
 def snapped(pose: Placement) -> Placement:
@@ -125,9 +127,8 @@ def quiet_inertia(matrix: Array) -> Array:
     return found
 
 
-def _shown(angles: Angles3) -> str:
-    return " ".join(f"{float(angle):.9g}" for angle in angles)
-
-
-def _listed(values: Vector3) -> str:
-    return " ".join(f"{value:.9g}" for value in values)
+def _shown(value: Placement | Vector3) -> str:
+    """The angles of a pose in degrees, or an axis."""
+    if isinstance(value, Placement):
+        return "rpy_deg " + " ".join(f"{float(angle):.9g}" for angle in value.rpy_deg)
+    return "axis " + " ".join(f"{number:.9g}" for number in value)

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.exchange.placement import HERE, Placement, about_axis, vector
+from gibbs_codegen.exchange.placement import HERE, Placement, vector
 from gibbs_codegen.exchange.source import Source, SourceJoint, SourceRotor, Told
+from gibbs_codegen.robot.placement import turn_about
 
 # How far a rotor may be from the axis of its joint and still be what spins there: m, and rad.
 _ON_AXIS = 1e-6
@@ -135,7 +136,7 @@ def _fixed(joint: SourceJoint, value: float) -> SourceJoint:
     if value and joint.kind == "prismatic":
         moved = Placement(vector(value * np.array(joint.axis)))
     elif value and joint.kind == "revolute":
-        moved = Placement.of_matrix((0.0, 0.0, 0.0), about_axis(joint.axis, value))
+        moved = Placement.of_matrix((0.0, 0.0, 0.0), turn_about(np.array(joint.axis), value))
     pose = joint.pose @ moved @ joint.offset
     return replace(joint, kind="fixed", pose=pose, offset=HERE)
 
@@ -227,7 +228,8 @@ def rerooted(tree: SourceTree, link: str) -> SourceTree:
     while on_the_way in carried:
         reverse.append(carried[on_the_way])
         on_the_way = carried[on_the_way].parent
-    others = [joint for joint in source.joints if joint not in reverse]
+    turned = {*reverse}
+    others = [joint for joint in source.joints if joint not in turned]
     told = [*source.told]
     if reverse:
         told.append(Told("base", link, f"in place of {tree.root}"))

@@ -22,7 +22,7 @@ from gibbs_codegen.exchange.source import (
     SourceLink,
     Told,
 )
-from gibbs_codegen.exchange.urdf_rotors import urdf_rotors
+from gibbs_codegen.exchange.urdf_rotors import is_motor, urdf_rotors
 from gibbs_codegen.exchange.urdf_values import Values, child, children
 from gibbs_codegen.exchange.xml_file import Element, parse_xml
 from gibbs_codegen.robot.model import JointLimits, Passive, Vector3
@@ -185,7 +185,8 @@ def _left_out(root: Element, values: Values) -> list[Told]:
     counts: Counter[str] = Counter()
     for element in root.iter():
         counts[element.tag] += 1
-    counts["gazebo"] -= counts["plugin"]
+    gazebo = [found for found in children(root) if found.tag == "gazebo"]
+    counts["gazebo"] = sum(not all(map(is_motor, children(found))) for found in gazebo)
     for tag, words in _LEFT_OUT.items():
         if counts[tag] > 0:
             told.append(Told("left out", words, f"{counts[tag]}"))
@@ -199,9 +200,7 @@ def _left_out(root: Element, values: Values) -> list[Told]:
         name = joint.get("name", "")
         if (mimic := child(joint, "mimic")) is not None:
             other = mimic.get("joint", "?")
-            told.append(
-                Told("left out", name, f"that it follows joint {other}: it moves on its own")
-            )
+            told.append(Told("left out", name, f"that it follows joint {other}"))
         if friction := values.positive(child(joint, "dynamics"), "friction"):
             told.append(Told("left out", name, f"dry friction {friction:g}"))
     return told

@@ -7,11 +7,14 @@ the tip of its thrust.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 from gibbs_codegen.exchange.source import SourceRotor
 from gibbs_codegen.exchange.urdf_values import Values, child, children
 from gibbs_codegen.exchange.xml_file import Element
+
+_THRUST = "thrust"
 
 
 def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
@@ -25,15 +28,40 @@ def urdf_rotors(root: Element, values: Values) -> list[SourceRotor]:
         The rotors, in the order of their numbers or of the file.
     """
     motors = [found for found in root.iter("plugin") if isinstance(found, Element)]
-    numbered = [_gazebo(found, values) for found in motors if _is_motor(found)]
-    gazebo = [rotor for _, rotor in sorted(numbered, key=lambda pair: pair[0])]
+    numbered = [_gazebo(found, values) for found in motors if is_motor(found)]
+    gazebo = _by_number(numbered)
     taken = {rotor.joint for rotor in gazebo} | {rotor.on for rotor in gazebo}
     jsk = _jsk(root, values)
     return gazebo + [r for r in jsk if r.joint not in taken and r.on not in taken]
 
 
-def _is_motor(plugin: Element) -> bool:
-    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too."""
+def is_rotor_by_name(joint: str, link: str, prefix: str = _THRUST) -> bool:
+    """Whether a joint is a rotor by the convention of JSK, in a file without a common rate.
+
+    Args:
+        joint: Its name.
+        link: Name of the link that it carries.
+        prefix: How the links of rotors begin.
+
+    Returns:
+        Whether it is.
+    """
+    return bool(re.fullmatch(r"rotor\d+", joint) and re.fullmatch(rf"{re.escape(prefix)}\d+", link))
+
+
+def _by_number(numbered: Sequence[tuple[float, SourceRotor]]) -> list[SourceRotor]:
+    return [rotor for _, rotor in sorted(numbered, key=lambda pair: pair[0])]
+
+
+def is_motor(plugin: Element) -> bool:
+    """Whether a plugin is a motor with a propeller, and not a servo, which is a motor too.
+
+    Args:
+        plugin: The element.
+
+    Returns:
+        Whether it is.
+    """
     kind = child(plugin, "motorType")
     if kind is not None and (kind.text or "").strip() != "velocity":
         return False
@@ -72,17 +100,15 @@ def _jsk(root: Element, values: Values) -> list[SourceRotor]:
     name, and there need not be one rate for all.
     """
     common = child(root, "m_f_rate")
-    prefix = child(root, "thrust_link")
-    thrust = re.escape("thrust" if prefix is None else prefix.get("name", "thrust"))
-    rotors = []
+    thrust = child(root, "thrust_link")
+    prefix = _THRUST if thrust is None else thrust.get("name", _THRUST)
+    numbered = []
     for joint in children(root):
         if joint.tag != "joint":
             continue
         own, link = child(joint, "m_f_rate"), child(joint, "child")
         name, on = joint.get("name", ""), "" if link is None else link.get("link", "")
-        by_name = re.fullmatch(r"rotor\d+", name) and (
-            common is not None or re.fullmatch(rf"{thrust}\d+", on)
-        )
+        by_name = is_rotor_by_name(name, on if common is None else f"{prefix}0", prefix)
         if own is None and not by_name:
             continue
         rate = values.number(own if own is not None else common, "value", 0.0)
@@ -92,5 +118,6 @@ def _jsk(root: Element, values: Values) -> list[SourceRotor]:
         rotor = SourceRotor(name, on, joint=name, found_by="JSK")
         drag = (z > 0.0) * rate - (z < 0.0) * rate
         limits = None if low is None or high is None or low >= high else (low, high)
-        rotors.append(replace(rotor, drag=drag, limits=limits))
-    return rotors
+        number = int(name.removeprefix("rotor")) if own is None else 0
+        numbered.append((number, replace(rotor, drag=drag, limits=limits)))
+    return _by_number(numbered)

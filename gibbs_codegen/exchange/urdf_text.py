@@ -6,6 +6,7 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
+from gibbs_codegen.exchange.export_names import Names
 from gibbs_codegen.exchange.placement import Placement, degrees
 from gibbs_codegen.exchange.source import (
     Inertial,
@@ -27,54 +28,26 @@ def urdf_text(source: Source) -> str:
     are those of the thrust. A frame is a massless link on a fixed joint.
 
     Args:
-        source: The robot.
+        source: The robot, with names that a file can hold.
 
     Returns:
         The text.
     """
     root = ET.Element("robot", name=source.name)
-    taken, joints = set(source.links), {joint.name for joint in source.joints}
+    links = Names([*source.links, *(frame.name for frame in source.frames)])
+    joints = Names(
+        [found.name for found in source.joints] + [found.name for found in source.rotors]
+    )
     for link in source.links.values():
         _inertial(ET.SubElement(root, "link", name=link.name), link.inertial)
     for joint in source.joints:
         _joint(root, joint)
     for number, rotor in enumerate(source.rotors, start=1):
-        _rotor(root, rotor, _free(f"thrust{number}", taken), _free(rotor.name, joints))
+        _rotor(root, rotor, links.free(f"thrust{number}"))
     for frame in source.frames:
-        if frame.name not in source.links or not frame.pose.is_identity:
-            _frame(root, frame, _free(frame.name, taken), _free(f"{frame.name}_mount", joints))
+        _frame(root, frame, joints.free(f"{frame.name}_mount"))
     ET.indent(root)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
-
-
-def left_out_of_urdf(source: Source) -> list[str]:
-    """What URDF has no place for.
-
-    Args:
-        source: The robot.
-
-    Returns:
-        A line for each thing.
-    """
-    lines = []
-    for joint in source.joints:
-        passive = joint.passive
-        lost = [key for key in ("armature", "stiffness") if getattr(passive, key)]
-        if lost:
-            lines.append(f"joint {joint.name}: {' and '.join(lost)}")
-    slow = [rotor.name for rotor in source.rotors if rotor.time_constant]
-    if slow:
-        lines.append(f"time constants of {', '.join(slow)}")
-    if source.gravity != 9.81:
-        lines.append(f"gravity of {source.gravity:g} m/s²")
-    return lines
-
-
-def _free(name: str, taken: set[str]) -> str:
-    while name in taken:
-        name += "_"
-    taken.add(name)
-    return name
 
 
 def _inertial(element: ET.Element, inertial: Inertial) -> None:
@@ -117,16 +90,16 @@ def _joint(root: ET.Element, joint: SourceJoint) -> None:
         ET.SubElement(element, "dynamics", damping=repr(joint.passive.damping))
 
 
-def _rotor(root: ET.Element, rotor: SourceRotor, link: str, name: str) -> None:
+def _rotor(root: ET.Element, rotor: SourceRotor, link: str) -> None:
     """A rotor as a link and a fixed joint.
 
     Args:
         root: The element `<robot>`.
         rotor: The rotor.
-        link, name: Names of its link and joint.
+        link: Name of its link.
     """
     ET.SubElement(root, "link", name=link)
-    element = ET.SubElement(root, "joint", name=name, type="fixed")
+    element = ET.SubElement(root, "joint", name=rotor.name, type="fixed")
     _origin(element, Placement(rotor.position, _along(rotor.direction)))
     ET.SubElement(element, "parent", link=rotor.on)
     ET.SubElement(element, "child", link=link)
@@ -143,19 +116,19 @@ def _along(direction: Vector3) -> Angles3:
     return degrees(math.atan2(-y, math.hypot(x, z))), degrees(math.atan2(x, z)), degrees(0.0)
 
 
-def _frame(root: ET.Element, frame: SourceFrame, link: str, name: str) -> None:
+def _frame(root: ET.Element, frame: SourceFrame, mount: str) -> None:
     """A frame as a link and a fixed joint.
 
     Args:
         root: The element `<robot>`.
         frame: The frame.
-        link, name: Names of its link and joint.
+        mount: Name of its joint.
     """
-    ET.SubElement(root, "link", name=link)
-    element = ET.SubElement(root, "joint", name=name, type="fixed")
+    ET.SubElement(root, "link", name=frame.name)
+    element = ET.SubElement(root, "joint", name=mount, type="fixed")
     _origin(element, frame.pose)
     ET.SubElement(element, "parent", link=frame.on)
-    ET.SubElement(element, "child", link=link)
+    ET.SubElement(element, "child", link=frame.name)
 
 
 def numbers(values: Iterable[float]) -> str:

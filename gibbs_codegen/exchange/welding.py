@@ -76,17 +76,21 @@ def welded(tree: SourceTree, name: str, attitude: Attitude, snap: bool) -> tuple
         )
     namer = Namer()
     links = tuple(_link(body, snap, namer) for body in bodies[1:])
-    frames = _frames(tree, places, bodies, snap, namer)
+    found = _frames(tree, places, bodies)
+    frames = tuple(
+        Frame(namer.frame(name), place.body, _placed(place.frame, snap).pose)
+        for name, place in found[:MAX_FRAMES]
+    )
     robot = Robot(
         name,
         Base(attitude=attitude, origin="base", body=_rigid(bodies[0].parts, snap)),
         links,
         source.gravity,
         _rotors(tree, places, snap, namer),
-        frames[:MAX_FRAMES],
+        frames,
     )
     told += namer.told
-    told += [Told("left out", frame.name, "one frame too many") for frame in frames[MAX_FRAMES:]]
+    told += [Told("left out", name, "one frame too many") for name, _ in found[MAX_FRAMES:]]
     impossible = [
         body.name
         for body, made in zip(
@@ -216,19 +220,17 @@ def _rotors(
 
 
 def _frames(
-    tree: SourceTree, places: dict[str, _Place], bodies: list[_Body], snap: bool, namer: Namer
-) -> tuple[Frame, ...]:
+    tree: SourceTree, places: dict[str, _Place], bodies: list[_Body]
+) -> list[tuple[str, _Place]]:
     """Frames of links that were welded or are not where their joint is, and those of the source.
 
     Args:
         tree: The tree.
         places: Where its links are.
         bodies: The bodies.
-        snap: Whether to set noise to zero.
-        namer: Gives names that are free.
 
     Returns:
-        The frames.
+        Name and place of each frame.
     """
     own = {body.name for body in bodies}
     found = [
@@ -239,10 +241,7 @@ def _frames(
     for frame in tree.source.frames:
         if (place := places.get(frame.on)) is not None:
             found.append((frame.name, _Place(place.body, place.frame @ frame.pose)))
-    return tuple(
-        Frame(namer.frame(name), place.body, _placed(place.frame, snap).pose)
-        for name, place in found
-    )
+    return found
 
 
 def _placed(pose: Placement, snap: bool) -> Placement:

@@ -33,7 +33,7 @@ def expanded(path: Path) -> bytes:
             "expand it to URDF"
         ) from None
     try:
-        text: str = XacroDoc.from_file(str(path)).to_urdf_string()
+        text: str = XacroDoc.from_file(str(path), resolve_packages=False).to_urdf_string()
     except Exception as error:  # Whatever its expressions raise.
         words = printable(f"{type(error).__name__}: {error}", 300)
         raise SourceFileError(str(path), [Fault("", f"cannot be expanded: {words}")]) from None

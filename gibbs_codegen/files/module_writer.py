@@ -167,13 +167,13 @@ def _write_and_swap(
         return True
 
 
-def write_new_file(path: Path, text: str, force: bool = False) -> None:
+def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
     """Write a file that must not exist yet, or with force in place of another: whole, or not.
 
     Args:
         path: The file.
         text: What it shall hold.
-        force: Whether it may replace a file.
+        force: Whether it may replace a file; None where users cannot ask for that.
 
     Raises:
         UsageError: If it exists.
@@ -181,18 +181,21 @@ def write_new_file(path: Path, text: str, force: bool = False) -> None:
     """
     fresh = path.with_name(f"{path.name}.{os.getpid()}.new") if force else path
     try:
-        with fresh.open("x", encoding="utf-8", newline="\n") as file:
-            try:
+        file = fresh.open("x", encoding="utf-8", newline="\n")
+        try:
+            with file:
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
-                if force:
-                    os.replace(fresh, path)
-            except BaseException:
-                fresh.unlink()
-                raise
+            if force:  # Windows renames and removes no file that is open.
+                os.replace(fresh, path)
+        except BaseException:
+            fresh.unlink()
+            raise
     except FileExistsError:
-        raise UsageError(f"{printable(path)}: exists already; choose another name") from None
+        replaced = "" if force is None else ", or have it replaced with --force"
+        message = f"{printable(path)}: exists already; choose another name{replaced}"
+        raise UsageError(message) from None
     except OSError as error:
         raise OutputError(f"{printable(path)}: cannot be written: {error.strerror}") from None
 

@@ -64,8 +64,7 @@ def sizes(shape: str, lengths: Mapping[str, int]) -> tuple[int, ...]:
 class Row:
     """A row of the table; `source` is the equation that the function implements.
 
-    In `details`, {singularity}, {passive} and {constrained} stand for what is to be said of the
-    attitude, of dampers and springs, and of constrained links, if anything. Only robots that have
+    In `details`, {singularity} stands for what is to be said of the attitude. Only robots that have
     the `frame`, if one is named, have the function.
     """
 

@@ -165,7 +165,8 @@ class Output:
 class Function:
     """A straight-line function.
 
-    `arguments` are those of q, v, a, u that it takes, `constants` the names it reads of `prepare`.
+    `arguments` are those of `interface.ARGUMENTS` that it takes, `constants` the names that it
+    reads of `prepare`.
     """
 
     name: str

@@ -50,14 +50,14 @@ class Allocation:
         self.wrenches = wrenches
         self.limits = limits
         left, values, _ = np.linalg.svd(wrenches)
-        rank = int(np.sum(values > _RANK * values[0]))
+        rank = int(np.sum(values > _RANK * values.max(initial=0.0)))
         self.missing = directions(left[:, rank:])
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=_RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
         self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
         weighted = self._weights[:, np.newaxis] * wrenches
-        least = np.linalg.svd(weighted, compute_uv=False)[rank - 1]
+        least = np.linalg.svd(weighted, compute_uv=False)[:rank].min(initial=np.inf)
         preference = _PREFERENCE * least * np.eye(wrenches.shape[1])
         self._weighted = np.vstack([weighted, preference])
 

@@ -36,7 +36,8 @@ class Flight:
     - `time` (s); `q`, `q_desired` (s, nq); `v`, `a`, `v_desired`, `a_desired` (s, nv)
     - `commanded` and `applied` (s, nu): inputs that the controller asks for, and those that act
       after thrust limits and motor lag
-    - `constraint_torques` (s, c): of base arms 2 … N (eqs. 14–17), or of the joints `constrained`
+    - `constraint_torques` (s, c): that hold base arms 2 … N (eqs. 14–17) and constrained
+      links, in the order of `constraint_names`
     - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
       2 … N about z of the base, measured from where the motors are; none of a base without arms
     - `positions` (s, k, 3) of the `points`, and `parents` (k): numbers of the points that each is
@@ -61,6 +62,7 @@ class Flight:
     coordinate_units: tuple[str, ...]
     input_names: tuple[str, ...]
     points: tuple[str, ...]
+    constraint_names: tuple[str, ...]
     tangent_arm: int
     stopped: str
     time: Array = field(repr=False)
@@ -186,8 +188,8 @@ class Flight:
                 self.input_names, self.input_units, series.T, strict=True
             ):
                 yield f"{name}{suffix}", unit, values
-        for k, values in enumerate(self.constraint_torques.T, start=2):
-            yield f"tau_prime_{k}", "N m", values
+        for name, values in zip(self.constraint_names, self.constraint_torques.T, strict=True):
+            yield name, "N m", values
         for k, values in enumerate(self.base_arm_angles.T, start=2):
             yield f"theta_{k}", "rad", values
         for j, point in enumerate(self.points):
@@ -278,8 +280,8 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]
         stored: The arrays of a file.
 
     Returns:
-        Attitude, units and parents. The sequence of the angles is not in such files; it makes no
-        difference to what a flight has.
+        Attitude, units, parents and names. The sequence of the angles is not in such files; it
+        makes no difference to what a flight has.
     """
     points, coordinates = stored["points"].tolist(), stored["coordinates"].tolist()
     rotors = len(stored["base_arm_angles_desired"]) + 1
@@ -292,6 +294,7 @@ def _before_trees(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]
         "attitude": np.array("xyz"),
         "coordinate_units": np.array(units),
         "parents": parents,
+        "constraint_names": np.array([f"tau_prime_{k}" for k in range(2, rotors + 1)], dtype=str),
     }
 
 

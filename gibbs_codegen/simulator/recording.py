@@ -38,6 +38,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         coordinate_units=vehicle.layout.q.units,
         input_names=vehicle.inputs,
         points=vehicle.points,
+        constraint_names=vehicle.constraint_names,
         tangent_arm=_tangent_arm(scenario),
         stopped=history.stopped,
         time=time,

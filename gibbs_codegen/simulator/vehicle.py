@@ -58,6 +58,8 @@ class Vehicle:
         self.attitude: str = module.ATTITUDE
         self.coordinates: tuple[str, ...] = module.COORDINATES
         constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
+        hybrid = module.HYBRID_COORDINATES
+        self.constraint_names: tuple[str, ...] = hybrid[len(hybrid) - constrained :]
         units = module.COORDINATE_UNITS
         self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
         self.kinematics = kinematics_of(self.layout)
@@ -196,5 +198,5 @@ class Vehicle:
         q[self.arm] = _FIRST_JOINT + _NEXT_JOINT * np.arange(self.joints)
         here, there = self.thrust_wrenches(), self.thrust_wrenches(q)
         loads = self.input_matrix(q)[self.arm_rates, : self.rotors]
-        moves = np.abs(there - here) > _ROUNDING * np.abs(here).max()
+        moves = np.abs(there - here) > _ROUNDING * np.abs(here).max(initial=0.0)
         return bool(np.any(loads) or np.any(moves))

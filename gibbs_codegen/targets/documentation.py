@@ -52,7 +52,7 @@ def docstring(model: Model, function: Function) -> list[str]:
     returns.append(f"Source: {row.source}. {_operations(function)}.")
     lines = [row.summary]
     if row.details:
-        lines += ["", *_wrapped([_details(model, row)], _DOCSTRING_WIDTH, "")]
+        lines += ["", *_wrapped([_details(robot, row)], _DOCSTRING_WIDTH, "")]
     for items in (takes, returns):
         lines += ["", *_wrapped(items, _DOCSTRING_WIDTH, _HANGING)]
     return lines
@@ -90,7 +90,7 @@ def doxygen(model: Model, function: Function, gathered: GatheredFunction) -> lis
     ]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
-        lines += [*_wrapped([_details(model, row)], _DOXYGEN_WIDTH, ""), ""]
+        lines += [*_wrapped([_details(robot, row)], _DOXYGEN_WIDTH, ""), ""]
     return lines + _wrapped(items, _DOXYGEN_WIDTH, _HANGING)
 
 
@@ -99,18 +99,10 @@ def _meaning(robot: Robot, argument: str) -> str:
     return (layout_of(robot).is_quaternion and row.with_quaternion) or row.meaning
 
 
-def _details(model: Model, row: Row) -> str:
-    robot = model.robot
-    is_passive = any(name.endswith(("_damping", "_stiffness")) for name in model.defaults)
-    return row.details.format(
-        singularity="" if layout_of(robot).is_quaternion else _SINGULARITY,
-        passive=_PASSIVE if is_passive else "",
-        constrained=_CONSTRAINED if robot.constrained else "",
-    )
+def _details(robot: Robot, row: Row) -> str:
+    return row.details.format(singularity="" if layout_of(robot).is_quaternion else _SINGULARITY)
 
 
-_PASSIVE = ", plus what dampers and springs give"
-_CONSTRAINED = "After these come the torques that hold the constrained links. "
 _SINGULARITY = (
     ": next to +-90 degrees of the middle attitude angle the accelerations of the other two grow "
     "as the inverse of its cosine, and what is computed from them loses as many digits"
@@ -149,9 +141,12 @@ def argument_text(robot: Robot, argument: str) -> str:
     Returns:
         Names with units, as "theta_m1 [rad], theta_0 [rad]".
     """
-    prefix, shape = ARGUMENTS[argument].prefix, ARGUMENTS[argument].shape
+    row, shape = ARGUMENTS[argument], ARGUMENTS[argument].shape
     if shape == "f6":
         return f"force [N] and torque [N m], a row for each of {', '.join(frame_names(robot))}"
+    # With a quaternion velocities have names of their own, and none that would be one of q as well.
+    own_names = argument == "v" and layout_of(robot).is_quaternion
+    prefix = "" if own_names else row.prefix
     listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[shape](robot)
     units = {c.name: f"{c.unit}^2" if argument == "a" else c.unit for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
@@ -217,6 +212,19 @@ def attitude_text(robot: Robot) -> str:
     )
 
 
+def base_frame(robot: Robot) -> str:
+    """What the frame of the base is called.
+
+    Args:
+        robot: Whose base it is.
+
+    Returns:
+        That of arm 1 where the base is made of rods by the paper's rule.
+    """
+    by_rule = robot.base.rotors and robot.base.azimuth_deg is None
+    return "base arm 1's frame" if by_rule else "the base's frame"
+
+
 def attitude_lines(robot: Robot) -> list[str]:
     """What the attitude of a module is, as a comment says it.
 
@@ -226,13 +234,9 @@ def attitude_lines(robot: Robot) -> list[str]:
     Returns:
         Lines without the sign of a comment.
     """
-    if layout_of(robot).is_quaternion:
-        says = "From base arm 1's frame to the world the attitude is"
-    else:
-        says = (
-            "Intrinsic sequence of the attitude angles. From base arm 1's frame to the world the "
-            "attitude is"
-        )
+    says = f"From {base_frame(robot)} to the world the attitude is"
+    if not layout_of(robot).is_quaternion:
+        says = f"Intrinsic sequence of the attitude angles. {says}"
     return [says, f"{attitude_text(robot)}."]
 
 
@@ -255,6 +259,31 @@ def state_tables(robot: Robot) -> dict[str, list[str]]:
     }
 
 
+_DERIVATIVES = {
+    "rad": ("rad/s^2", "second derivative of the "),
+    "m": ("m/s^2", "second derivative of the "),
+    "rad/s": ("rad/s^2", "derivative of the "),
+    "m/s": ("m/s^2", "derivative of the "),
+    "N m": ("N m", ""),
+}
+
+
+def unknown_table(robot: Robot) -> list[str]:
+    """What explains the unknowns of the hybrid system: accelerations, then constraint torques.
+
+    Args:
+        robot: Whose unknowns they are.
+
+    Returns:
+        A line for each, as of `coordinate_table`.
+    """
+    unknowns = []
+    for entry in hybrid_coordinates(robot):
+        unit, what = _DERIVATIVES[entry.unit]
+        unknowns.append(Coordinate(entry.name, unit, f"{what}{entry.meaning}"))
+    return coordinate_table(tuple(unknowns))
+
+
 def entry_lines(tables: dict[str, list[str]]) -> list[str]:
     """Tables one below the other.
 
@@ -262,10 +291,10 @@ def entry_lines(tables: dict[str, list[str]]) -> list[str]:
         tables: Lines by headings.
 
     Returns:
-        Headings, each with its lines, and empty lines between.
+        Headings, each with its lines, and empty lines between; no table without lines.
     """
     lines = []
-    for heading, entries in tables.items():
+    for heading, entries in ((h, e) for h, e in tables.items() if e):
         lines += ["", f"{heading}:", "", *(f"    {entry}" for entry in entries)]
     return lines[1:]
 
@@ -279,5 +308,5 @@ def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
     Returns:
         A line each: name, unit, meaning.
     """
-    width = max(len(c.name) for c in coordinates)
+    width = max((len(c.name) for c in coordinates), default=0)
     return [f"{c.name:<{width}}  [{c.unit}]  {c.meaning}" for c in coordinates]

@@ -13,12 +13,14 @@ import pytest
 from numpy.typing import NDArray
 from support.pinocchio_oracle import Oracle
 from support.random_robots import random_tree
-from support.robot_in_pinocchio import PinocchioRobot
+from support.robot_in_pinocchio import PinocchioRobot, placed
 
+from gibbs_codegen.cli.app import main
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.exchange.exporting import Format, export_robot
 from gibbs_codegen.exchange.importing import ImportOptions, import_robot
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.coordinates import frames_of
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import coordinate_of, identifier
 
@@ -40,6 +42,32 @@ def again(robot: Robot, form: Format, folder: Path) -> Robot:
     path = folder / f"robot{'.urdf' if form == 'urdf' else '.xml'}"
     path.write_text(export_robot(robot, form)[0])
     return import_robot(path, ImportOptions("xyz", snap=False))[0]
+
+
+def assert_properties_come_back(robot: Robot, back: Robot, form: Format) -> None:
+    """What no equation of motion shows, but for what the format has no place for."""
+    names = [identifier(str(link.coordinate)) for link in back.links]
+    for i in robot.moving:
+        one, other = robot.links[i - 1], back.links[names.index(coordinate_of(robot, i))]
+        assert other.limits.effort == one.limits.effort
+        assert other.passive.damping == one.passive.damping
+        if form == "urdf":
+            assert other.limits == one.limits
+        else:
+            assert other.passive == one.passive
+            if None not in (one.limits.low, one.limits.high):
+                assert (other.limits.low, other.limits.high) == (one.limits.low, one.limits.high)
+    for rotor, its in zip(robot.thrusters, back.thrusters[robot.base.rotors :], strict=True):
+        assert its.limits == rotor.limits
+        if form == "mjcf":
+            assert its.time_constant == rotor.time_constant
+    found = {frame.name: frame for frame in back.frames}
+    for frame in frames_of(robot)[1:]:
+        other = found[frame.name]
+        if frame.on in robot.moving:
+            assert coordinate_of(robot, frame.on) == names[other.on - 1]
+            pose, its_pose = placed(frame.pose).homogeneous, placed(other.pose).homogeneous
+            assert np.allclose(its_pose, pose, rtol=0.0, atol=1e-12)
 
 
 def state(nv: int, seed: int = 0) -> tuple[Array, Array]:
@@ -99,10 +127,7 @@ def test_trees_come_back(name: str, form: Format, tmp_path: Path) -> None:
     robot = tree(name)
     back = again(robot, form, tmp_path)
     assert [link.coordinate for link in back.links] == [link.coordinate for link in robot.links]
-    assert [rotor.limits for rotor in back.thrusters] == [r.limits for r in robot.thrusters]
-    for one, other in zip(robot.links, back.links, strict=True):
-        assert one.passive.damping == other.passive.damping
-        assert (one.limits.low, one.limits.high) == (other.limits.low, other.limits.high)
+    assert_properties_come_back(robot, back, form)
     q, v = state(6 + len(robot.links))
     u = np.ones(len(robot.thrusters) + len(robot.links))
     for found, expected in zip(
@@ -118,6 +143,7 @@ def test_paper_robots_come_back(
 ) -> None:
     robot, module = read_robot(name)[0], shipped(name)
     back = again(robot, form, tmp_path)
+    assert_properties_come_back(robot, back, form)
     size, joints = len(module.COORDINATES), len(robot.links)
     q = np.random.default_rng(1).uniform(-1.0, 1.0, size)
     turn, rates = np.eye(3), np.zeros((3, 3))
@@ -134,6 +160,104 @@ def test_paper_robots_come_back(
     matrix, inputs = module.mass_matrix(q), module.input_matrix(q)
     assert np.abs(jacobian.T @ found.mass_matrix @ jacobian - matrix).max() < 1e-11
     assert np.abs(jacobian.T @ found.inputs - inputs).max() < 1e-12
+
+
+MACHINE = """
+name = "machine"
+gravity = 9.81
+[base]
+attitude = "quaternion"
+mass = 2.0
+inertia = [0.01, 0.01, 0.02, 0, 0, 0]
+[[rotor]]
+name = "r"
+time_constant = 0.02
+[[rotor]]
+name = "tau_j"
+[[link]]
+name = "thrust1"
+coordinate = "rotor1"
+joint = "revolute"
+xyz = [0.1, 0, 0]
+limits = [-1.0, inf]
+velocity = 3.0
+effort = 2.0
+stiffness = 0.5
+rest = 0.1
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[link]]
+name = "a"
+coordinate = "root"
+xyz = [0.1, 0, 0]
+joint = "revolute"
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[link]]
+name = "b"
+coordinate = "j"
+xyz = [0.1, 0, 0]
+joint = "prismatic"
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[link]]
+name = "c\\u0001d"
+joint = "fixed"
+constrained = true
+xyz = [0.1, 0, 0]
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[frame]]
+name = "r"
+on = "a"
+[[frame]]
+name = "a"
+on = "b"
+xyz = [0, 0, 0.1]
+"""
+
+
+@pytest.mark.parametrize("form", ["urdf", "mjcf"])
+def test_clashing_and_hostile_names_come_back_as_the_same_machine(
+    form: Format, tmp_path: Path
+) -> None:
+    robot = parse_robot(MACHINE)
+    _, lines = export_robot(robot, form)
+    back = again(robot, form, tmp_path)
+    assert [link.coordinate for link in back.links] == ["rotor1", "root", "j"]
+    assert [rotor.name for rotor in back.thrusters] == ["r", "tau_j"]
+    assert [link.limits.effort for link in back.links] == [2.0, None, None]
+    q, v = state(9)
+    found, expected = PinocchioRobot(back).at(q, v, np.ones(5)), Oracle(robot, rigid_base=True)
+    assert np.allclose(found.mass_matrix, expected.mass_matrix(q), rtol=0.0, atol=1e-12)
+    assert np.allclose(found.inputs, expected.input_matrix(q), rtol=0.0, atol=1e-12)
+    if form == "mjcf":
+        assert_properties_come_back(robot, back, form)
+    renamed = ["renamed: link thrust1 is thrust1_", "renamed: frame a is a_2"]
+    assert [line for line in renamed if line in lines] == renamed[: 2 * (form == "urdf")]
+    assert "renamed: link c\\x01d is c_d" in lines
+    assert "left out: c\\x01d: that a constraint torque holds it; it is welded" in lines
+    lost = {"urdf": "stiffness", "mjcf": "velocity and limits, since it has one only"}[form]
+    assert f"left out: joint rotor1: {lost}" in lines
+    assert ("left out: time constants of r" in lines) == (form == "urdf")
+
+
+def test_a_joint_that_is_no_rotor_is_none_for_its_name(tmp_path: Path) -> None:
+    robot = parse_robot(MACHINE.replace('"c\\u0001d"', '"c"'))
+    robot = replace(robot, thrusters=(), links=robot.links[:1], frames=())
+    back = again(robot, "urdf", tmp_path)
+    assert [link.coordinate for link in back.links] == ["rotor1"]
+    assert back.thrusters == ()
+
+
+def test_impossible_inertias_are_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "machine.toml"
+    text = MACHINE.replace("inertia = [0.01,", "inertia = [0.1,")
+    path.write_text(f"allow_impossible_inertia = true\n{text}")
+    assert main(["export", str(path), "--format", "urdf", "--out", str(tmp_path / "m.urdf")]) == 0
+    assert "warning: the base: its inertia violates" in capsys.readouterr().err
 
 
 def test_mujoco_s_limits_are_told() -> None:
@@ -165,8 +289,4 @@ def test_random_trees_come_back(seed: int, form: Format, tmp_path: Path) -> None
     assert np.abs(difference).max() < 1e-12 * np.abs(matrix).max()
     inputs = ours.input_matrix(q)[:, :count]
     assert np.allclose(found.inputs[order, :count], inputs, rtol=0.0, atol=1e-12)
-    if form == "mjcf":
-        for name, i in zip(names, robot.moving, strict=True):
-            passive = back.links[its_names.index(name)].passive
-            assert passive.damping == robot.links[i - 1].passive.damping
-            assert passive.armature == robot.links[i - 1].passive.armature
+    assert_properties_come_back(robot, back, form)

@@ -43,7 +43,7 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
     "external": ('<!DOCTYPE r SYSTEM "file:///etc/passwd"><robot/>', "declares a document type"),
     "undeclared": ("<robot>&a;</robot>", "not well-formed XML"),
     "unclosed": ("<robot><link", "not well-formed XML"),
-    "nested": ("<robot>" + "<a>" * 100_000, "nested more than 100 deep"),
+    "nested": ("<robot>" + "<a>" * 100_000, "nested more than 300 deep"),
     "flood": ("<robot>" + "<a/>" * 300_000 + "</robot>", "more than 200000 elements"),
     "fifty megabytes": (b"<robot>" + b" " * 50_000_000 + b"</robot>", "larger than 10000000 bytes"),
     "other": ("<svg/>", "URDF has <robot>, MJCF has <mujoco>"),
@@ -85,6 +85,11 @@ HOSTILE: dict[str, tuple[str | bytes, str]] = {
         ),
         "more than 1000 copies",
     ),
+    "mjcf builtin mesh": (
+        '<mujoco><asset><mesh name="m" builtin="supersphere" params="3000 1 1"/></asset>'
+        '<worldbody><body><freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>',
+        "builtin meshes are not imported",
+    ),
     "mjcf two": (
         "<mujoco><worldbody>"
         + '<body><freejoint/><geom size="1"/></body>' * 2
@@ -116,10 +121,22 @@ def test_hostile_files_are_refused(
     assert os.listdir() == ["robot.xml"]
 
 
-def test_long_chains_of_welds_are_no_trouble(tmp_path: Path) -> None:
+def test_long_chains_of_welds_are_no_trouble(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "robot.urdf"
-    path.write_text(chain(200, "fixed"))
-    assert main(["import", str(path), "--attitude", "xyz", "--out", str(tmp_path / "o.toml")]) == 0
+    path.write_text(chain(400, "fixed"))
+    words = ["import", str(path), "--base", "l400", "--out", str(tmp_path / "o.toml")]
+    assert main(words) == 0
+    said = capsys.readouterr().out
+    assert "and 350 more" in said
+    assert len(said.splitlines()) < 120
+
+
+def test_deep_bodies_of_mjcf_are_no_trouble(tmp_path: Path) -> None:
+    path, body = tmp_path / "robot.xml", '<body><geom size="1"/>'
+    path.write_text(MJCF.format('<geom size="1"/>' + body * 120 + "</body>" * 120))
+    assert main(["import", str(path), "--out", str(tmp_path / "o.toml")]) == 0
 
 
 @pytest.mark.parametrize(
@@ -140,6 +157,39 @@ def test_files_of_rotors(
     words = ["import", str(SOURCES / "features.urdf"), "--attitude", "xyz"]
     assert main([*words, "--rotors", str(rotors), "--out", str(out)]) == 2
     assert message in capsys.readouterr().err
+    assert not out.exists()
+
+
+PLATFORM = """platform: {cf: 1.0e-5, cm: 2.0e-7, max_thrust: 9.0, min_thrust: 0.1,
+  $rotors: [{translation: [0, 0, 0], orientation: [0, 0, 0, 1], spin_direction: [-1]}]}"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("[-1]", "[]", "IndexError"),
+        ("[-1]", "9" * 400, "OverflowError"),
+        ("[-1]", '!!timestamp "abc"', "AttributeError"),
+        ("[-1]", '!!int ""', "IndexError"),
+        ("[0, 0, 0, 1]", "[0, 0, 0, 0]", "orientation must be a quaternion"),
+        ("1.0e-5", "0", "ZeroDivisionError"),
+        ("[0, 0, 0]", "&a [*a, *a, *a]", "anchors are not read"),
+        ("[0, 0, 0]", "[" * 2_000, "RecursionError"),
+        ("[0, 0, 0]", "[" + "0, " * 100_000 + "]", "more than 100000 characters"),
+        (PLATFORM, "", "TypeError"),
+    ],
+)
+def test_hostile_platforms(
+    right: str, wrong: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rotors, out = tmp_path / "platform.yaml", tmp_path / "out.toml"
+    assert right in PLATFORM
+    rotors.write_text(PLATFORM.replace(right, wrong, 1))
+    words = ["import", str(SOURCES / "features.urdf"), "--rotors", str(rotors), "--out", str(out)]
+    assert main(words) == 2
+    said = capsys.readouterr().err
+    assert "platform.yaml: no platform of eagle_mpc" in said
+    assert message in said
     assert not out.exists()
 
 
@@ -211,7 +261,9 @@ def test_a_file_is_replaced_by_force_only(
     out = tmp_path / "out.toml"
     out.write_text("mine")
     assert imported() == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already; choose another name, or have it replaced with --force" in (
+        capsys.readouterr().err
+    )
     assert out.read_text() == "mine"
     assert imported("--force") == 0
     assert out.read_text().startswith("# Imported from features.urdf by gibbs-codegen import.")

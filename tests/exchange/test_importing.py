@@ -45,6 +45,7 @@ def test_features_of_published_files(tmp_path: Path) -> None:
     assert told(report, "locked") == ["spin_0", "spin_1", "stuck", "slid"]
     assert told(report, "left out") == ["transmissions", "x", "right", "world"]
     assert {"boom-left", "boom_left", "x", "rotors"} == set(told(report, "note"))
+    assert set(told(report, "snapped")) == {"x", "right", "spin_1", "inertia of boom-left"}
     assert left.pose is not None
     assert right.pose is not None
     # What was 1.5708 is 90 degrees, and an axis of 3e-6 beside 1 is x.
@@ -240,8 +241,95 @@ def test_pictures_of_mjcf_are_not_needed(tmp_path: Path) -> None:
     assert "roll" in told(report, "left out")
 
 
+DETAILS = """<mujoco><worldbody>
+  <body name="quad"><freejoint name="root"/><geom size=".1" mass="1"/>
+    <body name="b" gravcomp="1"><joint name="j" stiffness="1 2" damping="1 0 3" {j}/>
+      <joint name="k" axis="1 0 0"/><geom size=".1" mass="1"/>
+      <body name="b_j"><joint name="ball" type="ball" armature="0.1"/><geom size=".1" mass="1"/>
+        <site name="s" pos="0 0 1"/></body></body></body></worldbody>
+  <actuator><general name="servo" joint="j" gainprm="50" biastype="affine" biasprm="0 -50 0"
+      ctrlrange="-1.5 1.5"/>
+    <general site="s" gear="0 0 2 0 0 .04" gainprm="-3" ctrlrange="0 1"/></actuator></mujoco>"""
+
+
+def test_mjcf_is_told_where_it_is_not_imported(tmp_path: Path) -> None:
+    text = DETAILS.format(j='actuatorfrcrange="-4 4"')
+    robot, report = imported(text, tmp_path, lock={"root": 0.0})
+    assert robot.name == "robot"  # The file's, since the model has none.
+    assert [line[1:] for line in map(_as_tuple, report) if line[0] == "left out"] == [
+        ("b", "compensation of its weight"),
+        ("j", "stiffness of higher order, damping of higher order"),
+        ("ball", "armature"),
+    ]
+    assert ("note", "ball", "a ball joint, as three hinges about x, y and z") in map(
+        _as_tuple, report
+    )
+    # The first of the body's two links gives way to the link that has its name.
+    assert [link.name for link in robot.links[:3]] == ["b_j_2", "b", "b_j_ball_x"]
+    assert [link.limits.effort for link in robot.links[:2]] == [4.0, None]
+    (rotor,) = robot.thrusters
+    assert (rotor.name, rotor.direction, rotor.limits) == ("rotor_2", (0.0, 0.0, -1.0), (0.0, 6.0))
+    assert rotor.drag == pytest.approx(0.02)
+    # The control of a servo is an angle, and says nothing of its torque.
+    assert imported(DETAILS.format(j=""), tmp_path)[0].links[0].limits.effort is None
+
+
+def _as_tuple(line: Told) -> tuple[str, str, str]:
+    return line.kind, line.subject, line.detail
+
+
+def test_rotors_of_jsk_are_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    link = FEATURES.partition('<link name="prop_1">')[2].partition("</link>")[0]
+    parts = [
+        f'<link name="thrust{k}">{link}</link><joint name="rotor{k}" type="continuous">'
+        f'<parent link="hub"/><child link="thrust{k}"/><axis xyz="0 0 1"/></joint>'
+        for k in (10, 2, 1)
+    ]
+    hub = FEATURES.partition('<link name="hub">')[2].partition("</link>")[0]
+    text = f'<robot name="r"><link name="hub">{hub}</link>{"".join(parts)}</robot>'
+    robot, _ = imported(text, tmp_path)
+    assert [rotor.name for rotor in robot.thrusters] == ["rotor1", "rotor2", "rotor10"]
+
+
+def test_other_plugins_of_gazebo_are_told(tmp_path: Path) -> None:
+    plugin = (
+        '<gazebo><plugin name="imu" filename="imu.so"><linkName>hub</linkName></plugin></gazebo>'
+    )
+    _, report = imported(FEATURES.replace("</robot>", f"{plugin}</robot>"), tmp_path)
+    told_of = [line.detail for line in report if line.subject.startswith("<gazebo>")]
+    assert told_of == ["1"]
+
+
+def test_a_follower_without_range_is_not_said_to_move(tmp_path: Path) -> None:
+    text = FEATURES.replace(
+        'type="continuous"><origin xyz="0 -', 'type="revolute"><origin xyz="0 -', 1
+    )
+    text = text.replace('<mimic joint="x"', '<limit effort="1" velocity="1"/><mimic joint="x"')
+    _, report = imported(text, tmp_path)
+    assert {"that it follows joint x", "at 0; its limits leave it no range"} == {
+        line.detail for line in report if line.subject == "right" and line.kind != "snapped"
+    }
+
+
+def test_faults_of_numbers_name_links_and_rotors_of_the_source(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "r.urdf"
+    for right, wrong, message in (
+        (
+            'revolute"><origin xyz="0 0 -0.1"',
+            'revolute"><origin xyz="0 0 1e30"',
+            "link hub: inertia",
+        ),
+        ("<maxRotVelocity>838", "<maxRotVelocity>1e47", "rotor prop_1: limits"),
+    ):
+        assert right in FEATURES
+        path.write_text(FEATURES.replace(right, wrong, 1))
+        assert main(["import", str(path), "--out", str(tmp_path / "o.toml")]) == 2
+        assert f"r.urdf: {message}" in capsys.readouterr().err
+
+
 def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
-    pytest.importorskip("yaml")
     platform = tmp_path / "platform.yaml"
     platform.write_text(
         "platform:\n  cf: 1.0e-5\n  cm: 2.0e-7\n  max_thrust: 9.0\n  min_thrust: 0.1\n"
@@ -250,6 +338,7 @@ def test_platform_of_eagle_mpc(tmp_path: Path) -> None:
     )
     robot, _ = imported(FEATURES, tmp_path, rotors=platform)
     (rotor,) = robot.thrusters
+    assert rotor.name == "rotor_1"
     assert rotor.direction == (1.0, 0.0, 0.0)
     assert rotor.drag == pytest.approx(-0.02)
     # The joints of the rotors that it replaces stay locked.
@@ -280,12 +369,13 @@ def test_servos_are_no_rotors(tmp_path: Path) -> None:
 
 
 def test_xacro_is_expanded(tmp_path: Path) -> None:
-    pytest.importorskip("xacrodoc")
     path = tmp_path / "robot.urdf.xacro"
     path.write_text(
         '<robot name="Two" xmlns:xacro="http://www.ros.org/wiki/xacro">'
         '<xacro:property name="m" value="2"/><link name="b"><inertial><mass value="${m * 2}"/>'
-        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+        '<visual><geometry><mesh filename="package://unknown/a.stl"/></geometry></visual>'
+        "</link></robot>"
     )
     assert import_robot(path, ImportOptions("xyz"))[0].total_mass == 4.0
     path.write_text(path.read_text().replace("m * 2", "n"))

@@ -11,15 +11,18 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from conftest import compiled_soon
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
+from support.random_robots import random_tree
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.results import write_results
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Attitude, Base, RigidBody, Robot
+from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
@@ -59,7 +62,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Load:
                 robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
                 text = robot_text(robot)
             generate_robot(robot, text, folder / name, verify=False)
-            made[name] = load(folder / name / robot.name, backend="c")
+            made[name] = compiled_soon(folder / name / robot.name)
         return made[name]
 
     return module
@@ -73,7 +76,14 @@ def everything() -> ModuleType:
     )
 
 
-@pytest.mark.parametrize("scenario", ["hover", "line", "circle"])
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        "line",
+        pytest.param("hover", marks=pytest.mark.slow),
+        pytest.param("circle", marks=pytest.mark.slow),
+    ],
+)
 def test_a_quaternion_flies_as_angles_do(scenario: str, compiled: Load, fast: Load) -> None:
     flown = replace(read_scenario(scenario), integration=RK4, duration=3.0)
     one, two = (simulate(m, flown) for m in (fast("hexarotor_3link"), compiled("quaternion")))
@@ -288,3 +298,26 @@ def test_a_flight_of_any_robot_is_drawn_and_written(everything: ModuleType, tmp_
     header = (tmp_path / "flight.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert len(set(header)) == len(header)
     assert "tip_error [m]" not in header
+
+
+@pytest.mark.parametrize("attitude", ["quaternion", "zyx"])
+def test_without_rotors_only_a_free_fall_is_flown(attitude: Attitude) -> None:
+    body = RigidBody(0.0, 2.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    robot = Robot("stone", Base(attitude=attitude, origin="base", body=body), ())
+    module = emitted_module(robot)
+    with pytest.raises(AllocationError, match="the rotors cannot command force along x, "):
+        simulate(module, read_scenario("hover", {"duration": 0.2}))
+    falling = read_scenario("hover", {"duration": 0.2, "control": {"law": "off"}})
+    flight = simulate(module, falling)
+    fallen = flight.point("base")[0, 2] - flight.point("base")[-1, 2]
+    assert fallen == pytest.approx(robot.gravity * 0.2**2 / 2)
+
+
+def test_series_of_a_held_link_have_its_name() -> None:
+    robot = random_tree(35)
+    flight = simulate(emitted_module(robot), read_scenario("hover", {"duration": 0.05} | OFF))
+    (held,) = (robot.links[i - 1].name for i in robot.constrained)
+    series = {name: values for name, _, values in flight.columns()}
+    torques = series[f"tau_prime_{identifier(held)}"]
+    np.testing.assert_array_equal(torques, flight.constraint_torques[:, -1])
+    assert np.abs(torques).max() > 0
