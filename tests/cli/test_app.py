@@ -232,6 +232,7 @@ def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
     assert max(map(len, done.stdout.splitlines())) <= 80
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "a1 base revolute 0.6, 0, 0.8 0.4 ±2 rad 0.1" in lines
+    assert any("(kg, m, kg m² about the centre of mass)" in line for line in lines)
     assert "rotor_4 b2 0.2, 0.02, 0.03 -x 0.03 0 … 15 N" in lines
     assert "hover thrusts: none carry the weight (of least norm, level, joints at zero)" in lines
     assert "They move rotors rotor_0, rotor_1," in done.stdout

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -70,6 +71,14 @@ def test_robots_that_ship() -> None:
 def test_family_members_that_ship_are_the_family_s(rotors: int, links: int) -> None:
     robot = paper_family(rotors, links)
     assert read_robot(robot.name) == (robot, robot_text(robot))
+
+
+def test_the_comment_of_the_attitude_fits_it_and_new_files_tell_of_both() -> None:
+    robot = paper_family(2, 0)
+    assert "quaternion" not in robot_text(robot)
+    assert '# Instead of angles, "quaternion"' in robot_text(robot, to_start_from=True)
+    quaternion = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    assert 'attitude = "quaternion"  # or an intrinsic sequence' in robot_text(quaternion)
 
 
 def test_defaults() -> None:
