@@ -193,6 +193,16 @@ def test_hostile_platforms(
     assert not out.exists()
 
 
+def test_faults_of_rotors_name_their_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rotors = tmp_path / "platform.yaml"
+    rotors.write_text(PLATFORM.replace("max_thrust: 9.0", "max_thrust: -9.0"))
+    words = ["import", str(SOURCES / "features.urdf"), "--rotors", str(rotors)]
+    assert main([*words, "--out", str(tmp_path / "out.toml")]) == 2
+    assert f"features.urdf: rotor rotor_1 of {rotors}: limits: " in capsys.readouterr().err
+
+
 WORDS = (
     *("nan", "inf", "-1", "0", "1e400", "1e-320", "1e49", "", "x", "base", "world", "hub", "&lt;"),
     *("fixed", "floating", "prismatic", "continuous", "0 0 0", "1 0", "0 0 1", "9" * 400, "☃"),
