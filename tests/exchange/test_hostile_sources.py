@@ -174,7 +174,7 @@ PLATFORM = """platform: {cf: 1.0e-5, cm: 2.0e-7, max_thrust: 9.0, min_thrust: 0.
         ("[0, 0, 0, 1]", "[0, 0, 0, 0]", "orientation must be a quaternion"),
         ("1.0e-5", "0", "ZeroDivisionError"),
         ("[0, 0, 0]", "&a [*a, *a, *a]", "anchors are not read"),
-        ("[0, 0, 0]", "[" * 2_000, "RecursionError"),
+        ("[0, 0, 0]", "[" * 500, "RecursionError"),
         ("[0, 0, 0]", "[" + "0, " * 100_000 + "]", "more than 100000 characters"),
         (PLATFORM, "", "TypeError"),
     ],
