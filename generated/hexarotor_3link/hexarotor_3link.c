@@ -2269,7 +2269,7 @@ static INLINE void forward_dynamics_lane(
     const real t145 = s4 * t136 + c4 * t137;
     acceleration[1 * stride] = t145;
 
-    /* acceleration of the origin, in world axes */
+    /* acceleration of the origin from that of the base centre */
     const real t146 = t17 - t138;
     const real t147 = c3 * (v_theta_0 * v_theta_0 + t23) - s3 * (t17 - t146);
     const real t148 = s3 * (t16 * t16 + t23) - c3 * (t17 + t146);
@@ -2278,6 +2278,8 @@ static INLINE void forward_dynamics_lane(
     const real t151 = c4 * t133 + s4 * t135 - base_arm_length * t147;
     const real t152 = c4 * t135 + base_arm_length * t148 - s4 * t133;
     const real t153 = t134 - t150;
+
+    /* acceleration of the origin, in world axes */
     const real t154 = s2 * t151 + c2 * t153;
     const real t155 = s2 * t153 - c2 * t151;
     acceleration[6 * stride] = t155;
@@ -5417,7 +5419,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t184 = s4 * t175 + c4 * t176;
     acceleration[1 * stride] = t184;
 
-    /* acceleration of the origin, in world axes */
+    /* acceleration of the origin from that of the base centre */
     const real t185 = t17 - t177;
     const real t186 = c3 * (v_theta_0 * v_theta_0 + t23) - s3 * (t17 - t185);
     const real t187 = s3 * (t16 * t16 + t23) - c3 * (t17 + t185);
@@ -5426,6 +5428,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t190 = c4 * t172 + s4 * t174 - base_arm_length * t186;
     const real t191 = c4 * t174 + base_arm_length * t187 - s4 * t172;
     const real t192 = t173 - t189;
+
+    /* acceleration of the origin, in world axes */
     const real t193 = c2 * t192 + s2 * t190;
     const real t194 = s2 * t192 - c2 * t190;
     acceleration[6 * stride] = t194;

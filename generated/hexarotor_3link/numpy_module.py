@@ -668,7 +668,7 @@ def mass_matrix_and_residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mass matrix M and residual R of M a = R + B u, in one pass.
 
-    R holds the velocity terms and gravity, with the sign of a force.
+    R holds velocity terms, gravity, dampers and springs, with the sign of a force.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
@@ -1160,9 +1160,10 @@ def residual(
     v: ArrayLike,
     constants: tuple[float, ...] | None = None,
 ) -> NDArray[np.float64]:
-    """Residual R of M a = R + B u: velocity terms and gravity, with the sign of a force.
+    """Residual R of M a = R + B u, with the sign of a force.
 
-    It is minus what Pinocchio calls nonLinearEffects.
+    Velocity terms, gravity, dampers and springs. Without the last two it is minus what Pinocchio
+    calls nonLinearEffects.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
@@ -1752,7 +1753,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t144 = t8 * t136 - t9 * t137
     t145 = t9 * t136 + t8 * t137
 
-    # acceleration of the origin, in world axes
+    # acceleration of the origin from that of the base centre
     t146 = t17 - t138
     t147 = t5 * (v_theta_0 * v_theta_0 + t23) - t6 * (t17 - t146)
     t148 = t6 * (t16 * t16 + t23) - t5 * (t17 + t146)
@@ -1761,6 +1762,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t151 = t8 * t133 + t9 * t135 - base_arm_length * t147
     t152 = t8 * t135 + base_arm_length * t148 - t9 * t133
     t153 = t134 - t150
+
+    # acceleration of the origin, in world axes
     t154 = t4 * t151 + t3 * t153
     t155 = t4 * t153 - t3 * t151
     t156 = t1 * t152 - t2 * t154
@@ -3289,7 +3292,7 @@ def potential_energy(
     q: ArrayLike,
     constants: tuple[float, ...] | None = None,
 ) -> NDArray[np.float64]:
-    """Potential energy in J, zero at world Z = 0.
+    """Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]
@@ -3960,7 +3963,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t183 = t8 * t175 - t9 * t176
     t184 = t9 * t175 + t8 * t176
 
-    # acceleration of the origin, in world axes
+    # acceleration of the origin from that of the base centre
     t185 = t17 - t177
     t186 = t5 * (v_theta_0 * v_theta_0 + t23) - t6 * (t17 - t185)
     t187 = t6 * (t16 * t16 + t23) - t5 * (t17 + t185)
@@ -3969,6 +3972,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t190 = t8 * t172 + t9 * t174 - base_arm_length * t186
     t191 = t8 * t174 + base_arm_length * t187 - t9 * t172
     t192 = t173 - t189
+
+    # acceleration of the origin, in world axes
     t193 = t3 * t192 + t4 * t190
     t194 = t4 * t192 - t3 * t190
     t195 = t1 * t191 - t2 * t193
@@ -4492,7 +4497,8 @@ def tip_pose(
 ) -> NDArray[np.float64]:
     """Homogeneous transform from the tip's frame to the world.
 
-    The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.
+    It is the frame of that name of the robot file. If the file has none, it is at the end of the
+    last link with that link's axes; without links, at the base centre with the base's.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad], theta_8 [rad],
         theta_9 [rad], x [m], y [m], z [m]

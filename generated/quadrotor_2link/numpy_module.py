@@ -593,7 +593,7 @@ def mass_matrix_and_residual(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Mass matrix M and residual R of M a = R + B u, in one pass.
 
-    R holds the velocity terms and gravity, with the sign of a force.
+    R holds velocity terms, gravity, dampers and springs, with the sign of a force.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]
@@ -977,9 +977,10 @@ def residual(
     v: ArrayLike,
     constants: tuple[float, ...] | None = None,
 ) -> NDArray[np.float64]:
-    """Residual R of M a = R + B u: velocity terms and gravity, with the sign of a force.
+    """Residual R of M a = R + B u, with the sign of a force.
 
-    It is minus what Pinocchio calls nonLinearEffects.
+    Velocity terms, gravity, dampers and springs. Without the last two it is minus what Pinocchio
+    calls nonLinearEffects.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]
@@ -1396,7 +1397,7 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t88 = t8 * t83 - t9 * t84
     t89 = t8 * t84 + t9 * t83
 
-    # acceleration of the origin, in world axes
+    # acceleration of the origin from that of the base centre
     t90 = t14 - t85
     t91 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t14 - t90)
     t92 = t6 * (t13 * t13 + t20) - t5 * (t14 + t90)
@@ -1405,6 +1406,8 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t95 = t8 * t80 + t9 * t82 - base_arm_length * t91
     t96 = t8 * t82 + base_arm_length * t92 - t9 * t80
     t97 = t81 - t94
+
+    # acceleration of the origin, in world axes
     t98 = t3 * t97 + t4 * t95
     t99 = t4 * t97 - t3 * t95
     t100 = t1 * t96 - t2 * t98
@@ -2559,7 +2562,7 @@ def potential_energy(
     q: ArrayLike,
     constants: tuple[float, ...] | None = None,
 ) -> NDArray[np.float64]:
-    """Potential energy in J, zero at world Z = 0.
+    """Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]
@@ -3114,7 +3117,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t128 = t8 * t123 - t9 * t124
     t129 = t9 * t123 + t8 * t124
 
-    # acceleration of the origin, in world axes
+    # acceleration of the origin from that of the base centre
     t130 = t14 - t125
     t131 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t14 - t130)
     t132 = t6 * (t13 * t13 + t20) - t5 * (t14 + t130)
@@ -3123,6 +3126,8 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t135 = t8 * t120 + t9 * t122 - base_arm_length * t131
     t136 = t8 * t122 + base_arm_length * t132 - t9 * t120
     t137 = t121 - t134
+
+    # acceleration of the origin, in world axes
     t138 = t4 * t135 + t3 * t137
     t139 = t4 * t137 - t3 * t135
     t140 = t1 * t136 - t2 * t138
@@ -3491,7 +3496,8 @@ def tip_pose(
 ) -> NDArray[np.float64]:
     """Homogeneous transform from the tip's frame to the world.
 
-    The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.
+    It is the frame of that name of the robot file. If the file has none, it is at the end of the
+    last link with that link's axes; without links, at the base centre with the base's.
 
     q: coordinates, theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad], theta_6 [rad], x
         [m], y [m], z [m]

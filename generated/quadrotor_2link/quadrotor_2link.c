@@ -1823,7 +1823,7 @@ static INLINE void forward_dynamics_lane(
     const real t89 = c4 * t84 + s4 * t83;
     acceleration[1 * stride] = t89;
 
-    /* acceleration of the origin, in world axes */
+    /* acceleration of the origin from that of the base centre */
     const real t90 = t14 - t85;
     const real t91 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t14 - t90);
     const real t92 = s3 * (t13 * t13 + t20) - c3 * (t14 + t90);
@@ -1832,6 +1832,8 @@ static INLINE void forward_dynamics_lane(
     const real t95 = c4 * t80 + s4 * t82 - base_arm_length * t91;
     const real t96 = c4 * t82 + base_arm_length * t92 - s4 * t80;
     const real t97 = t81 - t94;
+
+    /* acceleration of the origin, in world axes */
     const real t98 = c2 * t97 + s2 * t95;
     const real t99 = s2 * t97 - c2 * t95;
     acceleration[5 * stride] = t99;
@@ -4431,7 +4433,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t129 = s4 * t123 + c4 * t124;
     acceleration[1 * stride] = t129;
 
-    /* acceleration of the origin, in world axes */
+    /* acceleration of the origin from that of the base centre */
     const real t130 = t14 - t125;
     const real t131 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t14 - t130);
     const real t132 = s3 * (t13 * t13 + t20) - c3 * (t14 + t130);
@@ -4440,6 +4442,8 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t135 = c4 * t120 + s4 * t122 - base_arm_length * t131;
     const real t136 = c4 * t122 + base_arm_length * t132 - s4 * t120;
     const real t137 = t121 - t134;
+
+    /* acceleration of the origin, in world axes */
     const real t138 = s2 * t135 + c2 * t137;
     const real t139 = s2 * t137 - c2 * t135;
     acceleration[5 * stride] = t139;

@@ -49,17 +49,17 @@
  *
  * Unknowns of the hybrid system, in order:
  *
- *     theta_m1     [rad]  first attitude angle, about x
- *     theta_0      [rad]  second attitude angle, about y
- *     theta_1      [rad]  third attitude angle, about z
- *     theta_2      [rad]  constrained angle of base arm 2
- *     theta_3      [rad]  constrained angle of base arm 3
- *     theta_4      [rad]  constrained angle of base arm 4
- *     theta_5      [rad]  angle of joint 5
- *     theta_6      [rad]  angle of joint 6
- *     x            [m]  world x of motor 1 (O1)
- *     y            [m]  world y of motor 1 (O1)
- *     z            [m]  world z of motor 1 (O1)
+ *     theta_m1     [rad/s^2]  second derivative of the first attitude angle, about x
+ *     theta_0      [rad/s^2]  second derivative of the second attitude angle, about y
+ *     theta_1      [rad/s^2]  second derivative of the third attitude angle, about z
+ *     theta_2      [rad/s^2]  second derivative of the constrained angle of base arm 2
+ *     theta_3      [rad/s^2]  second derivative of the constrained angle of base arm 3
+ *     theta_4      [rad/s^2]  second derivative of the constrained angle of base arm 4
+ *     theta_5      [rad/s^2]  second derivative of the angle of joint 5
+ *     theta_6      [rad/s^2]  second derivative of the angle of joint 6
+ *     x            [m/s^2]  second derivative of the world x of motor 1 (O1)
+ *     y            [m/s^2]  second derivative of the world y of motor 1 (O1)
+ *     z            [m/s^2]  second derivative of the world z of motor 1 (O1)
  *     tau_prime_2  [N m]  constraint torque on base arm 2
  *     tau_prime_3  [N m]  constraint torque on base arm 3
  *     tau_prime_4  [N m]  constraint torque on base arm 4
@@ -295,7 +295,7 @@ void quadrotor_2link_unpack(
 /**
  * @brief Mass matrix M and residual R of M a = R + B u, in one pass.
  *
- * R holds the velocity terms and gravity, with the sign of a force.
+ * R holds velocity terms, gravity, dampers and springs, with the sign of a force.
  *
  * @param[in] constants what quadrotor_2link_init_constants() made, or
  *     &quadrotor_2link_default_constants
@@ -357,9 +357,10 @@ quadrotor_2link_mass_matrix_batch(
     quadrotor_2link_real *mass_matrix);
 
 /**
- * @brief Residual R of M a = R + B u: velocity terms and gravity, with the sign of a force.
+ * @brief Residual R of M a = R + B u, with the sign of a force.
  *
- * It is minus what Pinocchio calls nonLinearEffects.
+ * Velocity terms, gravity, dampers and springs. Without the last two it is minus what Pinocchio
+ * calls nonLinearEffects.
  *
  * @param[in] constants what quadrotor_2link_init_constants() made, or
  *     &quadrotor_2link_default_constants
@@ -691,7 +692,7 @@ quadrotor_2link_kinetic_energy_batch(
     quadrotor_2link_real *energy);
 
 /**
- * @brief Potential energy in J, zero at world Z = 0.
+ * @brief Potential energy in J: of the weight, zero at world Z = 0, and of the springs.
  *
  * @param[in] constants what quadrotor_2link_init_constants() made, or
  *     &quadrotor_2link_default_constants
@@ -890,7 +891,8 @@ quadrotor_2link_positions_batch(
 /**
  * @brief Homogeneous transform from the tip's frame to the world.
  *
- * The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.
+ * It is the frame of that name of the robot file. If the file has none, it is at the end of the
+ * last link with that link's axes; without links, at the base centre with the base's.
  *
  * @param[in] constants what quadrotor_2link_init_constants() made, or
  *     &quadrotor_2link_default_constants

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from rich.table import Table
 from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.robot.balance import hover_lines, lopsided, number
 from gibbs_codegen.robot.coordinates import frames_of
-from gibbs_codegen.robot.hover import Hover, hover
+from gibbs_codegen.robot.hover import hover
 from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.mass_properties import MassProperties, base_properties, whole_properties
 from gibbs_codegen.robot.model import AXES, BASE, Robot, Vector3
@@ -97,7 +97,7 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
     base, whole = base_properties(robot), whole_properties(robot)
     columns = {"base": base} | ({"whole, joints at zero": whole} if robot.links else {})
     console.print(_mass_table(robot, columns))
-    found = Hover(data["base"]["hover"], data["machine"]["thrust_margin"], hover(robot).beyond)
+    found = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
     for line in hover_lines(robot, found):
         console.print(line)
     for warning in data["warnings"]:
@@ -109,7 +109,7 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
 
 def _mass_table(robot: Robot, columns: dict[str, MassProperties]) -> Table:
     where = "arm 1's axes" if _by_rule(robot) else "the base's axes"
-    title = f"\nMasses, in {where} (kg, m, kg m² about the centre)"
+    title = f"\nMasses, in {where} (kg, m, kg m² about the centre of mass)"
     table = plain_table(title, "", *columns)
     properties = columns.values()
     table.add_row("mass", *(number(found.mass) for found in properties))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.gibbs import link_mass_block, skew
+from gibbs_codegen.derivation.gibbs import evaluated, link_mass_block, skew
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, PAIRS, Inertia
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Vector
@@ -38,7 +38,7 @@ class ArticulatedInertia:
             Â about the same point, in the same frame.
         """
         hessian, values = link_mass_block(), inertia.values
-        return cls.of_entries(lambda i, j: tape.let(hessian[i, j].xreplace(values)))
+        return cls.of_entries(lambda i, j: tape.let(evaluated(hessian[i, j], values)))
 
     @classmethod
     def of_entries(cls, entry: Callable[[int, int], sp.Expr]) -> ArticulatedInertia:

@@ -240,7 +240,7 @@ def _in_coordinates(
     Returns:
         a, in the order of v.
     """
-    with symbolic.tape.group("acceleration of the origin, in world axes"):
+    with symbolic.tape.group("acceleration of the origin from that of the base centre"):
         linear = _at_origin(symbolic, root)
     gravity = symbolic.parameters.gravity
     rates, _ = symbolic.places.split(symbolic.v)

@@ -13,7 +13,7 @@ that they take among expressions.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import chain
 from typing import NamedTuple
@@ -101,6 +101,29 @@ def link_partials_by_gradient() -> Partials:
     """𝒮 and ℛ in r̈ and the acceleration gradient A, collected by the link's inertia."""
     partials = [_by_gradient(partial) for partial in _partials()]
     return Partials(tuple(partials[:3]), tuple(partials[3:]))
+
+
+def evaluated(expression: sp.Expr, values: Mapping[sp.Expr, sp.Expr]) -> sp.Expr:
+    """One of these functions for a link: SymPy's `xreplace`, but for products with a zero.
+
+    Args:
+        expression: In the symbols of this module.
+        values: What to put in place of each.
+
+    Returns:
+        The function of the link.
+    """
+    if expression.is_Symbol:
+        return values[expression]
+    if not expression.args:
+        return expression
+    parts = []
+    for part in expression.args:
+        value = evaluated(part, values)
+        if value is sp.S.Zero and expression.is_Mul:
+            return value
+        parts.append(value)
+    return expression.func(*parts)
 
 
 def _by_gradient(partial: PolyElement) -> sp.Expr:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.gibbs import MASS, MOMENT, SECOND, link_mass_block
+from gibbs_codegen.derivation.gibbs import MASS, MOMENT, SECOND, evaluated, link_mass_block
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Vector, Wrench
 
@@ -157,8 +157,8 @@ class Inertia:
         Returns:
             The wrench about the same point, in the same frame.
         """
-        column = link_mass_block().col(direction)
-        return Wrench.of(tape.let(entry.xreplace(self.values)) for entry in column)
+        column, values = link_mass_block().col(direction), self.values
+        return Wrench.of(tape.let(evaluated(entry, values)) for entry in column)
 
 
 NO_INERTIA = Inertia(sp.S.Zero, ZERO, (sp.S.Zero,) * 6)

@@ -13,6 +13,7 @@ from gibbs_codegen.derivation.gibbs import (
     MASS,
     OMEGA,
     OMEGA_DOT,
+    evaluated,
     link_gibbs_function,
     link_partials_by_gradient,
 )
@@ -103,7 +104,7 @@ def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wre
     for j, column in enumerate(motion.gradient):
         values.update((GRADIENT[i][j], entry) for i, entry in enumerate(column))
     force, moment = link_partials_by_gradient()
-    wrench = Wrench.of(tape.let(partial.xreplace(values)) for partial in (*force, *moment))
+    wrench = Wrench.of(tape.let(evaluated(partial, values)) for partial in (*force, *moment))
     c_x, c_y, c_z = segment.inertia.moment
     if c_y == c_z == 0 and values[MASS] == 0 and not tree.works_in_own_frame(k):
         # A rod: its 𝒮 is parallel to the step to the next joint, which the kinematics has.
@@ -186,6 +187,6 @@ def tree_gibbs_function(tape: Scalars, tree: SegmentTree, motions: Sequence[Moti
             values.update(zip(ACCELERATION, motion.acceleration, strict=True))
             values.update(zip(OMEGA, motion.omega, strict=True))
             values.update(zip(OMEGA_DOT, motion.omega_dot, strict=True))
-            terms.append(tape.let(link_gibbs_function().xreplace(values)))
+            terms.append(tape.let(evaluated(link_gibbs_function(), values)))
     with tape.group("sum over the links"):
         return tape.let(sp.Add(*terms))

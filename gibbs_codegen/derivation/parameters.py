@@ -13,7 +13,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.robot.model import BASE, Body, RigidBody, Robot, Rod, Vector3
-from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
+from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
 from gibbs_codegen.symbolic.inline_tape import InlineTape
 from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import ZERO, Vector
@@ -77,7 +77,7 @@ class Parameters:
         self._links = [self._link(i) for i in range(1, len(robot.links) + 1)]
         self._rotors = [self._rotor(k) for k in range(1, len(robot.thrusters) + 1)]
         self._frames = {
-            frame.name: self._vector(f"frame_{identifier(frame.name)}", frame.pose.xyz)
+            frame.name: self._vector(frame_prefix(frame.name), frame.pose.xyz)
             for frame in robot.frames
         }
 

@@ -14,7 +14,8 @@ from collections.abc import Iterable, Sequence
 import sympy as sp
 
 from gibbs_codegen.equations.notation import Kind, Name, name
-from gibbs_codegen.symbolic.tape import Tape, signed
+from gibbs_codegen.symbolic.quick import signed
+from gibbs_codegen.symbolic.tape import Tape
 
 Definition = tuple[sp.Symbol, sp.Expr]
 

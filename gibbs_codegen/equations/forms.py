@@ -73,7 +73,11 @@ FORMS = {
     15: Form(
         legend=(
             ("I_{@}", "I_@", "mass matrix of the chain; entries (a,b) and (b,a) are equal"),
-            ("R_{@}", "R_@", "what is left without accelerations: velocity terms and gravity"),
+            (
+                "R_{@}",
+                "R_@",
+                "what does not depend on accelerations: rates, gravity, springs, dampers",
+            ),
             ("F_{@}", "F_@", "generalised forces of thrusts and joint torques"),
         ),
     ),

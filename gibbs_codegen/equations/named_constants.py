@@ -16,7 +16,8 @@ from gibbs_codegen.derivation.tree_builder import JointedLink
 from gibbs_codegen.equations.chain_inertias import AXIS_PAIRS, second_moments
 from gibbs_codegen.equations.definitions import Definition
 from gibbs_codegen.equations.notation import Kind, Name, name
-from gibbs_codegen.symbolic.tape import Scalars, Stage, signed
+from gibbs_codegen.symbolic.quick import signed
+from gibbs_codegen.symbolic.tape import Scalars, Stage
 from gibbs_codegen.symbolic.vectors import Rotation, Wrench
 
 # How the symbols of fixed angles begin, in the derivation.

@@ -1,18 +1,12 @@
-"""Names of links, rotors, joints and frames: as in the source, made different where they clash.
-
-Generated code holds identifier forms, in which what is not a letter, digit or _ becomes _, so that
-names must differ in that form.
-"""
+"""Names of links, rotors, joints and frames: as in the source, made different where they clash."""
 
 from __future__ import annotations
 
-from gibbs_codegen.exchange.source import Told
-from gibbs_codegen.robot.names import identifier
+import itertools
 
-_COORDINATES = (
-    *("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz"),
-    *("theta_m1", "theta_0", "theta_1"),
-)
+from gibbs_codegen.exchange.source import Told
+from gibbs_codegen.robot.names import CONSTRAINT_TORQUES, LONGEST_LABEL, identifier
+from gibbs_codegen.robot.taken_names import NamedKind, TakenNames
 
 
 class Namer:
@@ -20,11 +14,11 @@ class Namer:
 
     def __init__(self) -> None:
         self.told: list[Told] = []
-        self._bodies = {"base"}
-        self._coordinates = set(_COORDINATES)
-        self._frames = {"base"}
+        self._taken = TakenNames()
+        # How many names each form has been made into, so that thousands of one form take no longer.
+        self._made: dict[tuple[str, str], int] = {}
 
-    def body(self, name: str, what: str) -> str:
+    def body(self, name: str, what: NamedKind) -> str:
         """A name for a link or rotor.
 
         Args:
@@ -34,7 +28,7 @@ class Namer:
         Returns:
             The name.
         """
-        return self._free(name, what, self._bodies)
+        return self._free(name, what)
 
     def coordinate(self, name: str) -> str:
         """A name for a joint's coordinate.
@@ -45,7 +39,7 @@ class Namer:
         Returns:
             The name.
         """
-        return self._free(name, "joint", self._coordinates)
+        return self._free(name, "joint")
 
     def frame(self, name: str) -> str:
         """A name for a frame.
@@ -56,31 +50,22 @@ class Namer:
         Returns:
             The name.
         """
-        return self._free(name, "frame", self._frames)
+        return self._free(name, "frame")
 
-    def _free(self, name: str, what: str, taken: set[str]) -> str:
-        """The name, or the name and a word or number.
-
-        Args:
-            name: The name in the source.
-            what: The word.
-            taken: Identifier forms that are taken; that of the name is added.
-
-        Returns:
-            The name.
-        """
-        free, number = name or what, 1
-        while _clashes(identifier(free), taken):
-            free = f"{name}_{what}" if number == 1 else f"{name}_{number}"
-            number += 1
-        taken.add(identifier(free))
+    def _free(self, name: str, what: NamedKind) -> str:
+        """The name, as long as robot files may have it, or the name and a word or number."""
+        stem = name or what
+        if what == "joint" and identifier(stem).startswith(CONSTRAINT_TORQUES):
+            stem = f"joint_{stem}"
+        stem = stem[:LONGEST_LABEL]
+        form = (what, identifier(stem))
+        for number in itertools.count(self._made.get(form, 0)):
+            ending = f"_{number if number > 1 else what}" if number else ""
+            free = stem[: LONGEST_LABEL - len(ending)] + ending
+            if not self._taken.fault(what, free):
+                break
+        self._made[form] = number + 1
+        self._taken.take(what, free, what)
         if free != name:
             self.told.append(Told("note", name or "without a name", f"{what} called {free}"))
         return free
-
-
-def _clashes(form: str, taken: set[str]) -> bool:
-    """Whether a form is taken, or parameters of it and of another body would have one name."""
-    ends = ("_com", "_mass_per")
-    longer = any(form + end in taken for end in ends)
-    return form in taken or longer or any(form.removesuffix(end) in taken for end in ends)

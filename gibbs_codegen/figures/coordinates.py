@@ -19,15 +19,18 @@ _RATIO = 5.0
 # A panel: its letter, and the curves of the axes that it consists of, from above.
 _Panel = tuple[str, list[Curves]]
 
+# Points of a base with arms that x, y, z may be of; else they are of the frame of the base.
+_ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}
+
 
 def coordinates(flight: Flight) -> Figure:
     """Draw the paper's Fig. 10: every coordinate, actual and desired, over time in s.
 
     A: attitude angles, deg, or the quaternion. B: constrained angles of base arms 2 … N, deg, if
     there are any. C: joints of the arm, revolute ones in deg, prismatic ones in m in a panel of
-    their own. D: position of O₁ (or of the base centre, if the coordinates are its), m. In A and
-    C, coordinates that vary far less than
-    others, such as roll and pitch beside a yaw of many turns, have axes of their own.
+    their own. D: position of O₁, of the base centre or of the base's frame, whichever the
+    coordinates are of, m. In A and C, coordinates that vary far less than others, such as roll and
+    pitch beside a yaw of many turns, have axes of their own.
 
     Args:
         flight: The flight.
@@ -67,10 +70,12 @@ def _panels(flight: Flight) -> list[_Panel]:
         [k for k in every[layout.q.joints] if layout.q.units[k] == unit] for unit in ("rad", "m")
     ]
     joints = [_coordinate_curves(flight, "joints", places) for places in kinds if places]
-    place = flight.q[:, layout.q.position]
-    origin = {"O1": "$O_1$", "O2": "$O_2$", "base": "the base"}[
-        next(name for name in flight.points if np.allclose(place, flight.point(name)))
-    ]
+    place = flight.q[0, layout.q.position]
+    starts = dict(zip(flight.points, flight.positions[0], strict=True))
+    origin = next(
+        (words for name, words in _ORIGINS.items() if np.allclose(place, starts.get(name, np.nan))),
+        "the base",
+    )
     arms = np.broadcast_arrays(flight.base_arm_angles, flight.base_arm_angles_desired)
     arm_names = [symbol(f"theta_{k}") for k in range(2, arms[0].shape[1] + 2)]
     base_arms = [("B", [Curves("base arms (deg)", arm_names, *np.degrees(arms))])]

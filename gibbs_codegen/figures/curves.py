@@ -147,11 +147,12 @@ def symbol(name: str) -> str:
     Returns:
         The symbol in Matplotlib's mathematics, or the name.
     """
-    found = re.fullmatch(r"(theta|tau|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
+    found = re.fullmatch(r"(theta|tau|tau_prime|d|F)_(m?\d+)|(q)([xyzw])|([xyz])", name)
     if found is None:
         return name if len(name) <= _LONGEST_NAME else f"…{name[1 - _LONGEST_NAME :]}"
     letter, index, *_ = (part for part in (*found.groups(), "") if part is not None)
-    letter = {"theta": r"\theta", "tau": r"\tau"}.get(letter, letter)
+    letters = {"theta": r"\theta", "tau": r"\tau", "tau_prime": r"\tau\prime"}
+    letter = letters.get(letter, letter)
     return f"${letter}_{{{index.replace('m', '-')}}}$" if index else f"${letter}$"
 
 

@@ -64,9 +64,7 @@ def inputs(flight: Flight) -> Figure:
 
 
 def constraint_torques(flight: Flight) -> Figure:
-    """Draw the torques τ'₂ … τ'_N, N m, that keep base arms 2 … N from turning (eqs. 14–17).
-
-    Those of other constrained joints are counted on.
+    """Draw the torques, N m, that hold base arms 2 … N (eqs. 14–17) and constrained links.
 
     Args:
         flight: The flight.
@@ -74,8 +72,7 @@ def constraint_torques(flight: Flight) -> Figure:
     Returns:
         The figure.
     """
-    count = flight.constraint_torques.shape[1]
-    names = [rf"$\tau\prime_{{{k}}}$" for k in range(2, count + 2)]
+    names = [symbol(name) for name in flight.constraint_names]
     with style():
         panel = Curves("constraint torque (N m)", names, flight.constraint_torques)
         return finished(stack(flight, [panel]), flight)

@@ -148,5 +148,5 @@ def disc_radius(motors: Array, normals: Array, arms: Array) -> float:
     along = np.abs(np.einsum("ijk,ik->ij", apart, normals))
     # Of coaxial rotors each is on the other's axis.
     beside = distance[along < 0.95 * distance]
-    sizes = [*beside, *arms[arms > 0.2 * arms.max()]]
+    sizes = [*beside, *arms[arms > 0.2 * arms.max(initial=0.0)]]
     return _DISC_SHARE * float(min(sizes, default=1.0))

@@ -24,7 +24,8 @@ KINEMATICS = (
         (Output("pose", "44", "1 or m", "tip_pose", "axes [1] and position [m]"),),
         "Homogeneous transform from the tip's frame to the world.",
         "forward kinematics",
-        "The tip's frame has the last link's axes; without an arm it is arm 1's, at O2.",
+        "It is the frame of that name of the robot file. If the file has none, it is at the end of "
+        "the last link with that link's axes; without links, at the base centre with the base's.",
         frame="tip",
     ),
     Row(

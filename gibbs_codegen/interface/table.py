@@ -64,7 +64,7 @@ _ROWS = (
         (_MASS_MATRIX, _RESIDUAL),
         "Mass matrix M and residual R of M a = R + B u, in one pass.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "R holds the velocity terms and gravity, with the sign of a force.",
+        "R holds velocity terms, gravity, dampers and springs, with the sign of a force.",
     ),
     Row(
         "mass_matrix",
@@ -78,9 +78,10 @@ _ROWS = (
         "residual",
         "qv",
         (_RESIDUAL,),
-        "Residual R of M a = R + B u: velocity terms and gravity, with the sign of a force.",
+        "Residual R of M a = R + B u, with the sign of a force.",
         "eqs. 5, 11 and 18, reduced to the free coordinates",
-        "It is minus what Pinocchio calls nonLinearEffects.",
+        "Velocity terms, gravity, dampers and springs. Without the last two it is minus what "
+        "Pinocchio calls nonLinearEffects.",
     ),
     Row(
         "input_matrix",
@@ -160,7 +161,7 @@ _ROWS = (
         "potential_energy",
         "q",
         (Output("energy", "", "J", "potential_energy"),),
-        "Potential energy in J, zero at world Z = 0.",
+        "Potential energy in J: of the weight, zero at world Z = 0, and of the springs.",
         "gravity times the first moment of mass",
     ),
     Row(

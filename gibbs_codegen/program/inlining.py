@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 from gibbs_codegen.program.nodes import (
     Call,
@@ -29,6 +30,7 @@ from gibbs_codegen.program.nodes import (
     names_in,
 )
 
+_SIGN = itemgetter(0)
 # Names and literals in one line, at most: keeps statements short enough to be read.
 _LEAVES = 7
 
@@ -57,13 +59,15 @@ def inline_single_uses(statements: list[Statement], outputs: list[Output]) -> li
         if uses[statement.name] == 1 and not isinstance(value, Call | Reciprocal):
             pending[statement.name] = value
             continue
-        kept.append(replace(statement, value=value))
+        kept.append(_with_value(statement, value))
     return _restored(kept, pending, statements)
 
 
 def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
     """`node` with pending definitions written in, the shortest first, while the line is short."""
     names = [name for name in dict.fromkeys(names_in(node)) if name in pending]
+    if not names:
+        return node
     room = _LEAVES - node.leaves
     chosen: dict[str, Node] = {}
     for name in sorted(names, key=lambda name: pending[name].leaves):
@@ -97,7 +101,11 @@ def _restored(
             missing.extend(n for n in names_in(pending[name]) if n in pending)
     values = {statement.name: statement.value for statement in kept}
     values.update({name: pending[name] for name in needed})
-    return [replace(s, value=values[s.name]) for s in statements if s.name in values]
+    return [_with_value(s, values[s.name]) for s in statements if s.name in values]
+
+
+def _with_value(statement: Statement, value: Node) -> Statement:
+    return statement if value is statement.value else replace(statement, value=value)
 
 
 def substituted(node: Node, values: Mapping[str, Node]) -> Node:
@@ -110,9 +118,9 @@ def substituted(node: Node, values: Mapping[str, Node]) -> Node:
     Returns:
         The node that takes the same operations as both together, or fewer.
     """
+    if isinstance(node, Name):  # By far the most frequent.
+        return values.get(node.name, node)
     match node:
-        case Name(name):
-            return values.get(name, node)
         case Number():
             return node
         case Sum(terms):
@@ -130,7 +138,12 @@ def _merged_product(factors: Sequence[Node]) -> Product:
     merged: list[Node] = []
     for factor in factors:
         merged.extend(factor.factors if isinstance(factor, Product) else (factor,))
-    return Product(tuple(sorted(merged, key=lambda factor: not isinstance(factor, Number))))
+    merged.sort(key=_is_no_number)
+    return Product(tuple(merged))
+
+
+def _is_no_number(factor: Node) -> bool:
+    return not isinstance(factor, Number)
 
 
 def _merged_terms(
@@ -141,7 +154,8 @@ def _merged_terms(
     for sign, term in terms:
         value = substituted(term, values)
         if isinstance(value, Sum):
-            merged.extend((sign * inner, node) for inner, node in value.terms)
+            merged.extend([(sign * inner, node) for inner, node in value.terms])
         else:
             merged.append((sign, value))
-    return sorted(merged, key=lambda term: -term[0])
+    merged.sort(key=_SIGN, reverse=True)
+    return merged

@@ -12,7 +12,7 @@ the statements that its outputs need, in the tape's order.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import sympy as sp
@@ -32,7 +32,8 @@ from gibbs_codegen.program.nodes import (
     Sum,
 )
 from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.symbolic.tape import Stage, Tape, signed
+from gibbs_codegen.symbolic.quick import signed
+from gibbs_codegen.symbolic.tape import Stage, Tape
 
 
 @dataclass(frozen=True)
@@ -68,29 +69,27 @@ def lower(
     """
     lowering = _Lowering(tape)
     drafts = [lowering.draft(piece) for piece in slices]
-    needed = {symbol for draft in drafts for symbol in draft.constants}
+    needed = set().union(*(draft.constants for draft in drafts))
     prepare = lowering.reachable(needed, Stage.PARAMETER)
     # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
-    names = {symbol.name: f"k{i}" for i, symbol in enumerate(prepare, start=1)}
+    names = {name: f"k{i}" for i, name in enumerate(prepare, start=1)}
     constants: dict[str, Node] = {old: Name(new) for old, new in names.items()}
-    read = {s.name for s in needed.union(*(tape.statements[s].free_symbols for s in prepare))}
+    read = needed.union(*(lowering.operands(name) for name in prepare))
     return Program(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),
-        constants=tuple(names.get(s.name, s.name) for s in lowering.in_order(needed)),
+        constants=tuple(names.get(name, name) for name in lowering.in_order(needed)),
         prepare=tuple(
             Statement(
-                names[s.name],
-                substituted(lowering.node(tape.statements[s]), constants),
-                tape.groups[s],
+                names[name], substituted(lowering.value(name), constants), lowering.groups[name]
             )
-            for s in prepare
+            for name in prepare
         ),
         functions=tuple(
             Function(
                 draft.piece.name,
                 draft.piece.arguments,
-                tuple(names.get(s.name, s.name) for s in lowering.in_order(draft.constants)),
+                tuple(names.get(name, name) for name in lowering.in_order(draft.constants)),
                 *_renamed(draft, constants),
             )
             for draft in drafts
@@ -115,60 +114,65 @@ def operations(tape: Tape, entries: Sequence[sp.Expr]) -> int:
 
 @dataclass(frozen=True)
 class _Draft:
-    """A function with the tape's own names, and the symbols of the parameter stage it reads."""
+    """A function with the tape's own names, and those of the parameter stage that it reads."""
 
     piece: Slice
-    constants: set[sp.Symbol]
+    constants: set[str]
     statements: list[Statement]
     outputs: list[Output]
 
 
 class _Lowering:
-    """Lowers statements, remembering what it has lowered."""
+    """Lowers statements, remembering what it has lowered. It knows symbols by their names."""
 
     def __init__(self, tape: Tape) -> None:
-        self._tape = tape
         self._nodes: dict[sp.Expr, Node] = {}
-        self._ages: dict[str, int] = {}
-        self._uses: dict[sp.Symbol, tuple[sp.Symbol, ...]] = {}
+        self._stages = {symbol.name: stage for symbol, stage in tape.stages.items()}
+        self._ages = {name: age for age, name in enumerate(self._stages)}
+        self._expressions = {symbol.name: value for symbol, value in tape.statements.items()}
+        self._values: dict[str, Node] = {}
+        self.groups = {symbol.name: words for symbol, words in tape.groups.items()}
 
-    def in_order(self, symbols: set[sp.Symbol]) -> list[sp.Symbol]:
-        return sorted(symbols, key=self._tape.rank)
+    def in_order(self, names: Iterable[str]) -> list[str]:
+        return sorted(names, key=self._ages.__getitem__)
+
+    def value(self, name: str) -> Node:
+        """What a temporary is defined as."""
+        if name not in self._values:
+            self._values[name] = self.node(self._expressions[name])
+        return self._values[name]
 
     def draft(self, piece: Slice) -> _Draft:
         """Lower one slice, with what is used once written where it is used."""
-        tape = self._tape
-        roots = {symbol for _, output in piece.outputs for e in output for symbol in e.free_symbols}
-        order = self.reachable(roots, Stage.CONFIGURATION)
-        read = roots.union(*(self._operands(symbol) for symbol in order))
-        constants = {symbol for symbol in read if tape.stage(symbol) is Stage.PARAMETER}
-        statements = [
-            Statement(s.name, self.node(tape.statements[s]), piece.groups.get(s, tape.groups[s]))
-            for s in order
-        ]
         outputs = [
             Output(shape, tuple(self.node(entry) for entry in output))
             for shape, output in piece.outputs
         ]
+        roots = {name for output in outputs for entry in output.entries for name in entry.names}
+        order = self.reachable(roots, Stage.CONFIGURATION)
+        read = roots.union(*(self.operands(name) for name in order))
+        constants = {name for name in read if self._stages[name] is Stage.PARAMETER}
+        said = {symbol.name: words for symbol, words in piece.groups.items()}
+        statements = [
+            Statement(name, self.value(name), said.get(name, self.groups[name])) for name in order
+        ]
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
-    def reachable(self, roots: set[sp.Symbol], earliest: Stage) -> list[sp.Symbol]:
+    def reachable(self, roots: set[str], earliest: Stage) -> list[str]:
         """Statements that `roots` need, back to stage `earliest`, in the tape's order."""
-        tape = self._tape
-        found: set[sp.Symbol] = set()
+        found: set[str] = set()
         stack = list(roots)
         while stack:
-            symbol = stack.pop()
-            if symbol in found or symbol not in tape.statements or tape.stage(symbol) < earliest:
+            name = stack.pop()
+            if name in found or name not in self._expressions or self._stages[name] < earliest:
                 continue
-            found.add(symbol)
-            stack.extend(self._operands(symbol))
+            found.add(name)
+            stack.extend(self.operands(name))
         return self.in_order(found)
 
-    def _operands(self, symbol: sp.Symbol) -> tuple[sp.Symbol, ...]:
-        if symbol not in self._uses:
-            self._uses[symbol] = tuple(self._tape.statements[symbol].free_symbols)
-        return self._uses[symbol]
+    def operands(self, name: str) -> tuple[str, ...]:
+        """Names that the definition of a temporary reads."""
+        return self.value(name).names
 
     def node(self, expression: sp.Expr) -> Node:
         """Plain node of a tape expression."""
@@ -178,7 +182,6 @@ class _Lowering:
 
     def _lowered(self, expression: sp.Expr) -> Node:
         if expression.is_Symbol:
-            self._ages[expression.name] = self._tape.rank(expression)
             return Name(expression.name)
         if expression.is_number:
             return Number(float(sp.N(expression, 30)))

@@ -15,28 +15,49 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import chain
-from typing import Literal
+from typing import Any, Generic, Literal, TypeVar
+
+Found = TypeVar("Found")
+
+
+class _Once(Generic[Found]):
+    """A `functools.cached_property` without the lock that takes most of its time in Python 3.11."""
+
+    def __init__(self, find: Callable[[Any], Found]) -> None:
+        self._find = find
+        self.__doc__ = find.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, node: object, owner: type) -> Found:
+        found = node.__dict__[self._name] = self._find(node)
+        return found
 
 
 class _Expression:
     """What passes over the program ask of a right-hand side again and again, found once."""
 
-    @cached_property
+    @_Once
     def operands(self) -> tuple[Node, ...]:
         """Terms, factors or argument, from left to right."""
         return ()
 
-    @cached_property
+    @_Once
     def names(self) -> tuple[str, ...]:
         """Names from left to right, as often as they stand there."""
-        return tuple(chain.from_iterable(part.names for part in self.operands))
+        return tuple(chain.from_iterable([part.names for part in self.operands]))
 
-    @cached_property
+    @_Once
     def leaves(self) -> int:
         """Number of names and literals."""
-        return sum(part.leaves for part in self.operands) or 1
+        return sum([part.leaves for part in self.operands]) or 1
+
+    @_Once
+    def calls(self) -> tuple[Call, ...]:
+        """Calls from left to right, as often as they stand there."""
+        return tuple(chain.from_iterable([part.calls for part in self.operands]))
 
 
 @dataclass(frozen=True)
@@ -45,7 +66,7 @@ class Name(_Expression):
 
     name: str
 
-    @cached_property
+    @_Once
     def names(self) -> tuple[str, ...]:
         """The name."""
         return (self.name,)
@@ -64,10 +85,10 @@ class Sum(_Expression):
 
     terms: tuple[tuple[int, Node], ...]
 
-    @cached_property
+    @_Once
     def operands(self) -> tuple[Node, ...]:
         """The terms, without their signs."""
-        return tuple(term for _, term in self.terms)
+        return tuple([term for _, term in self.terms])
 
 
 @dataclass(frozen=True)
@@ -76,7 +97,7 @@ class Product(_Expression):
 
     factors: tuple[Node, ...]
 
-    @cached_property
+    @_Once
     def operands(self) -> tuple[Node, ...]:
         """The factors."""
         return self.factors
@@ -88,7 +109,7 @@ class Reciprocal(_Expression):
 
     argument: Node
 
-    @cached_property
+    @_Once
     def operands(self) -> tuple[Node, ...]:
         """The argument."""
         return (self.argument,)
@@ -101,10 +122,15 @@ class Call(_Expression):
     function: Literal["sin", "cos", "sqrt", "atan", "sign"]
     argument: Node
 
-    @cached_property
+    @_Once
     def operands(self) -> tuple[Node, ...]:
         """The argument."""
         return (self.argument,)
+
+    @_Once
+    def calls(self) -> tuple[Call, ...]:
+        """The call itself, and those in its argument."""
+        return (self, *self.argument.calls)
 
 
 _FUNCTIONS: dict[str, Callable[[float], float]] = {
@@ -139,7 +165,8 @@ class Output:
 class Function:
     """A straight-line function.
 
-    `arguments` are those of q, v, a, u that it takes, `constants` the names it reads of `prepare`.
+    `arguments` are those of `interface.ARGUMENTS` that it takes, `constants` the names that it
+    reads of `prepare`.
     """
 
     name: str
@@ -247,22 +274,7 @@ def replaced(node: Node, values: Mapping[Node, Node]) -> Node:
             return node
 
 
-def walk(node: Node) -> Iterator[Node]:
-    """Go through a node.
-
-    Args:
-        node: The node.
-
-    Yields:
-        The node, and all that it is made of, from left to right.
-    """
-    rest = [node]
-    while rest:
-        yield (found := rest.pop())
-        rest.extend(reversed(found.operands))
-
-
-def calls_in(node: Node) -> list[Call]:
+def calls_in(node: Node) -> tuple[Call, ...]:
     """Calls in a node.
 
     Args:
@@ -271,7 +283,7 @@ def calls_in(node: Node) -> list[Call]:
     Returns:
         Calls from left to right, as often as they stand there.
     """
-    return [found for found in walk(node) if isinstance(found, Call)]
+    return node.calls
 
 
 def names_in(node: Node) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ is), or the same in all blocks (`c`, `s`), or another in each (`x0`, `x1` …).
 from __future__ import annotations
 
 import heapq
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -27,6 +28,8 @@ from gibbs_codegen.program.steps import Step, Store
 _FEWEST_BLOCKS = 4
 _FEWEST_STEPS = 40
 _LONGEST_BLOCK = 48
+# Stretches in which steps are the same as those one block further: there, a byte is 1.
+_RUNS = re.compile(b"\x01+")
 
 Factor = str | float
 Term = tuple[int, tuple[Factor, ...]]
@@ -127,15 +130,13 @@ class _Matcher:
         signatures = map(_signature, self._steps, self._terms)
         ids = [numbers.setdefault(signature, len(numbers)) for signature in signatures]
         for length in range(1, _LONGEST_BLOCK + 1):
-            start = 0
-            for same, group in groupby(map(int.__eq__, ids, ids[length:])):
-                size = len(list(group))
-                if same:
-                    for first in range(start, start + min(length, size)):
-                        count = (start + size - first) // length + 1
-                        if is_profitable(count, length):
-                            yield -count * length, length, first
-                start += size
+            same = bytes(map(int.__eq__, ids, ids[length:]))
+            for run in _RUNS.finditer(same):
+                for first in range(run.start(), min(run.start() + length, run.end())):
+                    count = (run.end() - first) // length + 1
+                    if not is_profitable(count, length):
+                        break
+                    yield -count * length, length, first
 
     def _same_sources(self, first: int, last: int, shared: Sequence[frozenset[str]]) -> bool:
         """Whether two blocks agree in what they read of shared names and of their own.

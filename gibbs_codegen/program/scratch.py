@@ -11,6 +11,7 @@ loop's results overwrite, iteration by iteration, the operands that they replace
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -103,21 +104,35 @@ def _linear_scan(tuples: SlotTuples, live: LiveRanges) -> dict[str, int]:
         names = list(chain(*members.values()))
         start = min(live.first_definition[name] for name in names)
         intervals.append((start, max(live.last_use[name] for name in names), members))
-    # Slots that are taken: the first, the one after the last, and the section of the last use.
-    active: list[tuple[int, int, int]] = []
+    # Slots that are free, from the first to before the second, and those that are taken, with the
+    # section of their last use.
+    free = [(0, sys.maxsize)]
+    taken: list[tuple[int, int, int]] = []
+    present = -1
     for start, end, members in sorted(intervals, key=lambda interval: interval[:2]):
         lowest, size = min(members), max(members) - min(members) + 1
-        # A straight section reloads all before it spills.
-        active = [a for a in active if a[2] > start or (a[2] == start and live.is_loop(start))]
-        base = 0
-        for first, stop, _ in sorted(active):
-            if base + size <= first:
-                break
-            base = max(base, stop)
-        active.append((base, base + size, end))
+        if start > present:  # A straight section reloads all before it spills.
+            present, kept = start, start - live.is_loop(start)
+            free = _joined([*free, *(slot[:2] for slot in taken if slot[2] <= kept)])
+            taken = [slot for slot in taken if slot[2] > kept]
+        place = next(i for i, (base, stop) in enumerate(free) if stop - base >= size)
+        base, stop = free[place]
+        free[place] = (base + size, stop)
+        taken.append((base, base + size, end))
         for offset, names in members.items():
             slots.update(dict.fromkeys(names, base + offset - lowest))
     return slots
+
+
+def _joined(ranges: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Ranges of slots in order, those that touch as one."""
+    joined: list[tuple[int, int]] = []
+    for first, stop in sorted(ranges):
+        if joined and joined[-1][1] == first:
+            joined[-1] = (joined[-1][0], stop)
+        elif first < stop:
+            joined.append((first, stop))
+    return joined
 
 
 def _section(

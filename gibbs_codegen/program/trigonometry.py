@@ -84,16 +84,24 @@ def gather_angles(function: Function) -> GatheredFunction:
         place = angles.index(call.argument)
         text = sine_name(place) if call.function == "sin" else cosine_name(place)
         names[call] = Name(text)
+    renamed: set[str] = set()
+
+    def gathered(node: Node) -> Node:
+        changes = calls_in(node) or not renamed.isdisjoint(names_in(node))
+        return replaced(node, names) if changes else node
+
     statements = []
     for statement in function.statements:
-        value = replaced(statement.value, names)
+        value = gathered(statement.value)
         if isinstance(value, Name):
             names[Name(statement.name)] = value
+            renamed.add(statement.name)
+        elif value is statement.value:
+            statements.append(statement)
         else:
             statements.append(replace(statement, value=value))
     outputs = tuple(
-        Output(output.shape, tuple(replaced(entry, names) for entry in output.entries))
-        for output in function.outputs
+        Output(output.shape, tuple(map(gathered, output.entries))) for output in function.outputs
     )
     before = _needed(function.statements, angles)
     after = _needed(tuple(statements), [entry for o in outputs for entry in o.entries])

@@ -30,7 +30,7 @@ def balance_lines(robot: Robot) -> list[str]:
     return [
         f"base: {number(found.mass)} kg, centre of mass {x}, {y}, {z} m from {frame_text(robot)}",
         f"inertia about it: {', '.join(f'{a} {number(v)}' for a, v in pairs)} kg m²",
-        *hover_lines(robot, hover(robot)),
+        *hover_lines(robot, hover(robot, margin=False)),
     ]
 
 

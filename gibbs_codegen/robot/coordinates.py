@@ -9,12 +9,14 @@ torques τ'₂ … τ'_N at the end. A prismatic joint's coordinate is a travel 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gibbs_codegen.robot.layout import Entries, joint_terms, layout_of
 from gibbs_codegen.robot.model import Frame, Pose, Robot
 from gibbs_codegen.robot.names import (
     coordinate_of,
+    default_prefix,
     identifier,
     joint_label,
     link_label,
@@ -223,7 +225,7 @@ def inputs(robot: Robot) -> tuple[Coordinate, ...]:
 
 
 def points(robot: Robot) -> tuple[str, ...]:
-    """Named points of the robot.
+    """Named points of the robot, no two of one name: the later of two says what it is as well.
 
     Args:
         robot: The robot.
@@ -231,20 +233,26 @@ def points(robot: Robot) -> tuple[str, ...]:
     Returns:
         Their names, in the order of `positions`.
     """
-    base: tuple[str, ...] = ("O1", "O2") if robot.base.rotors else ("base",)
-    rods = (f"motor{k}" for k in range(1, robot.base.rotors + 1))
-    rotors = (
-        identifier(rotor.name) if rotor.name else f"rotor{k}"
-        for k, rotor in enumerate(robot.thrusters, start=1)
-    )
-    joints = (
-        f"joint_{identifier(name)}"
-        if (name := robot.links[i - 1].name)
-        else f"joint{robot.rotors + i}"
-        for i in robot.moving
-    )
-    frames = (identifier(frame.name) for frame in frames_of(robot) if frame.name != "base")
-    return (*base, *rods, *rotors, *joints, *frames)
+    names = ["O1", "O2"] if robot.base.rotors else ["base"]
+    names += [f"motor{k}" for k in range(1, robot.base.rotors + 1)]
+    # No rotor may pass for the tip, nor a frame for the base centre.
+    own = {"O1", "O2", "base"}
+    for kind, name in _placed_names(robot):
+        reserved = own if kind == "frame" else own | {"tip"}
+        while name in reserved or name in names:
+            name = f"{kind}_{name}"
+        names.append(name)
+    return tuple(names)
+
+
+def _placed_names(robot: Robot) -> Iterator[tuple[str, str]]:
+    """Points of the rotors, joints and frames: what each is, and its name."""
+    for k, rotor in enumerate(robot.thrusters, start=1):
+        yield "rotor", identifier(rotor.name) if rotor.name else default_prefix("rotor", k)
+    for i in robot.moving:
+        link = robot.links[i - 1].name
+        yield "joint", f"joint_{identifier(link)}" if link else f"joint{robot.rotors + i}"
+    yield from (("frame", name) for name in frame_names(robot)[1:])
 
 
 def frames_of(robot: Robot) -> tuple[Frame, ...]:

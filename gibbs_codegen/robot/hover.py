@@ -17,8 +17,8 @@ class Hover:
     """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
 
     `margin` is how many times its weight the robot may have before a rotor meets its limits, None
-    where they are not all given or do not let it hover at any weight. `beyond` are the numbers of
-    the rotors whose limits the thrusts of least norm break.
+    where they are not all given or do not let it hover at any weight, or where it was not asked
+    for. `beyond` are the numbers of the rotors whose limits the thrusts of least norm break.
     """
 
     thrusts: tuple[float, ...] | None
@@ -41,11 +41,12 @@ def hangs(robot: Robot) -> bool:
     return bool(robot.base.rotors)
 
 
-def hover(robot: Robot) -> Hover:
+def hover(robot: Robot, margin: bool = True) -> Hover:
     """Hovering of a robot.
 
     Args:
         robot: The robot.
+        margin: Whether to find the margin, for which SciPy is imported.
 
     Returns:
         Its thrusts and margin.
@@ -63,8 +64,8 @@ def hover(robot: Robot) -> Hover:
         if bounds and not bounds[0] <= thrust <= bounds[1]
     ]
     given = [bounds for bounds in limits if bounds]
-    margin = _margin(matrix, needed, given) if size and len(given) == robot.rotors else None
-    return Hover(found, margin, tuple(beyond))
+    limited = margin and size and len(given) == robot.rotors
+    return Hover(found, _margin(matrix, needed, given) if limited else None, tuple(beyond))
 
 
 def _weight(robot: Robot) -> Array:

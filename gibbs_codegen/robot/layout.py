@@ -230,6 +230,8 @@ class Layout:
 _ANGLES = ("theta_m1 rad", "theta_0 rad", "theta_1 rad", "x m", "y m", "z m")
 _POSE = ("qx 1", "qy 1", "qz 1", "qw 1", "x m", "y m", "z m")
 _TWIST = ("wx rad/s", "wy rad/s", "wz rad/s", "vx m/s", "vy m/s", "vz m/s")
+# Names of the base's own entries, whatever describes its attitude.
+BASE_ENTRIES = tuple(dict.fromkeys(entry.split()[0] for entry in (*_ANGLES, *_POSE, *_TWIST)))
 
 
 def coordinate_places(attitude: str, joints: int) -> Places:

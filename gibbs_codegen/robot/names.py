@@ -25,6 +25,10 @@ JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fi
 # in C like the places of frames and bodies.
 _ARGUMENTS = {"q", "v", "a", "u", "w", "q0", "q1", "f", "b"}
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
+# Most characters that names of links, rotors, frames and coordinates have.
+LONGEST_LABEL = 128
+# How names of constraint torques begin, and no coordinate's.
+CONSTRAINT_TORQUES = "tau_prime_"
 
 _WINDOWS_DEVICE = re.compile(r"con|prn|aux|nul|(com|lpt)[0-9]")
 
@@ -174,10 +178,18 @@ def parameter_prefix(robot: Robot, i: int) -> str:
         The identifier form of its name, or such as link2.
     """
     name = robot.links[i - 1].name
-    return _prefix(name) if name else default_prefix("link", i)
+    return named_prefix(name) if name else default_prefix("link", i)
 
 
-def _prefix(name: str) -> str:
+def named_prefix(name: str) -> str:
+    """How the parameters of a link or rotor with a name begin.
+
+    Args:
+        name: The name.
+
+    Returns:
+        Its identifier form, which ends in _ where it would be the name of an argument.
+    """
     form = identifier(name)
     return f"{form}_" if form.lower() in _ARGUMENTS else form
 
@@ -193,7 +205,19 @@ def rotor_prefix(robot: Robot, k: int) -> str:
         The identifier form of its name, or such as rotor2.
     """
     name = robot.thrusters[k - 1].name
-    return _prefix(name) if name else default_prefix("rotor", k)
+    return named_prefix(name) if name else default_prefix("rotor", k)
+
+
+def frame_prefix(name: str) -> str:
+    """How the parameters of a frame begin.
+
+    Args:
+        name: Its name.
+
+    Returns:
+        Such as frame_gripper.
+    """
+    return f"frame_{identifier(name)}"
 
 
 def joint_label(robot: Robot, i: int) -> str:

@@ -12,9 +12,8 @@ from gibbs_codegen.files.faults import fault, shown
 from gibbs_codegen.files.fields import Bounds, list_of, listed
 from gibbs_codegen.robot.magnitude import size_fault
 from gibbs_codegen.robot.model import AXES, Angles3, Vector3
-from gibbs_codegen.robot.names import NAME_PATTERN, name_fault
+from gibbs_codegen.robot.names import LONGEST_LABEL, NAME_PATTERN, name_fault
 
-_LONGEST_LABEL = 128
 _SIGNED_AXES = AXES | {
     f"-{letter}": (0.0 - x, 0.0 - y, 0.0 - z) for letter, (x, y, z) in AXES.items()
 }
@@ -46,8 +45,8 @@ def _named(name: str) -> str:
 
 
 def _label(text: str) -> str:
-    if not 0 < len(text) <= _LONGEST_LABEL:
-        raise fault(f"must be 1 to {_LONGEST_LABEL} characters, not {len(text)}")
+    if not 0 < len(text) <= LONGEST_LABEL:
+        raise fault(f"must be 1 to {LONGEST_LABEL} characters, not {len(text)}")
     return text
 
 
@@ -115,7 +114,7 @@ Name = Annotated[
 Label = Annotated[
     str,
     AfterValidator(_label),
-    WithJsonSchema({"type": "string", "minLength": 1, "maxLength": _LONGEST_LABEL}),
+    WithJsonSchema({"type": "string", "minLength": 1, "maxLength": LONGEST_LABEL}),
 ]
 Direction = Annotated[
     Vector3,

@@ -7,24 +7,20 @@ are told beside those of single values.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from gibbs_codegen.files.faults import Place, shown
 from gibbs_codegen.robot.model import BASE, MAX_FRAMES, MAX_LINKS, MAX_ROTORS
 from gibbs_codegen.robot.names import default_prefix, identifier, joint_name
+from gibbs_codegen.robot.taken_names import NamedKind, TakenNames
 
 Entry = Mapping[str, Any]
 PlacedFault = tuple[Place, str]
+_Named = tuple[Place, NamedKind, str, str]
 
 # To look for what a name may have been meant to be takes time, and a flood of names is no slip.
 _MOST_SUGGESTIONS = 20
-# With these ends the parameters of one body could have the names of another's, such as arm_com_x.
-_ENDS = ("_com", "_mass_per")
-_BASE_COORDINATES = (
-    *("theta_m1", "theta_0", "theta_1", "x", "y", "z", "qx", "qy", "qz", "qw"),
-    *("vx", "vy", "vz", "wx", "wy", "wz"),
-)
 
 
 def body_numbers(names: Sequence[str | None]) -> dict[str, int]:
@@ -66,10 +62,10 @@ def reference_faults(document: Mapping[str, Any]) -> Iterator[PlacedFault]:
     arms: Entry = base if isinstance(base, dict) else {}
     rods = arms.get("rotors", 0)
     rods = rods if isinstance(rods, int) and rods <= MAX_ROTORS else 0
-    yield from _body_clashes(links, rotors, rods)
-    yield from _frame_clashes(frames)
+    taken = TakenNames(rods)
+    yield from _clashes(_named({"link": links, "rotor": rotors, "frame": frames}, taken), taken)
     if rods or "arm" not in arms:  # Otherwise it is not known from which number joints count.
-        yield from _coordinate_clashes(links, rods, rods + len(rotors))
+        yield from _coordinate_clashes(links, rods + len(rotors), taken)
 
 
 def _tables(document: Mapping[str, Any], key: str, most: int) -> list[Entry]:
@@ -154,106 +150,79 @@ def _carries(parents: Sequence[int], carrier: int, carried: int) -> bool:
     return False
 
 
-def _body_clashes(
-    links: Sequence[Entry], rotors: Sequence[Entry], rods: int
-) -> Iterator[PlacedFault]:
-    """Names of links and rotors that clash in their identifier forms.
+def _named(arrays: Mapping[str, Sequence[Entry]], taken: TakenNames) -> list[_Named]:
+    """What the file names; what it leaves without a name takes that by default.
 
     Args:
-        links, rotors: Their tables.
-        rods: Number of the base's arms.
+        arrays: The tables of links, rotors and frames.
+        taken: The names of the base.
 
-    Yields:
-        Place and words of each fault.
+    Returns:
+        Place, kind and name of each, and whose the name is, in words.
     """
-    taken = {"base": "the base"}
-    if rods:
-        taken |= {f"base_arm{k}": "the base's arms" for k in ("", *range(1, rods + 1))}
-    named: list[tuple[Place, str, str]] = []
-    for kind, tables in (("link", links), ("rotor", rotors)):
+    named: list[_Named] = []
+    for array, tables in arrays.items():
         for number, table in enumerate(tables, start=1):
+            kind: NamedKind = "frame" if array == "frame" else "rotor"
+            if array == "link":
+                kind = "link" if "mass" in table else "rod"
+            whose = f"{array} {number}"
             if name := _text(table, "name"):
-                named.append(((kind, number - 1, "name"), name, f"{kind} {number}"))
-                continue
-            taken[default_prefix(kind, number)] = f"{kind} {number}"
-            if kind == "rotor":  # Its thrust is called by its number.
-                taken[identifier(str(number))] = f"{kind} {number}"
-    yield from _clashes(named, taken)
-    for place, name, _ in named:
-        form = identifier(name)
-        for stem in (form.removesuffix(end) for end in _ENDS if form.endswith(end)):
-            if stem in taken:
-                yield (
-                    place,
-                    f"{shown(name)} gives parameters the names of those of {taken[stem]}, such as "
-                    f"{form}_x: give it another name",
-                )
+                named.append(((array, number - 1, "name"), kind, name, whose))
+            elif array != "frame":  # A frame needs its name.
+                taken.take(kind, default_prefix(array, number), whose)
+                if array == "rotor":  # Its thrust is called by its number.
+                    taken.take(kind, str(number), whose)
+    return named
 
 
-def _frame_clashes(frames: Sequence[Entry]) -> Iterator[PlacedFault]:
-    named: list[tuple[Place, str, str]] = [
-        (("frame", number - 1, "name"), name, f"frame {number}")
-        for number, frame in enumerate(frames, start=1)
-        if (name := _text(frame, "name"))
-    ]
-    yield from _clashes(named, {"base": "the base's own frame"})
-
-
-def _coordinate_clashes(links: Sequence[Entry], rods: int, rotors: int) -> Iterator[PlacedFault]:
+def _coordinate_clashes(
+    links: Sequence[Entry], rotors: int, taken: TakenNames
+) -> Iterator[PlacedFault]:
     """Coordinates that clash with each other or with the base's own.
 
     Names of links that clash are told already.
 
     Args:
         links: Their tables.
-        rods: Number of the base's arms.
         rotors: Number of all rotors, N.
+        taken: The names of the base.
 
     Yields:
         Place and words of each fault.
     """
-    taken = dict.fromkeys(_BASE_COORDINATES, "a coordinate of the base")
-    taken |= {joint_name("fixed", k): f"the angle of base arm {k}" for k in range(2, rods + 1)}
-    by_name: list[tuple[Place, str, str]] = []
-    given: list[tuple[Place, str, str]] = []
+    by_name: dict[str, _Named] = {}
+    given: list[_Named] = []
     for place, link in enumerate(links):
         kind, label = link.get("joint", "revolute"), f"the coordinate of link {place + 1}"
         if kind == "fixed" and link.get("constrained") is not True:
             continue
         if text := _text(link, "coordinate"):
-            given.append((("link", place, "coordinate"), text, label))
+            given.append((("link", place, "coordinate"), "joint", text, label))
         elif text := _text(link, "name"):
-            by_name.append((("link", place, "name"), text, label))
+            by_name[identifier(text)] = (("link", place, "name"), "joint", text, label)
         else:
             default = joint_name(
                 "prismatic" if kind == "prismatic" else "fixed", rotors + place + 1
             )
-            if default in taken:
-                yield ("link", place), f"{default} is {taken[default]}: give the link a name"
-            taken[default] = label
-    for where, name, _ in (*by_name, *given):
-        if identifier(name).startswith("tau_prime_"):
-            yield where, f"{shown(name)} begins as constraint torques do: give it another name"
-    yield from _clashes(list({identifier(n): (p, n, w) for p, n, w in by_name}.values()), taken)
-    yield from _clashes(given, taken)
+            if owner := taken.owner("joint", default):
+                yield ("link", place), f"{default} is {owner}: give the link a name"
+            taken.take("joint", default, label)
+    yield from _clashes([*by_name.values(), *given], taken)
 
 
-def _clashes(
-    named: Sequence[tuple[Place, str, str]], taken: dict[str, str]
-) -> Iterator[PlacedFault]:
-    """Names that clash in their identifier forms.
+def _clashes(named: Iterable[_Named], taken: TakenNames) -> Iterator[PlacedFault]:
+    """Names that are taken.
 
     Args:
-        named: Place and text of each name, and whose it is.
-        taken: Whose each form is; those that are not taken yet are added.
+        named: Place, kind and name of each, and whose the name is.
+        taken: Names that are taken; those that are not yet are added.
 
     Yields:
         Place and words of each fault.
     """
-    for place, name, whose in named:
-        form = identifier(name)
-        if form in taken:
-            called = shown(name) if form == name else f"{shown(name)}, in generated code {form},"
-            yield place, f"{called} is the name of {taken[form]} already; give another"
+    for place, kind, name, whose in named:
+        if words := taken.fault(kind, name):
+            yield place, words
         else:
-            taken[form] = whose
+            taken.take(kind, name, whose)

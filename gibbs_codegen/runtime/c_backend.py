@@ -48,6 +48,7 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     _check_symbols(library, module.NAME, functions)
     made = ModuleType(module.__name__, module.__doc__)
     made.__file__ = str(path)
+    made.__path__ = [str(folder)]
     for name in DATA:
         setattr(made, name, getattr(module, name))
     constants = CompiledConstants(library, module)

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 from gibbs_codegen.files.faults import IN_NAME, fault, refusal
 from gibbs_codegen.files.fields import listed, needed
 from gibbs_codegen.files.table import Table
-from gibbs_codegen.scenario.numbers import Number
+from gibbs_codegen.scenario.numbers import Number, Positive
 from gibbs_codegen.scenario.path_tables import PathTable
 from gibbs_codegen.scenario.paths import Path, Sum
 from gibbs_codegen.scenario.scenario import ArmTask
@@ -42,6 +42,8 @@ JointName = Annotated[
     WithJsonSchema({"type": "string", "pattern": f"^{_JOINT_NAME}$"}),
 ]
 
+_FILE = "default: as the robot file has them"
+
 
 class ArmTable(Table):
     """What the arm is to do: bring the tip along a path, or keep a posture.
@@ -70,10 +72,18 @@ class ArmTable(Table):
         description="angle of revolute joints where the search for a tip path begins, degrees",
     )
     limits: dict[JointName, Limits] = Field(
-        default_factory=dict, description="least and greatest travel of prismatic joints, m"
+        default_factory=dict,
+        description=f"least and greatest travel of prismatic joints, m; {_FILE}",
     )
     limits_deg: dict[JointName, Limits] = Field(
-        default_factory=dict, description="least and greatest angle of revolute joints, degrees"
+        default_factory=dict,
+        description=f"least and greatest angle of revolute joints, degrees; {_FILE}",
+    )
+    effort: dict[JointName, Positive] = Field(
+        default_factory=dict, description=f"greatest torque or force of joints, N m or N; {_FILE}"
+    )
+    velocity: dict[JointName, Positive] = Field(
+        default_factory=dict, description=f"greatest desired rate of joints, rad/s or m/s; {_FILE}"
     )
 
     @classmethod
@@ -133,6 +143,8 @@ class ArmTable(Table):
             _joint_values(self.posture, self.posture_deg),
             _joint_values(self.guess, self.guess_deg),
             self.limits | limits,
+            self.effort,
+            self.velocity,
             frozenset(named),
         )
 

@@ -23,9 +23,9 @@ _UPRIGHT = 1e-3
 
 
 class Orientation(Protocol):
-    """Anything that gives the attitude of arm 1 at times (s), for a base on a path.
+    """Anything that gives the attitude of the base at times (s), for a base on a path.
 
-    `arm_angles` (N) are the angles of the base arms against arm 1, rad.
+    `arm_angles` (N) are the angles of the base arms about z of the base, from its x axis, rad.
     """
 
     def __call__(self, path: Path, time: Array, arm_angles: Array, /) -> Turning:
@@ -97,9 +97,10 @@ class Tangent:
         straight up or down.
         """
         if not 1 <= self.arm <= len(arm_angles):
-            raise UsageError(
-                f"base.attitude.arm: {self.arm}: there are arms 1 to {len(arm_angles)}"
-            )
+            known = f"there are arms 1 to {len(arm_angles)}"
+            if not len(arm_angles):
+                known = "the base has no arms to follow a path; choose a level attitude"
+            raise UsageError(f"base.attitude.arm: {self.arm}: {known}")
         angle = arm_angles[self.arm - 1]
         time = np.asarray(time, dtype=np.float64)
         derivatives = path(time)
@@ -113,7 +114,7 @@ class Tangent:
             -turn * along[0] - 2.0 * climb * along[1] - height * along[2],
         )
         side = _cross_derivatives(up, along)
-        # Columns: the tangent, what lies left of it, the normal; then arm 1 in their place.
+        # Columns: the tangent, what lies left of it, the normal; then the base's x in their place.
         cosine, sine = np.cos(angle), np.sin(angle)
         frames = [
             np.stack([cosine * t - sine * s, sine * t + cosine * s, u], axis=-1)

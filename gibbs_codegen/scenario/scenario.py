@@ -28,15 +28,18 @@ class ArmTask:
 
     With a `tip` path the joints follow from it, from `guess` on (many postures are tried where
     there is none). Without one, `posture` is held; None is the posture in which the arm hangs at
-    rest. `posture`, `guess` and `limits` map names of joint coordinates to rad or m; a joint left
-    out of `posture` is at 0, one left out of `limits` has none. `units` has joints with the units
-    that they were given in, for a robot to be checked against.
+    rest. `posture`, `guess` and `limits` map names of joint coordinates to rad or m, `effort` to
+    the greatest torque or force (N m or N), `velocity` to the greatest rate (rad/s or m/s). A joint
+    left out of `posture` is at 0; one left out of a limit has that of the robot file, if any.
+    `units` has joints with the units that they were given in, for a robot to be checked against.
     """
 
     tip: Path | None = None
     posture: Mapping[str, float] | None = None
     guess: Mapping[str, float] | None = None
     limits: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    effort: Mapping[str, float] = field(default_factory=dict)
+    velocity: Mapping[str, float] = field(default_factory=dict)
     units: frozenset[tuple[str, str]] = frozenset()
 
     def __post_init__(self) -> None:
@@ -46,6 +49,9 @@ class ArmTask:
             raise UsageError("arm: a guess is where the search for a tip path begins; give a tip")
         for joint, (low, high) in self.limits.items():
             _require(low < high, f"arm: limits of {joint}: the lower must be below the upper")
+        for key in ("effort", "velocity"):
+            for joint, most in getattr(self, key).items():
+                _require(most > 0.0, f"arm: {key} of {joint}: must be above 0")
 
 
 @dataclass(frozen=True)
@@ -76,16 +82,20 @@ class Control:
 
 @dataclass(frozen=True)
 class Motors:
-    """Least and greatest thrust of every motor, N, and the time constant of its lag, s; 0: none."""
+    """Least and greatest thrust of every motor, N, and the time constant of its lag, s; 0: none.
+
+    None stands for what the robot file says of each rotor.
+    """
 
     limits: tuple[float, float] | None = None
-    time_constant: float = 0.0
+    time_constant: float | None = None
 
     def __post_init__(self) -> None:
         if self.limits is not None:
             least, most = self.limits
             _require(least < most, "motors: the least thrust must be below the greatest")
-        _require(0.0 <= self.time_constant < math.inf, "motors: time constant: 0 s or more")
+        lag = self.time_constant or 0.0
+        _require(0.0 <= lag < math.inf, "motors: time constant: 0 s or more")
 
 
 @dataclass(frozen=True)
@@ -107,12 +117,17 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class TipForce:
-    """A force on the tip, world axes, N, from time `begin` to `end`, s."""
+class Push:
+    """A force, N, and a torque, N m, at the origin of a frame, from time `begin` to `end`, s.
 
-    force: tuple[float, float, float]
-    begin: float
-    end: float
+    Both are in world axes. `frame` is one of the FRAMES of the robot's module.
+    """
+
+    force: Vector = (0.0, 0.0, 0.0)
+    begin: float = 0.0
+    end: float = MAX_DURATION
+    torque: Vector = (0.0, 0.0, 0.0)
+    frame: str = "tip"
 
 
 @dataclass(frozen=True)
@@ -132,7 +147,7 @@ class Scenario:
     start: StartOffset = StartOffset()
     control: Control = Control()
     motors: Motors = Motors()
-    tip_force: TipForce | None = None
+    push: Push | None = None
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
     description: str = ""

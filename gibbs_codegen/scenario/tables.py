@@ -1,14 +1,15 @@
 """The tables of a scenario file: what each key may hold, and the scenario that they make.
 
 A key is one field with its description; those of the arm are in `arm_table`, those of paths in
-`path_tables`. Lengths in m, times in s, angles in degrees where a key
-ends in `_deg`.
+`path_tables`, those of pushes in `push_tables`. Lengths in m, times in s, angles in degrees where a
+key ends in `_deg`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -16,10 +17,9 @@ from pydantic import (
     Field,
     ValidationInfo,
     field_validator,
-    model_validator,
 )
 
-from gibbs_codegen.files.faults import refusal
+from gibbs_codegen.files.faults import Place, refusal
 from gibbs_codegen.files.fields import Bounds, by_kind, listed, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.model import MAX_ROTORS
@@ -27,6 +27,7 @@ from gibbs_codegen.scenario.arm_table import ArmTable
 from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.path_tables import PathTable
+from gibbs_codegen.scenario.push_tables import PushTable, TipForceTable
 from gibbs_codegen.scenario.scenario import (
     MAX_DURATION,
     Control,
@@ -36,7 +37,6 @@ from gibbs_codegen.scenario.scenario import (
     Scenario,
     Settings,
     StartOffset,
-    TipForce,
 )
 
 _MIN_DURATION = 1e-3
@@ -145,25 +145,12 @@ class MotorsTable(Table):
     """Limits and lag of every motor."""
 
     limits: _Thrusts | None = Field(
-        default=None, description="least and greatest thrust, N; default: none"
+        default=None, description="least and greatest thrust, N; default: those of the robot file"
     )
-    time_constant: NotNegative = Field(
-        default=0.0, description="time constant of the lag, s; 0: no lag"
+    time_constant: NotNegative | None = Field(
+        default=None,
+        description="time constant of the lag, s; 0: no lag; default: that of the robot file",
     )
-
-
-class TipForceTable(Table):
-    """A force on the tip for a time."""
-
-    force: Vector = Field(description="[x, y, z] in N, world axes")
-    begin: NotNegative = Field(default=0.0, description="when it begins, s")
-    end: Number = Field(default=MAX_DURATION, description="when it ends, s")
-
-    @model_validator(mode="after")
-    def _ends_after_begin(self) -> Self:
-        if self.end <= self.begin:
-            raise refusal([(("end",), f"must be after begin, {self.begin:g} s")])
-        return self
 
 
 class IntegrationTable(Table):
@@ -217,8 +204,11 @@ class ScenarioTable(Table):
     )
     control: ControlTable = Field(default_factory=ControlTable, description="the control law")
     motors: MotorsTable = Field(default_factory=MotorsTable, description="limits and lag of motors")
+    push: PushTable | None = Field(
+        default=None, description="a force and a torque at a frame; default: none"
+    )
     tip_force: TipForceTable | None = Field(
-        default=None, description="a force on the tip; default: none"
+        default=None, description="a force on the tip, as a push of the frame tip; default: none"
     )
     integration: IntegrationTable = Field(
         default_factory=IntegrationTable, description="method, tolerances and samples"
@@ -226,6 +216,19 @@ class ScenarioTable(Table):
     parameters: dict[str, Number] = Field(
         default_factory=dict, description="parameters of the module that are changed, SI units"
     )
+
+    @classmethod
+    def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
+        """The fault of two pushes.
+
+        Args:
+            values: The table as it stands in the file.
+
+        Yields:
+            Key and words.
+        """
+        if "push" in values and "tip_force" in values:
+            yield "tip_force", "must be left out, since push says what pushes the robot"
 
     @field_validator("integration")
     @classmethod
@@ -244,7 +247,7 @@ class ScenarioTable(Table):
 
     def scenario(self) -> Scenario:
         """The scenario that the file describes."""
-        base = self.base.path.path()
+        base, push = self.base.path.path(), self.push or self.tip_force
         return Scenario(
             name=self.name,
             duration=self.duration,
@@ -254,7 +257,7 @@ class ScenarioTable(Table):
             start=self.start.start(),
             control=Control(**dict(self.control)),
             motors=Motors(**dict(self.motors)),
-            tip_force=TipForce(**dict(self.tip_force)) if self.tip_force else None,
+            push=push.push() if push else None,
             integration=Settings(**dict(self.integration)),
             parameters=self.parameters,
             description=self.description,

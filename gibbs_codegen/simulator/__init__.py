@@ -12,10 +12,10 @@ from gibbs_codegen.scenario.scenario import (
     ArmTask,
     Control,
     Motors,
+    Push,
     Scenario,
     Settings,
     StartOffset,
-    TipForce,
 )
 from gibbs_codegen.simulator.allocation import Allocation, AllocationError
 from gibbs_codegen.simulator.continuation import UnreachableError
@@ -40,6 +40,7 @@ __all__ = [
     "Level",
     "Line",
     "Motors",
+    "Push",
     "Scenario",
     "Settings",
     "SingularAttitudeError",
@@ -47,7 +48,6 @@ __all__ = [
     "Sum",
     "Tangent",
     "Term",
-    "TipForce",
     "Turn",
     "UnreachableError",
     "Vehicle",

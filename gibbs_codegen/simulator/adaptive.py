@@ -24,7 +24,7 @@ _WORK_SCALE = 100.0
 # flights take 500 a second, 2000 at the tightest tolerances.
 _EVALUATIONS_A_SECOND = 20_000
 _EVALUATIONS_AHEAD = 10_000
-# Least tolerances while a thrust is saturated: rates have kinks there, and no order helps.
+# Least tolerances while an input is saturated: rates have kinks there, and no order helps.
 _SATURATED = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
 _STIFF = 0.5
@@ -52,7 +52,7 @@ class AdaptiveIntegrator:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         loop, envelope = self.loop, self.envelope
         solver = DOP853(
-            lambda time, state: loop.derivative(time, state, interval.tip_force),
+            lambda time, state: loop.derivative(time, state, interval.pushed),
             interval.begin,
             start,
             interval.end,
@@ -90,7 +90,7 @@ class AdaptiveIntegrator:
         """Set tolerances for the next step."""
         settings, loop = self.settings, self.loop
         relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
-        if loop.limits and len(loop.saturated(solver.t, solver.y)):
+        if loop.saturated(solver.t, solver.y):
             relative, absolute = max(relative, _SATURATED[0]), max(absolute, _SATURATED[1])
         solver.rtol = relative
         solver.atol = np.full(len(solver.y), absolute)
@@ -118,7 +118,7 @@ class AdaptiveIntegrator:
             rk4 = f"rk4 with steps of {longest:.2g} s, or " if longest > _SHORTEST else ""
             reason += f" (stiff: {fastest.cause}); use {rk4}{fastest.remedy}"
             return reason + integration_burdens(self.loop, time, state, lag=False)
-        lag = " or a shorter time constant of the motors" if self.loop.lag else ""
+        lag = " or a shorter time constant of the motors" if self.loop.lags else ""
         reason += integration_burdens(self.loop, time, state)
         return f"{reason}; use rk4, looser tolerances{lag}"
 

@@ -43,21 +43,21 @@ class Allocation:
 
     Args:
         wrenches: wrench of a unit thrust of each rotor (6, N), as `Vehicle.thrust_wrenches` has it.
-        limits: least and greatest thrust of every rotor, N; None for no limits.
+        limits: least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
     """
 
-    def __init__(self, wrenches: Array, limits: tuple[float, float] | None = None) -> None:
+    def __init__(self, wrenches: Array, limits: Array | tuple[float, float] | None = None) -> None:
         self.wrenches = wrenches
         self.limits = limits
         left, values, _ = np.linalg.svd(wrenches)
-        rank = int(np.sum(values > _RANK * values[0]))
+        rank = int(np.sum(values > _RANK * values.max(initial=0.0)))
         self.missing = directions(left[:, rank:])
         self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=_RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
         self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
         weighted = self._weights[:, np.newaxis] * wrenches
-        least = np.linalg.svd(weighted, compute_uv=False)[rank - 1]
+        least = np.linalg.svd(weighted, compute_uv=False)[:rank].min(initial=np.inf)
         preference = _PREFERENCE * least * np.eye(wrenches.shape[1])
         self._weighted = np.vstack([weighted, preference])
 
@@ -73,8 +73,8 @@ class Allocation:
         if self.missing:
             raise AllocationError(
                 f"{purpose}, but the rotors cannot command {_listed(self.missing)} "
-                "(arm 1's frame, about the base centre); tilt some thrusts in the robot file, add "
-                'rotors, or set control.law to "open_loop"',
+                "(in the base's frame, about the base centre); tilt some thrusts in the robot "
+                'file, add rotors, or set control.law to "open_loop"',
                 self.missing,
             )
 
@@ -145,9 +145,9 @@ class Allocation:
     def _check_produced(self, wrenches: Array) -> None:
         if np.any(missed := self.residual(wrenches)):
             raise AllocationError(
-                f"the motion needs {_listed(self.missing)} (arm 1's frame, about the base centre), "
-                f"up to {np.max(missed):.3g} N or N m, which the rotors cannot command; tilt some "
-                "thrusts in the robot file, or add rotors",
+                f"the motion needs {_listed(self.missing)} (in the base's frame, about the base "
+                f"centre), up to {np.max(missed):.3g} N or N m, which the rotors cannot command; "
+                "tilt some thrusts in the robot file, or add rotors",
                 self.missing,
             )
 

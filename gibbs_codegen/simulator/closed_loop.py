@@ -9,11 +9,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.scenario.scenario import TipForce
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.scenario.scenario import Push
+from gibbs_codegen.simulator.actuators import Actuators
 from gibbs_codegen.simulator.control import Controller
 from gibbs_codegen.simulator.state_history import SmoothInterval
 from gibbs_codegen.simulator.vehicle import Array, Flags, Vehicle
@@ -21,22 +24,47 @@ from gibbs_codegen.simulator.vehicle import Array, Flags, Vehicle
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Vehicle, controller, motors and the force on the tip.
+    """Vehicle, controller, limits and lag of its motors and joints, and what pushes it, if any.
 
-    `limits`: least and greatest thrust, N; `lag`: time constant of the motors, s, or 0 for none;
-    `tip_force`: None where no force acts on the tip.
+    Raises `UsageError` for a push of a frame that the robot does not have.
     """
 
     vehicle: Vehicle
     controller: Controller
-    limits: tuple[float, float] | None = None
-    lag: float = 0.0
-    tip_force: TipForce | None = None
+    actuators: Actuators
+    push: Push | None = None
+
+    def __post_init__(self) -> None:
+        frames = self.vehicle.frames
+        if self.push is not None and self.push.frame not in frames:
+            raise UsageError(
+                f"push.frame: {self.vehicle.name} has no frame {printable(self.push.frame)}; "
+                f"its frames: {', '.join(frames)}"
+            )
+
+    @cached_property
+    def limited(self) -> bool:
+        """Whether a thrust, torque or force has a limit."""
+        return bool(np.any(np.isfinite(self.actuators.inputs)))
+
+    @cached_property
+    def lags(self) -> bool:
+        """Whether a motor lags."""
+        return bool(np.any(self.actuators.lag))
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """Wrenches (f, 6) on the frames while the push acts: force and torque, world axes."""
+        wrenches = np.zeros((len(self.vehicle.frames), 6))
+        if self.push is not None:
+            place = self.vehicle.frames.index(self.push.frame)
+            wrenches[place] = [*self.push.force, *self.push.torque]
+        return wrenches
 
     @property
     def size(self) -> int:
         """Length of the state."""
-        return self.work_place + 1 + (self.vehicle.rotors if self.lag else 0)
+        return self.work_place + 1 + (self.vehicle.rotors if self.lags else 0)
 
     @property
     def work_place(self) -> int:
@@ -52,7 +80,8 @@ class ClosedLoop:
         Returns:
             The state (size).
         """
-        thrusts = self._thrust_setpoints(self.controller(0.0, q, v)) if self.lag else np.zeros(0)
+        setpoints = self._setpoints(self.controller(0.0, q, v))
+        thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
         return np.concatenate([q, v, [0.0], thrusts])
 
     def parts(self, states: Array) -> tuple[Array, Array, Array, Array]:
@@ -74,7 +103,7 @@ class ClosedLoop:
         )
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
-        """Inputs that act: those commanded, with thrusts as the motors give them.
+        """Inputs that act: those commanded, within limits, with thrusts as the motors give them.
 
         Args:
             commanded: Inputs (…, nu) that the controller commands.
@@ -83,58 +112,57 @@ class ClosedLoop:
         Returns:
             Inputs u (…, nu).
         """
-        inputs = commanded.copy()
-        acting = thrusts if self.lag else self._thrust_setpoints(commanded)
-        inputs[..., : self.vehicle.rotors] = acting
+        inputs = self._setpoints(commanded)
+        if self.lags:
+            settled = inputs[..., : self.vehicle.rotors]
+            settled[...] = np.where(self.actuators.lag > 0.0, thrusts, settled)
         return inputs
 
-    def _thrust_setpoints(self, commanded: Array) -> Array:
-        """Thrusts (…, N) that the motors aim for: those of inputs (…, nu), within limits."""
-        thrusts = commanded[..., : self.vehicle.rotors]
-        return np.clip(thrusts, *self.limits) if self.limits else thrusts
+    def _setpoints(self, commanded: Array) -> Array:
+        """The inputs (…, nu) that motors and joints aim for: those commanded, within limits."""
+        return np.clip(commanded, *self.actuators.inputs) if self.limited else commanded.copy()
 
-    def saturated(self, time: float, state: Array) -> list[int]:
-        """Rotors of which the greatest or the least thrust is commanded.
+    def saturated(self, time: float, state: Array) -> list[str]:
+        """Inputs of which the greatest or the least value is commanded.
 
         Args:
             time: Time, s.
             state: State (size).
 
         Returns:
-            Their numbers, from 0.
+            Their names.
         """
-        if not self.limits:
+        if not self.limited:
             return []
         q, v, _, _ = self.parts(state)
-        thrusts = self.controller(time, q, v)[: self.vehicle.rotors]
-        least, most = self.limits
+        commanded = self.controller(time, q, v)
+        least, most = self.actuators.inputs
         # Allocation within limits comes to them but for roundoff.
-        margin = 1e-9 * (most - least)
-        found: list[int] = np.flatnonzero(
-            (thrusts <= least + margin) | (thrusts >= most - margin)
-        ).tolist()
-        return found
+        margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
+        reached = (commanded <= least + margin) | (commanded >= most - margin)
+        return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
-    def acceleration(self, q: Array, v: Array, inputs: Array, tip_force: bool | Flags) -> Array:
+    def acceleration(self, q: Array, v: Array, inputs: Array, pushed: bool | Flags) -> Array:
         """Accelerations of states and inputs, by the forward dynamics.
 
         Args:
             q, v: Coordinates (…, nq) and velocities (…, nv).
             inputs: Inputs u (…, nu) that act.
-            tip_force: Whether the force on the tip acts (…).
+            pushed: Whether the push acts (…).
 
         Returns:
             Accelerations (…, nv).
         """
-        acceleration = self.vehicle.forward_dynamics(q, v, inputs)
-        if self.tip_force is None or not np.any(tip_force):
-            return acceleration
-        force = self._generalised_tip_force(q)
-        extra = np.linalg.solve(self.vehicle.mass_matrix(q), force[..., np.newaxis])[..., 0]
-        return acceleration + np.where(np.asarray(tip_force)[..., np.newaxis], extra, 0.0)
+        vehicle, acts = self.vehicle, np.asarray(pushed)[..., np.newaxis]
+        if not np.any(acts):
+            return vehicle.forward_dynamics(q, v, inputs)
+        under_push = vehicle.forward_dynamics_with_wrenches(q, v, inputs, self.wrenches)
+        if np.all(acts):
+            return under_push
+        return np.where(acts, under_push, vehicle.forward_dynamics(q, v, inputs))
 
-    def tip_force_acts(self, time: float | Array) -> Flags:
-        """Whether the force on the tip acts.
+    def push_acts(self, time: float | Array) -> Flags:
+        """Whether the push acts.
 
         Args:
             time: Times (…), s.
@@ -142,19 +170,19 @@ class ClosedLoop:
         Returns:
             Whether it acts at those times (…).
         """
-        force = self.tip_force
-        if force is None:
+        push = self.push
+        if push is None:
             return np.zeros(np.shape(time), dtype=bool)
-        return (np.asarray(time) >= force.begin) & (np.asarray(time) < force.end)
+        return (np.asarray(time) >= push.begin) & (np.asarray(time) < push.end)
 
-    def derivative(self, time: float, state: Array, tip_force: bool) -> Array:
+    def derivative(self, time: float, state: Array, pushed: bool) -> Array:
         """Time derivative of a state.
 
         Args:
             time: Time, s.
             state: State (size).
-            tip_force: Whether the force on the tip acts. This is given, since an integrator may
-                ask for the end of an interval without force, which is when the force begins.
+            pushed: Whether the push acts. This is given, since an integrator may ask for the end of
+                an interval without a push, which is when the push begins.
 
         Returns:
             The derivative (size), NaN for a state that is not finite.
@@ -165,16 +193,19 @@ class ClosedLoop:
         commanded = self.controller(time, q, v)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
-        if tip_force:
-            power += self._generalised_tip_force(q) @ v
+        if pushed:
+            power += self.vehicle.wrench_forces(q, self.wrenches) @ v
         moving = self.vehicle.kinematics.rates(state[: len(q)], v)
-        rates: list[Any] = [moving, self.acceleration(q, v, inputs, tip_force), [power]]
-        if self.lag:
-            rates.append((self._thrust_setpoints(commanded) - thrusts) / self.lag)
+        rates: list[Any] = [moving, self.acceleration(q, v, inputs, pushed), [power]]
+        if self.lags:
+            setpoints = self._setpoints(commanded)[: len(thrusts)]
+            lag = self.actuators.lag
+            growth = np.zeros_like(thrusts)
+            rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
         return np.concatenate(rates)
 
     def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
-        """The intervals of a flight between which the force on the tip jumps.
+        """The intervals of a flight between which the push begins or ends.
 
         Args:
             duration: Duration of the flight, s.
@@ -182,18 +213,9 @@ class ClosedLoop:
         Returns:
             Intervals from 0 to `duration`, each beginning where the one before ends.
         """
-        force = self.tip_force
-        jumps = [force.begin, force.end] if force else []
+        jumps = [self.push.begin, self.push.end] if self.push else []
         times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
         return [
-            SmoothInterval(begin, end, bool(self.tip_force_acts(begin)))
+            SmoothInterval(begin, end, bool(self.push_acts(begin)))
             for begin, end in itertools.pairwise(times)
         ]
-
-    def _generalised_tip_force(self, q: Array) -> Array:
-        """Generalised force Jᵀf (…, nv) of the force on the tip, at coordinates (…, nq)."""
-        if self.tip_force is None:
-            return np.zeros(self.vehicle.layout.v.size)
-        jacobian = self.vehicle.tip_jacobian(q)[..., :3, :]
-        generalised: Array = np.asarray(self.tip_force.force) @ jacobian
-        return generalised

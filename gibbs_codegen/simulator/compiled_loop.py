@@ -29,8 +29,8 @@ _FUNCTIONS = (
     "forward_dynamics",
     "inverse_dynamics",
     "input_matrix",
-    "mass_matrix",
-    "tip_jacobian",
+    "forward_dynamics_with_wrenches",
+    "wrench_forces",
 )
 # As numbered in `native/rk4.c`.
 _LAWS = ("computed_torque", "open_loop", "off")
@@ -54,11 +54,11 @@ class _Loop(ctypes.Structure):
         ("pieces", ctypes.c_ssize_t),
         ("law", ctypes.c_int),
         ("limited", ctypes.c_int),
-        ("pushed", ctypes.c_int),
-        ("least", ctypes.c_double),
-        ("most", ctypes.c_double),
-        ("lag", ctypes.c_double),
-        ("push", ctypes.c_double * 3),
+        ("lags", ctypes.c_int),
+        ("least", _POINTER),
+        ("most", _POINTER),
+        ("lag", _POINTER),
+        ("wrenches", _POINTER),
         ("bounds", _POINTER),
         ("largest_theta_0", ctypes.c_double),
         ("begin", ctypes.c_double),
@@ -76,7 +76,7 @@ class _Loop(ctypes.Structure):
 class CompiledLoop:
     """Steps of one closed loop, of one size, in compiled code.
 
-    Steps in which a thrust is saturated are not among them: the nearest wrench within limits is a
+    Steps in which an input is saturated are not among them: the nearest wrench within limits is a
     search, which Python does.
     """
 
@@ -89,7 +89,7 @@ class CompiledLoop:
 
     @classmethod
     def of(
-        cls, closed: ClosedLoop, step: float, bounds: Array | float, tip_force: bool = False
+        cls, closed: ClosedLoop, step: float, bounds: Array | float, pushed: bool = False
     ) -> CompiledLoop | None:
         """The compiled loop of a closed loop, if there is one.
 
@@ -98,7 +98,7 @@ class CompiledLoop:
             step: Size of the steps, s.
             bounds: Errors, then their rates (2 nv), beyond which control is lost; one number
                 serves for all.
-            tip_force: Whether the force on the tip acts.
+            pushed: Whether the push acts.
 
         Returns:
             The loop; None where the module or the loop is not compiled, and under control by
@@ -118,21 +118,13 @@ class CompiledLoop:
             return None
         library = ctypes.CDLL(str(library_file))
         constants = vehicle.constants or vehicle.module.prepare({})
-        arrays = {
-            "bounds": np.full(2 * vehicle.layout.v.size, bounds, dtype=np.float64),
-            "coefficients": np.ascontiguousarray(controller.reference.coefficients),
-            "stiffness": np.array(controller.gains.stiffness),
-            "damping": np.array(controller.gains.damping),
-            "losses": vehicle.damping,
-            "distribution": np.ascontiguousarray(controller.allocation.inverse),
-        }
+        arrays = _arrays(closed, bounds, pushed)
         structure = _Loop(
             **{
                 name: ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
                 for name in _FUNCTIONS
-                if vehicle.has_tip or not name.startswith("tip_")
             },
-            **_settings(closed, tip_force),
+            **_settings(closed),
             **{name: array.ctypes.data for name, array in arrays.items()},
             constants=constants,
         )
@@ -144,7 +136,7 @@ class CompiledLoop:
     def __call__(
         self, time: float, state: Array, count: int, every: int, number: int
     ) -> tuple[int, Array, Array]:
-        """Take steps, fewer where a thrust would be saturated or the flight cannot go on.
+        """Take steps, fewer where an input would be saturated or the flight cannot go on.
 
         Args:
             time: Time before the first step, s.
@@ -172,12 +164,37 @@ class CompiledLoop:
         return taken, samples[:kept], last
 
 
-def _settings(closed: ClosedLoop, tip_force: bool) -> dict[str, Any]:
+def _arrays(closed: ClosedLoop, bounds: Array | float, pushed: bool) -> dict[str, Array]:
+    """What fields of `_Loop` point to.
+
+    Args:
+        closed: The closed loop.
+        bounds: Errors, then their rates (2 nv), beyond which control is lost, or one number.
+        pushed: Whether the push acts.
+
+    Returns:
+        The arrays, by the names of the fields.
+    """
+    vehicle, controller = closed.vehicle, closed.controller
+    least, most = closed.actuators.inputs
+    return {
+        "least": least,
+        "most": most,
+        "lag": closed.actuators.lag,
+        "bounds": np.full(2 * vehicle.layout.v.size, bounds, dtype=np.float64),
+        "coefficients": np.ascontiguousarray(controller.reference.coefficients),
+        "stiffness": np.array(controller.gains.stiffness),
+        "damping": np.array(controller.gains.damping),
+        "losses": vehicle.damping,
+        "distribution": np.ascontiguousarray(controller.allocation.inverse),
+        **({"wrenches": closed.wrenches} if pushed else {}),
+    }
+
+
+def _settings(closed: ClosedLoop) -> dict[str, Any]:
     """Values of the fields of `_Loop` that are plain numbers."""
     controller, layout = closed.controller, closed.vehicle.layout
     reference = controller.reference
-    force = closed.tip_force.force if tip_force and closed.tip_force else (0.0, 0.0, 0.0)
-    least, most = closed.limits or (0.0, 0.0)
     return {
         "coordinates": layout.q.size,
         "velocities": layout.v.size,
@@ -190,12 +207,8 @@ def _settings(closed: ClosedLoop, tip_force: bool) -> dict[str, Any]:
         "placed": layout.q.position.start,
         "pieces": len(reference.coefficients),
         "law": _LAWS.index(controller.law),
-        "limited": closed.limits is not None,
-        "pushed": any(force),
-        "least": least,
-        "most": most,
-        "lag": closed.lag,
-        "push": force,
+        "limited": closed.limited,
+        "lags": closed.lags,
         "largest_theta_0": LARGEST_THETA_0,
         "begin": reference.begin,
         "piece": reference.step,

@@ -109,10 +109,12 @@ class Envelope:
 
     def _advice(self) -> str:
         loop = self.loop
+        limited = np.split(np.isfinite(loop.actuators.inputs), [loop.vehicle.rotors], axis=1)
         remedies = [
-            *(["a shorter motors.time_constant"] if loop.lag else []),
-            *(["wider motors.limits"] if loop.limits else []),
-            *(["a weaker tip_force"] if loop.tip_force else []),
+            *(["a shorter motors.time_constant"] if loop.lags else []),
+            *(["wider motors.limits"] if np.any(limited[0]) else []),
+            *(["a greater arm.effort"] if np.any(limited[1]) else []),
+            *(["a weaker push"] if loop.push else []),
             "a closed loop (control.law)"
             if loop.controller.law == "open_loop"
             else "a lower control.frequency",

@@ -41,9 +41,9 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     """
     found = []
     # A lag that is nothing, next to any step, is not nothing to divide by.
-    lag = max(loop.lag, 1e-30)
-    if loop.lag:
-        remedy = f"a longer time constant of the motors than {loop.lag:g} s, or none"
+    lags = [max(lag, 1e-30) for lag in np.unique(loop.actuators.lag).tolist() if lag]
+    for lag in lags:
+        remedy = f"a longer time constant of the motors than {lag:g} s, or none"
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
     if loop.controller.law == "computed_torque":
         gains = loop.controller.gains
@@ -51,8 +51,7 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for damping, stiffness in sorted(pairs):
             # Joint torques do not lag, so errors of joints are always of second order.
             polynomials = [np.array([1.0, damping, stiffness])]
-            if loop.lag:
-                polynomials.append(np.array([lag, 1.0, damping, stiffness]) / lag)
+            polynomials += [np.array([lag, 1.0, damping, stiffness]) / lag for lag in lags]
             found += [
                 Mode(abs(root), "the gains of control", "lower gains", complex(root))
                 for root in itertools.chain.from_iterable(map(np.roots, polynomials))
@@ -71,12 +70,12 @@ def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: b
         lag: Whether to mention the lag of the motors.
 
     Returns:
-        Clauses that begin with "; ", on saturated thrusts and on lag; "" if there are none.
+        Clauses that begin with "; ", on saturated inputs and on lag; "" if there are none.
     """
     found = ""
-    rotors = [str(rotor + 1) for rotor in loop.saturated(time, state)]
-    if rotors:
-        found += f"; saturated thrusts: {', '.join(rotors)} (rk4 does not shorten its steps there)"
-    if lag and loop.lag:
-        found += f"; the motors' time constant is {loop.lag:g} s"
+    if inputs := loop.saturated(time, state):
+        found += f"; saturated inputs: {', '.join(inputs)} (rk4 does not shorten its steps there)"
+    if lag and loop.lags:
+        shortest = np.min(loop.actuators.lag[loop.actuators.lag > 0.0])
+        found += f"; the motors' time constant is {shortest:g} s"
     return found

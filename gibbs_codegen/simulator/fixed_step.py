@@ -27,8 +27,8 @@ _STEPS_A_CALL = 20_000
 class FixedStepIntegrator:
     """Equal steps on one grid of time, of which a whole number makes a sample interval.
 
-    A jump of the force on the tip between instants of the grid ends a step early. Such short steps
-    are taken in Python, and so are those in which a thrust is saturated.
+    A push that begins or ends between instants of the grid ends a step early. Such short steps
+    are taken in Python, and so are those in which an input is saturated.
 
     Args:
         loop: the closed loop to integrate.
@@ -48,7 +48,7 @@ class FixedStepIntegrator:
     ) -> IntervalResult:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         loop, size, every = self.loop, self.size, self.every
-        compiled = CompiledLoop.of(loop, size, self.envelope.bounds, interval.tip_force)
+        compiled = CompiledLoop.of(loop, size, self.envelope.bounds, interval.pushed)
         # Steps are numbered by their ends on the grid; those from `whole` to `cut` are not short.
         number = int(np.floor(interval.begin / size + SAME_TIME))
         last = int(np.ceil(interval.end / size - SAME_TIME))
@@ -69,7 +69,7 @@ class FixedStepIntegrator:
                 taken = 1
                 ahead = (interval.end if number + 1 == last else (number + 1) * size) - time
                 with np.errstate(all="ignore"):
-                    state = rk4_step(loop, time, state, ahead, interval.tip_force)
+                    state = rk4_step(loop, time, state, ahead, interval.pushed)
                 if number < cut and (number + 1) % every == 0:
                     samples.append(state[np.newaxis])
             number += taken
@@ -80,7 +80,7 @@ class FixedStepIntegrator:
         return IntervalResult(StateHistory(times[: len(states)], states, stopped), time, state)
 
 
-def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, tip_force: bool) -> Array:
+def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, pushed: bool) -> Array:
     """One step of the classical method of Runge and Kutta.
 
     Args:
@@ -88,15 +88,15 @@ def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, tip_force
         time: Time before the step, s.
         state: State (size) before the step.
         size: Size of the step, s.
-        tip_force: Whether the force on the tip acts.
+        pushed: Whether the push acts.
 
     Returns:
         The state (size) after the step.
     """
-    first = loop.derivative(time, state, tip_force)
-    second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, tip_force)
-    third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, tip_force)
-    fourth = loop.derivative(time + size, state + size * third, tip_force)
+    first = loop.derivative(time, state, pushed)
+    second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, pushed)
+    third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, pushed)
+    fourth = loop.derivative(time + size, state + size * third, pushed)
     return state + size / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 

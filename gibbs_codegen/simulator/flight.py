@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import dataclasses
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -35,9 +36,10 @@ class Flight:
     - `time` (s); `q`, `q_desired` (s, nq); `v`, `a`, `v_desired`, `a_desired` (s, nv)
     - `commanded` and `applied` (s, nu): inputs that the controller asks for, and those that act
       after thrust limits and motor lag
-    - `constraint_torques` (s, c): of base arms 2 … N (eqs. 14–17), or of the joints `constrained`
+    - `constraint_torques` (s, c): that hold base arms 2 … N (eqs. 14–17) and constrained
+      links, in the order of `constraint_names`
     - `base_arm_angles` (s, N − 1) and `base_arm_angles_desired` (N − 1): angles of base arms
-      2 … N against arm 1, measured from where the motors are; none of a base without arms
+      2 … N about z of the base, measured from where the motors are; none of a base without arms
     - `positions` (s, k, 3) of the `points`, and `parents` (k): numbers of the points that each is
       drawn as joined to, −1 for none; `base_rotation` (s, 3, 3), from the base's frame, which
       is arm 1's if there are arms, to the world
@@ -60,6 +62,7 @@ class Flight:
     coordinate_units: tuple[str, ...]
     input_names: tuple[str, ...]
     points: tuple[str, ...]
+    constraint_names: tuple[str, ...]
     tangent_arm: int
     stopped: str
     time: Array = field(repr=False)
@@ -185,8 +188,8 @@ class Flight:
                 self.input_names, self.input_units, series.T, strict=True
             ):
                 yield f"{name}{suffix}", unit, values
-        for k, values in enumerate(self.constraint_torques.T, start=2):
-            yield f"tau_prime_{k}", "N m", values
+        for name, values in zip(self.constraint_names, self.constraint_torques.T, strict=True):
+            yield name, "N m", values
         for k, values in enumerate(self.base_arm_angles.T, start=2):
             yield f"theta_{k}", "rad", values
         for j, point in enumerate(self.points):
@@ -256,8 +259,10 @@ def read_flight(path: StrPath) -> Flight:
     try:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            values = {each.name: stored[each.name] for each in dataclasses.fields(Flight)}
-    except (OSError, ValueError, KeyError, BadZipFile) as error:
+            values: dict[str, Any] = {} if "parents" in stored else _before_trees(stored)
+            names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
+            values |= {name: stored[name] for name in names}
+    except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:
         raise UsageError(
             f"{printable(path)}: is not a flight that was saved: {printable(error)}"
         ) from None
@@ -266,6 +271,31 @@ def read_flight(path: StrPath) -> Flight:
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
     values["tangent_arm"] = int(values["tangent_arm"])
     return Flight(**values)
+
+
+def _before_trees(stored: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """What files lack that are from when all robots had base arms, angles and one serial arm.
+
+    Args:
+        stored: The arrays of a file.
+
+    Returns:
+        Attitude, units, parents and names. The sequence of the angles is not in such files; it
+        makes no difference to what a flight has.
+    """
+    points, coordinates = stored["points"].tolist(), stored["coordinates"].tolist()
+    rotors = len(stored["base_arm_angles_desired"]) + 1
+    centre = points.index("O2") if "O2" in points else 0
+    parents = np.full(len(points), -1)
+    parents[centre + 1 : centre + rotors + 2] = centre
+    parents[centre + rotors + 2 :] = np.arange(centre + rotors + 1, len(points) - 1)
+    units = ["rad" if name.startswith("theta_") else "m" for name in coordinates]
+    return {
+        "attitude": np.array("xyz"),
+        "coordinate_units": np.array(units),
+        "parents": parents,
+        "constraint_names": np.array([f"tau_prime_{k}" for k in range(2, rotors + 1)], dtype=str),
+    }
 
 
 def is_flight(path: StrPath) -> bool:

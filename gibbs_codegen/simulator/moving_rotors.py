@@ -16,11 +16,11 @@ class MovingAllocation(Allocation):
     Args:
         vehicle: the robot.
         q: the configuration (nq) of which `missing` tells.
-        limits: least and greatest thrust of every rotor, N; None for no limits.
+        limits: least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
     """
 
     def __init__(
-        self, vehicle: Vehicle, q: Array, limits: tuple[float, float] | None = None
+        self, vehicle: Vehicle, q: Array, limits: Array | tuple[float, float] | None = None
     ) -> None:
         super().__init__(vehicle.thrust_wrenches(q), limits)
         self.vehicle = vehicle
@@ -59,7 +59,7 @@ class MovingAllocation(Allocation):
 
 
 def allocation_of(
-    vehicle: Vehicle, q: Array | None = None, limits: tuple[float, float] | None = None
+    vehicle: Vehicle, q: Array | None = None, limits: Array | tuple[float, float] | None = None
 ) -> Allocation:
     """The allocation of a robot's rotors.
 
@@ -67,7 +67,7 @@ def allocation_of(
         vehicle: The robot.
         q: A configuration (nq) of which it is told what the rotors cannot command, if they move;
             None for that of zero.
-        limits: Least and greatest thrust of every rotor, N; None for no limits.
+        limits: Least and greatest thrusts, N, (2, N) or one pair for all; None for no limits.
 
     Returns:
         One that serves at every configuration.

@@ -44,7 +44,8 @@ class QuaternionKinematics:
         Returns:
             R (…, 3, 3).
         """
-        quaternion = q[..., self.layout.q.attitude]
+        # A copy, since SciPy refuses an empty array that is read-only.
+        quaternion = np.array(q[..., self.layout.q.attitude])
         flat = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
         matrix: Array = flat.reshape(*quaternion.shape[:-1], 3, 3)
         return matrix

@@ -29,7 +29,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     q_desired, v_desired, a_desired = loop.controller.reference(time)
     commanded = loop.controller(time, q, v)
     applied = loop.applied(commanded, thrusts)
-    a = loop.acceleration(q, v, applied, loop.tip_force_acts(time))
+    a = loop.acceleration(q, v, applied, loop.push_acts(time))
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
@@ -38,6 +38,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         coordinate_units=vehicle.layout.q.units,
         input_names=vehicle.inputs,
         points=vehicle.points,
+        constraint_names=vehicle.constraint_names,
         tangent_arm=_tangent_arm(scenario),
         stopped=history.stopped,
         time=time,

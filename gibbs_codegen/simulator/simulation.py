@@ -2,12 +2,13 @@
 
     Vehicle            module, parameters  → functions and layout of a robot  (vehicle)
       kinematics   layout              → errors and rates of angles or quaternion
+    actuators_of       scenario, robot file → limits and lag                  (actuators)
     desired_motion     scenario            → Reference: q, v, a in time       (trajectory)
       desired_base     path, attitude      → coordinates of the base, exact   (base_trajectory)
       desired_with_tip path of the tip     → coordinates of the arm           (tip_trajectory)
         arm_motion     knots               → joints, knot by knot             (continuation)
     Controller         reference           → inputs of a state                (control, allocation)
-    ClosedLoop         controller, motors  → derivative of a state            (closed_loop)
+    ClosedLoop         controller, limits  → derivative of a state            (closed_loop)
     integrate          loop, start         → StateHistory: samples            (integrate)
     flight_of          samples             → Flight: all time series          (recording)
       point_parents  module              → what hangs on what, for drawings (connections)
@@ -27,6 +28,7 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.paths import check_path
 from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.actuators import actuators_of
 from gibbs_codegen.simulator.allocation import Allocation, AllocationError
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.control import Controller, Gains
@@ -92,8 +94,9 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
     Returns:
         The closed loop.
     """
-    control, motors = scenario.control, scenario.motors
-    allocation = allocation_of(vehicle, limits=motors.limits)
+    control = scenario.control
+    actuators = actuators_of(vehicle, scenario)
+    allocation = allocation_of(vehicle, limits=actuators.thrusts)
     if control.law == "computed_torque":
         allocation.require_all_directions(
             f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
@@ -104,7 +107,7 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
         _check_open_loop(vehicle, allocation, reference)
     gains = Gains.of(control.frequency, control.damping_ratio, vehicle.layout.v.size)
     controller = Controller(vehicle, reference, allocation, gains, control.law)
-    return ClosedLoop(vehicle, controller, motors.limits, motors.time_constant, scenario.tip_force)
+    return ClosedLoop(vehicle, controller, actuators, scenario.push)
 
 
 def _check_mass_matrix(vehicle: Vehicle, q: Array) -> None:

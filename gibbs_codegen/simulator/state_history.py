@@ -24,11 +24,11 @@ class StateHistory:
 
 @dataclass(frozen=True)
 class SmoothInterval:
-    """An interval of time, s, in which no force jumps; `tip_force`: whether the tip is pushed."""
+    """An interval of time, s, in which no push begins or ends; `pushed`: whether one acts."""
 
     begin: float
     end: float
-    tip_force: bool
+    pushed: bool
 
     def sample_times(self, rate: float) -> Array:
         """Times of the samples in the interval.

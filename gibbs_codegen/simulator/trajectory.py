@@ -14,6 +14,7 @@ from gibbs_codegen.scenario.attitude import (
     Turning,
 )
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
+from gibbs_codegen.simulator.actuators import actuators_of, joint_place
 from gibbs_codegen.simulator.base_trajectory import desired_base
 from gibbs_codegen.simulator.hanging import hanging_posture
 from gibbs_codegen.simulator.inverse_kinematics import Limits
@@ -40,12 +41,13 @@ def desired_motion(
         The reference of the flight.
 
     Raises:
-        UsageError: Or one of its kinds, where there is no such motion, and for a posture or guess
-            outside the limits of its joints.
+        UsageError: Or one of its kinds, where there is no such motion, and for joints outside their
+            limits.
     """
     task = scenario.arm
     _check_units(vehicle, task)
-    limits = _joint_limits(vehicle, task)
+    actuators = actuators_of(vehicle, scenario)
+    limits = actuators.joints[0], actuators.joints[1]
     time = knots(scenario.duration)
 
     def base_at(knots: Array) -> Motion:
@@ -74,6 +76,7 @@ def desired_motion(
         guess,
         lambda done, total: progress("inverse kinematics", done / total),
     )
+    _check_rates(vehicle, motion, actuators.velocities)
     return vehicle.kinematics.reference(motion)
 
 
@@ -135,7 +138,7 @@ def starting_state(
 def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
     """Raise `UsageError` if an angle was given as a travel, or a travel as an angle."""
     for name, unit in sorted(task.units):
-        if vehicle.layout.q.units[vehicle.arm][_joint(vehicle, name)] == unit:
+        if vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name)] == unit:
             continue
         other, where = ("revolute", "that end in _deg"), ("prismatic", "without _deg")
         kind, tables = other if unit == "m" else where
@@ -144,18 +147,32 @@ def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
         )
 
 
-def _joint_limits(vehicle: Vehicle, task: ArmTask) -> Limits:
-    lower, upper = np.full(vehicle.joints, -np.inf), np.full(vehicle.joints, np.inf)
-    for name, limits in task.limits.items():
-        joint = _joint(vehicle, name)
-        lower[joint], upper[joint] = limits
-    return lower, upper
+def _check_rates(vehicle: Vehicle, motion: Motion, most: Array) -> None:
+    """Raise an error where a joint is desired to move faster than it can.
+
+    Args:
+        vehicle: The robot.
+        motion: The desired motion.
+        most: Greatest rates of the joints (n), rad/s or m/s.
+
+    Raises:
+        UsageError: With the joint and the time at which it is fastest.
+    """
+    rates = np.abs(motion.v[:, vehicle.arm_rates])
+    for joint in np.flatnonzero(np.any(rates > most, axis=0)):
+        instant, unit = np.argmax(rates[:, joint]), vehicle.layout.v.units[vehicle.arm_rates][joint]
+        name = vehicle.joint_names[joint]
+        raise UsageError(
+            f"arm: at t = {motion.time[instant]:.6g} s {name} has to move at "
+            f"{rates[instant, joint]:.3g} {unit}, faster than its limit of {most[joint]:g} {unit}; "
+            f"slow the paths down, or give another limit as arm.velocity.{name}"
+        )
 
 
 def _joint_values(vehicle: Vehicle, values: Mapping[str, float]) -> Array:
     found = np.zeros(vehicle.joints)
     for name, value in values.items():
-        found[_joint(vehicle, name)] = value
+        found[joint_place(vehicle, name)] = value
     return found
 
 
@@ -175,7 +192,7 @@ def _check_limits(
         UsageError: With joint, value and limits.
     """
     for name in joints:
-        joint = _joint(vehicle, name)
+        joint = joint_place(vehicle, name)
         value, lower, upper = values[joint], limits[0][joint], limits[1][joint]
         if not lower <= value <= upper:
             unit = vehicle.layout.q.units[vehicle.arm][joint]
@@ -183,10 +200,3 @@ def _check_limits(
                 f"arm: {key}: {name} = {value:.6g} {unit} is outside its limits, "
                 f"{lower:.6g} to {upper:.6g} {unit}; a joint left out of a posture is at 0"
             )
-
-
-def _joint(vehicle: Vehicle, name: str) -> int:
-    if name not in vehicle.joint_names:
-        known = ", ".join(vehicle.joint_names) or "none"
-        raise UsageError(f"{vehicle.name}: has no joint {name}; its joints: {known}")
-    return vehicle.joint_names.index(name)

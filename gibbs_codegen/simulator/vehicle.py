@@ -25,6 +25,8 @@ Flags = NDArray[np.bool_]
 _FIRST_JOINT, _NEXT_JOINT = 0.3, 0.37
 # Share of a wrench by which rotors that do not move may seem to.
 _ROUNDING = 1e-12
+# Angles, rad, that count as the same.
+_SAME_ANGLE = 1e-9
 
 
 class Vehicle:
@@ -56,6 +58,8 @@ class Vehicle:
         self.attitude: str = module.ATTITUDE
         self.coordinates: tuple[str, ...] = module.COORDINATES
         constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
+        hybrid = module.HYBRID_COORDINATES
+        self.constraint_names: tuple[str, ...] = hybrid[len(hybrid) - constrained :]
         units = module.COORDINATE_UNITS
         self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
         self.kinematics = kinematics_of(self.layout)
@@ -63,6 +67,7 @@ class Vehicle:
         self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])
         self.inputs: tuple[str, ...] = module.INPUTS
         self.points: tuple[str, ...] = module.POINTS
+        self.frames: tuple[str, ...] = module.FRAMES
         # Places of the joints among coordinates, and among velocities and accelerations.
         self.arm, self.arm_rates = self.layout.q.joints, self.layout.v.joints
         # The point that wrenches on the base are about.
@@ -75,6 +80,8 @@ class Vehicle:
     def _bind(self) -> None:
         """Take the module's functions, with the constants."""
         self.forward_dynamics = self._bound("forward_dynamics")
+        self.forward_dynamics_with_wrenches = self._bound("forward_dynamics_with_wrenches")
+        self.wrench_forces = self._bound("wrench_forces")
         self.inverse_dynamics = self._bound("inverse_dynamics")
         self.mass_matrix = self._bound("mass_matrix")
         self.input_matrix = self._bound("input_matrix")
@@ -124,15 +131,22 @@ class Vehicle:
         return self.positions(at_origin)[..., self.points.index(self.centre), :]
 
     def arm_angles(self) -> Array:
-        """Angles, rad, of the base arms against arm 1, in the order of the rotors; none without.
+        """Angles, rad, of the base arms about z of the base, in the order of the rotors.
 
-        Arm 1 points at the centre, the others away from it; so 0 for both arm 1 and the arm across.
+        Arms point away from the centre; but where azimuths are equal, by the paper's rule, angles
+        are against arm 1, which points at the centre, so that it and the arm across are both at 0.
+        A base without arms has none.
         """
         if "motor1" not in self.points or self.centre != "O2":
             return np.zeros(0)
-        angles = -np.pi + 2.0 * np.pi * np.arange(self.rotors) / self.rotors
-        angles[0] = 0.0
-        return angles
+        places, first = self.positions(self.neutral), self.points.index("motor1")
+        arms = places[first : first + self.rotors] - places[self.points.index(self.centre)]
+        angles: Array = np.arctan2(arms[:, 1], arms[:, 0])
+        by_rule = -np.pi + 2.0 * np.pi * np.arange(self.rotors) / self.rotors
+        if np.any(np.abs(np.sin(0.5 * (angles - by_rule))) > _SAME_ANGLE):
+            return angles
+        by_rule[0] = 0.0
+        return by_rule
 
     def base_wrench(self, q: Array, generalised_force: Array) -> Array:
         """The wrench on the base that a generalised force amounts to.
@@ -184,5 +198,5 @@ class Vehicle:
         q[self.arm] = _FIRST_JOINT + _NEXT_JOINT * np.arange(self.joints)
         here, there = self.thrust_wrenches(), self.thrust_wrenches(q)
         loads = self.input_matrix(q)[self.arm_rates, : self.rotors]
-        moves = np.abs(there - here) > _ROUNDING * np.abs(here).max()
+        moves = np.abs(there - here) > _ROUNDING * np.abs(here).max(initial=0.0)
         return bool(np.any(loads) or np.any(moves))

@@ -17,7 +17,7 @@ class InlineTape:
 
         Args:
             name: Its name.
-            stage: Of no consequence here.
+            stage: Not used.
 
         Returns:
             Its symbol.
@@ -41,7 +41,7 @@ class InlineTape:
         """Nothing is named, so there is nothing to say of it.
 
         Args:
-            words, earliest: Of no consequence here.
+            words, earliest: Not used.
 
         Returns:
             A context that does nothing.

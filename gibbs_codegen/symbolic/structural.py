@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import cache
 
 import sympy as sp
 
@@ -151,6 +152,7 @@ def elementary(turn: Turn) -> list[Rotation]:
     return [step for step in steps if not step.is_identity]
 
 
+@cache
 def _degrees(sine: sp.Expr, cosine: sp.Expr) -> Fraction:
     """The angle of a sine and a cosine, in degrees from 0 to 360."""
     angle = sp.atan2(_number(sine), _number(cosine)).evalf(_GUARD) * 180 / sp.pi.evalf(_GUARD)

@@ -23,6 +23,11 @@ from typing import Protocol
 
 import sympy as sp
 
+from gibbs_codegen.symbolic.quick import is_minus_symbol, signed, sum_of_signed, times
+
+# A sign, 1 or −1, with a symbol or a number.
+SignedTerm = tuple[int, sp.Expr]
+
 _MINUS_ONE = sp.S.NegativeOne
 # The group of what a recursion over the state makes of parameters alone.
 _CONSTANTS = "constant terms and factors of the functions"
@@ -79,7 +84,7 @@ class Tape:
 
     `statements` maps each temporary to its definition, an expression of one kind of operation in
     earlier symbols, in the order in which they were made; `groups` to the words of the group in
-    which it was first made.
+    which it was first made. `stages` has the stage of every input and temporary, oldest first.
     """
 
     def __init__(self) -> None:
@@ -87,7 +92,7 @@ class Tape:
         self.groups: dict[sp.Symbol, str] = {}
         self._said = self.groups
         self._group = ("", Stage.PARAMETER)
-        self._stages: dict[sp.Symbol, Stage] = {}
+        self.stages: dict[sp.Symbol, Stage] = {}
         self._ranks: dict[sp.Symbol, int] = {}
         # What `let` has returned for an expression in this function, and in any function with what
         # it named and let for that; the name of each definition.
@@ -107,7 +112,7 @@ class Tape:
             Its symbol.
         """
         symbol = sp.Symbol(name)
-        if symbol not in self._stages:
+        if symbol not in self.stages:
             self._register(symbol, stage)
         return symbol
 
@@ -120,18 +125,7 @@ class Tape:
         Returns:
             Its stage.
         """
-        return self._stages[symbol]
-
-    def rank(self, symbol: sp.Symbol) -> int:
-        """Place of a symbol in the order of creation.
-
-        Args:
-            symbol: An input or a temporary.
-
-        Returns:
-            Its place, from 0.
-        """
-        return self._ranks[symbol]
+        return self.stages[symbol]
 
     @contextmanager
     def group(self, words: str, earliest: Stage = Stage.CONFIGURATION) -> Iterator[None]:
@@ -204,7 +198,7 @@ class Tape:
             return self._name_sum(expression)
         if expression.is_Pow and expression.exp is sp.S.Half:
             argument = self.let(expression.base)
-            return self._define(sp.sqrt(argument), self._stages[signed(argument)[1]])
+            return self._define(sp.sqrt(argument), self.stages[signed(argument)[1]])
         if expression.is_Mul or expression.is_Pow:
             return self._name_product(expression)
         if isinstance(expression, (sp.sin, sp.cos, sp.atan, sp.sign)):
@@ -216,13 +210,18 @@ class Tape:
         direct = expression.func(argument)
         if direct.func is not expression.func:  # sin(−x) = −sin(x), which SymPy has just applied.
             return self.let(direct)
-        return self._define(direct, self._stages[argument])
+        return self._define(direct, self.stages[argument])
 
     def _name_product(self, expression: sp.Expr) -> sp.Expr:
         if expression.is_Mul and len(expression.args) == 2:
             first, second = expression.args
             if first.is_Symbol and second.is_Symbol:  # Nothing to sort: by far the most frequent.
-                return self._define(expression, max(self._stages[first], self._stages[second]))
+                return self._define(expression, max(self.stages[first], self.stages[second]))
+        if expression.is_Mul and len(expression.args) == 3:
+            sign, first, second = expression.args
+            if sign is _MINUS_ONE and first.is_Symbol and second.is_Symbol:
+                stage = max(self.stages[first], self.stages[second])
+                return -self._define(times(first, second), stage)
         number: sp.Expr = sp.S.One
         factors: list[sp.Symbol] = []
         for factor in sp.Mul.make_args(expression):
@@ -233,62 +232,62 @@ class Tape:
             sign, symbol = signed(self.let(base))
             number *= sign ** abs(int(exponent))
             if exponent < 0:
-                symbol = self._define(1 / symbol, self._stages[symbol])
+                symbol = self._define(1 / symbol, self.stages[symbol])
             factors.extend([symbol] * abs(int(exponent)))
         if number.is_negative:
             return -self._product(-number, factors)
         return self._product(number, factors)
 
     def _product(self, number: sp.Expr, factors: list[sp.Symbol]) -> sp.Expr:
-        factors.sort(key=lambda symbol: (self._stages[symbol], self._ranks[symbol]))
-        hoisted = [f for f in factors if self._stages[f] is Stage.PARAMETER]
+        factors.sort(key=lambda symbol: (self.stages[symbol], self._ranks[symbol]))
+        hoisted = [f for f in factors if self.stages[f] is Stage.PARAMETER]
         varying = factors[len(hoisted) :]
         constant = sp.Mul(number, *hoisted)
         if not varying:
             return constant if constant.is_Symbol else self._define(constant, Stage.PARAMETER)
         product = varying[0]
         for factor in varying[1:]:
-            product = self._define(product * factor, self._stages[factor])
+            product = self._define(times(product, factor), self.stages[factor])
         if constant == 1:
             return product
         if hoisted and not constant.is_Symbol:
             constant = self._define(constant, Stage.PARAMETER)
-        return self._define(constant * product, self._stages[product])
+        return self._define(times(constant, product), self.stages[product])
 
     def _name_sum(self, expression: sp.Expr) -> sp.Expr:
-        terms = [self._term(term) for term in expression.args]
-        named = expression
-        if any(new is not old for new, old in zip(terms, expression.args, strict=True)):
-            named = sp.Add(*terms)
-        if not named.is_Add:
-            return self.let(named)
-        hoisted: list[sp.Expr] = []
-        varying: list[sp.Expr] = []
-        for term in named.args:
-            symbol = signed(term)[1]
-            constant = symbol.is_number or self._stages[symbol] is Stage.PARAMETER
-            (hoisted if constant else varying).append(term)
+        terms = [signed(self._term(term)) for term in expression.args]
+        if not _all_differ(terms):
+            named = sp.Add(*(sign * term for sign, term in terms))
+            if not named.is_Add:
+                return self.let(named)
+            terms = [signed(term) for term in named.args]
+        hoisted: list[SignedTerm] = []
+        varying: list[SignedTerm] = []
+        for sign, term in terms:
+            constant = term.is_number or self.stages[term] is Stage.PARAMETER
+            (hoisted if constant else varying).append((sign, term))
         if not varying:
             return self._signed_sum(hoisted, Stage.PARAMETER)
         if len(hoisted) > 1:
-            hoisted = [self._signed_sum(hoisted, Stage.PARAMETER)]
-        stage = max(self._stages[signed(term)[1]] for term in varying)
+            hoisted = [signed(self._signed_sum(hoisted, Stage.PARAMETER))]
+        stage = max(self.stages[term] for _, term in varying)
         return self._signed_sum(hoisted + varying, stage)
 
     def _term(self, term: sp.Expr) -> sp.Expr:
         """A term by its name. A signed symbol is its own, and is returned as the same object."""
-        is_atom = term.is_Symbol or _is_minus_symbol(term) or term.is_number
+        is_atom = term.is_Symbol or is_minus_symbol(term) or term.is_number
         return term if is_atom else self.let(term)
 
-    def _signed_sum(self, terms: list[sp.Expr], stage: Stage) -> sp.Expr:
+    def _signed_sum(self, terms: list[SignedTerm], stage: Stage) -> sp.Expr:
         """Name a sum up to its sign: fewer minus signs than plus signs, the first term positive."""
         if len(terms) == 1:
-            return terms[0]
-        negative = sum(signed(term)[0] < 0 for term in terms)
-        first = min(terms, key=lambda term: self._ranks.get(signed(term)[1], -1))
-        if 2 * negative > len(terms) or (2 * negative == len(terms) and signed(first)[0] < 0):
-            return -self._define(sp.Add(*(-term for term in terms)), stage)
-        return self._define(sp.Add(*terms), stage)
+            sign, term = terms[0]
+            return sign * term
+        negative = sum(sign < 0 for sign, _ in terms)
+        first, _ = min(terms, key=lambda term: self._ranks.get(term[1], -1))
+        if 2 * negative > len(terms) or (2 * negative == len(terms) and first < 0):
+            return -self._define(sum_of_signed([(-sign, term) for sign, term in terms]), stage)
+        return self._define(sum_of_signed(terms), stage)
 
     def _define(self, expression: sp.Expr, stage: Stage) -> sp.Expr:
         name = self._names.get(expression)
@@ -304,31 +303,17 @@ class Tape:
     def _say(self, name: sp.Symbol) -> None:
         """Put a name into the group of the present block, unless the function has put it before."""
         words, earliest = self._group
-        words = words if self._stages[name] >= earliest else _CONSTANTS
+        words = words if self.stages[name] >= earliest else _CONSTANTS
         self.groups.setdefault(name, words)
         self._said.setdefault(name, words)
 
     def _register(self, symbol: sp.Symbol, stage: Stage) -> None:
-        self._stages[symbol] = stage
+        self.stages[symbol] = stage
         self._ranks[symbol] = len(self._ranks)
 
 
-def signed(atom: sp.Expr) -> tuple[int, sp.Expr]:
-    """Sign and magnitude of what `let` returns.
-
-    Args:
-        atom: A symbol, a symbol with a minus sign, or a number.
-
-    Returns:
-        1 or −1, and the symbol or the number without its sign.
-    """
-    if atom.is_Symbol:
-        return 1, atom
-    if _is_minus_symbol(atom):
-        return -1, atom.args[1]
-    return (-1, -atom) if atom.is_negative else (1, atom)
-
-
-def _is_minus_symbol(term: sp.Expr) -> bool:
-    args = term.args
-    return bool(term.is_Mul and len(args) == 2 and args[0] is _MINUS_ONE and args[1].is_Symbol)
+def _all_differ(terms: list[SignedTerm]) -> bool:
+    """Whether nothing can be put together: no symbol twice, and one number at most, not zero."""
+    symbols = [term for _, term in terms if term.is_Symbol]
+    numbers = [term for _, term in terms if not term.is_Symbol]
+    return len({*symbols}) == len(symbols) and len(numbers) < 2 and 0 not in numbers

@@ -10,6 +10,7 @@ from typing import Protocol, Self, TypeVar
 import sympy as sp
 
 from gibbs_codegen.symbolic.exact_angles import cos_sin_deg
+from gibbs_codegen.symbolic.quick import times
 from gibbs_codegen.symbolic.tape import Scalars
 
 Vector = tuple[sp.Expr, sp.Expr, sp.Expr]
@@ -80,7 +81,7 @@ def scale(tape: Scalars, factor: sp.Expr, vector: Vector) -> Vector:
     Returns:
         The product in the vector's frame.
     """
-    x, y, z = (tape.let(factor * entry) for entry in vector)
+    x, y, z = (tape.let(times(factor, entry)) for entry in vector)
     return (x, y, z)
 
 
@@ -93,10 +94,7 @@ def cross(tape: Scalars, a: Vector, b: Vector) -> Vector:
     Returns:
         The product in that frame.
     """
-    x, y, z = (
-        tape.let(a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
-        for i in range(3)
-    )
+    x, y, z = (tape.let(times(a[i - 2], b[i - 1]) - times(a[i - 1], b[i - 2])) for i in range(3))
     return (x, y, z)
 
 
@@ -109,7 +107,7 @@ def dot(tape: Scalars, a: Vector, b: Vector) -> sp.Expr:
     Returns:
         The product.
     """
-    return tape.let(sp.Add(*(p * q for p, q in zip(a, b, strict=True))))
+    return tape.let(sp.Add(*map(times, a, b)))
 
 
 @dataclass(frozen=True)
@@ -174,7 +172,8 @@ class Rotation:
         Returns:
             The components in the frame that the rotation turns from.
         """
-        return tape.let(self.cos * p - self.sin * q), tape.let(self.sin * p + self.cos * q)
+        c, s = self.cos, self.sin
+        return tape.let(times(c, p) - times(s, q)), tape.let(times(s, p) + times(c, q))
 
     def vector(self, tape: Scalars, v: Vector) -> Vector:
         """A vector in the frame turned from.
@@ -245,7 +244,7 @@ class Wrench:
             The wrench about the new point.
         """
         lever = tuple(
-            arm[(i + 1) % 3] * self.force[(i + 2) % 3] - arm[(i + 2) % 3] * self.force[(i + 1) % 3]
+            times(arm[i - 2], self.force[i - 1]) - times(arm[i - 1], self.force[i - 2])
             for i in range(3)
         )
         x, y, z = (tape.let(n + m) for n, m in zip(self.moment, lever, strict=True))

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import textwrap
+from functools import lru_cache
 
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.trigonometry import gather_angles
+from gibbs_codegen.program.trigonometry import GatheredFunction
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
     constraint_torque,
@@ -57,12 +58,13 @@ def docstring(model: Model, function: Function) -> list[str]:
     return lines
 
 
-def doxygen(model: Model, function: Function) -> list[str]:
+def doxygen(model: Model, function: Function, gathered: GatheredFunction) -> list[str]:
     """Documentation of a C function, as it stands in a comment.
 
     Args:
         model: The derived robot.
         function: One of its program's.
+        gathered: The same with its sines and cosines gathered.
 
     Returns:
         Lines without what a comment begins with.
@@ -80,7 +82,7 @@ def doxygen(model: Model, function: Function) -> list[str]:
     for output, shaped in zip(row.outputs, function.outputs, strict=True):
         shape = " x ".join(map(str, shaped.shape)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
-    stack = stack_bytes(gather_angles(function))
+    stack = stack_bytes(gathered)
     items += [
         f"@note {_operations(function)}; about {stack} bytes of stack for one state of doubles, "
         "optimised.",
@@ -139,9 +141,12 @@ def argument_text(robot: Robot, argument: str) -> str:
     Returns:
         Names with units, as "theta_m1 [rad], theta_0 [rad]".
     """
-    prefix, shape = ARGUMENTS[argument].prefix, ARGUMENTS[argument].shape
+    row, shape = ARGUMENTS[argument], ARGUMENTS[argument].shape
     if shape == "f6":
         return f"force [N] and torque [N m], a row for each of {', '.join(frame_names(robot))}"
+    # With a quaternion velocities have names of their own, and none that would be one of q as well.
+    own_names = argument == "v" and layout_of(robot).is_quaternion
+    prefix = "" if own_names else row.prefix
     listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[shape](robot)
     units = {c.name: f"{c.unit}^2" if argument == "a" else c.unit for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
@@ -157,20 +162,25 @@ def output_text(robot: Robot, output: Output) -> str:
     Returns:
         Names with units, or the units alone.
     """
+    return output.entries.format(unit=output.unit, **_entry_lists(robot))
+
+
+@lru_cache(maxsize=1)
+def _entry_lists(robot: Robot) -> dict[str, str]:
+    """Entries of the outputs with their units, by the words that stand for them in the table."""
     torques = tuple(constraint_torque(robot, arm) for arm in held_arms(robot))
-    return output.entries.format(
-        unit=output.unit,
-        accelerations=argument_text(robot, "a"),
-        forces=_forces(free_unknowns(robot)),
-        hybrid_forces=_forces(hybrid_coordinates(robot)),
-        coordinates=_units(reduced_coordinates(robot)),
-        coordinate_rates=_units(reduced_coordinates(robot), "/s"),
-        displacement=_units(velocities(robot)).replace("/s]", "]"),
-        constraint_torques=_units(torques),
-        points=", ".join(points(robot)),
-        frames=", ".join(frame_names(robot)),
-        bodies=", ".join(body_names(robot)),
-    )
+    return {
+        "accelerations": argument_text(robot, "a"),
+        "forces": _forces(free_unknowns(robot)),
+        "hybrid_forces": _forces(hybrid_coordinates(robot)),
+        "coordinates": _units(reduced_coordinates(robot)),
+        "coordinate_rates": _units(reduced_coordinates(robot), "/s"),
+        "displacement": _units(velocities(robot)).replace("/s]", "]"),
+        "constraint_torques": _units(torques),
+        "points": ", ".join(points(robot)),
+        "frames": ", ".join(frame_names(robot)),
+        "bodies": ", ".join(body_names(robot)),
+    }
 
 
 def _units(listed: tuple[Coordinate, ...], per_time: str = "") -> str:
@@ -202,6 +212,19 @@ def attitude_text(robot: Robot) -> str:
     )
 
 
+def base_frame(robot: Robot) -> str:
+    """What the frame of the base is called.
+
+    Args:
+        robot: Whose base it is.
+
+    Returns:
+        That of arm 1 where the base is made of rods by the paper's rule.
+    """
+    by_rule = robot.base.rotors and robot.base.azimuth_deg is None
+    return "base arm 1's frame" if by_rule else "the base's frame"
+
+
 def attitude_lines(robot: Robot) -> list[str]:
     """What the attitude of a module is, as a comment says it.
 
@@ -211,13 +234,9 @@ def attitude_lines(robot: Robot) -> list[str]:
     Returns:
         Lines without the sign of a comment.
     """
-    if layout_of(robot).is_quaternion:
-        says = "From base arm 1's frame to the world the attitude is"
-    else:
-        says = (
-            "Intrinsic sequence of the attitude angles. From base arm 1's frame to the world the "
-            "attitude is"
-        )
+    says = f"From {base_frame(robot)} to the world the attitude is"
+    if not layout_of(robot).is_quaternion:
+        says = f"Intrinsic sequence of the attitude angles. {says}"
     return [says, f"{attitude_text(robot)}."]
 
 
@@ -240,6 +259,31 @@ def state_tables(robot: Robot) -> dict[str, list[str]]:
     }
 
 
+_DERIVATIVES = {
+    "rad": ("rad/s^2", "second derivative of the "),
+    "m": ("m/s^2", "second derivative of the "),
+    "rad/s": ("rad/s^2", "derivative of the "),
+    "m/s": ("m/s^2", "derivative of the "),
+    "N m": ("N m", ""),
+}
+
+
+def unknown_table(robot: Robot) -> list[str]:
+    """What explains the unknowns of the hybrid system: accelerations, then constraint torques.
+
+    Args:
+        robot: Whose unknowns they are.
+
+    Returns:
+        A line for each, as of `coordinate_table`.
+    """
+    unknowns = []
+    for entry in hybrid_coordinates(robot):
+        unit, what = _DERIVATIVES[entry.unit]
+        unknowns.append(Coordinate(entry.name, unit, f"{what}{entry.meaning}"))
+    return coordinate_table(tuple(unknowns))
+
+
 def entry_lines(tables: dict[str, list[str]]) -> list[str]:
     """Tables one below the other.
 
@@ -247,10 +291,10 @@ def entry_lines(tables: dict[str, list[str]]) -> list[str]:
         tables: Lines by headings.
 
     Returns:
-        Headings, each with its lines, and empty lines between.
+        Headings, each with its lines, and empty lines between; no table without lines.
     """
     lines = []
-    for heading, entries in tables.items():
+    for heading, entries in ((h, e) for h, e in tables.items() if e):
         lines += ["", f"{heading}:", "", *(f"    {entry}" for entry in entries)]
     return lines[1:]
 
@@ -264,5 +308,5 @@ def coordinate_table(coordinates: tuple[Coordinate, ...]) -> list[str]:
     Returns:
         A line each: name, unit, meaning.
     """
-    width = max(len(c.name) for c in coordinates)
+    width = max((len(c.name) for c in coordinates), default=0)
     return [f"{c.name:<{width}}  [{c.unit}]  {c.meaning}" for c in coordinates]

@@ -8,13 +8,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.linalg import expm
-from scipy.spatial.transform import Rotation
 
 from gibbs_codegen.robot.layout import Entries
 from gibbs_codegen.verification.states import States
 from gibbs_codegen.verification.tree import Tree
-from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices, times
+from gibbs_codegen.verification.vectors import (
+    Array,
+    cross,
+    quaternion_matrices,
+    quaternions_of_matrices,
+    times,
+)
+
+# With turns of at most 1/2, the first term of the series that is left out is below 1e-20.
+_TERMS = 16
 
 
 def displacement_rows(tree: Tree, states: States) -> Iterator[tuple[str, Array, Array]]:
@@ -69,8 +76,8 @@ def _free_base(q: Entries, v: Entries, states: States) -> tuple[Array, Array, Ar
     rates[:, q.attitude] = 0.5 * np.concatenate([turning, falling], axis=-1)
     rates[:, q.position] = times(rotation, step)
     rates[:, q.joints] = states.v[:, v.joints]
-    motions = np.array([_exponential(a, b) for a, b in zip(turn, step, strict=True)])
-    ends = Rotation.from_matrix(rotation @ motions[:, :3, :3]).as_quat()
+    motions = _exponentials(turn, step)
+    ends = quaternions_of_matrices(rotation @ motions[:, :3, :3])
     ends *= np.where(np.sum(ends * attitude, axis=-1, keepdims=True) < 0.0, -1.0, 1.0)
     moved[:, q.attitude] = ends
     moved[:, q.position] = states.q[:, q.position] + times(rotation, motions[:, :3, 3])
@@ -91,10 +98,9 @@ def _apart(q: Entries, v: Entries, states: States) -> Array:
     back = np.swapaxes(quaternion_matrices(states.q0[:, q.attitude]), -1, -2)
     there = quaternion_matrices(states.q1[:, q.attitude])
     way = times(back, states.q1[:, q.position] - states.q0[:, q.position])
-    turns = Rotation.from_matrix(back @ there).as_rotvec()
+    turns = _turns(quaternions_of_matrices(back @ there))
     # The linear part of a displacement is linear in the way.
-    units = np.eye(3)
-    gains = np.array([[_exponential(turn, unit)[:3, 3] for unit in units] for turn in turns])
+    gains = _exponentials(turns[:, None], np.eye(3))[..., :3, 3]
     apart = np.zeros_like(states.v)
     apart[:, v.attitude] = turns
     apart[:, v.position] = np.linalg.solve(np.swapaxes(gains, -1, -2), way[..., None])[..., 0]
@@ -102,10 +108,31 @@ def _apart(q: Entries, v: Entries, states: States) -> Array:
     return apart
 
 
-def _exponential(turn: Array, step: Array) -> Array:
-    """The pose (4, 4) after a displacement by `turn` (3,) and `step` (3,)."""
-    twist = np.zeros((4, 4))
-    twist[:3, :3] = cross(turn, np.eye(3)).T
-    twist[:3, 3] = step
-    pose: Array = expm(twist)
-    return pose
+def _turns(quaternions: Array) -> Array:
+    """The shortest turns (…, 3) to the attitudes of quaternions (…, 4)."""
+    vector, scalar = quaternions[..., :3], quaternions[..., 3:]
+    length = np.linalg.norm(vector, axis=-1, keepdims=True)
+    half = np.arctan2(length, np.abs(scalar))
+    factor = np.where(length > 0.0, half / np.where(length > 0.0, length, 1.0), 1.0)
+    turns: Array = 2.0 * np.copysign(factor, scalar) * vector
+    return turns
+
+
+def _exponentials(turn: Array, step: Array) -> Array:
+    """The poses (…, 4, 4) after displacements by `turn` (…, 3) and `step` (…, 3), by their series.
+
+    It is summed for a part of the displacement with turns of at most 1/2, and the pose there is
+    squared until it is the whole.
+    """
+    halvings = max(int(np.frexp(np.abs(turn).max())[1]) + 1, 0)
+    twist = np.zeros((*np.broadcast_shapes(turn.shape, step.shape)[:-1], 4, 4))
+    # Rows of e × ω over the axes e are the matrix of ω×.
+    twist[..., :3, :3] = cross(np.eye(3), turn[..., None, :])
+    twist[..., :3, 3] = step
+    twist /= 2.0**halvings
+    poses = np.eye(4)
+    for n in range(_TERMS, 0, -1):
+        poses = np.eye(4) + twist @ poses / n
+    for _ in range(halvings):
+        poses = poses @ poses
+    return poses

@@ -19,7 +19,7 @@ from gibbs_codegen.robot.model import (
     Vector3,
     as_rigid_body,
 )
-from gibbs_codegen.robot.names import identifier, parameter_prefix, rotor_prefix
+from gibbs_codegen.robot.names import frame_prefix, parameter_prefix, rotor_prefix
 
 
 class Dimension(NamedTuple):
@@ -94,7 +94,7 @@ class _Mapping:
                 for k, rotor in enumerate(robot.thrusters, start=1)
             ),
             frames=tuple(
-                replace(frame, pose=self._pose(f"frame_{identifier(frame.name)}", frame.pose))
+                replace(frame, pose=self._pose(frame_prefix(frame.name), frame.pose))
                 for frame in robot.frames
             ),
         )

@@ -77,6 +77,24 @@ def quaternion_matrices(quaternions: Array) -> Array:
     return matrices
 
 
+def quaternions_of_matrices(matrices: Array) -> Array:
+    """Quaternions of rotations: the q with the largest qᵀKq, where K is linear in the rotation.
+
+    Args:
+        matrices: Rotation matrices, (…, 3, 3).
+
+    Returns:
+        x, y, z, w, of unit length and either sign, (…, 4).
+    """
+    trace = np.trace(matrices, axis1=-2, axis2=-1)[..., None, None]
+    turned = np.swapaxes(matrices, -1, -2)
+    twice = matrices - turned
+    axis = np.stack([twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]], axis=-1)[..., None]
+    vector = matrices + turned - trace * np.eye(3)
+    rows = [[vector, axis], [np.swapaxes(axis, -1, -2), trace]]
+    return np.linalg.eigh(np.block(rows))[1][..., -1]
+
+
 def quaternions_of_angles(angles: Array) -> Array:
     """Quaternions of rotations about x, y and z, one after the other, each about the turned axis.
 

@@ -44,6 +44,7 @@ from gibbs_codegen.robot.model import Robot  # noqa: E402
 from gibbs_codegen.runtime.load import load  # noqa: E402
 from gibbs_codegen.scenario.file import read_scenario  # noqa: E402
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario  # noqa: E402
+from gibbs_codegen.simulator.actuators import Actuators  # noqa: E402
 from gibbs_codegen.simulator.allocation import Allocation  # noqa: E402
 from gibbs_codegen.simulator.closed_loop import ClosedLoop  # noqa: E402
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop  # noqa: E402
@@ -75,7 +76,8 @@ class Flight:
         vehicle = Vehicle(module)
         gains = Gains.of(5.0, 1.0, len(vehicle.coordinates))
         allocation = Allocation(vehicle.thrust_wrenches())
-        closed = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains, law))
+        controller = Controller(vehicle, reference, allocation, gains, law)
+        closed = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
         loop = CompiledLoop.of(closed, STEP, np.inf)
         if loop is None:
             raise RuntimeError(f"{vehicle.name}: no compiled loop")

@@ -49,7 +49,8 @@ TEXTS = {
         *(
             f'name = "path"\nduration = 3\n[base.path]\nkind = "{kind}"\n{text}\n'
             "[arm]\nposture = { d_8 = 1 }\nlimits_deg = { theta_7 = [-30, 30] }\n"
-            "[motors]\nlimits = [0, 1]\n[tip_force]\nforce = [0, 0, 1]\n[control]\nfrequency = 1\n"
+            "[motors]\nlimits = [0, 1]\n[push]\nframe = 'base'\ntorque = [0, 0, 1]\n"
+            "[control]\nfrequency = 1\n"
             "[integration]\nstep = 0.01\n[start]\noffset = [0, 0, 1]\n[parameters]\ngravity = 1\n"
             for kind, text in PATHS.items()
         ),

@@ -248,7 +248,7 @@ def test_rotation(axis: int, degrees: int) -> None:
     """Also of a matrix that no rigid body has."""
     matrix, tape = symmetric(6), InlineTape()
     rotation = Rotation.degrees(axis, Fraction(degrees))
-    columns = [rotation.vector(tape, tuple(row)) for row in np.eye(3)]
+    columns = [rotation.vector(tape, tuple(row)) for row in sp.eye(3).tolist()]
     turn = np.kron(np.eye(2), np.array(columns, dtype=float).T)
     turned = articulated(matrix).rotated(tape, rotation)
     np.testing.assert_allclose(numbers(turned.rows), turn @ matrix @ turn.T, atol=1e-13)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from types import ModuleType
@@ -107,7 +106,7 @@ def test_chains_added_by_the_coupling_map_give_the_emitted_hybrid_system(robot: 
 # Trees in which a held link carries others: between links that move, shared by two chains, and
 # beside the rods of a base; and a hand on a held wrist, whose two fingers share its mass.
 SHARED = ((16, "tait_bryan"), (49, "quaternion"))
-MORE = product((9, 25, 29, 35, 49, 51, 52), ("tait_bryan", "quaternion"))
+MORE = product((9, 25, 29), ("tait_bryan", "quaternion"))
 
 
 @pytest.mark.parametrize(
@@ -115,10 +114,7 @@ MORE = product((9, 25, 29, 35, 49, 51, 52), ("tait_bryan", "quaternion"))
     [*SHARED, *(pytest.param(*case, marks=pytest.mark.slow) for case in MORE)],
 )
 def test_chains_of_a_tree_add_up_to_the_emitted_hybrid_system(number: int, attitude: str) -> None:
-    robot = random_tree(number)
-    if attitude == "quaternion":
-        robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
-    check_chains(robot)
+    check_chains(random_tree(number, attitude))
 
 
 def test_what_holds_a_hand_is_shared_by_its_fingers() -> None:

@@ -134,10 +134,12 @@ def test_both_forward_dynamics_and_trees_that_are_not_regrouped(robot: Robot) ->
         forces = generalised_inertia_forces(tape, symbolic.root, each, symbolic.state)
         arrays[f"inverse {name}"] = forces
     rng = np.random.default_rng(1)
-    n = len(symbolic.q)
-    values = dict(
-        zip("qva", rng.normal(size=(3, n)), strict=True), u=rng.normal(size=len(symbolic.u))
-    )
+    n = len(symbolic.v)
+    values = {name: rng.normal(size=len(getattr(symbolic, name))) for name in "qvau"}
+    if layout_of(robot).is_quaternion:
+        values["q"][layout_of(robot).q.attitude] /= np.linalg.norm(
+            values["q"][layout_of(robot).q.attitude]
+        )
     found = evaluated(symbolic, tape, arrays, values)
 
     q, v, a, u = values.values()

@@ -25,8 +25,15 @@ NAMES = ("hextilt_flying_arm_5", "hydrus", "everything")
 COORDINATES: dict[Attitude, str] = {"quaternion": "free_flyer", "xyz": "tait_bryan_xyz"}
 BACKENDS: tuple[Literal["numpy", "c"], ...] = ("numpy", "c")
 QUICK = [("hydrus", "quaternion")]
+SLOW = [("hextilt_flying_arm_5", "quaternion"), ("everything", "xyz")]
 EMITTED = [
-    pytest.param(*case, marks=[] if case in QUICK else [pytest.mark.slow])
+    pytest.param(
+        *case,
+        marks=[
+            *([] if case in QUICK else [pytest.mark.slow]),
+            *([] if case in QUICK + SLOW else [pytest.mark.exhaustive]),
+        ],
+    )
     for case in product(NAMES, COORDINATES)
 ]
 

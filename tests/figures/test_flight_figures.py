@@ -226,7 +226,8 @@ def test_names_do_not_meet(drawn: Drawn, draw: Callable[[Flight], Figure]) -> No
 
 def test_too_many_names_are_thinned(paper: Flight) -> None:
     shape = (len(paper.time), 16)
-    many = replace(paper, base_arm_angles_desired=np.zeros(16), constraint_torques=np.ones(shape))
+    torques = tuple(f"tau_prime_{k}" for k in range(2, 18))
+    many = replace(paper, constraint_names=torques, constraint_torques=np.ones(shape))
     axes = figures.constraint_torques(many).axes[0]
     assert 4 < len(names(axes)) < 20
     assert len(solid(axes)) == 16

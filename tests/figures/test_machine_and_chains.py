@@ -186,7 +186,8 @@ def test_nothing_lies_outside_its_scene() -> None:
             drawn: Any = [np.transpose(line.get_data_3d()) for line in axes.lines]
             drawn.append(np.reshape(discs._faces, (-1, 3)))  # no public way to ask for them
             for places in drawn:
-                assert np.all((places >= low) & (places <= high))
+                inside = (places >= low) & (places <= high)
+                assert np.all(inside | np.isnan(places))  # Gaps between the lines of an artist.
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -219,7 +219,6 @@ LINK = '[[link]]\nname = "a"\nmass = 1\n'
         ("[[link]]\nmass = 1\nname = 'a'", "10: link 2: name: 'a' is the name of link 1 already"),
         ("[[link]]\nmass = 1\nname = 'base'", "10: link 2: name: 'base' is the name of the base"),
         ("[[link]]\nmass = 1\nname = ''", "10: link 2: name: must be 1 to 128 characters, not 0"),
-        ("[[link]]\nmass = 1\nname = 'a_com'", "gives parameters the names of those of link 1"),
         ("[[rotor]]\nname = 'a'", "9: rotor 1: name: 'a' is the name of link 1 already; give an"),
         ("[[rotor]]\n[[rotor]]\nname = 'rotor1'", "10: rotor 2: name: 'rotor1' is the name of r"),
         ("[[rotor]]\n[[rotor]]\nname = '1'", "'1', in generated code _1, is the name of rotor 1"),

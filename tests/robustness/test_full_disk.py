@@ -33,7 +33,7 @@ def test_the_module_that_was_there_stays(tmp_path: Path) -> None:
         {GENERATE} && cp -r disk/generated kept && ! cp /dev/zero disk/filler 2> said &&
         ! {GENERATE} --all-parameters && diff -r kept disk/generated &&
         rm disk/filler && {GENERATE} --all-parameters && ! diff -r kept disk/generated > said"""
-    done = on_small_disk(tmp_path, 200, script)
+    done = on_small_disk(tmp_path, 400, script)
     assert done.code == 0, done.error
     assert "cannot be written: No space left on device; nothing was changed" in done.error
     folder = "./generated/hexarotor"

@@ -24,10 +24,10 @@ from gibbs_codegen.scenario.scenario import (
     ArmTask,
     Control,
     Motors,
+    Push,
     Scenario,
     Settings,
     StartOffset,
-    TipForce,
 )
 
 LEAST = """
@@ -52,11 +52,13 @@ FULL: dict[str, Any] = {
         "guess_deg": {"theta_7": 20, "theta_9": -90},
         "limits": {"d_8": [0, 0.5]},
         "limits_deg": {"theta_9": [-120, 0]},
+        "effort": {"theta_7": 20, "d_8": 30},
+        "velocity": {"theta_9": 3},
     },
     "start": {"offset": [0.1, -0.2, 0.3], "turn_deg": [5, 0, -15]},
     "control": {"law": "open_loop", "frequency": 4, "damping_ratio": 0.7},
     "motors": {"limits": [-10, 25], "time_constant": 0.05},
-    "tip_force": {"force": [5, 0, -2], "begin": 2, "end": 4},
+    "push": {"frame": "base", "force": [5, 0, -2], "torque": [0, 3, 1], "begin": 2, "end": 4},
     "integration": {
         "method": "rk4",
         "step": 0.002,
@@ -128,6 +130,8 @@ def test_all_keys() -> None:
             tip=Line((1, 0, 0), (1, 1, 0), 3),
             guess={"d_8": 0.25, "theta_7": pytest.approx(20 * degree), "theta_9": -90 * degree},
             limits={"d_8": (0, 0.5), "theta_9": (np.radians(-120), 0)},
+            effort={"theta_7": 20, "d_8": 30},
+            velocity={"theta_9": 3},
             units=frozenset({("d_8", "m"), ("theta_7", "rad"), ("theta_9", "rad")}),
         ),
         start=StartOffset(
@@ -135,11 +139,22 @@ def test_all_keys() -> None:
         ),
         control=Control("open_loop", 4, 0.7),
         motors=Motors((-10, 25), 0.05),
-        tip_force=TipForce((5, 0, -2), 2, 4),
+        push=Push((5, 0, -2), 2, 4, (0, 3, 1), "base"),
         integration=Settings("rk4", 0.002, 1e-8, 1e-9, 50, 3),
         parameters={"gravity": 3.7, "link_2_mass": 1.5},
         description="all that can be said",
     )
+
+
+def test_a_tip_force_is_a_push_of_the_tip() -> None:
+    """Scenarios of before there were pushes at any frame keep their meaning."""
+    old = LEAST + "[tip_force]\nforce = [1, 2, 3]\nbegin = 2\n"
+    assert parse_scenario(old).push == Push((1, 2, 3), begin=2, frame="tip")
+    new = old.replace("tip_force", "push")
+    assert parse_scenario(new).push == parse_scenario(old).push
+    assert faults(new + "[tip_force]\nforce = [1, 2, 3]\n") == [
+        "s.toml:9: tip_force: must be left out, since push says what pushes the robot"
+    ]
 
 
 def test_defaults() -> None:
@@ -165,6 +180,7 @@ OTHERS: dict[object, object] = {
     "level": "tangent",
     "open_loop": "off",
     "rk4": "adaptive",
+    "base": "tip",
 }
 
 
@@ -314,7 +330,7 @@ def tables(value: object, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...
 def test_unknown_keys_of_any_table(path: tuple[str, ...]) -> None:
     key = "the colour"
     found = "\n".join(faults(document(with_change((*path, key), 1))))
-    named = path and path[-1].removesuffix("_deg") in ("guess", "limits")
+    named = path and path[-1].removesuffix("_deg") in ("guess", "limits", "effort", "velocity")
     said = "must be the name of a" if named else "unknown key"
     assert f"'{key}': {said}" in found or f"{key}: {said}" in found
 
@@ -364,8 +380,14 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("motors.limits", [25, 10], "the least thrust must be below the greatest"),
         ("motors.time_constant", -1, "must be at least 0, not -1"),
         ("tip_force", {"begin": 1}, "tip_force.force: missing: [x, y, z] in N"),
-        ("tip_force.end", 2, "must be after begin, 2 s"),
-        ("tip_force.begin", -1, "must be at least 0, not -1"),
+        ("tip_force", {"force": [1, 2, 3], "torque": [1, 2, 3]}, "tip_force.torque: unknown key"),
+        ("push", {"begin": 1}, "push.force: missing: give a force, a torque, or both"),
+        ("push.end", 2, "must be after begin, 2 s"),
+        ("push.begin", -1, "must be at least 0, not -1"),
+        ("push.torque", [1, 2], "must have 3 numbers, not 2"),
+        ("push.frame", 3, "push.frame: must be a string, not a number"),
+        ("arm.effort", {"theta_7": -1}, "arm.effort.theta_7: must be at least 1e-09, not -1"),
+        ("arm.velocity", {"theta 7": 1}, "must be the name of a joint: of its coordinate"),
         ("integration.method", "euler", "must be one of 'adaptive', 'rk4', not 'euler'"),
         ("integration.step", 1e-9, "must be at least 1e-06, not 1e-09"),
         ("integration.step", 0, "must be at least 1e-06, not 0"),

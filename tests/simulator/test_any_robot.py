@@ -5,24 +5,30 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
+from conftest import compiled_soon
 from scipy.spatial.transform import Rotation
 from support.emitted import emitted_module
+from support.random_robots import random_tree
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.figures.results import write_results
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Attitude, Base, RigidBody, Robot
+from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
 from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle
-from gibbs_codegen.scenario.scenario import Law, Settings, TipForce
+from gibbs_codegen.scenario.scenario import Law, Push, Settings
+from gibbs_codegen.simulator.actuators import Actuators
 from gibbs_codegen.simulator.allocation import AllocationError
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
@@ -56,7 +62,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Load:
                 robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
                 text = robot_text(robot)
             generate_robot(robot, text, folder / name, verify=False)
-            made[name] = load(folder / name / robot.name, backend="c")
+            made[name] = compiled_soon(folder / name / robot.name)
         return made[name]
 
     return module
@@ -70,7 +76,14 @@ def everything() -> ModuleType:
     )
 
 
-@pytest.mark.parametrize("scenario", ["hover", "line", "circle"])
+@pytest.mark.parametrize(
+    "scenario",
+    [
+        "line",
+        pytest.param("hover", marks=pytest.mark.slow),
+        pytest.param("circle", marks=pytest.mark.slow),
+    ],
+)
 def test_a_quaternion_flies_as_angles_do(scenario: str, compiled: Load, fast: Load) -> None:
     flown = replace(read_scenario(scenario), integration=RK4, duration=3.0)
     one, two = (simulate(m, flown) for m in (fast("hexarotor_3link"), compiled("quaternion")))
@@ -115,7 +128,11 @@ def test_errors_under_control_decay_as_the_gains_say(compiled: Load) -> None:
 
 @pytest.mark.parametrize("name", ["hextilt_flying_arm_5", "quaternion"])
 def test_an_offset_hover_is_reached(name: str, compiled: Load) -> None:
-    changes = {"start": {"offset": [0.2, 0.1, -0.1], "turn_deg": [10, 80, 30]}}
+    changes = {
+        "start": {"offset": [0.2, 0.1, -0.1], "turn_deg": [10, 80, 30]},
+        "motors": {"limits": [-1e9, 1e9]},  # in place of those of the robot file
+        "arm": {"effort": dict.fromkeys(Vehicle(compiled(name)).joint_names, 1e9)},
+    }
     scenario = replace(read_scenario("hover", changes), integration=RK4, duration=3.0)
     flight = simulate(compiled(name), scenario)
     assert not flight.stopped
@@ -138,19 +155,21 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     count = vehicle.layout.v.size
     gains = Gains.of(np.linspace(4.0, 9.0, count), np.linspace(0.5, 1.1, count), count)
     controller = Controller(vehicle, reference, allocation_of(vehicle), gains, law)
-    push = TipForce((0.7, -0.4, 0.5), 0.0, 1.0)
-    closed = ClosedLoop(vehicle, controller, None, lag, push)
+    push = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1), "base")
+    actuators = Actuators.unlimited(vehicle)
+    actuators.lag[1:] = lag  # The first motor does not lag.
+    closed = ClosedLoop(vehicle, controller, actuators, push)
     state = closed.start(*starting_state(vehicle, reference, scenario.start))
     state[vehicle.layout.q.size :] += 0.3 * np.cos(np.arange(len(state) - vehicle.layout.q.size))
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, step, np.inf, tip_force=True)
+    loop = CompiledLoop.of(closed, step, np.inf, pushed=True)
     assert loop is not None
     taken, samples, _ = loop(0.0, state, 25, 1, 0)
     assert taken == 25
     for number, sample in enumerate(samples):
-        state = rk4_step(closed, number * step, state, step, tip_force=True)
+        state = rk4_step(closed, number * step, state, step, pushed=True)
         assert sample == pytest.approx(state, rel=1e-9, abs=1e-9)
         state = sample
 
@@ -209,9 +228,41 @@ def test_hydrus_hovers_in_open_loop_only(compiled: Load) -> None:
     assert flight.applied[0, :4] == pytest.approx(flight.applied[0, :4].mean(), rel=0.2)
 
 
+def test_a_robot_without_arms_hovers_in_open_loop(compiled: Load) -> None:
+    """Coplanar rotors, no joints, limits and lag from the robot file."""
+    scenario = replace(read_scenario("hover", {"control": {"law": "open_loop"}}), duration=0.1)
+    flight = simulate(compiled("quadrotor"), scenario)
+    assert not flight.stopped
+    assert flight.centre_error.max() < 1e-9
+    assert flight.parents[1:5].tolist() == [0] * 4
+
+
 def test_several_arms_have_no_tip_to_lead(everything: ModuleType) -> None:
     with pytest.raises(UsageError, match="everything: has no tip"):
         simulate(everything, read_scenario("paper", {"control": {"law": "off"}}))
+
+
+@pytest.mark.parametrize("arm", [1, 4])
+def test_an_arm_at_any_azimuth_follows_the_path(arm: int) -> None:
+    """What points along the velocity of the base is the arm, from the centre to its motor."""
+    robot, _ = read_robot("hexarotor")
+    azimuths = tuple(map(Fraction, (10, 60, 130, 175, 250, 300)))
+    base = replace(robot.base, azimuth_deg=azimuths)
+    scenario = replace(read_scenario("circle"), attitude=Tangent(arm), duration=0.05)
+    flight = simulate(emitted_module(replace(robot, base=base)), scenario)
+    assert not flight.stopped
+    along = flight.point(f"motor{arm}") - flight.point("O2")
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    velocity = scenario.base(flight.time)[:, 1]
+    velocity /= np.linalg.norm(velocity, axis=1, keepdims=True)
+    assert along == pytest.approx(velocity, abs=1e-9)
+    assert flight.heading_error == pytest.approx(0.0, abs=1e-9)
+    expected = np.array(azimuths[1:], dtype=float)
+    off = np.degrees(flight.base_arm_angles_desired) - expected
+    assert np.sin(np.radians(off) / 2.0) == pytest.approx(0.0, abs=1e-9)
+    assert flight.base_arm_angles == pytest.approx(
+        np.tile(flight.base_arm_angles_desired, (len(flight.time), 1)), abs=1e-9
+    )
 
 
 def test_points_hang_together_as_the_links_do(everything: ModuleType, compiled: Load) -> None:
@@ -247,3 +298,26 @@ def test_a_flight_of_any_robot_is_drawn_and_written(everything: ModuleType, tmp_
     header = (tmp_path / "flight.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     assert len(set(header)) == len(header)
     assert "tip_error [m]" not in header
+
+
+@pytest.mark.parametrize("attitude", ["quaternion", "zyx"])
+def test_without_rotors_only_a_free_fall_is_flown(attitude: Attitude) -> None:
+    body = RigidBody(0.0, 2.0, inertia=(0.1, 0.1, 0.1, 0.0, 0.0, 0.0))
+    robot = Robot("stone", Base(attitude=attitude, origin="base", body=body), ())
+    module = emitted_module(robot)
+    with pytest.raises(AllocationError, match="the rotors cannot command force along x, "):
+        simulate(module, read_scenario("hover", {"duration": 0.2}))
+    falling = read_scenario("hover", {"duration": 0.2, "control": {"law": "off"}})
+    flight = simulate(module, falling)
+    fallen = flight.point("base")[0, 2] - flight.point("base")[-1, 2]
+    assert fallen == pytest.approx(robot.gravity * 0.2**2 / 2)
+
+
+def test_series_of_a_held_link_have_its_name() -> None:
+    robot = random_tree(35)
+    flight = simulate(emitted_module(robot), read_scenario("hover", {"duration": 0.05} | OFF))
+    (held,) = (robot.links[i - 1].name for i in robot.constrained)
+    series = {name: values for name, _, values in flight.columns()}
+    torques = series[f"tau_prime_{identifier(held)}"]
+    np.testing.assert_array_equal(torques, flight.constraint_torques[:, -1])
+    assert np.abs(torques).max() > 0

@@ -20,7 +20,8 @@ from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.c_library import NATIVE
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
-from gibbs_codegen.scenario.scenario import Law, TipForce
+from gibbs_codegen.scenario.scenario import Law, Push
+from gibbs_codegen.simulator.actuators import Actuators
 from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
@@ -40,7 +41,7 @@ STEP = 2.0**-8
 # position at motor 1.
 RANDOM = "random"
 # Along no axis, so that every row of the Jacobian counts.
-PUSH = TipForce((0.7, -0.4, 0.5), 0.0, 1.0)
+PUSH = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1))
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,19 @@ def closed_loop_of(module: ModuleType, law: Law = "computed_torque") -> ClosedLo
     count = len(vehicle.coordinates)
     gains = Gains.of(np.linspace(4.0, 9.0, count), np.linspace(0.5, 1.1, count), count)
     allocation = Allocation(vehicle.thrust_wrenches())
-    return ClosedLoop(vehicle, Controller(vehicle, smooth(count), allocation, gains, law))
+    controller = Controller(vehicle, smooth(count), allocation, gains, law)
+    return ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
+
+
+def restricted(
+    closed: ClosedLoop, limits: tuple[float, float] | None = None, lag: float = 0.0
+) -> ClosedLoop:
+    """The loop with limits of all thrusts, and motors that lag by `lag` and up to twice as much."""
+    actuators = Actuators.unlimited(closed.vehicle)
+    if limits:
+        actuators.thrusts[:] = np.transpose([limits])
+    actuators.lag[:] = lag * np.linspace(1.0, 2.0, closed.vehicle.rotors)
+    return replace(closed, actuators=actuators)
 
 
 def start_of(closed: ClosedLoop) -> Array:
@@ -109,15 +122,15 @@ def loop_of(closed: ClosedLoop, bounds: Array | None = None, pushed: bool = Fals
         ("hexarotor_3link", 0.0, None),
         *((name, lag, None) for name in ("hexarotor", RANDOM) for lag in (0, 0.1)),
         ("hexarotor_3link", 0.0, PUSH),
-        (RANDOM, 0.1, PUSH),
+        (RANDOM, 0.1, replace(PUSH, frame="base")),
     ],
 )
 def test_every_step_is_that_of_python(
-    name: str, law: Law, lag: float, push: TipForce | None, modules: Load
+    name: str, law: Law, lag: float, push: Push | None, modules: Load
 ) -> None:
     """From each state that the loop comes to, Python takes the next step to the same state."""
     limits = None if law == "off" else (-1e6, 1e6)
-    closed = replace(closed_loop_of(modules(name), law), lag=lag, limits=limits, tip_force=push)
+    closed = replace(restricted(closed_loop_of(modules(name), law), limits, lag), push=push)
     state = start_of(closed)
     after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
@@ -139,7 +152,7 @@ def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     state = start_of(closed)
     _, free, _ = loop_of(closed)(0.0, state, 10, 1, 0)
-    pushed = replace(closed, tip_force=PUSH)
+    pushed = replace(closed, push=PUSH)
     _, waiting, _ = loop_of(pushed)(0.0, state, 10, 1, 0)
     assert np.array_equal(waiting, free)
     loop = loop_of(pushed, pushed=True)
@@ -184,7 +197,7 @@ def extremes(closed: ClosedLoop, time: float, state: Array) -> tuple[float, floa
         stage = state + ahead * slope
         q, v, _, _ = closed.parts(stage)
         found.append(closed.controller(time + ahead, q, v)[:rotors])
-        slope = closed.derivative(time + ahead, stage, tip_force=False)
+        slope = closed.derivative(time + ahead, stage, pushed=False)
     return -np.min(found), np.max(found)
 
 
@@ -201,7 +214,7 @@ def test_a_step_that_meets_a_limit_is_handed_back(law: Law, side: int, modules: 
     beyond = np.flatnonzero(so_far[1:] > so_far[:-1])[-1] + 1
     limits = [1e6, 1e6]
     limits[side] = so_far[beyond - 1] + 1e-9
-    loop = loop_of(replace(closed, limits=(-limits[0], limits[1])))
+    loop = loop_of(restricted(closed, (-limits[0], limits[1])))
     taken, samples, last = loop(0.0, state, 40, 1, 0)
     assert taken == beyond
     assert np.array_equal(samples, free[:beyond])
@@ -256,7 +269,7 @@ def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> No
     taken, samples, last = loop_of(closed)(0.0, state, 10, 1, 0)
     assert taken == len(samples) == 1
     assert not np.all(np.isfinite(last))
-    limited = replace(closed, limits=(-1e6, 1e6))
+    limited = restricted(closed, (-1e6, 1e6))
     assert loop_of(limited)(0.0, state, 10, 1, 0)[0] == 0
 
 
@@ -297,6 +310,7 @@ _DRIVER = """\
 #endif
 
 #define UNTOUCHED 1234567.5
+#define FRAMES 2
 
 static ptrdiff_t n, rotors;
 static uint64_t seed = 88172645463325252u;
@@ -356,20 +370,19 @@ static void inputs(const void *k, const double *q, double *out)
     }
 }
 
-static void mass(const void *k, const double *q, double *out)
+static void forces(const void *k, const double *q, const double *wrenches, double *out)
 {
     (void)k;
-    for (ptrdiff_t i = 0; i < n * n; ++i) {
-        out[i] = i % (n + 1) ? 1e-3 * q[i % n] : 2.0;
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        out[i] = q[i] * wrenches[i % (FRAMES * BASE)];
     }
 }
 
-static void jacobian(const void *k, const double *q, double *out)
+static void pushed(const void *k, const double *q, const double *v, const double *u,
+                   const double *wrenches, double *out)
 {
-    (void)k;
-    for (ptrdiff_t i = 0; i < 6 * n; ++i) {
-        out[i] = q[i % n];
-    }
+    forward(k, q, v, u, out);
+    out[n - 1] += wrenches[FRAMES * BASE - 1];
 }
 
 int main(void)
@@ -381,7 +394,7 @@ int main(void)
         rotors = large ? 256 : BASE + draw(5);
         const int turning = draw(2) == 0; /* attitude by a quaternion */
         const ptrdiff_t coordinates = n + turning;
-        Loop f = {forward, inverse, inputs, mass, jacobian, NULL, coordinates, n, rotors};
+        Loop f = {forward, inverse, inputs, pushed, forces, NULL, coordinates, n, rotors};
         f.middle_angle = -turning;
         f.attitude = turning ? 3 : 0;
         f.joints = turning ? 6 : 3;
@@ -390,13 +403,22 @@ int main(void)
         f.placed = f.position;
         f.pieces = 1 + draw(4);
         f.law = (int)draw(3);
-        f.pushed = draw(3) == 0;
-        f.push[0] = value();
-        f.push[2] = value();
+        double *wrenches = filled(FRAMES * BASE);
+        f.wrenches = draw(3) == 0 ? wrenches : NULL;
+        const ptrdiff_t acting = rotors + n - BASE;
+        double *least = room(acting), *most = room(acting), *lag = room(rotors);
+        for (ptrdiff_t j = 0; j < acting; ++j) {
+            least[j] = -1e4;
+            most[j] = 1e4;
+        }
+        for (ptrdiff_t j = 0; j < rotors; ++j) {
+            lag[j] = draw(3) ? 0.1 : 0.0;
+        }
         f.limited = draw(4) == 0;
-        f.least = -1e4;
-        f.most = 1e4;
-        f.lag = draw(2) ? 0.1 : 0.0;
+        f.least = least;
+        f.most = most;
+        f.lags = draw(2) == 0;
+        f.lag = lag;
         double *bounds = filled(2 * n);
         for (ptrdiff_t j = 0; j < 2 * n; ++j) {
             bounds[j] = 20.0 + fabs(bounds[j]);
@@ -414,7 +436,7 @@ int main(void)
         f.damping = damping;
         f.losses = losses;
         f.scratch = room(gibbs_codegen_rk4_room(&f) - SHORT);
-        const ptrdiff_t size = coordinates + n + 1 + (f.lag > 0.0 ? rotors : 0);
+        const ptrdiff_t size = coordinates + n + 1 + (f.lags ? rotors : 0);
         const ptrdiff_t count = draw(30), every = 1 + draw(40), number = draw(1000);
         double *state = filled(size), *samples = room((count / every + 1) * size);
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
@@ -434,6 +456,10 @@ int main(void)
         }
         steps += taken;
         whole += taken == count;
+        free(wrenches);
+        free(least);
+        free(most);
+        free(lag);
         free(bounds);
         free(coefficients);
         free(distribution);

@@ -32,6 +32,20 @@ def test_npz_reads_back_the_same(flight: Flight, tmp_path: Path) -> None:
         assert np.array_equal(before, after), field.name
 
 
+def test_a_flight_saved_before_robots_were_trees_is_read(flight: Flight, tmp_path: Path) -> None:
+    """Such files say nothing of attitude, units and parents: those were the same for all."""
+    flight.write_npz(tmp_path / "now.npz")
+    with np.load(tmp_path / "now.npz") as stored:
+        new = ("attitude", "coordinate_units", "parents")
+        np.savez(tmp_path / "old.npz", **{key: stored[key] for key in stored if key not in new})
+    again = read_flight(tmp_path / "old.npz")
+    for field in dataclasses.fields(Flight):
+        before, after = getattr(flight, field.name), getattr(again, field.name)
+        assert type(before) is type(after), field.name
+        assert np.array_equal(before, after), field.name
+    assert np.array_equal(again.errors, flight.errors)
+
+
 def test_csv_has_a_named_column_with_a_unit_for_everything(flight: Flight, tmp_path: Path) -> None:
     flight.write_csv(tmp_path / "a.csv")
     with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:

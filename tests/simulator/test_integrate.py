@@ -19,8 +19,9 @@ from gibbs_codegen.scenario.attitude import rate_matrix
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle, Harmonic, Term
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, Settings, TipForce
+from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Push, Scenario, Settings
 from gibbs_codegen.simulator import fixed_step
+from gibbs_codegen.simulator.actuators import Actuators
 from gibbs_codegen.simulator.allocation import Allocation
 from gibbs_codegen.simulator.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.compiled_loop import CompiledLoop
@@ -132,7 +133,7 @@ def test_energy_balances_with_everything_on(fast: Load) -> None:
     scenario = replace(
         read_scenario("line", {"start": {"offset": [0.2, 0.1, 0.1], "turn_deg": [4, 8, 3]}}),
         motors=Motors((-12.0, 15.0), 0.02),
-        tip_force=TipForce((0.5, -0.3, 0.4), 1.0, 2.0),
+        push=Push((0.5, -0.3, 0.4), 1.0, 2.0),
         duration=2.2,
     )
     settings = Settings(method="rk4", step=0.001)
@@ -300,7 +301,8 @@ def test_the_bound_on_rates_is_where_an_error_would_swing_out_too_far(fast: Load
         (0.01, 1.0, 0.5),
     ):
         gains = Gains.of(frequency, ratio, 6)
-        loop = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains))
+        controller = Controller(vehicle, reference, allocation, gains)
+        loop = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
         bounds = Envelope(loop, 20.0, duration).bounds
         assert np.array_equal(bounds[:6], np.full(6, 20.0))
         system = lti([1.0], [1.0, 2.0 * ratio * frequency, frequency**2])
@@ -357,7 +359,8 @@ def test_flights_end_at_the_singularity_of_every_sequence(attitude: str) -> None
     gains = Gains.of(1.0, 1.0, len(vehicle.coordinates))
     reference = desired_motion(vehicle, scenario)
     allocation = Allocation(vehicle.thrust_wrenches())
-    loop = ClosedLoop(vehicle, Controller(vehicle, reference, allocation, gains, "off"))
+    controller = Controller(vehicle, reference, allocation, gains, "off")
+    loop = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
     q, v, _ = reference(0.0)
     one, round_and_round = Settings("rk4"), Settings("rk4", step=0.1, rate=10.0)
     for sign, rate, settings in (
@@ -389,7 +392,7 @@ def test_samples_are_at_the_rate_asked_for(
     rate: float, begin: float, end: float, fast: Load
 ) -> None:
     """On one grid, whatever the push breaks up, and at the last instant."""
-    push = TipForce((0.1, 0.0, 0.2), begin, end)
+    push = Push((0.1, 0.0, 0.2), begin, end)
     for duration in (0.3, 0.4004):
         count = int(duration * rate + 1e-9)
         wanted = np.arange(count + 1) / rate
@@ -399,7 +402,7 @@ def test_samples_are_at_the_rate_asked_for(
             scenario = read_scenario(
                 "hover", {"duration": duration, "integration": {"method": method, "rate": rate}}
             )
-            flight = simulate(fast("hexarotor_3link"), replace(scenario, tip_force=push))
+            flight = simulate(fast("hexarotor_3link"), replace(scenario, push=push))
             assert flight.time.shape == wanted.shape
             assert flight.time == pytest.approx(wanted, rel=1e-15)
             assert flight.time[-1] == duration
@@ -420,8 +423,8 @@ def test_fixed_steps_are_no_longer_than_asked_for(
     monkeypatch.setattr(fixed_step, "rk4_step", counted)
     monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)
     settings = Settings(method="rk4", step=step, rate=60.0)
-    push = TipForce((0.1, 0.0, 0.2), 0.0333, 0.0777)
-    scenario = replace(read_scenario("hover", {"duration": 0.11}), tip_force=push)
+    push = Push((0.1, 0.0, 0.2), 0.0333, 0.0777)
+    scenario = replace(read_scenario("hover", {"duration": 0.11}), push=push)
     simulate(fast("hexarotor"), replace(scenario, integration=settings))
     begins, sizes = np.array(calls).T
     assert np.all((sizes > 1e-9) & (sizes <= step * (1.0 + 1e-9)))
@@ -432,13 +435,13 @@ def test_fixed_steps_are_no_longer_than_asked_for(
 
 
 def test_a_push_begins_and_ends_when_it_should(fast: Load) -> None:
-    push = TipForce((0.0, 0.0, 1.0), 0.503, 0.707)
+    push = Push((0.0, 0.0, 1.0), 0.503, 0.707)
     off = Scenario(
         "push",
         1.0,
         Circle((0, 0, 0), 1e-9, 1.0),
         control=Control("off"),
-        tip_force=push,
+        push=push,
         parameters={"gravity": 0.0},
     )
     for settings in (TIGHT, Settings(method="rk4")):
@@ -467,10 +470,10 @@ def test_a_pushed_flight_in_c_is_that_of_python(
     fast: Load, shipped: Load, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """And Python takes no steps but those that the push's begin and end cut short."""
-    push = TipForce((0.5, -0.3, 0.4), 0.2003, 0.6007)
+    push = Push((0.5, -0.3, 0.4), 0.2003, 0.6007)
     scenario = replace(
         read_scenario("line", {"start": {"offset": [0.1, 0, 0]}, "duration": 0.8}),
-        tip_force=push,
+        push=push,
         integration=Settings(method="rk4", step=0.002),
     )
     times = counted_derivatives(monkeypatch)
@@ -478,7 +481,7 @@ def test_a_pushed_flight_in_c_is_that_of_python(
     if (fast("hexarotor_3link").__file__ or "").endswith(".so"):
         assert len(times) == 4 * 4
     slow = simulate(shipped("hexarotor_3link"), scenario)
-    free = simulate(fast("hexarotor_3link"), replace(scenario, tip_force=None))
+    free = simulate(fast("hexarotor_3link"), replace(scenario, push=None))
     assert np.abs(quick.q - free.q).max() > 1e-3
     for name in ("q", "v", "work"):
         ours, theirs = getattr(quick, name), getattr(slow, name)
@@ -581,6 +584,6 @@ def test_limits_and_lag_are_named_where_no_step_is_small_enough(
     scenario = read_scenario("hover", {**changes, "integration": {"divergence": 1e3}})
     flight = simulate(fast("hexarotor"), scenario)
     assert "no step is small enough" in flight.stopped
-    assert "saturated thrusts: " in flight.stopped
+    assert "saturated inputs: F_" in flight.stopped
     assert "the motors' time constant is 0.5 s" in flight.stopped
     assert flight.time[-1] == pytest.approx(0.505, abs=1e-6)

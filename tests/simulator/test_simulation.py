@@ -20,7 +20,7 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Circle, Fixed
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Scenario, Settings, TipForce
+from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Push, Scenario, Settings
 from gibbs_codegen.simulator.allocation import AllocationError
 from gibbs_codegen.simulator.continuation import UnreachableError
 from gibbs_codegen.simulator.flight import Flight
@@ -199,8 +199,8 @@ def test_parameters_reach_the_machine(fast: Load) -> None:
 
 
 def test_a_push_at_the_tip_moves_it_and_is_overcome(fast: Load) -> None:
-    push = TipForce((3.0, 0.0, 0.0), 0.5, 1.5)
-    scenario = replace(read_scenario("line"), tip_force=push, duration=5.0)
+    push = Push((3.0, 0.0, 0.0), 0.5, 1.5)
+    scenario = replace(read_scenario("line"), push=push, duration=5.0)
     flight = simulate(fast("octorotor_7link"), scenario)
     before, during = flight.time < 0.5, (flight.time > 0.5) & (flight.time < 1.5)
     assert flight.tip_error[before].max() < 1e-6
@@ -210,9 +210,9 @@ def test_a_push_at_the_tip_moves_it_and_is_overcome(fast: Load) -> None:
 
 def test_the_push_is_a_force_on_the_tip(fast: Load) -> None:
     """M a = R + B u + Jᵀf, with J of the tip."""
-    push = TipForce((1.0, -2.0, 0.5), 0.0, 1.0)
+    push = Push((1.0, -2.0, 0.5), 0.0, 1.0)
     module = fast("hexarotor_3link")
-    scenario = replace(read_scenario("circle"), tip_force=push, duration=0.2)
+    scenario = replace(read_scenario("circle"), push=push, duration=0.2)
     flight = simulate(module, scenario)
     for k in range(0, len(flight.time), 5):
         q, v, a, u = flight.q[k], flight.v[k], flight.a[k], flight.applied[k]

@@ -133,12 +133,12 @@ def tree_link(rng: np.random.Generator) -> Link:
     return replace(found, passive=passive(rng), limits=bounds[rng.integers(3)])
 
 
-def random_tree(seed: int) -> Robot:
+def random_tree(seed: int, attitude: str = "") -> Robot:
     """A robot with one to three arms that branch, of a seed.
 
     Half of them have a central body with placed rotors, some on links; the others have rods, some
-    at unequal azimuths. Odd seeds have a quaternion. Masses and inertias are those of bodies, and
-    well conditioned.
+    at unequal azimuths. Attitude is "tait_bryan" or "quaternion"; where it is not given, odd seeds
+    have a quaternion. Masses and inertias are those of bodies, and well conditioned.
     """
     rng = np.random.default_rng(seed)
     arms, pattern = int(rng.integers(1, 4)), NAMES[rng.integers(len(NAMES))]
@@ -165,7 +165,7 @@ def random_tree(seed: int) -> Robot:
         for k in range(int(rng.integers(4)))
     )
     base, rotors = _tree_base(rng, links)
-    if seed % 2:
+    if attitude == "quaternion" or (not attitude and seed % 2):
         base = replace(base, attitude="quaternion")
     gravity = (9.81, 9.81, 3.7)[rng.integers(3)]
     return Robot(f"tree_{seed}", base, tuple(links), gravity, rotors, frames)

@@ -10,7 +10,10 @@ import pytest
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import FUNCTIONS, Output, Row
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.targets.documentation import attitude_text, output_text
+from gibbs_codegen.robot.file import parse_robot, read_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.targets.documentation import attitude_lines, attitude_text, output_text
+from gibbs_codegen.targets.registry import find_targets, render_module
 
 
 def test_emitted_functions_are_those_of_the_table() -> None:
@@ -60,3 +63,46 @@ def test_entries_are_told_with_units() -> None:
     assert text("positions") == "O1, O2, motor1, motor2, motor3, joint4, tip [m]"
     assert text("forward_dynamics").endswith("a_z [m/s^2]")
     assert attitude_text(paper_family(3, 1)) == "R_x(theta_m1) R_y(theta_0) R_z(theta_1)"
+
+
+MOUNTED = """
+name = "carried"
+base = { mass = 1.0, inertia = [1, 1, 1, 0, 0, 0], attitude = "quaternion" }
+[[link]]
+name = "mount"
+joint = "fixed"
+constrained = true
+mass = 1.0
+inertia = [1, 1, 1, 0, 0, 0]
+"""
+
+
+def header(robot: Robot) -> str:
+    """The C header of a robot, its comment in one line."""
+    text = render_module(derive(robot), "", find_targets(["c"]))[f"{robot.name}.h"]
+    return " ".join(text.replace("\n *", " ").split())
+
+
+def test_only_bases_of_rods_have_words_of_arms_and_motors() -> None:
+    rods, placed, carried = paper_family(2, 0), read_robot("quadrotor")[0], parse_robot(MOUNTED)
+    assert attitude_lines(rods)[0].endswith("From base arm 1's frame to the world the attitude is")
+    assert "gives in the frame of the motor's arm." in header(rods)
+    assert attitude_lines(placed) == [
+        "From the base's frame to the world the attitude is",
+        "the unit quaternion qx, qy, qz, qw, its scalar part last.",
+    ]
+    assert "gives in the frame of the body that carries the rotor." in header(placed)
+    told = header(carried)
+    assert "from the base's frame to the world" in told
+    assert "motor" not in told
+    assert "A thrust acts" not in told
+
+
+def test_unknowns_of_the_hybrid_system_are_accelerations_and_torques() -> None:
+    told = header(parse_robot(MOUNTED))
+    assert "vx [m/s^2] derivative of the velocity of the base's frame, along the" in told
+    assert "mount [rad/s^2] second derivative of the constrained angle of the joint of" in told
+    assert "tau_prime_mount [N m] constraint torque of the joint of mount" in told
+    told = header(paper_family(2, 1))
+    assert "theta_m1 [rad/s^2] second derivative of the first attitude angle, about x" in told
+    assert "theta_m1 [rad] first attitude angle" in told

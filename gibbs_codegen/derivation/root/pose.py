@@ -2,8 +2,8 @@
 
 A pose is q = (x, y, z, w), the scalar last, with a position; it takes the base's frame to the
 world. A twist is an angular and a linear part in the base's frame. Everything is straight-line:
-functions of an angle that are smooth at zero are computed from the square root of its square and
-a number that rounding swallows wherever the function varies at all, so nothing is 0/0.
+2^-120 is added to the squared angle, so that sin θ/θ and the like are evaluated at θ ≥ 1e-18
+instead of 0/0.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ class QuaternionRoot:
         """The root segment does not turn against its group frame.
 
         Args:
-            values: Of no consequence here.
+            values: Not used.
 
         Returns:
             Zero.

@@ -234,7 +234,7 @@ class TaitBryanRoot:
         Args:
             linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
             angular: The sum of θ̈₋₁, θ̈₀, θ̈₁ times their axes, in the group frame (rad/s²).
-            rates: Of no consequence here.
+            rates: Not used.
             gravity: Gravity (m/s²).
 
         Returns:
@@ -251,7 +251,7 @@ class TaitBryanRoot:
         """Rates of the base's coordinates.
 
         Args:
-            coordinates: Of no consequence here.
+            coordinates: Not used.
             rates: Those of θ₋₁, θ₀, θ₁, x, y, z.
 
         Returns:

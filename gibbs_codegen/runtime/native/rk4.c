@@ -2,9 +2,9 @@
  * A controlled flight in fixed steps of Runge and Kutta's classical method, many steps a call.
  *
  * The functions of an emitted C module are given by their addresses, so one compiled loop serves
- * every robot. The state is q, v, the work of the inputs and of the push on the tip less what
- * damping takes, and the thrusts where the motors lag. A quaternion may have any length. What takes more than arithmetic, thrusts that meet a limit, is left
- * to the caller, step by step.
+ * every robot. The state is q, v, the work of the inputs and of the push less what damping takes,
+ * and the thrusts where the motors lag. A quaternion may have any length. What takes more than
+ * arithmetic, inputs that meet a limit, is left to the caller, step by step.
  */
 
 #include <math.h>
@@ -18,13 +18,16 @@ enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2 };
 typedef void Forward(const void *, const double *, const double *, const double *, double *);
 typedef void Inverse(const void *, const double *, const double *, const double *, double *);
 typedef void Matrix(const void *, const double *, double *);
+typedef void Pushed(const void *, const double *, const double *, const double *, const double *,
+                    double *);
+typedef void Forces(const void *, const double *, const double *, double *);
 
 typedef struct {
     Forward *forward_dynamics;
     Inverse *inverse_dynamics;
     Matrix *input_matrix;
-    Matrix *mass_matrix;
-    Matrix *tip_jacobian;        /* [6][coordinates], of which the upper half is linear */
+    Pushed *forward_dynamics_with_wrenches;
+    Forces *wrench_forces;
     const void *constants;
     ptrdiff_t coordinates;
     ptrdiff_t velocities;
@@ -38,11 +41,11 @@ typedef struct {
     ptrdiff_t pieces;
     int law;
     int limited;
-    int pushed;
-    double least;
-    double most;
-    double lag;
-    double push[3];              /* force on the tip, world axes */
+    int lags;
+    const double *least;         /* [rotors + joints]: limits of the inputs */
+    const double *most;
+    const double *lag;           /* [rotors]: time constants of the motors, 0 for none */
+    const double *wrenches;      /* [frames][6] of the push; NULL where it does not act */
     const double *bounds;        /* [2][velocities]: errors beyond which control is lost */
     double largest_theta_0;      /* beyond it angles are singular */
     double begin;                /* of the first piece of the reference */
@@ -58,7 +61,7 @@ typedef struct {
 /* Length of the state. */
 static ptrdiff_t size_of(const Loop *f)
 {
-    return f->coordinates + f->velocities + 1 + (f->lag > 0.0 ? f->rotors : 0);
+    return f->coordinates + f->velocities + 1 + (f->lags ? f->rotors : 0);
 }
 
 static void cross(const double *a, const double *b, double *out)
@@ -313,8 +316,8 @@ static void allocate(const Loop *f, const double *matrix, const double *wanted, 
     memcpy(inputs + f->rotors, wanted + f->joints, (size_t)joints * sizeof *inputs);
 }
 
-/* Power of inputs, less that of damping: thrusts act on attitude and position (the thrusts of
- * rotors that joints move are 0 here), joint torques on their own joints. */
+/* Power of inputs: thrusts act on attitude and position (the thrusts of rotors that joints move are
+ * 0 here), joint torques on their own joints. */
 static double power(const Loop *f, const double *matrix, const double *inputs, const double *v)
 {
     const ptrdiff_t joints = f->velocities - BASE, width = f->rotors + joints;
@@ -331,69 +334,34 @@ static double power(const Loop *f, const double *matrix, const double *inputs, c
     }
     for (ptrdiff_t k = 0; k < joints; ++k) {
         sum += v[f->joints + k] * inputs[f->rotors + k];
-        sum -= f->losses[f->joints + k] * v[f->joints + k] * v[f->joints + k];
     }
     return sum;
 }
 
-static int within_limits(const Loop *f, const double *thrusts)
+/* Power that the damping of the robot itself takes. */
+static double losses(const Loop *f, const double *v)
 {
-    for (ptrdiff_t k = 0; k < f->rotors; ++k) {
-        if (!(thrusts[k] >= f->least && thrusts[k] <= f->most)) {
+    double sum = 0.0;
+    for (ptrdiff_t i = 0; i < f->velocities; ++i) {
+        sum += f->losses[i] * v[i] * v[i];
+    }
+    return sum;
+}
+
+static int within_limits(const Loop *f, ptrdiff_t count, const double *inputs)
+{
+    for (ptrdiff_t k = 0; k < count; ++k) {
+        if (!(inputs[k] >= f->least[k] && inputs[k] <= f->most[k])) {
             return 0;
         }
     }
     return 1;
 }
 
-/* Solve A x = b in place of b, by A = L D Lᵀ; A is symmetric, positive definite, and used up. */
-static void solve_symmetric(ptrdiff_t n, double *restrict a, double *restrict b)
-{
-    for (ptrdiff_t j = 0; j < n; ++j) {
-        const double scale = 1.0 / a[j * n + j];
-        for (ptrdiff_t i = j + 1; i < n; ++i) {
-            const double share = a[i * n + j] * scale;
-            /* Column j holds L D, since the rows below need it so. */
-            for (ptrdiff_t k = j + 1; k <= i; ++k) {
-                a[i * n + k] -= share * a[k * n + j];
-            }
-            b[i] -= share * b[j];
-        }
-    }
-    for (ptrdiff_t j = n - 1; j >= 0; --j) {
-        for (ptrdiff_t i = j + 1; i < n; ++i) {
-            b[j] -= a[i * n + j] * b[i];
-        }
-        b[j] /= a[j * n + j];
-    }
-}
-
-/*
- * Add what the push on the tip does to the rate of a state: to accelerations and to power. `room`
- * is for the Jacobian, the mass matrix and a generalised force.
- */
-static void push(const Loop *f, const double *q, const double *v, double *rate, double *room)
-{
-    const ptrdiff_t n = f->velocities;
-    double *acceleration = rate + f->coordinates, *power_rate = acceleration + n;
-    double *jacobian = room, *mass = jacobian + BASE * n, *force = mass + n * n;
-    f->tip_jacobian(f->constants, q, jacobian);
-    f->mass_matrix(f->constants, q, mass);
-    for (ptrdiff_t i = 0; i < n; ++i) {
-        force[i] = f->push[0] * jacobian[i] + f->push[1] * jacobian[n + i] +
-                   f->push[2] * jacobian[2 * n + i];
-        *power_rate += force[i] * v[i];
-    }
-    solve_symmetric(n, mass, force);
-    for (ptrdiff_t i = 0; i < n; ++i) {
-        acceleration[i] += force[i];
-    }
-}
-
 /*
  * Time derivative of a state. `wanted` is the reference at its time; `matrix` is room for the input
- * matrix, `work` for four vectors of velocities, one of coordinates, one of inputs, and what `push`
- * takes where the tip is pushed. Returns LIMIT, without a rate, where a thrust meets one.
+ * matrix, `work` for four vectors of velocities, one of coordinates and one of inputs. Returns
+ * LIMIT, without a rate, where an input meets one.
  */
 static int derivative(const Loop *f, const double *wanted, const double *state, double *rate,
                       double *matrix, double *work)
@@ -419,12 +387,13 @@ static int derivative(const Loop *f, const double *wanted, const double *state, 
     } else if (f->law == OFF) {
         memset(commanded, 0, (size_t)inputs * sizeof *commanded);
     }
-    if (f->limited && !within_limits(f, commanded)) {
+    if (f->limited && !within_limits(f, inputs, commanded)) {
         return LIMIT;
     }
-    if (f->lag > 0.0) {
-        for (ptrdiff_t k = 0; k < f->rotors; ++k) {
-            rate[n + m + 1 + k] = (commanded[k] - thrusts[k]) / f->lag;
+    for (ptrdiff_t k = 0; f->lags && k < f->rotors; ++k) {
+        rate[n + m + 1 + k] = 0.0;
+        if (f->lag[k] > 0.0) {
+            rate[n + m + 1 + k] = (commanded[k] - thrusts[k]) / f->lag[k];
             commanded[k] = thrusts[k];
         }
     }
@@ -433,10 +402,13 @@ static int derivative(const Loop *f, const double *wanted, const double *state, 
     } else {
         memcpy(rate, v, (size_t)n * sizeof *rate);
     }
-    f->forward_dynamics(f->constants, q, v, commanded, rate + n);
-    rate[n + m] = power(f, matrix, commanded, v);
-    if (f->pushed) {
-        push(f, q, v, rate, commanded + inputs);
+    rate[n + m] = power(f, matrix, commanded, v) - losses(f, v);
+    if (f->wrenches) {
+        f->forward_dynamics_with_wrenches(f->constants, q, v, commanded, f->wrenches, rate + n);
+        f->wrench_forces(f->constants, q, f->wrenches, force);
+        rate[n + m] += dot(m, force, v);
+    } else {
+        f->forward_dynamics(f->constants, q, v, commanded, rate + n);
     }
     return DONE;
 }
@@ -483,14 +455,13 @@ ptrdiff_t gibbs_codegen_rk4_room(const Loop *loop)
 {
     const ptrdiff_t n = loop->coordinates, m = loop->velocities;
     const ptrdiff_t inputs = loop->rotors + m - BASE;
-    const ptrdiff_t pushing = loop->pushed ? BASE * m + m * m + m : 0;
-    return 3 * size_of(loop) + 3 * (3 * n) + m * inputs + (n + 4 * m + inputs) + pushing;
+    return 3 * size_of(loop) + 3 * (3 * n) + m * inputs + (n + 4 * m + inputs);
 }
 
 /*
  * Take up to `count` steps of `step` from `state` at `time`; every `every`-th step, counted from
  * `number`, is a sample. Returns the steps taken; `state` is the last one, and `samples` has room
- * for count / every + 1 states. Ends before a step in which a thrust meets a limit, and after one
+ * for count / every + 1 states. Ends before a step in which an input meets a limit, and after one
  * from which the flight cannot go on.
  */
 ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t count,

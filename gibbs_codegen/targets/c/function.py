@@ -136,10 +136,12 @@ class CFunction:
         steps = schedule_stores(gathered.statements, gathered.outputs, stored)
         name = function.name
         self._block = _Sections(f"{name}_lane", allocate_scratch(steps, {}, _MAX_REFERENCES))
-        looped = allocate_scratch(*reroll(steps), _MAX_REFERENCES)
-        self._one = _Sections(f"{name}_state", looped)
-        if self._one.steps_in_loops < _FEWEST_ROLLED:
-            self._one = self._block
+        self._one = self._block
+        items, signs = reroll(steps)
+        if any(isinstance(item, Loop) for item in items):
+            looped = _Sections(f"{name}_state", allocate_scratch(items, signs, _MAX_REFERENCES))
+            if looped.steps_in_loops >= _FEWEST_ROLLED:
+                self._one = looped
 
     def text(self) -> FunctionText:
         """What the templates need of the function."""
@@ -152,7 +154,7 @@ class CFunction:
         return FunctionText(
             name=self._function.name,
             public_name=prefix + self._function.name,
-            documentation=doxygen(self._model, self._function),
+            documentation=doxygen(self._model, self._function, self._gathered),
             inputs=self._inputs,
             outputs=self._outputs,
             casadi_entries=max(array.end for array in arrays),

@@ -8,10 +8,7 @@ from dataclasses import dataclass
 
 from gibbs_codegen.interface import LANES, signatures
 from gibbs_codegen.program.model import Model
-from gibbs_codegen.robot.coordinates import (
-    hybrid_coordinates,
-    inputs,
-)
+from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
@@ -19,9 +16,11 @@ from gibbs_codegen.targets.c.function import CFunction, FunctionText
 from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
 from gibbs_codegen.targets.documentation import (
     attitude_text,
+    base_frame,
     coordinate_table,
     entry_lines,
     state_tables,
+    unknown_table,
 )
 from gibbs_codegen.targets.printers import InfixPrinter
 from gibbs_codegen.targets.verbatim import c_source
@@ -162,7 +161,7 @@ def _tables(robot: Robot) -> dict[str, Lines]:
     """What explains the entries of arguments and results, by headings."""
     return {
         **state_tables(robot),
-        "Unknowns of the hybrid system, in order": coordinate_table(hybrid_coordinates(robot)),
+        "Unknowns of the hybrid system, in order": unknown_table(robot),
         "Inputs u, in order": coordinate_table(inputs(robot)),
         **{
             f"{name.capitalize()}, in order": textwrap.wrap(", ".join(listed), WIDTH - 8)
@@ -198,12 +197,14 @@ def _convention_lines(robot: Robot) -> Lines:
             "component by component. Coordinates, velocities and accelerations are those of a "
             "free flyer in Pinocchio."
         )
-    return textwrap.wrap(
-        f"The attitude, from base arm 1's frame to the world, is {attitude_text(robot)}. {rates} A "
-        "thrust acts at its motor, along the direction that the robot file gives in the frame of "
-        "the motor's arm.",
-        WIDTH - 4,
+    attitude = f"The attitude, from {base_frame(robot)} to the world, is {attitude_text(robot)}."
+    carrier = "the motor's arm" if robot.base.rotors else "the body that carries the rotor"
+    thrusts = (
+        "A thrust acts at its motor, along the direction that the robot file gives in the frame of "
+        f"{carrier}."
     )
+    said = [attitude, rates, *([thrusts] if robot.rotors else [])]
+    return textwrap.wrap(" ".join(said), WIDTH - 4)
 
 
 def _folded_lines(model: Model) -> Lines:
