@@ -89,7 +89,7 @@ def _import(options: argparse.Namespace) -> int:
     )
     robot, told = import_robot(path, asked)
     text = opening_comment(path.name, told) + robot_text(robot)
-    _check(text, robot, told, options.file)
+    _check(text, robot, told, options)
     out = Path(options.out or f"{robot.name}.toml")
     write_new_file(out, text, options.force)
     _print_report(told)
@@ -100,14 +100,14 @@ def _import(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check(text: str, robot: Robot, told: Sequence[Told], file: str) -> None:
+def _check(text: str, robot: Robot, told: Sequence[Told], options: argparse.Namespace) -> None:
     """Refuse what a robot file must not hold, in terms of the file that is imported.
 
     Args:
         text: The robot file.
         robot: The robot in it.
         told: What importing did.
-        file: The file that it is imported from.
+        options: The options, with the files that it is imported from.
 
     Raises:
         SourceFileError: If the text is no robot file.
@@ -121,13 +121,14 @@ def _check(text: str, robot: Robot, told: Sequence[Told], file: str) -> None:
         root = next(line.subject for line in told if line.kind == "base")
         named = {"base": f"link {printable(root, 60)}: "}
         named |= {f"link[{i}]": f"link {link.name}: " for i, link in enumerate(robot.links)}
-        named |= {f"rotor[{k}]": f"rotor {r.name}: " for k, r in enumerate(robot.thrusters)}
+        given = "" if options.rotors is None else f" of {printable(options.rotors)}"
+        named |= {f"rotor[{k}]": f"rotor {r.name}{given}: " for k, r in enumerate(robot.thrusters)}
         named |= {f"frame[{k}]": f"frame {f.name}: " for k, f in enumerate(robot.frames)}
         faults = []
         for fault in error.faults:
             table, dot, key = fault.path.partition(".")
             faults.append(Fault(named.get(table, table + dot) + key, fault.message))
-        raise SourceFileError(file, faults) from None
+        raise SourceFileError(options.file, faults) from None
 
 
 def _locked(words: Sequence[str]) -> dict[str, float]:

@@ -9,8 +9,8 @@ from gibbs_codegen.errors import printable
 from gibbs_codegen.exchange.source import Source
 from gibbs_codegen.exchange.urdf_rotors import is_rotor_by_name
 
-# What importing takes, less the room for a number.
-_LONGEST = 190
+# What a robot file takes, 128 characters, less the room for a number.
+_LONGEST = 120
 
 
 class Names:
@@ -28,10 +28,10 @@ class Names:
         Returns:
             The name, in printable characters, which XML can hold.
         """
-        plain = "".join(c if c.isprintable() else "_" for c in name).strip()[:_LONGEST] or "_"
+        plain = "".join(c if c.isprintable() else "_" for c in name).strip() or "_"
         free, number = plain, 2
         while free in self._taken:
-            free, number = f"{plain}_{number}", number + 1
+            free, number = f"{plain[:_LONGEST]}_{number}", number + 1
         self._taken.add(free)
         return free
 
@@ -46,7 +46,8 @@ def with_free_names(source: Source, is_urdf: bool) -> tuple[Source, list[str]]:
     Returns:
         The robot, and a line for each name that it changed.
     """
-    joints, links = Names(), Names()
+    # MuJoCo has a body of that name already.
+    joints, links = Names(), Names(() if is_urdf else ("world",))
     rotors, frames = (joints, links) if is_urdf else (Names(), Names())
     lines: list[str] = []
 

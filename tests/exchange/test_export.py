@@ -207,6 +207,12 @@ constrained = true
 xyz = [0.1, 0, 0]
 mass = 0.1
 inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
+[[link]]
+name = "world"
+joint = "fixed"
+xyz = [0.1, 0, 0]
+mass = 0.1
+inertia = [1e-4, 1e-4, 1e-4, 0, 0, 0]
 [[frame]]
 name = "r"
 on = "a"

@@ -174,7 +174,7 @@ PLATFORM = """platform: {cf: 1.0e-5, cm: 2.0e-7, max_thrust: 9.0, min_thrust: 0.
         ("[0, 0, 0, 1]", "[0, 0, 0, 0]", "orientation must be a quaternion"),
         ("1.0e-5", "0", "ZeroDivisionError"),
         ("[0, 0, 0]", "&a [*a, *a, *a]", "anchors are not read"),
-        ("[0, 0, 0]", "[" * 2_000, "RecursionError"),
+        ("[0, 0, 0]", "[" * 500, "RecursionError"),
         ("[0, 0, 0]", "[" + "0, " * 100_000 + "]", "more than 100000 characters"),
         (PLATFORM, "", "TypeError"),
     ],
@@ -191,6 +191,16 @@ def test_hostile_platforms(
     assert "platform.yaml: no platform of eagle_mpc" in said
     assert message in said
     assert not out.exists()
+
+
+def test_faults_of_rotors_name_their_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rotors = tmp_path / "platform.yaml"
+    rotors.write_text(PLATFORM.replace("max_thrust: 9.0", "max_thrust: -9.0"))
+    words = ["import", str(SOURCES / "features.urdf"), "--rotors", str(rotors)]
+    assert main([*words, "--out", str(tmp_path / "out.toml")]) == 2
+    assert f"features.urdf: rotor rotor_1 of {rotors}: limits: " in capsys.readouterr().err
 
 
 WORDS = (

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import ROOT
@@ -411,6 +412,27 @@ def write(number):
 with multiprocessing.get_context("fork").Pool(16) as pool:
     assert pool.map(write, range(16), chunksize=1) == list(range(16))
 """
+
+
+def test_a_file_is_closed_before_it_replaces_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, opened, replace, real = tmp_path / "robot.toml", [], os.replace, Path.open
+
+    def noting(self: Path, *args: Any, **options: Any) -> Any:
+        opened.append(real(self, *args, **options))
+        return opened[-1]
+
+    def checking(old: Path, new: Path) -> None:
+        assert opened[-1].closed  # Else Windows would refuse.
+        replace(old, new)
+
+    path.write_text("old")
+    monkeypatch.setattr(Path, "open", noting)
+    monkeypatch.setattr(os, "replace", checking)
+    write.write_new_file(path, "new", force=True)
+    assert path.read_text() == "new"
+    assert os.listdir(tmp_path) == ["robot.toml"]
 
 
 def test_many_processes_write_at_once(tmp_path: Path) -> None:
