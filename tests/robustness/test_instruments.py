@@ -116,8 +116,7 @@ def test_nothing_is_divided_by_zero(
     """At any state, with the parameters of the robot file."""
     options = ["-O0", "-fsanitize=float-divide-by-zero", "-fno-sanitize-recover=all"]
     (tmp_path / "divided.c").write_text(
-        "int main(int count, char **words)\n"
-        "{ return words && 1.0 / (double)(count - 1) > 2.0; }\n"
+        "int main(int count, char **words)\n{ return words && 1.0 / (double)(count - 1) > 2.0; }\n"
     )
     divided = build(compiler, options, [str(tmp_path / "divided.c")], tmp_path / "divided")
     with pytest.raises(pytest.fail.Exception, match="division by zero"):
