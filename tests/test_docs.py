@@ -7,13 +7,17 @@ import os
 import re
 from pathlib import Path
 from shutil import copytree
+from typing import Any
 
+import numpy as np
 import pytest
 from conftest import ROOT
+from numpy.typing import NDArray
 from support.command import ENVIRONMENT
 from support.command import run as run_command
 from support.tools import run, tool
 
+from gibbs_codegen import generate
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.file import parse_robot
@@ -65,23 +69,47 @@ def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path)
         names = session.globs
 
 
+def test_the_step_that_is_shown_is_of_the_fourth_order(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (step,) = (b for b in blocks("docs/generated-module.md", "python") if "runge_kutta" in b)
+    names: dict[str, Any] = {}
+    exec(step, names)  # noqa: S102
+
+    def after(steps: int) -> NDArray[np.float64]:
+        state = np.array([0, 0, 0, 0, 0, 0, 1.0, 0.3, -0.2, 0.5, 2.0, -3.0, 1.0])
+        for _ in range(steps):
+            state = names["runge_kutta"](state, 0.5 / steps)
+        return state
+
+    exact = after(320)
+    errors = [np.linalg.norm(after(steps) - exact) for steps in (10, 20, 40)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.3)
+
+
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
     assert pages_with("c") == ["docs/c-and-firmware.md"]
-    one, other, batch = blocks("docs/c-and-firmware.md", "c")
+    one, wrench, quaternion, other, batch = blocks("docs/c-and-firmware.md", "c")
+    generate("quadrotor", tmp_path)
+    header, _, turning = quaternion.partition("\n\n")
     *include, body = re.split(r"(?<=\*/)\n\n", one)
-    lines = [*include, "#include <string.h>", "int main(void)", "{", body, other, "{", batch]
+    lines = [*include, header, "#include <string.h>", "int main(void)", "{", body, wrench, other]
+    lines += ["{", turning, "if (!(moved[QUADROTOR_Q_QZ] > 0.002)) return 1;", "}", "{", batch]
     lines += [
         "mass_matrix[0] = M[999 * 81];",
         "}",
-        "return !(mass_matrix[80] > 0.0 && mass_matrix[0] > 0.0);",
+        "return !(mass_matrix[80] > 0.0 && mass_matrix[0] > 0.0 && a[HEXAROTOR_3LINK_V_Z] < -9.9);",
         "}",
     ]
     (tmp_path / "program.c").write_text("\n".join(lines), encoding="utf-8")
     folder = ROOT / "generated" / "hexarotor_3link"
-    sources = [tmp_path / "program.c", folder / "hexarotor_3link.c"]
+    other_folder = tmp_path / "quadrotor"
+    sources = [tmp_path / "program.c", folder / "hexarotor_3link.c", other_folder / "quadrotor.c"]
     program = tmp_path / "program"
-    run([tool("cc"), "-O1", f"-I{folder}", *sources, "-o", program, "-lm"])
+    run([tool("cc"), "-O1", f"-I{folder}", f"-I{other_folder}", *sources, "-o", program, "-lm"])
     run([program])
 
 

@@ -25,7 +25,7 @@ from gibbs_codegen.robot.coordinates import (
     velocities,
 )
 from gibbs_codegen.robot.layout import QUATERNION
-from gibbs_codegen.robot.model import BASE, Robot
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import link_label, rotor_label
 from gibbs_codegen.robot.thrusters import (
     arrangement,
@@ -141,8 +141,8 @@ def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
     for chain in data["chains"]:
         table.add_row(
             str(chain["number"]),
-            " → ".join(_way(robot, chain["links"])),
-            _each("arm", [_arm(robot, arm) for arm in chain["massive"]]),
+            " → ".join(_way(robot, chain)),
+            _each("arm", _massive(robot, chain)),
             _each("motor", [rotor_label(robot, k) for k in chain["motors"]]),
             str(len(chain["coordinates"])),
             ", ".join(chain["unknowns"][len(chain["coordinates"]) :]) or "-",
@@ -150,18 +150,28 @@ def _chain_table(robot: Robot, data: dict[str, Any]) -> Table:
     return table
 
 
-def _way(robot: Robot, arms: Sequence[int]) -> list[str]:
+def _way(robot: Robot, chain: dict[str, Any]) -> list[str]:
     """The bodies of a chain in order; the virtual ones where the base is made of arms."""
-    return [_arm(robot, arm) for arm in arms if robot.base.rotors or arm > BASE]
+    before = ["-1", "0"] if robot.base.rotors else []
+    rod = [str(chain["rod"])] if chain["rod"] else []
+    return [*before, _root(robot), *rod, *(_link(robot, i) for i in chain["path"])]
 
 
-def _arm(robot: Robot, arm: int) -> str:
-    """What a body is called: by its number as an arm, or by its name."""
-    if arm == 1 and not robot.base.rotors:
-        return "base"
-    i = arm - robot.rotors
-    named = arm > 1 and i > 0 and (robot.links[i - 1].name or not robot.base.rotors)
-    return link_label(robot, i) if named else str(arm)
+def _massive(robot: Robot, chain: dict[str, Any]) -> list[str]:
+    """The bodies that have their mass in a chain."""
+    root = [_root(robot)] if chain["has_core"] else []
+    rod = [str(chain["rod"])] if chain["rod"] else []
+    return [*root, *rod, *(_link(robot, i) for i in chain["own"])]
+
+
+def _root(robot: Robot) -> str:
+    return "1" if robot.base.rotors else "base"
+
+
+def _link(robot: Robot, i: int) -> str:
+    """What a link is called: by its number as an arm, or by its name."""
+    named = robot.links[i - 1].name or not robot.base.rotors
+    return link_label(robot, i) if named else str(robot.rotors + i)
 
 
 def _each(what: str, labels: Sequence[str]) -> str:

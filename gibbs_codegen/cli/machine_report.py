@@ -17,7 +17,7 @@ from gibbs_codegen.robot.hover import hover
 from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.mass_properties import MassProperties, base_properties, whole_properties
 from gibbs_codegen.robot.model import AXES, BASE, Robot, Vector3
-from gibbs_codegen.robot.names import link_label, rotor_label
+from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.plausibility import implausible
 
@@ -62,6 +62,7 @@ def _links(robot: Robot) -> list[dict[str, Any]]:
             "name": link_label(robot, i),
             "parent": _body(robot, robot.parents[i - 1]),
             "joint": "held" if link.constrained else link.joint,
+            "coordinate": coordinate_of(robot, i) if link.moves or link.constrained else None,
             "axis": list(link.axis) if link.moves or link.constrained else None,
             "mass": link.body.total_mass,
             "limits": [link.limits.low, link.limits.high],
@@ -129,13 +130,17 @@ def _listed(values: Sequence[float]) -> str:
 
 
 def _link_table(data: dict[str, Any]) -> Table:
-    names = ("link", "parent", "joint", "axis", "mass, kg", "limits", "damping")
+    # A column of its own for coordinates only where they are not called like their links.
+    own_names = any(link["coordinate"] not in (None, link["name"]) for link in data["link_list"])
+    coordinate = ("coordinate",) if own_names else ()
+    names = ("link", "parent", "joint", *coordinate, "axis", "mass, kg", "limits", "damping")
     table = plain_table("\nLinks", *names)
     for link in data["link_list"]:
         table.add_row(
             link["name"],
             link["parent"],
             link["joint"],
+            *(link[key] or "-" for key in coordinate),
             _direction(link["axis"]) if link["axis"] else "-",
             number(link["mass"]),
             _range(link["limits"], link["unit"]),

@@ -23,14 +23,14 @@ from gibbs_codegen.robot.coordinates import (
     reduced_coordinates,
 )
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import Robot, Rod
 from gibbs_codegen.robot.names import (
     JOINT_LETTERS,
+    default_prefix,
     link_label,
-    parameter_prefix,
     rotor_label,
-    rotor_prefix,
 )
+from gibbs_codegen.robot.taken_names import NamedKind, parameter_names
 
 _LINEAR = ("x", "y", "z")
 _RATE, _ACCELERATION = ": its rate", ": its acceleration"
@@ -237,21 +237,29 @@ def _parameter_names(robot: Robot, parameters: Parameters) -> Iterator[tuple[sp.
     Yields:
         Each symbol and its name.
     """
-    owners = {
-        parameter_prefix(robot, i): (f"link{i}", link_label(robot, i) if link.name else "")
+    bodies: list[tuple[NamedKind, str, str | None, str]] = [
+        (
+            "rod" if isinstance(link.body, Rod) else "link",
+            default_prefix("link", i),
+            link.name,
+            link_label(robot, i),
+        )
         for i, link in enumerate(robot.links, start=1)
-    }
-    for k, rotor in enumerate(robot.thrusters, start=1):
-        words = f"rotor {rotor_label(robot, k)}" if rotor.name else ""
-        owners[rotor_prefix(robot, k)] = (f"rotor{k}", words)
-    longest = sorted(owners, key=len, reverse=True)
+    ]
+    bodies += [
+        ("rotor", default_prefix("rotor", k), rotor.name, f"rotor {rotor_label(robot, k)}")
+        for k, rotor in enumerate(robot.thrusters, start=1)
+    ]
+    of_bodies: dict[str, tuple[str, str]] = {}
+    for kind, number, given, words in bodies:
+        pairs = zip(
+            parameter_names(kind, given or number), parameter_names(kind, number), strict=True
+        )
+        of_bodies |= {own: (plain, words if given else "") for own, plain in pairs}
+    of_frames = {name for frame in robot.frames for name in parameter_names("frame", frame.name)}
     for internal, default in parameters.defaults.items():
-        owner = next((prefix for prefix in longest if internal.startswith(f"{prefix}_")), None)
-        plain, whose = internal, ""
-        if owner is not None:
-            number, whose = owners[owner]
-            plain = number + internal.removeprefix(owner)
-        elif internal.startswith("frame_"):
+        if internal in of_frames:
             continue
+        plain, whose = of_bodies.get(internal, (internal, ""))
         unit = parameters.units[internal]
         yield sp.Symbol(internal), parameter_name(plain, robot.rotors, default, unit, whose)

@@ -76,7 +76,7 @@ FORMS = {
             (
                 "R_{@}",
                 "R_@",
-                "what does not depend on accelerations: rates, gravity, springs, dampers",
+                "what is left without accelerations: velocity terms, gravity, springs, dampers",
             ),
             ("F_{@}", "F_@", "generalised forces of thrusts and joint torques"),
         ),

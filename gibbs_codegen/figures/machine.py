@@ -261,7 +261,8 @@ def _text(name: str) -> str:
 def _box(places: Array, room: float) -> tuple[Array, Array]:
     """Lowest and highest coordinates of places with room around, never flat."""
     low, high = places.min(axis=0) - room, places.max(axis=0) + room
-    half = np.maximum(high - low, 0.3 * float((high - low).max())) / 2.0
+    least = 0.3 * float((high - low).max()) or 1.0  # A lone body has no extent at all.
+    half = np.maximum(high - low, least) / 2.0
     return (low + high) / 2.0 - half, (low + high) / 2.0 + half
 
 

@@ -67,16 +67,17 @@ def list_of(value: object, length: int, what: str = "numbers") -> Any:
     return value
 
 
-def listed(length: int) -> BeforeValidator:
+def listed(length: int, what: str = "numbers") -> BeforeValidator:
     """Metadata of a tuple that a file gives as a list.
 
     Args:
         length: Number of its entries.
+        what: What the entries are.
 
     Returns:
         The metadata.
     """
-    return BeforeValidator(lambda value: tuple(list_of(value, length)))
+    return BeforeValidator(lambda value: tuple(list_of(value, length, what)))
 
 
 def needed(is_right: Callable[[Any], bool], otherwise: str) -> AfterValidator:

@@ -43,6 +43,8 @@ class Table(BaseModel):
 
     # Another kind of file that may be given by mistake, and keys that only it has.
     mistaken: ClassVar[tuple[str, frozenset[str]]] = ("", frozenset())
+    # Keys of other tables, by which the table's own may be called by mistake.
+    synonyms: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
@@ -139,8 +141,8 @@ class Table(BaseModel):
     @classmethod
     def _unknown(cls, key: str, with_suggestion: bool) -> str:
         known = list(cls.model_fields)
-        near = []
-        if with_suggestion and len(key) <= _LONGEST_KEY:
+        near = [cls.synonyms[key]] if key in cls.synonyms else []
+        if not near and with_suggestion and len(key) <= _LONGEST_KEY:
             near = difflib.get_close_matches(key, known, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"
         return f"unknown key; {hint}"

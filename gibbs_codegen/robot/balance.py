@@ -61,18 +61,24 @@ def hover_lines(robot: Robot, found: Hover) -> list[str]:
     """
     if not robot.rotors:
         return ["hover thrusts: the robot has no rotors"]
-    how = "of least norm, level"
+    where = "level"
     if hangs(robot):
-        how += ", the arm's centre of mass beneath the base centre"
+        where += ", the arm's centre of mass beneath the base centre"
     elif robot.moving:
-        how += ", joints at zero"
+        where += ", joints at zero"
+    how = f"of least norm, {where}"
+    if found.moment is not None:
+        left = ", ".join(map(number, found.moment))
+        return [f"hover thrusts: none hold it level: a moment of {left} N m is left ({where})"]
     if found.thrusts is None:
         return [f"hover thrusts: none carry the weight ({how})"]
     values = ", ".join(map(number, found.thrusts))
     if len(found.thrusts) > _MOST_LISTED:
         values = f"{number(min(found.thrusts))} to {number(max(found.thrusts))}"
     lines = [f"hover thrusts: {values} N, {how}"]
-    if found.margin is not None:
+    if found.margin is not None and found.margin < 1e-9:  # 0 but for rounding.
+        lines.append("thrust margin: no thrusts within the limits hover here")
+    elif found.margin is not None:
         lines.append(f"thrust margin: the limits carry {found.margin:.3g} times the weight")
     if found.beyond:
         which = ", ".join(rotor_label(robot, k) for k in found.beyond)

@@ -16,6 +16,8 @@ from gibbs_codegen.robot.thrusters import wrench_matrix
 class Hover:
     """Thrusts in N of least norm that carry the robot, level and at rest; None where none do.
 
+    Where none do although some carry the weight, `moment` (N m, about the base centre, in the
+    base's axes) is what these leave at least.
     `margin` is how many times its weight the robot may have before a rotor meets its limits, None
     where they are not all given or do not let it hover at any weight, or where it was not asked
     for. `beyond` are the numbers of the rotors whose limits the thrusts of least norm break.
@@ -24,6 +26,7 @@ class Hover:
     thrusts: tuple[float, ...] | None
     margin: float | None
     beyond: tuple[int, ...]
+    moment: tuple[float, ...] | None = None
 
 
 def hangs(robot: Robot) -> bool:
@@ -55,7 +58,7 @@ def hover(robot: Robot, margin: bool = True) -> Hover:
     size = float(np.abs(needed).max())
     thrusts = np.linalg.lstsq(matrix, needed, rcond=1e-9)[0]
     if not robot.rotors or np.abs(matrix @ thrusts - needed).max() > 1e-9 * size:
-        return Hover(None, None, ())
+        return Hover(None, None, (), _moment_left(matrix, needed) if robot.rotors else None)
     found = tuple(map(float, rounded(thrusts, size)))
     limits = [rotor.limits for rotor in robot.thrusters]
     beyond = [
@@ -74,6 +77,27 @@ def _weight(robot: Robot) -> Array:
     x, y, _ = held.mass * np.array(held.com)
     weight: Array = robot.gravity * np.array([0.0, 0.0, robot.total_mass, y, -x, 0.0])
     return weight
+
+
+def _moment_left(matrix: Array, needed: Array) -> tuple[float, ...] | None:
+    """The least moment that thrusts leave which carry the weight.
+
+    Args:
+        matrix: Wrenches (6, N) of unit thrusts.
+        needed: The wrench (6) of hovering.
+
+    Returns:
+        The moment (3), N m, or None where no thrusts carry the weight.
+    """
+    forces, moments = matrix[:3], matrix[3:]
+    _, values, right = np.linalg.svd(forces)
+    idle = right[int(np.sum(values > 1e-9 * values[0])) :].T
+    thrusts = np.linalg.lstsq(forces, needed[:3], rcond=1e-9)[0]
+    if np.abs(forces @ thrusts - needed[:3]).max() > 1e-9 * np.abs(needed).max():
+        return None
+    left = needed[3:] - moments @ thrusts
+    left -= moments @ idle @ np.linalg.lstsq(moments @ idle, left, rcond=1e-9)[0]
+    return tuple(map(float, rounded(left, float(np.abs(needed).max()))))
 
 
 def _margin(matrix: Array, needed: Array, limits: list[tuple[float, float]]) -> float | None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field
+from pydantic import BeforeValidator, ConfigDict, Field
 
+from gibbs_codegen.files.faults import fault
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.body_tables import NOT_BOTH_BODIES, RIGID_NEEDS_MASS, BodyTable
 from gibbs_codegen.robot.model import AXES, JointLimits, Link, LinkKind, Passive
@@ -57,10 +58,16 @@ class PlaceTable(PoseTable):
     )
 
 
+def _not_continuous(kind: object) -> object:
+    if kind == "continuous":
+        raise fault('must be "revolute", without limits, for what URDF calls "continuous"')
+    return kind
+
+
 class JointTable(Table):
     """What a link's joint does."""
 
-    joint: LinkKind = Field(
+    joint: Annotated[LinkKind, BeforeValidator(_not_continuous)] = Field(
         default="revolute",
         description="what the joint does: it turns about its axis, slides along it, or is fixed",
     )

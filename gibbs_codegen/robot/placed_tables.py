@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pydantic import Field
 
 from gibbs_codegen.files.table import Table
@@ -23,6 +25,8 @@ _ON = 'what carries it: "base" or the name of a link'
 class PoseTable(Table):
     """A pose in the frame of a body."""
 
+    synonyms: ClassVar = {"position": "xyz"}
+
     xyz: Sizes3 | None = Field(
         default=None, description="place in the frame of what carries it, m; default [0, 0, 0]"
     )
@@ -39,6 +43,8 @@ class PoseTable(Table):
 
 class RotorTable(Table):
     """A rotor on the base or on a link."""
+
+    synonyms: ClassVar = {"xyz": "position"}
 
     name: Label | None = Field(
         default=None, description="name of the rotor, any text; without it its number counts"

@@ -102,7 +102,8 @@ NotNegative = Annotated[Size, Bounds(0.0)]
 # In radians huge angles lose the part of a turn that they end in.
 Angle = Annotated[float, Bounds(-360.0, 360.0, " degrees", "; leave out whole turns")]
 Sizes3 = Annotated[tuple[Size, Size, Size], listed(3)]
-Sizes6 = Annotated[tuple[Size, Size, Size, Size, Size, Size], listed(6)]
+_ENTRIES = "numbers, xx, yy, zz, xy, xz, yz"
+Sizes6 = Annotated[tuple[Size, Size, Size, Size, Size, Size], listed(6, _ENTRIES)]
 Turns3 = Annotated[tuple[Angle, Angle, Angle], listed(3)]
 Range = Annotated[tuple[Size, Size], listed(2), AfterValidator(_in_order)]
 _Bound = Annotated[float, AllowInfNan(True), AfterValidator(_bound)]

@@ -69,7 +69,14 @@ def body_fault(body: Body) -> str | None:
     """
     if isinstance(body, Rod):
         return inertia_fault(body.total_mass, (*body.section_inertia, 0.0, 0.0, 0.0))
-    return inertia_fault(body.mass, body.inertia)
+    found = inertia_fault(body.mass, body.inertia)
+    xx, xy, xz, yy, yz, zz = body.inertia
+    if found and not inertia_fault(body.mass, (xx, yy, zz, xy, xz, yz)):
+        return (
+            "must be in the order xx, yy, zz, xy, xz, yz, and seems to be in that of URDF, xx, xy, "
+            f"xz, yy, yz, zz; as it stands it {found}"
+        )
+    return found
 
 
 def impossible_inertias(robot: Robot) -> tuple[str, ...]:

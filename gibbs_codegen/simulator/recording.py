@@ -26,7 +26,9 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     """
     vehicle, time = loop.vehicle, history.time
     q, v, work, thrusts = loop.parts(history.states)
-    q_desired, v_desired, a_desired = loop.controller.reference(time)
+    desired = dict(
+        zip(("q_desired", "v_desired", "a_desired"), loop.controller.reference(time), strict=True)
+    )
     commanded = loop.controller(time, q, v)
     applied = loop.applied(commanded, thrusts)
     a = loop.acceleration(q, v, applied, loop.push_acts(time))
@@ -45,9 +47,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         q=q,
         v=v,
         a=a,
-        q_desired=q_desired,
-        v_desired=v_desired,
-        a_desired=a_desired,
+        **desired,
         commanded=commanded,
         applied=applied,
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
@@ -58,7 +58,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         base_rotation=vehicle.base_rotation(q),
         thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
-        tip_desired=_desired_tip(vehicle, scenario, time, q_desired),
+        tip_desired=_desired_tip(vehicle, scenario, time, desired["q_desired"]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
         kinetic_energy=vehicle.kinetic_energy(q, v),
         potential_energy=vehicle.potential_energy(q),

@@ -225,6 +225,17 @@ def test_info_is_readable(tmp_path: Path) -> None:
     assert "Hint" not in done.stdout
 
 
+def test_info_of_a_robot_without_rotors_tells_its_first_link_from_the_base(tmp_path: Path) -> None:
+    body = "mass = 1.0\ninertia = [1, 1, 1, 0, 0, 0]\n"
+    upper, fore = '[[link]]\nname = "upper"\n', '[[link]]\nname = "fore"\ncoordinate = "elbow"\n'
+    text = f'name = "two"\n[base]\n{body}{upper}{body}{fore}{body}'
+    (tmp_path / "two.toml").write_text(text)
+    done = run("info", "two.toml", cwd=tmp_path)
+    lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
+    assert "1 base → upper → fore base, upper, fore - 8 -" in lines
+    assert "fore upper revolute elbow z 1 - -" in lines
+
+
 def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
     file = ROOT / "tests" / "robots" / "everything.toml"
     done = run("info", str(file), cwd=tmp_path)
@@ -232,8 +243,9 @@ def test_info_of_a_tree_has_its_links_rotors_and_frames(tmp_path: Path) -> None:
     assert max(map(len, done.stdout.splitlines())) <= 80
     lines = [" ".join(line.split()) for line in done.stdout.splitlines()]
     assert "a1 base revolute 0.6, 0, 0.8 0.4 ±2 rad 0.1" in lines
+    assert any("(kg, m, kg m² about the centre of mass)" in line for line in lines)
     assert "rotor_4 b2 0.2, 0.02, 0.03 -x 0.03 0 … 15 N" in lines
-    assert "hover thrusts: none carry the weight (of least norm, level, joints at zero)" in lines
+    assert "none hold it level: a moment of 0, 2.324, 0 N m is left" in " ".join(lines)
     assert "They move rotors rotor_0, rotor_1," in done.stdout
     assert "2 base → tilt_left tilt_left rotor_2, rotor_3 7 -" in lines
     data = json.loads(run("info", str(file), "--json", cwd=tmp_path).stdout)

@@ -26,7 +26,7 @@ from gibbs_codegen.figures.marks import CONSTRAINT, THRUST, TORQUE, X_AXIS, Z_AX
 from gibbs_codegen.figures.style import DARK, GOLD
 from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.family import paper_family
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Attitude, Link, Robot, Rod
 from gibbs_codegen.robot.posture import robot_frames
@@ -259,8 +259,9 @@ def test_chains_that_do_not_exist_are_refused(numbers: list[int]) -> None:
         paper_family(12, 5),
         replace(PAPER, links=(Link(Rod(1.0, 1.0), Fraction(90), joint="prismatic"),)),
         replace(PAPER, base=replace(PAPER.base, thrust=((0.0, 0.6, -0.8),) * 6, origin="centre")),
+        parse_robot('name = "lone"\n[base]\nmass = 1.0\ninertia = [1, 1, 1, 0, 0, 0]\n'),
     ],
-    ids=["two rotors", "twelve rotors", "prismatic", "tilted thrusts"],
+    ids=["two rotors", "twelve rotors", "prismatic", "tilted thrusts", "a lone body"],
 )
 @pytest.mark.parametrize("draw", [machine_figure, chains_figure])
 def test_other_machines_can_be_drawn(draw: Callable[[Robot], Figure], robot: Robot) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -70,6 +71,14 @@ def test_robots_that_ship() -> None:
 def test_family_members_that_ship_are_the_family_s(rotors: int, links: int) -> None:
     robot = paper_family(rotors, links)
     assert read_robot(robot.name) == (robot, robot_text(robot))
+
+
+def test_the_comment_of_the_attitude_fits_it_and_new_files_tell_of_both() -> None:
+    robot = paper_family(2, 0)
+    assert "quaternion" not in robot_text(robot)
+    assert '# Instead of angles, "quaternion"' in robot_text(robot, to_start_from=True)
+    quaternion = replace(robot, base=replace(robot.base, attitude="quaternion"))
+    assert 'attitude = "quaternion"  # or an intrinsic sequence' in robot_text(quaternion)
 
 
 def test_defaults() -> None:
@@ -234,6 +243,14 @@ def test_refusals(replaced: str, by: str, message: str) -> None:
     assert message in "\n".join(faults(BASE.replace(replaced, by)))
 
 
+def test_a_file_to_import_is_told_from_a_broken_one() -> None:
+    (told,) = faults('\n<?xml version="1.0"?>\n<robot name="x"/>\n')
+    assert told.startswith(
+        "robot.toml:1: not valid TOML: it is XML; if it is a URDF, xacro or MJCF"
+    )
+    assert told.endswith("with gibbs-codegen import FILE")
+
+
 def test_deep_nesting_is_refused() -> None:
     for text in ("x = " + "[" * 5000, "x" + ".x" * 5000 + " = 1", "[" + "x . " * 5000 + "x]"):
         assert faults(text) == [
@@ -295,7 +312,7 @@ def test_what_several_keys_get_wrong_is_told_beside_faults_of_each() -> None:
         "base.arm 1: length: must be at least 0, not -1",
         "base.arm 2: mass: missing: a rigid body needs its mass in kg",
         "base.arm 2: length: missing: the distance from the base centre to the motor, in m",
-        "base.arm 2: inertia: must be a list of 6 numbers, not a number",
+        "base.arm 2: inertia: must be a list of 6 numbers, xx, yy, zz, xy, xz, yz, not a number",
     ]
 
 

@@ -81,6 +81,20 @@ def test_the_margin_is_how_much_heavier_the_robot_may_be() -> None:
     assert hover(unlimited).margin is None
 
 
+def test_what_thrusts_leave_that_carry_the_weight_is_told() -> None:
+    """A rotor beside the centre of mass lifts the robot and tilts it; another one balances it."""
+    text = 'name = "one"\n[base]\nmass = 2\n[[rotor]]\nposition = [0.1, 0, 0]\nlimits = [0, 9]\n'
+    one = parse_robot(f"gravity = 10\n{text}")
+    found = hover(one)
+    assert found.thrusts is None
+    assert found.moment == pytest.approx((0.0, 2.0, 0.0))
+    line = "hover thrusts: none hold it level: a moment of 0, 2, 0 N m is left (level)"
+    assert balance_lines(one)[2:] == [line]
+    two = parse_robot(f"{text}[[rotor]]\nposition = [0.05, 0, 0]\nlimits = [0, 9]\n")
+    assert hover(two).moment is None
+    assert balance_lines(two)[3] == "thrust margin: no thrusts within the limits hover here"
+
+
 def test_a_robot_without_rotors_is_told_plainly() -> None:
     robot = parse_robot('name = "bare"\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n')
     assert hover(robot).thrusts is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,11 @@ import pytest
 from support.emitted import emitted_module
 
 from gibbs_codegen.derivation.parameters import Parameters
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.equations.chain_names import chain_names
 from gibbs_codegen.errors import RobotFileError
 from gibbs_codegen.exchange.names import Namer
+from gibbs_codegen.robot.chains import decompose
 from gibbs_codegen.robot.coordinates import frame_names, points
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot, read_robot
@@ -190,3 +194,15 @@ def test_rotors_and_frames_may_be_called_like_what_a_simulation_looks_for() -> N
     assert (flight.centre, flight.has_tip) == ("base", False)
     assert flight.rotor_points == ("rotor_tip", "rotor_O2", "motor1", "base_")
     assert np.array_equal(flight.point("base"), flight.q[:, 3:])
+
+
+def test_a_chain_tells_whose_parameters_are_whatever_bodies_are_called() -> None:
+    """Where one name begins as another's parameters go on."""
+    text = CARRIED + link("frame") + link("arm_inertia") + link("arm") + frame("cam")
+    text = text.replace("mass = 1", "mass = 1\ninertia = [1, 1, 1, 0, 0, 0]")
+    robot = parse_robot(text + "xyz = [0, 0, 1]\n")
+    named = chain_names(SymbolicRobot.of(robot, Tape()), decompose(robot)[0])
+    meanings = {symbol.name: called.meaning for symbol, called in named.items()}
+    for parameter, owner in (("frame_z", "frame"), ("arm_inertia_xx", "arm"), ("arm_mass", "arm")):
+        assert re.search(rf"\b{owner}\b", meanings[parameter]), meanings[parameter]
+    assert "frame_cam_z" not in meanings

@@ -113,13 +113,16 @@ def test_nothing_depends_on_memory_that_nobody_wrote(
 def test_nothing_is_divided_by_zero(
     label: str, compiler: str, emitted: Callable[[str], Emitted], tmp_path: Path
 ) -> None:
-    """At any state; parameters without a mass are, and `init_constants` sees what comes of it."""
+    """At any state, with the parameters of the robot file."""
     options = ["-O0", "-fsanitize=float-divide-by-zero", "-fno-sanitize-recover=all"]
-    robot = emitted(label)
-    if label == "random_2_0":
-        with pytest.raises(pytest.fail.Exception, match="division by zero"):
-            run([calls_program(robot, compiler, options, options, tmp_path)])
-    run([calls_program(robot, compiler, options, [*options, "-DSOUND"], tmp_path)])
+    (tmp_path / "divided.c").write_text(
+        "int main(int count, char **words)\n{ return words && 1.0 / (double)(count - 1) > 2.0; }\n"
+    )
+    divided = build(compiler, options, [str(tmp_path / "divided.c")], tmp_path / "divided")
+    with pytest.raises(pytest.fail.Exception, match="division by zero"):
+        run([divided])
+    sound = [*options, "-DSOUND"]
+    run([calls_program(emitted(label), compiler, options, sound, tmp_path)])
 
 
 @pytest.mark.slow

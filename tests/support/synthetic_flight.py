@@ -41,6 +41,7 @@ def synthetic_flight(
         "coordinate_units": module.COORDINATE_UNITS,
         "input_names": module.INPUTS,
         "points": module.POINTS,
+        "constraint_names": tuple(f"tau_prime_{k}" for k in range(2, rotors + 1)),
         "tangent_arm": 2,
         "stopped": "",
         "time": time,

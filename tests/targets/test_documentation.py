@@ -98,6 +98,11 @@ def test_only_bases_of_rods_have_words_of_arms_and_motors() -> None:
     assert "A thrust acts" not in told
 
 
+def test_a_table_without_entries_is_left_out() -> None:
+    lone = parse_robot('name = "lone"\n[base]\nmass = 1.0\ninertia = [1, 1, 1, 0, 0, 0]\n')
+    assert "Inputs u" not in header(lone)
+
+
 def test_unknowns_of_the_hybrid_system_are_accelerations_and_torques() -> None:
     told = header(parse_robot(MOUNTED))
     assert "vx [m/s^2] derivative of the velocity of the base's frame, along the" in told
