@@ -90,6 +90,11 @@ def welded(tree: SourceTree, name: str, attitude: Attitude, snap: bool) -> tuple
         frames,
     )
     told += namer.told
+    told += [
+        Told("snapped", body.name, "rounding in its centre of mass or inertia set to 0")
+        for body in bodies
+        if snap and _rigid(body.parts, snap) != _rigid(body.parts, False)
+    ]
     told += [Told("left out", name, "one frame too many") for name, _ in found[MAX_FRAMES:]]
     impossible = [
         body.name

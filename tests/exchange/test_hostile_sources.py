@@ -133,6 +133,16 @@ def test_long_chains_of_welds_are_no_trouble(
     assert len(said.splitlines()) < 120
 
 
+def test_names_of_one_form_take_no_longer(tmp_path: Path) -> None:
+    path, names = tmp_path / "robot.urdf", [chr(0x4E00 + i) for i in range(1500)]
+    links = "".join(f'<link name="{name}"/>' for name in names)
+    joints = "".join(JOINT.format(f"j{name}", "fixed", "a", name) for name in names)
+    path.write_text(f'<robot name="r">{LINK.format("a")}{links}{joints}</robot>', encoding="utf-8")
+    begin = time.perf_counter()
+    assert main(["import", str(path), "--out", str(tmp_path / "o.toml")]) == 0
+    assert time.perf_counter() - begin < 20
+
+
 def test_deep_bodies_of_mjcf_are_no_trouble(tmp_path: Path) -> None:
     path, body = tmp_path / "robot.xml", '<body><geom size="1"/>'
     path.write_text(MJCF.format('<geom size="1"/>' + body * 120 + "</body>" * 120))
