@@ -101,7 +101,7 @@ def _coordinate_curves(flight: Flight, what: str, places: Sequence[int]) -> Curv
     unit, factor = flight.layout.q.units[places[0]], 1.0
     if unit == "rad":
         unit, factor = "deg", 180.0 / np.pi
-    label = f"{what} ({unit})" if unit != "1" else f"{what} (quaternion)"
+    label = f"{what} ({unit})" if unit != "1" else "quaternion"
     names = [symbol(flight.coordinates[place]) for place in places]
     actual, desired = (factor * q[:, places] for q in (flight.q, flight.q_desired))
     return Curves(label, names, actual, desired)

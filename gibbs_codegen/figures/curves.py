@@ -58,7 +58,15 @@ def plot(axes: Axes, flight: Flight, curves: Curves) -> None:
             color=colour,
             verticalalignment="center",
             annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.5, "shrinkA": 1, "shrinkB": 0},
+            # From the middle of the left edge of the name, wherever `spread` moves it.
+            arrowprops={
+                "arrowstyle": "-",
+                "color": colour,
+                "lw": 0.5,
+                "shrinkA": 1,
+                "shrinkB": 0,
+                "relpos": (0.0, 0.5),
+            },
         )
     label_axes(axes, curves.label)
 

@@ -21,7 +21,7 @@ _DISC_COLOUR = COLOURS[4]
 _ROBOT_LEVEL = 10
 _DISC_CORNERS = 24
 # Of the distance between motors: discs in one plane would touch at half of it.
-_DISC_SHARE = 0.45
+_DISC_SHARE = 0.35
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class RobotArtists:
             facecolor=_DISC_COLOUR,
             edgecolor=DARK,
             linewidth=0.4 * scale,
-            alpha=0.6,
+            alpha=0.35,
             zorder=level,
         )
         axes.add_collection3d(self._discs, autolim=False)
