@@ -644,7 +644,7 @@ hexarotor_3link_hybrid_input_matrix_batch(
     hexarotor_3link_real *input_matrix);
 
 /**
- * @brief Torques that keep the base arms 2 ... N from turning against arm 1.
+ * @brief Torques that hold the constrained joints: base arms 2 ... N, and constrained links.
  *
  * Linear in the accelerations and inputs, which need not fit each other.
  *

@@ -2075,7 +2075,7 @@ def constraint_torques(
     u: ArrayLike,
     constants: tuple[float, ...] | None = None,
 ) -> NDArray[np.float64]:
-    """Torques that keep the base arms 2 ... N from turning against arm 1.
+    """Torques that hold the constrained joints: base arms 2 ... N, and constrained links.
 
     Linear in the accelerations and inputs, which need not fit each other.
 

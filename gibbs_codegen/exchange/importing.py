@@ -31,9 +31,7 @@ from gibbs_codegen.exchange.welding import welded
 from gibbs_codegen.exchange.xml_file import parse_xml, read_bytes
 from gibbs_codegen.robot.model import Attitude, Robot
 from gibbs_codegen.robot.names import name_from
-
-# Of a rotor of an aerial robot it is about a hundredth of a metre.
-_SUSPICIOUS_DRAG = 0.1
+from gibbs_codegen.robot.plausibility import LARGEST_DRAG
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ def _rotor_lines(source: Source) -> list[Told]:
         limits = "" if rotor.limits is None else f", {rotor.limits[0]:g} to {rotor.limits[1]:g} N"
         detail = f"on {rotor.on}, drag {rotor.drag:g} m{limits} ({rotor.found_by})"
         lines.append(Told("rotor", rotor.name, detail))
-        if abs(rotor.drag) > _SUSPICIOUS_DRAG:
+        if abs(rotor.drag) > LARGEST_DRAG:
             lines.append(
                 Told("note", rotor.name, f"a drag of {rotor.drag:g} m is large; check its factor")
             )

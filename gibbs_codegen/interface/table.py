@@ -138,7 +138,7 @@ _ROWS = (
         "constraint_torques",
         "qvau",
         (Output("torque", "c", "N m", "constraint_torques", "{constraint_torques}"),),
-        "Torques that keep the base arms 2 ... N from turning against arm 1.",
+        "Torques that hold the constrained joints: base arms 2 ... N, and constrained links.",
         "eqs. 14 and 15",
         "Linear in the accelerations and inputs, which need not fit each other.",
     ),

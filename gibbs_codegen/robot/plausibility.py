@@ -15,7 +15,7 @@ _WATER = 1000.0
 # Radius of gyration of a body, of the extent of the whole robot.
 _LARGEST_GYRATION = 3.0
 # Of propellers it is about 0.01 to 0.03 m.
-_LARGEST_DRAG = 0.1
+LARGEST_DRAG = 0.1
 
 
 def implausible(robot: Robot) -> tuple[str, ...]:
@@ -77,7 +77,7 @@ def _drags(robot: Robot) -> list[str]:
         f"the drag of rotor {rotor_label(robot, k)} is {drag:.4g} m; it is the reaction torque per "
         "unit of thrust, and about 0.02 m for propellers"
         for k, drag in enumerate(drags, start=1)
-        if abs(drag) > _LARGEST_DRAG
+        if abs(drag) > LARGEST_DRAG
     ]
 
 
