@@ -212,19 +212,19 @@ ACCEPTED = sorted({*PRESENTATIONS, *WHOLE, *TRUTHS, "broadcast"})
 
 
 @st.composite
-def arguments(draw: st.DrawFn, widths: tuple[int, ...]) -> list[Argument]:
+def arguments(draw: st.DrawFn, shapes: tuple[tuple[int, ...], ...]) -> list[Argument]:
     """Arguments of a function; in a third of the cases one of them is wrong."""
     batch = draw(st.sampled_from(BATCHES))
     quarters = draw(st.lists(st.integers(0, 40), min_size=5, max_size=11))
     numbers = np.array(quarters) / 4.0
-    wrong = draw(st.sampled_from([None, None, *range(len(widths))]))
+    wrong = draw(st.sampled_from([None, None, *range(len(shapes))]))
     made = []
-    for i, width in enumerate(widths):
+    for i, own in enumerate(shapes):
         leading = SMALLER.get(batch, batch) if draw(st.booleans()) and i else batch
-        shape = (*leading, width)
+        shape = (*leading, *own)
         if i == wrong:
             kind = draw(st.sampled_from(sorted(REFUSED)))
-            plain = np.resize(numbers, shape if 0 not in shape else (width,))
+            plain = np.resize(numbers, shape if 0 not in shape else own)
             made.append(Argument(plain, REFUSED[kind](plain.copy()), True))
             continue
         kind = draw(st.sampled_from(ACCEPTED))
@@ -233,7 +233,7 @@ def arguments(draw: st.DrawFn, widths: tuple[int, ...]) -> list[Argument]:
         values, presented = shown(shape, np.roll(numbers, i), kind)
         if kind in PRESENTATIONS and kind != "fractions" and values.size and draw(st.booleans()):
             special = draw(st.sampled_from([np.nan, np.inf, -np.inf, -0.0, 1024.0, -2.5]))
-            values[..., draw(st.integers(0, width - 1))] = special
+            values[..., draw(st.integers(0, own[-1] - 1))] = special
             presented = PRESENTATIONS[kind](values.copy())
         made.append(Argument(values, presented, False))
     return made
@@ -349,7 +349,7 @@ def main(folder: str, number: int, examples: int) -> None:
     @given(st.data())
     def call(data: st.DataObject) -> None:
         signature = data.draw(st.sampled_from(module.functions))
-        made = data.draw(arguments(signature.widths))
+        made = data.draw(arguments(signature.argument_shapes))
         check_call(module, signature, made, data)
         if data.draw(st.integers(0, 9)) == 0:
             form = data.draw(st.sampled_from(WRONG_FORMS))
