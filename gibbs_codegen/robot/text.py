@@ -28,6 +28,13 @@ class ArmsText:
     rigid: list[str]
 
 
+# What is said beside an attitude: of a sequence of angles, and of a quaternion.
+_ATTITUDE = (
+    "intrinsic sequence of the attitude angles: any order of x, y and z",
+    "or an intrinsic sequence of attitude angles: any order of x, y and z",
+)
+
+
 @dataclass(frozen=True)
 class RobotText:
     """What the template is given; `arms` is None where the base has none."""
@@ -37,6 +44,7 @@ class RobotText:
     gravity: str
     allow_impossible_inertia: bool
     attitude: str
+    attitude_words: str
     origin: str
     arms: ArmsText | None
     central_body: list[str]
@@ -65,6 +73,7 @@ def robot_text(robot: Robot, name: str | None = None, to_start_from: bool = Fals
         gravity=repr(robot.gravity),
         allow_impossible_inertia=robot.allow_impossible_inertia,
         attitude=base.attitude,
+        attitude_words=_ATTITUDE[base.attitude == "quaternion"],
         origin=base.origin,
         arms=_arms(base, to_start_from) if base.arms else None,
         central_body=body_lines(base.body)[1:] if base.body else [],
