@@ -55,6 +55,14 @@ def benchmark_robot(
     return Robot(name, base, (Link(Rod(0.0)), *arm))
 
 
+def two_benchmark_arms(links: int = 7) -> Robot:
+    """The benchmark's robot with a quaternion and its arm twice."""
+    robot = benchmark_robot(links, attitude="quaternion")
+    arm = robot.links
+    second = (replace(arm[0], parent=0), *arm[1:])
+    return replace(robot, name=f"two_benchmark_arms_{links}", links=(*arm, *second))
+
+
 def two_arms(joints: int = 7) -> Robot:
     """A hexarotor whose rotors are tilted, with two arms of up to seven joints under it."""
     rng = np.random.default_rng(14)
@@ -94,10 +102,11 @@ def _tilted_rotors(number: int) -> tuple[Rotor, ...]:
 
 
 def named_robot(name: str) -> Robot:
-    """A machine by `two_arms`, a robot file or a robot that ships, without what acts in joints.
+    """A machine of this module, a robot file or a robot that ships, without what acts in joints.
 
     Springs, dampers and armature are left out, since not every peer has them.
     """
-    robot = two_arms() if name == "two_arms" else read_robot(name)[0]
+    made = {"two_arms": two_arms, "two_benchmark_arms": two_benchmark_arms}
+    robot = made[name]() if name in made else read_robot(name)[0]
     free = Link(Rod(0.0)).passive
     return replace(robot, links=tuple(replace(link, passive=free) for link in robot.links))

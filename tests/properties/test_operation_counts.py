@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from benchmarks.family import benchmark_robot
+from benchmarks.family import benchmark_robot, two_benchmark_arms
 from support.random_robots import random_robot
 
 from gibbs_codegen.derivation.derive import derive
@@ -86,21 +86,12 @@ def test_with_a_quaternion_it_takes_fewer(links: int, reached: tuple[int, ...]) 
     assert dict(zip(COUNTED, found, strict=True)) == dict(zip(COUNTED, reached, strict=True))
 
 
-def two_arms(links: int) -> Robot:
-    """The benchmark's robot with a quaternion and its arm twice."""
-    robot = benchmark_robot(links)
-    arm = robot.links
-    second = (replace(arm[0], parent=0), *arm[1:])
-    base = replace(robot.base, attitude="quaternion")
-    return replace(robot, base=base, links=(*arm, *second))
-
-
 def test_two_arms_of_seven_joints_cost_less_than_one_of_fourteen() -> None:
     """No entry of M between the arms is computed, and articulated bodies pass each arm by itself.
 
     LDLᵀ with the translation eliminated first would couple the arms.
     """
-    robot = two_arms(7)
+    robot = two_benchmark_arms()
     program = derive(robot).program
     names = COUNTED[:-1]  # Two arms have no tip.
     found = {name: count_operations(program.function(name).nodes()).total for name in names}
