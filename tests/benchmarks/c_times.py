@@ -5,8 +5,8 @@ different states, on one core. All must agree to 1e-9 before any is timed. Round
 contenders in turn, so that a slow moment of the machine hits all alike; what is reported is the
 median over the rounds, of times and of ratios, the latter with their 10th and 90th percentiles.
 `--links 3 7` limits the family's machines; `--robots` takes others instead: `two_arms` and
-`two_benchmark_arms` of `family.py`, robots that ship, or robot files. `--picture FILE` draws the times; `--folder DIR` keeps what is built, since
-Pinocchio takes minutes to compile.
+`two_benchmark_arms` of `family.py`, robots that ship, or robot files. `--picture FILE` draws the
+times; `--folder DIR` keeps what is built, since Pinocchio takes minutes to compile.
 """
 
 from __future__ import annotations
