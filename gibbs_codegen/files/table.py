@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, Self, get_args
+from typing import Any, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.functional_validators import ModelWrapValidatorHandler
@@ -41,10 +41,15 @@ class Table(BaseModel):
         strict=True, extra="forbid", frozen=True, allow_inf_nan=False, hide_input_in_errors=True
     )
 
-    # Another kind of file that may be given by mistake, and keys that only it has.
-    mistaken: ClassVar[tuple[str, frozenset[str]]] = ("", frozenset())
-    # Keys of other tables, by which the table's own may be called by mistake.
-    synonyms: ClassVar[Mapping[str, str]] = {}
+    @classmethod
+    def mistaken(cls) -> tuple[str, frozenset[str]]:
+        """Another kind of file that may be given by mistake, and keys that only it has."""
+        return "", frozenset()
+
+    @classmethod
+    def synonyms(cls) -> Mapping[str, str]:
+        """Keys of the table, by those of other tables that may be mistaken for them."""
+        return {}
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
@@ -141,7 +146,7 @@ class Table(BaseModel):
     @classmethod
     def _unknown(cls, key: str, with_suggestion: bool) -> str:
         known = list(cls.model_fields)
-        near = [cls.synonyms[key]] if key in cls.synonyms else []
+        near = [cls.synonyms()[key]] if key in cls.synonyms() else []
         if not near and with_suggestion and len(key) <= _LONGEST_KEY:
             near = difflib.get_close_matches(key, known, n=1)
         hint = f"did you mean {near[0]}?" if near else f"known keys: {', '.join(known)}"

@@ -48,7 +48,7 @@ def checked(
         document = tomllib.loads(text)
     except ValueError as error:
         raise refused(source, [_syntax_fault(text, error)]) from None
-    other, keys = table.mistaken
+    other, keys = table.mistaken()
     if theirs := [key for key in document if key in keys]:
         words = f"a key of {other}, and not of a {refused.kind}, which must be given here"
         raise refused(source, [Fault(theirs[0], words, line_of(key_lines(text), (theirs[0],)))])

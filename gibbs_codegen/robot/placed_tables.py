@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
 
 from pydantic import Field
 
@@ -25,8 +25,6 @@ _ON = 'what carries it: "base" or the name of a link'
 class PoseTable(Table):
     """A pose in the frame of a body."""
 
-    synonyms: ClassVar = {"position": "xyz"}
-
     xyz: Sizes3 | None = Field(
         default=None, description="place in the frame of what carries it, m; default [0, 0, 0]"
     )
@@ -36,6 +34,11 @@ class PoseTable(Table):
         "default [0, 0, 0]",
     )
 
+    @classmethod
+    def synonyms(cls) -> Mapping[str, str]:
+        """Rotors have a position."""
+        return {"position": "xyz"}
+
     def pose(self) -> Pose:
         """The pose that the table describes."""
         return Pose(self.xyz or (0.0,) * 3, exact3(self.rpy_deg or (0.0,) * 3))
@@ -43,8 +46,6 @@ class PoseTable(Table):
 
 class RotorTable(Table):
     """A rotor on the base or on a link."""
-
-    synonyms: ClassVar = {"xyz": "position"}
 
     name: Label | None = Field(
         default=None, description="name of the rotor, any text; without it its number counts"
@@ -71,6 +72,11 @@ class RotorTable(Table):
     time_constant: NotNegative | None = Field(
         default=None, description="time constant of its thrust, for simulators, s; default: none"
     )
+
+    @classmethod
+    def synonyms(cls) -> Mapping[str, str]:
+        """Links and frames have their place in xyz."""
+        return {"xyz": "position"}
 
     def rotor(self, on: int) -> Rotor:
         """The rotor that the table describes.

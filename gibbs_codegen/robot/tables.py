@@ -30,7 +30,6 @@ class RobotTable(Table):
     """
 
     model_config = ConfigDict(title="Robot file of gibbs_codegen")
-    mistaken = ("a scenario", frozenset({"duration", "control", "motors", "integration"}))
 
     name: Name = Field(
         description="the robot's name, which becomes that of the module and the prefix in C"
@@ -51,6 +50,11 @@ class RobotTable(Table):
     frame: Annotated[list[FrameTable], Tables("frame", MAX_FRAMES, "frames")] = Field(
         default_factory=list, description="named frames on the base or on links"
     )
+
+    @classmethod
+    def mistaken(cls) -> tuple[str, frozenset[str]]:
+        """Scenarios, by keys of theirs."""
+        return "a scenario", frozenset({"duration", "control", "motors", "integration"})
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:

@@ -186,7 +186,6 @@ class ScenarioTable(Table):
     """
 
     model_config = ConfigDict(title="Scenario file of gibbs_codegen")
-    mistaken = ("a robot file", frozenset({"gravity", "link", "rotor", "frame"}))
 
     name: Annotated[str, _line_of_text(1)] = Field(description="name of the flight, on one line")
     description: Annotated[str, _line_of_text(0)] = Field(
@@ -216,6 +215,11 @@ class ScenarioTable(Table):
     parameters: dict[str, Number] = Field(
         default_factory=dict, description="parameters of the module that are changed, SI units"
     )
+
+    @classmethod
+    def mistaken(cls) -> tuple[str, frozenset[str]]:
+        """Robot files, by keys of theirs."""
+        return "a robot file", frozenset({"gravity", "link", "rotor", "frame"})
 
     @classmethod
     def key_faults(cls, values: Mapping[str, Any]) -> Iterator[tuple[str | Place, str]]:
