@@ -102,7 +102,7 @@ class Graph:
         return 2 * node
 
     def _all_constant(self, refs: Iterable[Ref]) -> bool:
-        return all([self.constant[ref >> 1] for ref in refs])
+        return all(self.constant[ref >> 1] for ref in refs)
 
     def input(self, name: str, constant: bool = False) -> Ref:
         """An entry of an argument, or a parameter.
@@ -174,7 +174,9 @@ class Graph:
             A reference to the sum.
         """
         counts = self._coefficients(terms)
-        number, constants, varying = 0.0, [], []
+        number = 0.0
+        constants: list[Ref] = []
+        varying: list[Ref] = []
         for node, count in counts.items():
             value = self.labels[node]
             if isinstance(value, float):
