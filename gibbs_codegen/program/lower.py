@@ -7,8 +7,8 @@
     out = [h1*h4, h4]
 
 becomes `k1 = 2*p` in `prepare`, which all functions share and which runs once per set of
-parameters, and `t1 = sin(x)`, `t2 = t1*t1`, `t3 = k1*t2`, `out = [t3, t2]` in the function. A function takes from
-the graph of the tape the nodes that its outputs need, in the graph's order.
+parameters, and `t1 = sin(x)`, `t2 = t1*t1`, `t3 = k1*t2`, `out = [t3, t2]` in the function. A
+function takes from the graph of the tape the nodes that its outputs need, in the graph's order.
 """
 
 from __future__ import annotations
