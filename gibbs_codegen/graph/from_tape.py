@@ -103,6 +103,8 @@ class ImportedTape:
         graph = self.graph
         if expression.is_Symbol:
             return self._refs[expression]
+        if expression.is_Integer:
+            return graph.number(float(int(expression)))
         if expression.is_number:
             return graph.number(float(sp.N(expression, 30)))
         if expression.is_Add:

@@ -13,6 +13,7 @@ function takes from the graph of the tape the nodes that its outputs need, in th
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -69,7 +70,7 @@ def lower(
     Returns:
         The program. Of `parameters` it has those that a function depends on.
     """
-    lowering = _Lowering(tape if isinstance(tape, ImportedTape) else ImportedTape(tape))
+    lowering = _Lowering(_graph_of(tape))
     graph = lowering.graph
     drafts = [lowering.draft(piece) for piece in slices]
     needed = set().union(*(draft.constants for draft in drafts))
@@ -104,20 +105,24 @@ def lower(
     )
 
 
-def operations(tape: Tape, entries: Sequence[sp.Expr]) -> int:
+def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
     """Operations that a function with certain entries takes.
 
     Args:
-        tape: The tape.
+        tape: The tape, or its graph.
         entries: What the function returns.
 
     Returns:
         All operations but the sine–cosine pairs.
     """
     piece = Slice("", (), (((len(entries),), tuple(entries)),))
-    draft = _Lowering(ImportedTape(tape)).draft(piece)
+    draft = _Lowering(_graph_of(tape)).draft(piece)
     nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
     return count_operations(nodes).total
+
+
+def _graph_of(tape: Tape | ImportedTape) -> ImportedTape:
+    return tape if isinstance(tape, ImportedTape) else ImportedTape(tape)
 
 
 @dataclass(frozen=True)
@@ -165,10 +170,10 @@ class _Lowering:
 
     def _words_of(self, nodes: Sequence[int], piece: Slice) -> dict[int, str]:
         """Words of the group of each node; what has none belongs to its first user's group."""
-        words = {**self.words, **self._imported.words(piece.groups)}
+        said = ChainMap(self._imported.words(piece.groups), self.words)
         inherited: dict[int, str] = {}
         for node in reversed(nodes):
-            own = words.get(node) or self._imported.said(node) or inherited.get(node, "")
+            own = said.get(node) or self._imported.said(node) or inherited.get(node, "")
             inherited[node] = own
             for ref in self.graph.operands[node]:
                 inherited[ref >> 1] = own
