@@ -36,7 +36,7 @@ from gibbs_codegen.program.nodes import (
     Sum,
 )
 from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
 @dataclass(frozen=True)
@@ -75,29 +75,28 @@ def lower(
     drafts = [lowering.draft(piece) for piece in slices]
     needed = set().union(*(draft.constants for draft in drafts))
     reached = graph.reached(2 * node for node in needed)
-    prepare = [node for node in reached if graph.operands[node]]
+    prepare = lowering.prepare([node for node in reached if graph.operands[node]], needed)
     # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
-    numbered = {node: f"k{i}" for i, node in enumerate(prepare, start=1)}
-    names = {node: numbered.get(node, str(graph.labels[node])) for node in reached}
-    constants: dict[str, Node] = {_own_name(old): Name(new) for old, new in numbered.items()}
-    read = {names[node] for node in reached if graph.kinds[node] is Kind.INPUT}
+    numbered = {statement.name: f"k{i}" for i, statement in enumerate(prepare, start=1)}
+    constants: dict[str, Node] = {old: Name(new) for old, new in numbered.items()}
+    read = {lowering.name(node) for node in reached}
+
+    def names(nodes: set[int]) -> tuple[str, ...]:
+        own = map(lowering.name, sorted(nodes))
+        return tuple(numbered.get(name, name) for name in own)
+
     return Program(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),
-        constants=tuple(names[node] for node in sorted(needed)),
+        constants=names(needed),
         prepare=tuple(
-            Statement(
-                numbered[node],
-                substituted(lowering.value(node, frozenset()), constants),
-                lowering.words.get(node, ""),
-            )
-            for node in prepare
+            Statement(numbered[s.name], substituted(s.value, constants), s.group) for s in prepare
         ),
         functions=tuple(
             Function(
                 draft.piece.name,
                 draft.piece.arguments,
-                tuple(names[node] for node in sorted(draft.constants)),
+                names(draft.constants),
                 *_renamed(draft, constants),
             )
             for draft in drafts
@@ -152,9 +151,9 @@ class _Lowering:
         order = graph.reached_varying(roots)
         negated = local_signs(graph, order)
         computed = [node for node in order if graph.operands[node]]
-        words = self._words_of(computed, piece)
+        words = self._words_of(computed, piece.groups)
         statements = [
-            Statement(_own_name(node), self.value(node, negated), words[node]) for node in computed
+            Statement(self.name(node), self.value(node, negated), words[node]) for node in computed
         ]
         outputs = [
             Output(shape, tuple(self._term(ref, negated) for ref in entries))
@@ -165,12 +164,39 @@ class _Lowering:
         constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not Kind.NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
+    def prepare(self, nodes: Sequence[int], needed: set[int]) -> list[Statement]:
+        """Lower what parameters determine; what is used once is written where it is used.
+
+        Args:
+            nodes: Constant nodes, in order.
+            needed: Those that functions read.
+
+        Returns:
+            The statements.
+        """
+        words = self._words_of(nodes, {})
+        statements = [
+            Statement(
+                self.name(node),
+                self.value(node, frozenset()),
+                words[node] or WORDS_OF_CONSTANTS,
+            )
+            for node in nodes
+        ]
+        kept = Output((len(needed),), tuple(Name(self.name(node)) for node in sorted(needed)))
+        return inline_single_uses(statements, [kept], products_only=True)
+
+    def name(self, node: int) -> str:
+        """Name of a node before statements are numbered: that of an input is its own."""
+        is_input = self.graph.kinds[node] is Kind.INPUT
+        return str(self.graph.labels[node]) if is_input else f"n{node}"
+
     def _ref(self, entry: sp.Expr | Ref) -> Ref:
         return entry if isinstance(entry, int) else self._imported.ref(entry)
 
-    def _words_of(self, nodes: Sequence[int], piece: Slice) -> dict[int, str]:
+    def _words_of(self, nodes: Sequence[int], groups: Mapping[sp.Symbol, str]) -> dict[int, str]:
         """Words of the group of each node; what has none belongs to its first user's group."""
-        said = ChainMap(self._imported.words(piece.groups), self.words)
+        said = ChainMap(self._imported.words(groups), self.words)
         inherited: dict[int, str] = {}
         for node in reversed(nodes):
             own = said.get(node) or self._imported.said(node) or inherited.get(node, "")
@@ -217,10 +243,8 @@ class _Lowering:
         value = graph.value(ref)
         if value is not None:
             return (-1, Number(-value)) if value < 0 else (1, Number(value))
-        is_input = graph.kinds[node] is Kind.INPUT
-        name = str(graph.labels[node]) if is_input else _own_name(node)
         flipped = (ref & 1) ^ self._is_negated(node, negated)
-        return (-1 if flipped else 1), Name(name)
+        return (-1 if flipped else 1), Name(self.name(node))
 
     def _is_negated(self, node: int, negated: Iterable[int]) -> bool:
         if not self.graph.constant[node]:
@@ -228,10 +252,6 @@ class _Lowering:
         if node not in self._constants_negated:
             self._constants_negated[node] = _is_mostly_negative(self.graph, node)
         return self._constants_negated[node]
-
-
-def _own_name(node: int) -> str:
-    return f"n{node}"
 
 
 def _with_sign(sign: int, node: Node) -> Node:
