@@ -85,6 +85,8 @@ FRAMES = (
 BODIES = (
     "base_arm2", "base_arm3", "base_arm4", "base_arm5", "base_arm6", "link1", "link2", "link3",
 )
+DERIVATIVES = (
+)
 
 # These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (

@@ -79,6 +79,8 @@ FRAMES = (
 BODIES = (
     "base_arm2", "base_arm3", "base_arm4", "link1", "link2",
 )
+DERIVATIVES = (
+)
 
 # These are zero in the robot file and built in as such; they are not parameters.
 _FOLDED = (

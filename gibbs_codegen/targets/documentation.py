@@ -147,8 +147,10 @@ def argument_text(robot: Robot, argument: str) -> str:
     # With a quaternion velocities have names of their own, and none that would be one of q as well.
     own_names = argument == "v" and layout_of(robot).is_quaternion
     prefix = "" if own_names else row.prefix
+    if not shape:
+        return f"{prefix} [{row.unit}]"
     listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[shape](robot)
-    units = {c.name: f"{c.unit}^2" if argument == "a" else c.unit for c in listed}
+    units = {c.name: row.unit.format(unit=c.unit, step=c.unit.removesuffix("/s")) for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
 
 

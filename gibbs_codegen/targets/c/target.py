@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import LANES, signatures
+from gibbs_codegen.interface import LANES
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
@@ -105,9 +105,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         widest=max(map(len, program.inputs.values())),
         functions=[
             CFunction(model, function, signature, printer).text()
-            for function, signature in zip(
-                program.functions, signatures(module_lists(robot)), strict=True
-            )
+            for function, signature in zip(program.functions, model.signatures, strict=True)
         ],
     )
 

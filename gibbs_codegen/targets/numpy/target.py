@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import DATA, Signature, signatures
+from gibbs_codegen.interface import DATA, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.robot.coordinates import inputs
@@ -96,10 +96,10 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
-    listed = module_lists(robot)
+    listed = module_lists(robot) | {"DERIVATIVES": model.derivatives}
     functions = [
         _function_text(model, function, signature, statements)
-        for function, signature in zip(program.functions, signatures(listed), strict=True)
+        for function, signature in zip(program.functions, model.signatures, strict=True)
     ]
     units = {"COORDINATE_UNITS": layout.q.units, "VELOCITY_UNITS": layout.v.units}
     constants = {name: strings(names) for name, names in (listed | units).items()}
