@@ -127,6 +127,17 @@ class Tape:
         """
         return self.stages[symbol]
 
+    def rank(self, symbol: sp.Symbol) -> int:
+        """How many symbols the tape had before a symbol.
+
+        Args:
+            symbol: An input or a temporary.
+
+        Returns:
+            Its place by age.
+        """
+        return self._ranks[symbol]
+
     @contextmanager
     def group(self, words: str, earliest: Stage = Stage.CONFIGURATION) -> Iterator[None]:
         """Put what is first named in a `with` block into a group.
