@@ -46,6 +46,9 @@ from gibbs_codegen.derivation.tree_dynamics import (
     generalised_inertia_forces,
     gibbs_function,
 )
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.program.model import Derivatives
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.symbolic.tape import Tape
 
@@ -189,3 +192,30 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "integrated": _integrated,
     "difference": _difference,
 }
+
+
+def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
+    """The functions generated on request that a choice of them stands for.
+
+    Args:
+        derivatives: All or none of them, one name, or several.
+
+    Returns:
+        Names in the order of the table.
+
+    Raises:
+        UsageError: A name is unknown.
+    """
+    offered = [
+        row.name
+        for row in FUNCTIONS.values()
+        if row.on_request and all(output.derivation in DERIVATIONS for output in row.outputs)
+    ]
+    if isinstance(derivatives, bool):
+        return tuple(offered) if derivatives else ()
+    names = {derivatives} if isinstance(derivatives, str) else {*derivatives}
+    if unknown := sorted(map(str, names.difference(offered))):
+        raise UsageError(
+            f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {', '.join(offered)}"
+        )
+    return tuple(name for name in offered if name in names)
