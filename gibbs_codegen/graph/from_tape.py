@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
 import sympy as sp
 
 from gibbs_codegen.graph.graph import Graph, Ref
@@ -9,12 +13,16 @@ from gibbs_codegen.symbolic.tape import Stage, Tape
 
 
 class ImportedTape:
-    """A graph that grows with a tape: what is asked for is imported, with all that it needs."""
+    """A graph that grows with a tape, statement by statement in the tape's order."""
 
     def __init__(self, tape: Tape) -> None:
         self.graph = Graph()
         self.tape = tape
         self._refs: dict[sp.Expr, Ref] = {}
+        self._symbols = 0
+        # Numbers of nodes from which on others are made for themselves, with what is said of them.
+        self._starts: list[int] = [0]
+        self._words: list[str] = [""]
 
     def ref(self, expression: sp.Expr) -> Ref:
         """The graph's reference to an expression on the tape.
@@ -25,36 +33,78 @@ class ImportedTape:
         Returns:
             The reference.
         """
+        self._catch_up()
         found = self._refs.get(expression)
         if found is None:
-            self._import_statements(expression)
             found = self._refs[expression] = self._imported(expression)
         return found
 
-    def _import_statements(self, expression: sp.Expr) -> None:
-        """Import the statements that an expression needs, in the order of the tape."""
-        statements, stages = self.tape.statements, self.tape.stages
-        found: set[sp.Symbol] = set()
-        stack = [s for s in _symbols(expression) if s not in self._refs]
-        while stack:
-            symbol = stack.pop()
-            if symbol in found:
-                continue
-            found.add(symbol)
-            if symbol in statements:
-                operands = _symbols(statements[symbol])
-                stack.extend([s for s in operands if s not in self._refs])
-        for symbol in sorted(found, key=self.tape.rank):
-            if symbol in statements:
-                self._refs[symbol] = self._imported(statements[symbol])
-            else:
+    def words(self, groups: Mapping[sp.Symbol, str]) -> dict[int, str]:
+        """Words of groups by node.
+
+        Args:
+            groups: Words by symbol of the tape.
+
+        Returns:
+            The words of every node that is a statement of the tape, the first that it was given.
+        """
+        found: dict[int, str] = {}
+        for symbol, words in groups.items():
+            found.setdefault(self.ref(symbol) >> 1, words)
+        return found
+
+    @contextmanager
+    def group(self, words: str) -> Iterator[None]:
+        """Say what the nodes are that are made in a `with` block, and are no statements.
+
+        Args:
+            words: As a comment of the emitted code says it.
+
+        Yields:
+            Nothing; what was said before is said again after the block.
+        """
+        outer = self._words[-1]
+        self._say(words)
+        try:
+            yield
+        finally:
+            self._say(outer)
+
+    def _say(self, words: str) -> None:
+        self._starts.append(len(self.graph))
+        self._words.append(words)
+
+    def said(self, node: int) -> str:
+        """The words of the block in which a node was made.
+
+        Args:
+            node: The node.
+
+        Returns:
+            The words, or "".
+        """
+        return self._words[bisect_right(self._starts, node) - 1]
+
+    def _catch_up(self) -> None:
+        """Import what the tape has got since the last time."""
+        stages = self.tape.stages
+        if len(stages) == self._symbols:
+            return
+        for symbol in list(stages)[self._symbols :]:
+            statement = self.tape.statements.get(symbol)
+            if statement is None:
                 constant = stages[symbol] is Stage.PARAMETER
                 self._refs[symbol] = self.graph.input(symbol.name, constant)
+            else:
+                self._refs[symbol] = self._imported(statement)
+        self._symbols = len(stages)
 
     def _imported(self, expression: sp.Expr) -> Ref:
         graph = self.graph
         if expression.is_Symbol:
             return self._refs[expression]
+        if expression.is_Integer:
+            return graph.number(float(int(expression)))
         if expression.is_number:
             return graph.number(float(sp.N(expression, 30)))
         if expression.is_Add:
@@ -72,20 +122,12 @@ class ImportedTape:
 
     def _product(self, expression: sp.Expr) -> Ref:
         """A product, its numbers multiplied before they are rounded."""
-        numbers, factors = sp.S.One, []
+        number, factors = sp.S.One, []
         for factor in expression.args:
             if factor.is_number:
-                numbers *= factor
+                number *= factor
             else:
                 factors.append(self._imported(factor))
-        # Constants before what varies, older before younger: as the tape has put them together.
-        factors.sort(key=lambda ref: (not self.graph.constant[ref >> 1], ref))
-        varying = self.graph.products(factors)
-        return self.graph.product(self._imported(numbers), varying)
-
-
-def _symbols(expression: sp.Expr) -> list[sp.Symbol]:
-    """Symbols of an expression, as often as they stand there; SymPy's own way takes longer."""
-    if expression.is_Symbol:
-        return [expression]
-    return [symbol for part in expression.args for symbol in _symbols(part)]
+        # The older first: as the tape has put them together.
+        factors.sort()
+        return self.graph.product(self._imported(number), self.graph.products(factors))
