@@ -16,19 +16,18 @@ from gibbs_codegen.graph.graph import Graph, Kind, Ref
 from gibbs_codegen.graph.rebuilding import Rebuilding
 
 
-def factored(graph: Graph, outputs: Sequence[Ref], words: MutableMapping[int, str]) -> list[Ref]:
+def factored(graph: Graph, outputs: Sequence[Ref], origins: MutableMapping[int, int]) -> list[Ref]:
     """Factor the sums of a function.
 
     Args:
         graph: The graph.
         outputs: What the function returns.
-        words: Words of the group that a node belongs to; a sum that replaces another gets its
-            words.
+        origins: Of each node that a pass has made, the one in whose place it stands; added to.
 
     Returns:
         The same values, in the same order.
     """
-    return _Factoring(graph, outputs).rebuilt(words)
+    return _Factoring(graph, outputs).rebuilt(origins)
 
 
 class _Factoring(Rebuilding):

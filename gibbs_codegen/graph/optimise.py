@@ -36,7 +36,7 @@ def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
 def optimised(
     graph: Graph,
     outputs: Sequence[Ref],
-    words: MutableMapping[int, str],
+    origins: MutableMapping[int, int],
     share_pairs: bool = True,
 ) -> list[Ref]:
     """Shorten a function.
@@ -44,7 +44,7 @@ def optimised(
     Args:
         graph: The graph.
         outputs: What the function returns.
-        words: Words of the group that a node belongs to; what replaces another gets its words.
+        origins: Of each node that a pass has made, the one in whose place it stands; added to.
         share_pairs: Whether to share pairs of terms, which may hide that blocks of statements
             repeat from link to link.
 
@@ -57,7 +57,7 @@ def optimised(
     for _ in range(_MOST_ROUNDS):
         before = least
         for apply in passes:
-            present = apply(graph, present, words)
+            present = apply(graph, present, origins)
             count = operations(graph, present)
             if count < least:
                 best, least = present, count

@@ -25,19 +25,18 @@ _Pair = int
 _BITS = 31
 
 
-def shared(graph: Graph, outputs: Sequence[Ref], words: MutableMapping[int, str]) -> list[Ref]:
+def shared(graph: Graph, outputs: Sequence[Ref], origins: MutableMapping[int, int]) -> list[Ref]:
     """Share pairs of terms between the sums of a function.
 
     Args:
         graph: The graph.
         outputs: What the function returns.
-        words: Words of the group that a node belongs to; a sum that replaces another gets its
-            words.
+        origins: Of each node that a pass has made, the one in whose place it stands; added to.
 
     Returns:
         The same values, in the same order.
     """
-    return _Sharing(graph, outputs).rebuilt(words)
+    return _Sharing(graph, outputs).rebuilt(origins)
 
 
 class _Sharing(Rebuilding):

@@ -29,22 +29,23 @@ class Rebuilding(ABC):
             The same value, made of what its operands have become.
         """
 
-    def rebuilt(self, words: MutableMapping[int, str]) -> list[Ref]:
+    def rebuilt(self, origins: MutableMapping[int, int]) -> list[Ref]:
         """Rebuild the function.
 
         Args:
-            words: Words of the group that a node belongs to; what replaces another gets its words.
+            origins: Of each node that a pass has made, the one in whose place it stands; added to.
 
         Returns:
             What the outputs have become.
         """
         graph, new = self.graph, self._new
         for node in self.nodes:
+            size = len(graph)
             ref = self.sum(node) if graph.kinds[node] is Kind.SUM else self.remade(node)
             if ref != 2 * node:
                 new[node] = ref
-                if node in words:
-                    words.setdefault(ref >> 1, words[node])
+                for made in range(size, len(graph)):
+                    origins[made] = origins.get(node, node)
         return [self.new(output) for output in self.outputs]
 
     def new(self, ref: Ref) -> Ref:
