@@ -22,6 +22,7 @@ import sympy as sp
 
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.optimise import operations as graph_operations
 from gibbs_codegen.graph.optimise import optimised
 from gibbs_codegen.graph.order import in_order
 from gibbs_codegen.graph.polarity import polarity
@@ -39,7 +40,6 @@ from gibbs_codegen.program.nodes import (
     Statement,
     Sum,
 )
-from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
@@ -109,7 +109,7 @@ def lower(
 
 
 def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
-    """Operations that a function with certain entries takes.
+    """Operations that a function with certain entries takes, before it is shortened.
 
     Args:
         tape: The tape, or its graph.
@@ -118,10 +118,8 @@ def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
     Returns:
         All operations but the sine–cosine pairs.
     """
-    piece = Slice("", (), (((len(entries),), tuple(entries)),))
-    draft = _Lowering(_graph_of(tape)).draft(piece)
-    nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
-    return count_operations(nodes).total
+    imported = _graph_of(tape)
+    return graph_operations(imported.graph, [imported.ref(entry) for entry in entries])
 
 
 def _graph_of(tape: Tape | ImportedTape) -> ImportedTape:
