@@ -7,12 +7,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from gibbs_codegen.derivation.functions import (
-    DERIVATIONS,
-    Array,
-    Systems,
-    chosen_derivatives,
-)
+from gibbs_codegen.derivation.functions import DERIVATIONS, chosen_derivatives
 from gibbs_codegen.derivation.hybrid import hybrid_system, reduced_system
 from gibbs_codegen.derivation.regularity import (
     check_conditioning,
@@ -20,6 +15,9 @@ from gibbs_codegen.derivation.regularity import (
     check_range,
 )
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.systems import Array, Systems
+from gibbs_codegen.graph.from_tape import ImportedTape
+from gibbs_codegen.graph.graph import Ref
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
 from gibbs_codegen.program.lower import Slice, lower
 from gibbs_codegen.program.model import Derivatives, Model, Progress
@@ -76,7 +74,8 @@ def model_of(
         The robot with its program and its parameters.
     """
     robot, parameters = symbolic.robot, symbolic.parameters
-    slices = _slices(tape, symbolic, derivatives, progress)
+    imported = ImportedTape(tape)
+    slices = _slices(imported, symbolic, derivatives, progress)
     progress("lowering the program")
     inputs = {
         argument: tuple(symbol.name for symbol in getattr(symbolic, argument))
@@ -85,8 +84,8 @@ def model_of(
     names = tuple(parameters.defaults)
     # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
     mass_matrix = [piece for piece in slices if piece.name == "mass_matrix"]
-    check_conditioning(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
-    program = lower(tape, inputs, names, slices)
+    check_conditioning(robot, lower(imported, inputs, names, mass_matrix), parameters.defaults)
+    program = lower(imported, inputs, names, slices)
     check_range(robot, program, parameters.defaults)
     return Model(
         robot,
@@ -100,11 +99,15 @@ def model_of(
 
 
 def _slices(
-    tape: Tape, symbolic: SymbolicRobot, derivatives: Sequence[str], progress: Progress
+    imported: ImportedTape,
+    symbolic: SymbolicRobot,
+    derivatives: Sequence[str],
+    progress: Progress,
 ) -> list[Slice]:
     """Every function, derived.
 
     Args:
+        imported: The graph of the tape of the symbols.
         symbolic: The robot in symbols.
         derivatives: Names of the functions generated on request that are derived.
         progress: Told the name of each function as it begins.
@@ -115,7 +118,8 @@ def _slices(
     progress("reduced system")
     reduced = reduced_system(symbolic)
     progress("hybrid system")
-    systems = Systems(tape, symbolic, reduced, hybrid_system(symbolic, reduced))
+    hybrid = hybrid_system(symbolic, reduced)
+    systems = Systems(imported.tape, imported, symbolic, reduced, hybrid)
     slices = []
     for signature in signatures(module_lists(symbolic.robot), derivatives):
         progress(signature.name.replace("_", " "))
@@ -149,7 +153,7 @@ def _slice(systems: Systems, signature: Signature) -> Slice:
     return Slice(signature.name, signature.arguments, tuple(arrays), groups)
 
 
-def _entries(array: Array) -> tuple[sp.Expr, ...]:
+def _entries(array: Array) -> tuple[sp.Expr | Ref, ...]:
     """Entries of a scalar, a vector or a matrix, row by row."""
     if isinstance(array, list | tuple):
         return tuple(entry for part in array for entry in _entries(part))

@@ -28,16 +28,16 @@ class GenericDerivatives:
     imported: ImportedTape
     symbolic: SymbolicRobot
 
-    def refs(self, entries: Exprs) -> list[Ref]:
-        """References to entries on the tape.
+    def refs(self, entries: Sequence[sp.Expr | Ref]) -> list[Ref]:
+        """References to entries.
 
         Args:
-            entries: Expressions of the tape.
+            entries: Expressions of the tape, or references already.
 
         Returns:
             One reference for each.
         """
-        return [self.imported.ref(entry) for entry in entries]
+        return [e if isinstance(e, int) else self.imported.ref(e) for e in entries]
 
     def directions(self, argument: str) -> list[Direction]:
         """Directions in which an argument moves, one for each column of a derivative by it.
@@ -66,11 +66,11 @@ class GenericDerivatives:
         entries = self.refs(places.q.joined(moved, joints))
         return {ref >> 1: rate for ref, rate in zip(self.refs(symbolic.q), entries, strict=True)}
 
-    def jacobian(self, outputs: Exprs, argument: str) -> Matrix:
+    def jacobian(self, outputs: Sequence[sp.Expr | Ref], argument: str) -> Matrix:
         """Derivatives of outputs by an argument.
 
         Args:
-            outputs: What is differentiated.
+            outputs: What is differentiated, on the tape or the graph.
             argument: By what: "q", "v", "a" or "u".
 
         Returns:

@@ -38,8 +38,8 @@ class Kind(IntEnum):
 
 
 # Functions f with f(−x) = −f(x), and with f(−x) = f(x).
-_ODD = ("sin", "atan", "sign")
-_EVEN = ("cos",)
+ODD = ("sin", "atan", "sign")
+EVEN = ("cos",)
 
 
 def node_of(ref: Ref) -> int:
@@ -286,9 +286,9 @@ class Graph:
             A reference to what it gives.
         """
         constant = self.constant[ref >> 1]
-        if function in _ODD:
+        if function in ODD:
             return self._node(Kind.CALL, (ref & ~1,), function, constant) ^ (ref & 1)
-        argument = ref & ~1 if function in _EVEN else ref
+        argument = ref & ~1 if function in EVEN else ref
         return self._node(Kind.CALL, (argument,), function, constant)
 
     def remade(self, node: int, operands: Sequence[Ref]) -> Ref:

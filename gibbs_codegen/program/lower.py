@@ -14,13 +14,18 @@ function takes from the graph of the tape the nodes that its outputs need, in th
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 
 import sympy as sp
 
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.optimise import operations as graph_operations
+from gibbs_codegen.graph.optimise import optimised
+from gibbs_codegen.graph.order import in_order
+from gibbs_codegen.graph.polarity import polarity
 from gibbs_codegen.program.inlining import inline_single_uses, substituted
 from gibbs_codegen.program.nodes import (
     Call,
@@ -35,8 +40,7 @@ from gibbs_codegen.program.nodes import (
     Statement,
     Sum,
 )
-from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
 @dataclass(frozen=True)
@@ -75,29 +79,28 @@ def lower(
     drafts = [lowering.draft(piece) for piece in slices]
     needed = set().union(*(draft.constants for draft in drafts))
     reached = graph.reached(2 * node for node in needed)
-    prepare = [node for node in reached if graph.operands[node]]
+    prepare = lowering.prepare([node for node in reached if graph.operands[node]], needed)
     # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
-    numbered = {node: f"k{i}" for i, node in enumerate(prepare, start=1)}
-    names = {node: numbered.get(node, str(graph.labels[node])) for node in reached}
-    constants: dict[str, Node] = {_own_name(old): Name(new) for old, new in numbered.items()}
-    read = {names[node] for node in reached if graph.kinds[node] is Kind.INPUT}
+    numbered = {statement.name: f"k{i}" for i, statement in enumerate(prepare, start=1)}
+    constants: dict[str, Node] = {old: Name(new) for old, new in numbered.items()}
+    read = {lowering.name(node) for node in reached}
+
+    def names(nodes: set[int]) -> tuple[str, ...]:
+        own = map(lowering.name, sorted(nodes))
+        return tuple(numbered.get(name, name) for name in own)
+
     return Program(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),
-        constants=tuple(names[node] for node in sorted(needed)),
+        constants=names(needed),
         prepare=tuple(
-            Statement(
-                numbered[node],
-                substituted(lowering.value(node, frozenset()), constants),
-                lowering.words.get(node, ""),
-            )
-            for node in prepare
+            Statement(numbered[s.name], substituted(s.value, constants), s.group) for s in prepare
         ),
         functions=tuple(
             Function(
                 draft.piece.name,
                 draft.piece.arguments,
-                tuple(names[node] for node in sorted(draft.constants)),
+                names(draft.constants),
                 *_renamed(draft, constants),
             )
             for draft in drafts
@@ -106,7 +109,7 @@ def lower(
 
 
 def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
-    """Operations that a function with certain entries takes.
+    """Operations that a function with certain entries takes, before it is shortened.
 
     Args:
         tape: The tape, or its graph.
@@ -115,10 +118,8 @@ def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
     Returns:
         All operations but the sine–cosine pairs.
     """
-    piece = Slice("", (), (((len(entries),), tuple(entries)),))
-    draft = _Lowering(_graph_of(tape)).draft(piece)
-    nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
-    return count_operations(nodes).total
+    imported = _graph_of(tape)
+    return graph_operations(imported.graph, [imported.ref(entry) for entry in entries])
 
 
 def _graph_of(tape: Tape | ImportedTape) -> ImportedTape:
@@ -147,39 +148,69 @@ class _Lowering:
     def draft(self, piece: Slice) -> _Draft:
         """Lower one slice, with what is used once written where it is used."""
         graph = self.graph
-        refs = [[self._ref(entry) for entry in entries] for _, entries in piece.outputs]
-        roots = [ref for entries in refs for ref in entries]
-        order = graph.reached_varying(roots)
-        negated = local_signs(graph, order)
-        computed = [node for node in order if graph.operands[node]]
-        words = self._words_of(computed, piece)
+        origins: dict[int, int] = {}
+        given = [self._ref(entry) for _, entries in piece.outputs for entry in entries]
+        refs = optimised(graph, given, origins)
+        negated = polarity(graph, refs)
+        computed = [node for node in in_order(graph, refs, origins) if graph.operands[node]]
+        words = self._words_of(computed, piece.groups, origins)
         statements = [
-            Statement(_own_name(node), self.value(node, negated), words[node]) for node in computed
+            Statement(self.name(node), self.value(node, negated), words[node]) for node in computed
         ]
+        terms = iter([self._term(ref, negated) for ref in refs])
         outputs = [
-            Output(shape, tuple(self._term(ref, negated) for ref in entries))
-            for (shape, _), entries in zip(piece.outputs, refs, strict=True)
+            Output(shape, tuple(islice(terms, len(entries)))) for shape, entries in piece.outputs
         ]
         read = [ref >> 1 for node in computed for ref in graph.operands[node]]
-        read.extend(ref >> 1 for ref in roots)
+        read.extend(ref >> 1 for ref in refs)
         constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not Kind.NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
+
+    def prepare(self, nodes: Sequence[int], needed: set[int]) -> list[Statement]:
+        """Lower what parameters determine; what is used once is written where it is used.
+
+        Args:
+            nodes: Constant nodes, in order.
+            needed: Those that functions read.
+
+        Returns:
+            The statements.
+        """
+        words = self._words_of(nodes, {}, {})
+        statements = [
+            Statement(
+                self.name(node),
+                self.value(node, frozenset()),
+                words[node] or WORDS_OF_CONSTANTS,
+            )
+            for node in nodes
+        ]
+        kept = Output((len(needed),), tuple(Name(self.name(node)) for node in sorted(needed)))
+        return inline_single_uses(statements, [kept], products_only=True)
+
+    def name(self, node: int) -> str:
+        """Name of a node before statements are numbered: that of an input is its own."""
+        is_input = self.graph.kinds[node] is Kind.INPUT
+        return str(self.graph.labels[node]) if is_input else f"n{node}"
 
     def _ref(self, entry: sp.Expr | Ref) -> Ref:
         return entry if isinstance(entry, int) else self._imported.ref(entry)
 
-    def _words_of(self, nodes: Sequence[int], piece: Slice) -> dict[int, str]:
+    def _words_of(
+        self, nodes: Sequence[int], groups: Mapping[sp.Symbol, str], origins: Mapping[int, int]
+    ) -> dict[int, str]:
         """Words of the group of each node; what has none belongs to its first user's group."""
-        said = ChainMap(self._imported.words(piece.groups), self.words)
+        said = ChainMap(self._imported.words(groups), self.words)
         inherited: dict[int, str] = {}
         for node in reversed(nodes):
-            own = said.get(node) or self._imported.said(node) or inherited.get(node, "")
+            origin = origins.get(node, node)
+            own = said.get(origin) or self._imported.said(origin) or inherited.get(node, "")
             inherited[node] = own
             for ref in self.graph.operands[node]:
                 inherited[ref >> 1] = own
         return {node: inherited[node] for node in nodes}
 
-    def value(self, node: int, negated: Iterable[int]) -> Node:
+    def value(self, node: int, negated: Collection[int]) -> Node:
         """The right-hand side of a node."""
         graph, kind = self.graph, self.graph.kinds[node]
         signed = [self._signed(ref, negated) for ref in graph.operands[node]]
@@ -208,30 +239,24 @@ class _Lowering:
             case unknown:
                 raise ValueError(f"no program has a function {unknown!r}")
 
-    def _term(self, ref: Ref, negated: Iterable[int]) -> Node:
+    def _term(self, ref: Ref, negated: Collection[int]) -> Node:
         return _with_sign(*self._signed(ref, negated))
 
-    def _signed(self, ref: Ref, negated: Iterable[int]) -> tuple[int, Node]:
+    def _signed(self, ref: Ref, negated: Collection[int]) -> tuple[int, Node]:
         """The sign of a value against what is computed for its node, and that."""
         node, graph = ref >> 1, self.graph
         value = graph.value(ref)
         if value is not None:
             return (-1, Number(-value)) if value < 0 else (1, Number(value))
-        is_input = graph.kinds[node] is Kind.INPUT
-        name = str(graph.labels[node]) if is_input else _own_name(node)
         flipped = (ref & 1) ^ self._is_negated(node, negated)
-        return (-1 if flipped else 1), Name(name)
+        return (-1 if flipped else 1), Name(self.name(node))
 
-    def _is_negated(self, node: int, negated: Iterable[int]) -> bool:
+    def _is_negated(self, node: int, negated: Collection[int]) -> bool:
         if not self.graph.constant[node]:
             return node in negated
         if node not in self._constants_negated:
             self._constants_negated[node] = _is_mostly_negative(self.graph, node)
         return self._constants_negated[node]
-
-
-def _own_name(node: int) -> str:
-    return f"n{node}"
 
 
 def _with_sign(sign: int, node: Node) -> Node:
@@ -246,11 +271,6 @@ def _is_mostly_negative(graph: Graph, node: int) -> bool:
         return False
     refs = graph.operands[node]
     return 2 * sum(ref & 1 for ref in refs) > len(refs)
-
-
-def local_signs(graph: Graph, nodes: Iterable[int]) -> frozenset[int]:
-    """Placeholder."""
-    return frozenset(node for node in nodes if _is_mostly_negative(graph, node))
 
 
 def _renamed(
