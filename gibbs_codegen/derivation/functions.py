@@ -26,6 +26,7 @@ from gibbs_codegen.derivation.forward_kinematics import (
 from gibbs_codegen.derivation.frame_wrenches import wrench_forces
 from gibbs_codegen.derivation.frames import MountedFrame, mounted_frames
 from gibbs_codegen.derivation.hybrid import LinearSystem, constraint_torques
+from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
 from gibbs_codegen.derivation.joint_wrenches import joint_wrenches
 from gibbs_codegen.derivation.momentum import (
     centre_of_mass,
@@ -35,15 +36,12 @@ from gibbs_codegen.derivation.momentum import (
 )
 from gibbs_codegen.derivation.passive import (
     armature_energy,
-    armatures,
-    passive_forces,
     passive_gibbs_function,
     spring_energy,
 )
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import (
     State,
-    generalised_inertia_forces,
     gibbs_function,
 )
 from gibbs_codegen.robot.layout import layout_of
@@ -66,18 +64,6 @@ class Systems:
     def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:
         """The shorter way to the accelerations, and those of M a = R + B u."""
         return shorter_dynamics(self.tape, self.symbolic)
-
-
-def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
-    """M a − R = ∂S/∂θ̈ at the given accelerations."""
-    symbolic, tape = systems.symbolic, systems.tape
-    forces = generalised_inertia_forces(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
-    base, joints = symbolic.places.split(forces)
-    _, accelerations = symbolic.places.split(symbolic.a)
-    given = zip(joints, armatures(symbolic), accelerations, passive_forces(symbolic), strict=True)
-    with tape.group("forces of the joints with their armature, dampers and springs"):
-        own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
-    return symbolic.places.joined(base, own)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
@@ -158,7 +144,7 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "residual": lambda systems: systems.reduced.residual,
     "input_matrix": lambda systems: systems.reduced.inputs,
     "forward_dynamics": lambda systems: systems.dynamics[1],
-    "inverse_dynamics": _inverse_dynamics,
+    "inverse_dynamics": lambda systems: inverse_dynamics(systems.symbolic),
     "hybrid_mass_matrix": lambda systems: systems.hybrid.matrix,
     "hybrid_residual": lambda systems: systems.hybrid.residual,
     "hybrid_input_matrix": lambda systems: systems.hybrid.inputs,

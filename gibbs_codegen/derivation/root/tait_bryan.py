@@ -16,6 +16,7 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.root.tait_bryan_derivatives import TaitBryanDerivatives
 from gibbs_codegen.robot.layout import Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -103,9 +104,24 @@ class TaitBryanRoot:
         Returns:
             The motion in the frame's own axes.
         """
+        return self.motion_after(tape, self._outer, rates, accelerations, gravity)
+
+    def motion_after(
+        self, tape: Scalars, count: int, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> Motion:
+        """Motion of a frame that is turned by the first rotations.
+
+        Args:
+            count: How many of the three.
+            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            The motion in the frame's own axes.
+        """
         x, y, z = self.origin_acceleration(tape, rates, accelerations, gravity)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
-        for i in range(self._outer):
+        for i in range(count):
             back, axis = self.rotations[i].inverse, self.axes[i]
             omega = back.vector(tape, omega)
             gain = scale(tape, rates[i], cross(tape, omega, axis_vector(axis)))
@@ -160,6 +176,28 @@ class TaitBryanRoot:
             if i < self._outer:
                 wrench = wrench.rotated(tape, self.rotations[i])
         return (*rows, *wrench.force)
+
+    def derivatives(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> TaitBryanDerivatives:
+        """How forces depend on the angles and their rates.
+
+        Args:
+            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            What makes the derivatives in this state of motion.
+        """
+        return TaitBryanDerivatives(
+            self.axes,
+            self.rotations,
+            self.rotations[2 : self._outer],
+            self.motion_after(tape, 2, rates, accelerations, gravity),
+            rates,
+            accelerations,
+            self.origin_acceleration(tape, rates, accelerations, gravity),
+        )
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector.
