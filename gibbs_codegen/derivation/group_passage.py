@@ -48,6 +48,25 @@ class GroupPassage:
     inside: Transform = ()
 
     @classmethod
+    def of(cls, tape: Scalars, tree: SegmentTree, k: int, lead: int) -> GroupPassage:
+        """The way of what begins at a joint through one of the groups that carry it.
+
+        Args:
+            tree: The tree.
+            k: Index of the joint's segment.
+            lead: The lead of the group.
+
+        Returns:
+            The way from joint k, or from the lead of the group before.
+        """
+        path = tree.path(k)
+        carried = path[: path.index(lead)]
+        before = [j for j in carried if tree.segments[j].starts_group]
+        if before:
+            return cls.entering(tape, tree, before[-1])
+        return cls.starting(tape, tree, k)
+
+    @classmethod
     def starting(cls, tape: Scalars, tree: SegmentTree, k: int) -> GroupPassage:
         """The way from a joint of the group.
 

@@ -111,21 +111,12 @@ def joint_derivatives(tape: Scalars, moving: MovingTree) -> JointDerivatives:
     offsets = _offsets_from_lead(tape, tree)
     units = [unit.about(tape, arm) for unit, arm in zip(moving.units, offsets, strict=True)]
     leads = [k for k, segment in enumerate(tree.segments) if segment.starts_group]
-    # Of each joint the lead that its column has come to.
-    place: dict[int, int] = {}
     for lead in reversed(leads):
-        passages: dict[int, GroupPassage] = {}
         joint = tree.segments[lead].joint_name or "the base"
         for i in filter(None, tree.subtree(lead)):
             with tape.group(f"derivatives, columns of the joints carried in to {joint}"):
-                if i not in place:
-                    passage = GroupPassage.starting(tape, tree, i)
-                    own = column(tape, moving.units[i], moving.bodies[i])
-                else:
-                    if place[i] not in passages:
-                        passages[place[i]] = GroupPassage.entering(tape, tree, place[i])
-                    passage, own = passages[place[i]], found.columns[i]
-                place[i] = lead
+                passage = GroupPassage.of(tape, tree, i, lead)
+                own = found.columns.get(i) or column(tape, moving.units[i], moving.bodies[i])
                 found.columns[i] = _passed_in(tape, tree, found, i, passage, own)
                 for j in passage.way:
                     if 0 < j < i:

@@ -23,8 +23,9 @@ def complex_step(
     parameters: Mapping[str, float],
     arguments: Mapping[str, Sequence[float]],
     directions: Mapping[str, np.ndarray],
+    output: int = 0,
 ) -> np.ndarray:
-    """Derivatives of the first output of a function, a row for each of its entries.
+    """Derivatives of an output of a function, a row for each of its entries.
 
     Directions are a row for each entry of an argument and a column for each derivative; arguments
     without one stay as they are.
@@ -39,7 +40,7 @@ def complex_step(
             values[entry] = arguments[argument][i] + 1j * _STEP * np.asarray(along)
     for statement in function.statements:
         values[statement.name] = _value(statement.value, values)
-    entries = [_value(entry, values) for entry in function.outputs[0].entries]
+    entries = [_value(entry, values) for entry in function.outputs[output].entries]
     columns = next(iter(directions.values())).shape[1]
     return np.array([np.broadcast_to(entry, columns) for entry in entries]).imag / _STEP
 

@@ -17,6 +17,7 @@ from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.root.protocol import Values
 from gibbs_codegen.derivation.root.tait_bryan_derivatives import TaitBryanDerivatives
+from gibbs_codegen.derivation.unit_motions import UnitMotion
 from gibbs_codegen.robot.layout import Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -104,9 +105,9 @@ class TaitBryanRoot:
         Returns:
             The motion in the frame's own axes.
         """
-        return self.motion_after(tape, self._outer, rates, accelerations, gravity)
+        return self._motion_after(tape, self._outer, rates, accelerations, gravity)
 
-    def motion_after(
+    def _motion_after(
         self, tape: Scalars, count: int, rates: Values, accelerations: Values, gravity: sp.Expr
     ) -> Motion:
         """Motion of a frame that is turned by the first rotations.
@@ -189,15 +190,16 @@ class TaitBryanRoot:
         Returns:
             What makes the derivatives in this state of motion.
         """
-        return TaitBryanDerivatives(
-            self.axes,
-            self.rotations,
-            self.rotations[2 : self._outer],
-            self.motion_after(tape, 2, rates, accelerations, gravity),
-            rates,
-            accelerations,
-            self.origin_acceleration(tape, rates, accelerations, gravity),
+        # Of the first two angles the frame between, and of the third the one between it and them.
+        frames = [
+            self._motion_after(tape, count, rates, accelerations, gravity) for count in (1, 1, 2)
+        ]
+        first, second, third = (
+            UnitMotion.turning(tape, axis, motion, ZERO)
+            for axis, motion in zip(self.axes, frames, strict=True)
         )
+        inner = self.rotations[2 : self._outer]
+        return TaitBryanDerivatives(self.axes, self.rotations, inner, (first, second, third))
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector.

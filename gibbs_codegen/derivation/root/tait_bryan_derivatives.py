@@ -1,50 +1,35 @@
 """Derivatives by the angles of a base with Tait–Bryan angles, and by their rates.
 
-The angles are joints about axes through the origin. The second and the third axis are taken in the
-frame between their rotations, where both are coordinate axes; the first, which the world holds, in
-world axes. The position and its rate enter no force.
+The angles are joints about axes through the origin. The first two are taken in the frame between
+their rotations and the third in the frame between it and the second, where their axes are
+coordinate axes. The position and its rate enter no force.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from operator import attrgetter
+from dataclasses import dataclass
 
 import sympy as sp
 
-from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.root.protocol import Values
-from gibbs_codegen.derivation.unit_motions import STILL, Column, MovingBody, UnitMotion, column
+from gibbs_codegen.derivation.unit_motions import Column, MovingBody, UnitMotion, column
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import (
-    ZERO,
-    Matrix,
-    Rotation,
-    Vector,
-    add,
-    axis_vector,
-    cross,
-    zeros,
-)
+from gibbs_codegen.symbolic.vectors import Matrix, Rotation, zeros
 
 
 @dataclass(frozen=True)
 class TaitBryanDerivatives:
-    """Axes and rotations of the angles, and the motion.
+    """Axes and rotations of the angles, and what each does in its frame.
 
     `inner` are the rotations from the root's group frame to the frame between the second and the
-    third angle, whose motion is `motion`. `rates` and `accelerations` are those of θ₋₁, θ₀, θ₁, x,
-    y and z, and `linear` is the acceleration of the origin in world axes, gravity included (m/s²).
+    third angle.
     """
 
     axes: tuple[int, int, int]
     rotations: tuple[Rotation, Rotation, Rotation]
     inner: Sequence[Rotation]
-    motion: Motion
-    rates: Values
-    accelerations: Values
-    linear: Vector
+    units: tuple[UnitMotion, UnitMotion, UnitMotion]
 
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
         """How the force on a joint depends on the base.
@@ -55,17 +40,14 @@ class TaitBryanDerivatives:
         Returns:
             Derivatives by θ₋₁, θ₀, θ₁, x, y, z, and by their rates.
         """
+        by_angle, by_rate = [sp.S.Zero] * 6, [sp.S.Zero] * 6
         with tape.group("derivatives by attitude and position, and by their rates"):
-            first, *others = self._units(tape)
-            between = joint.turned(tape, self.inner)
-            world = between.turned(tape, self._outer)
-            still = [sp.S.Zero] * 3
-            by_angle = [between.by_angle(tape, unit) for unit in others]
-            by_rate = [between.by_rate(tape, unit) for unit in others]
-            return (
-                [world.by_angle(tape, first), *by_angle, *still],
-                [world.by_rate(tape, first), *by_rate, *still],
-            )
+            joint = joint.turned(tape, self.inner)
+            for i in (2, 1, 0):
+                joint = joint.turned(tape, self._turns(i))
+                by_angle[i] = joint.by_angle(tape, self.units[i])
+                by_rate[i] = joint.by_rate(tape, self.units[i])
+        return by_angle, by_rate
 
     def blocks(self, tape: Scalars, body: MovingBody, mass_block: Matrix) -> tuple[Matrix, Matrix]:
         """How the forces on the base depend on the base.
@@ -73,60 +55,29 @@ class TaitBryanDerivatives:
         Args:
             body: The whole robot about the origin, in the root's group frame, its mass and its
                 inertia force without those of the root's own mass.
-            mass_block: The base's block of the mass matrix.
+            mass_block: Not used.
 
         Returns:
             Rows for θ₋₁, θ₀, θ₁, x, y, z, and columns as of `row`.
         """
         by_angle, by_rate = zeros(6, 6), zeros(6, 6)
-        units, axes = self._units(tape), self.axes
         with tape.group("derivatives of the forces on attitude and position by themselves"):
             body = body.turned(tape, self.inner)
-            in_world = column(tape, units[0], body.turned(tape, self._outer))
-            for j, unit in enumerate(units):
-                between = column(tape, unit, body)
-                world = between.turned(tape, self._outer) if j else in_world
-                x, y, z = mass_block[j][3:]
-                world = replace(world, mass=replace(world.mass, force=(x, y, z)))
-                for matrix, depends, part in (
-                    (by_angle, Column.by_angle, attrgetter("angle")),
-                    (by_rate, Column.by_rate, attrgetter("rate")),
-                ):
-                    for i in range(1, j):
-                        matrix[j][i] = depends(between, tape, units[i])
-                    for i in range(1, j + 1):
-                        matrix[i][j] = part(between).moment[axes[i]]
-                    matrix[0][j] = part(world).moment[axes[0]]
-                    matrix[j][0] = depends(world, tape, units[0])
-                    for i, force in enumerate(part(world).force):
-                        matrix[3 + i][j] = force
+            for j in (2, 1, 0):
+                body = body.turned(tape, self._turns(j))
+                taken = column(tape, self.units[j], body)
+                for i in range(j, -1, -1):
+                    taken = taken.turned(tape, self._turns(i)) if i < j else taken
+                    by_angle[j][i] = taken.by_angle(tape, self.units[i])
+                    by_rate[j][i] = taken.by_rate(tape, self.units[i])
+                    by_angle[i][j] = taken.angle.moment[self.axes[i]]
+                    by_rate[i][j] = taken.rate.moment[self.axes[i]]
+                taken = taken.turned(tape, self.rotations[:1])
+                for i in range(3):
+                    by_angle[3 + i][j] = taken.angle.force[i]
+                    by_rate[3 + i][j] = taken.rate.force[i]
         return by_angle, by_rate
 
-    @property
-    def _outer(self) -> tuple[Rotation, Rotation]:
-        """Rotations from between the second and the third angle to the world."""
-        first, second, _ = self.rotations
-        return (second, first)
-
-    def _units(self, tape: Scalars) -> list[UnitMotion]:
-        """What the angles do about the origin: the first in world axes, the others between."""
-        a, b, c = self.axes
-        inward = self.rotations[1].inverse
-        rate = inward.vector(tape, axis_vector(a, self.rates[0]))
-        turning = inward.vector(tape, axis_vector(a, self.accelerations[0]))
-        square = tape.let(self.rates[0] * self.rates[0])
-        gain = add(tape, cross(tape, turning, axis_vector(b)), axis_vector(b, -square))
-        before = replace(self.motion, omega=rate)
-        gradient = [*before.gradient]
-        gradient[b] = gain
-        x, y, z = gradient
-        before = replace(before, gradient=(x, y, z))
-        return [
-            replace(
-                STILL,
-                axis=axis_vector(a),
-                linear_acceleration=cross(tape, self.linear, axis_vector(a)),
-            ),
-            UnitMotion.turning(tape, b, before, ZERO),
-            UnitMotion.turning(tape, c, self.motion, ZERO),
-        ]
+    def _turns(self, i: int) -> Sequence[Rotation]:
+        """Rotations from the frame of the next angle to that of angle i: one for the second."""
+        return self.rotations[1:2] if i == 1 else ()
