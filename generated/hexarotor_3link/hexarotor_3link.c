@@ -1237,7 +1237,7 @@ static INLINE void mass_matrix_angles(
     const real theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
+    const real t7 = -theta_1 - theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -1306,9 +1306,6 @@ static INLINE void mass_matrix_lane(
     /* attitude */
     const real t1 = -c1;
 
-    /* angles and places of the joints */
-    const real t9 = -s4;
-
     /* inertia of link 3, turned by the joints */
     const real t15 = k68 * c6;
     const real t16 = k68 * s6;
@@ -1343,13 +1340,13 @@ static INLINE void mass_matrix_lane(
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30;
-    const real t36 = t9 * t30;
+    const real t36 = s4 * t30;
     const real t37 = c4 * t34;
-    const real t38 = t9 * t34;
+    const real t38 = s4 * t34;
     mass_matrix[12 * stride] = t38;
     mass_matrix[28 * stride] = t38;
-    const real t39 = t9 * (k75 - t32);
-    const real t40 = t9 * t39;
+    const real t39 = s4 * (k75 - t32);
+    const real t40 = s4 * t39;
     const real t41 = t32 + t40;
     const real t42 = k75 - t40;
 
@@ -1374,7 +1371,7 @@ static INLINE void mass_matrix_lane(
     const real t53 = t32 + t33;
     mass_matrix[40 * stride] = t53;
     const real t54 = c4 * t31;
-    const real t55 = t9 * t31;
+    const real t55 = s4 * t31;
     const real t56 = c4 * t53 + t25 * t30;
     mass_matrix[13 * stride] = -t56;
     mass_matrix[37 * stride] = -t56;
@@ -1387,7 +1384,7 @@ static INLINE void mass_matrix_lane(
     mass_matrix[41 * stride] = t59;
     mass_matrix[49 * stride] = t59;
     const real t60 = c4 * t16;
-    const real t61 = t9 * t16;
+    const real t61 = s4 * t16;
     const real t62 = c4 * t59 + t15 * t25;
     mass_matrix[14 * stride] = -t62;
     mass_matrix[46 * stride] = -t62;
@@ -1454,7 +1451,7 @@ static INLINE void mass_matrix_lane(
     const real t86 = s2 * t30 - c2 * t54;
     mass_matrix[42 * stride] = t86;
     mass_matrix[58 * stride] = t86;
-    const real t87 = c2 * (t26 * t30 - t9 * t53) + s2 * t57;
+    const real t87 = c2 * (t26 * t30 - s4 * t53) + s2 * t57;
     mass_matrix[4 * stride] = t87;
     mass_matrix[36 * stride] = t87;
     const real t88 = t1 * t55 + s1 * t85;
@@ -1467,7 +1464,7 @@ static INLINE void mass_matrix_lane(
     const real t91 = s2 * t15 - c2 * t60;
     mass_matrix[51 * stride] = t91;
     mass_matrix[59 * stride] = t91;
-    const real t92 = c2 * (t15 * t26 - t9 * t59) + s2 * t63;
+    const real t92 = c2 * (t15 * t26 - s4 * t59) + s2 * t63;
     mass_matrix[5 * stride] = t92;
     mass_matrix[45 * stride] = t92;
     const real t93 = t1 * t61 + s1 * t90;
@@ -2140,180 +2137,182 @@ static INLINE void forward_dynamics_lane(
     const real t31 = t23 * t27;
     const real t32 = t29 - t31;
     const real t33 = t18 - t27 * t28;
-    const real t34 = t29 + t31;
+    const real t34 = s4 * t25 + t23 * t28 - c4 * t24;
+    const real t35 = t29 + t31;
 
     /* motion of link 2 */
-    const real t35 = v_theta_8 - t28;
-    const real t36 = t35 * t35;
-    const real t37 = t26 + t36;
-    const real t38 = R(2.0) * t27;
-    const real t39 = t33 - t35 * t38;
-    const real t40 = t30 + t36;
-    const real t41 = R(2.0) * t23;
+    const real t36 = v_theta_8 - t28;
+    const real t37 = t36 * t36;
+    const real t38 = t26 + t37;
+    const real t39 = R(2.0) * t27;
+    const real t40 = t33 - t36 * t39;
+    const real t41 = t30 + t37;
+    const real t42 = R(2.0) * t23;
+    const real t43 = t36 * t42 + t34;
 
     /* motion of link 3 */
-    const real t42 = s5 * t34 - c5 * t37;
-    const real t43 = c5 * t32 + s5 * t40;
-    const real t44 = v_theta_9 + t35;
-    const real t45 = t44 * t44;
-    const real t46 = t26 + t45;
-    const real t47 = t33 - t38 * t44;
-    const real t48 = t30 + t45;
+    const real t44 = s5 * t35 - c5 * t38;
+    const real t45 = c5 * t32 + s5 * t41;
+    const real t46 = c5 * t40 - s5 * t43;
+    const real t47 = link2_length * t46;
+    const real t48 = v_theta_9 + t36;
+    const real t49 = t48 * t48;
+    const real t50 = t26 + t49;
+    const real t51 = t33 - t39 * t48;
+    const real t52 = t30 + t49;
+    const real t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t49 = k68 * c6;
-    const real t50 = k68 * s6;
-    const real t51 = k81 * s6;
-    const real t52 = s6 * t51;
-    const real t53 = k46 - t52;
-    const real t54 = k52 + t52;
-    const real t55 = c6 * t51;
+    const real t54 = k68 * c6;
+    const real t55 = k68 * s6;
+    const real t56 = k81 * s6;
+    const real t57 = s6 * t56;
+    const real t58 = k46 - t57;
+    const real t59 = k52 + t57;
+    const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t56 = t47 * t55;
-    const real t57 = t47 * t53;
-    const real t58 = t55 * (t46 - t48);
+    const real t61 = t59 * t53;
+    const real t62 = t51 * t60;
+    const real t63 = t51 * t58;
+    const real t64 = t60 * t53;
+    const real t65 = t60 * (t50 - t52);
+    const real t66 = k68 * (c6 * t51 - s6 * t53);
 
     /* step from link 2 to link 3 */
-    const real t59 = link2_length * c5;
-    const real t60 = link2_length * s5;
+    const real t67 = link2_length * c5;
+    const real t68 = link2_length * s5;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t69 = t68 * t66;
+    const real t70 = t67 * t66;
 
     /* inertia of link 2, turned by the joints */
-    const real t61 = k73 * c5;
-    const real t62 = k73 * s5;
-    const real t63 = k82 * s5;
-    const real t64 = s5 * t63;
-    const real t65 = k74 + t64;
-    const real t66 = k33 - t64;
-    const real t67 = c5 * t63;
+    const real t71 = k73 * c5;
+    const real t72 = k73 * s5;
+    const real t73 = k82 * s5;
+    const real t74 = s5 * t73;
+    const real t75 = k74 + t74;
+    const real t76 = k33 - t74;
+    const real t77 = c5 * t73;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t68 = t39 * t67;
-    const real t69 = t39 * t65;
-    const real t70 = t32 * t65;
-    const real t71 = t34 * t66;
-    const real t72 = t67 * (t37 - t40);
+    const real t78 = t40 * t77;
+    const real t79 = t76 * t43;
+    const real t80 = t40 * t75;
+    const real t81 = t77 * t43;
+    const real t82 = t32 * t75;
+    const real t83 = t35 * t76;
+    const real t84 = t77 * (t38 - t41);
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t73 = k75 * t33;
+    const real t85 = k75 * t34;
+    const real t86 = k75 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t74 = t49 + t61;
+    const real t87 = t54 + t71;
+    const real t88 = t60 + t54 * t68 + t55 * t67 - t77;
 
     /* force and moment of all thrusts */
-    const real t75 = k87 * (F_3 - F_5);
-    const real t76 = F_3 + F_5;
-    const real t77 = base_arm_length * F_1 - k86 * t76;
-    const real t78 = R(0.8660254037844386) * (F_2 - F_6);
-    const real t79 = F_2 + F_6;
-    const real t80 = F_4 - R(0.5) * t79;
+    const real t89 = k87 * (F_3 - F_5);
+    const real t90 = F_3 + F_5;
+    const real t91 = base_arm_length * F_1 - k86 * t90;
+    const real t92 = R(0.8660254037844386) * (F_2 - F_6);
+    const real t93 = F_2 + F_6;
+    const real t94 = F_4 - R(0.5) * t93;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t81 = s4 * t25 + t23 * t28 - c4 * t24;
-    const real t82 = t35 * t41 + t81;
-    const real t83 = c5 * t39 - s5 * t82;
-    const real t84 = link2_length * t83;
-    const real t85 = t50 * t84;
-    const real t86 = t49 * t84;
+    const real t95 = t55 * t47;
+    const real t96 = t54 * t47;
 
     /* equation of joint 9, its acceleration eliminated */
-    const real t87 = R(1.0) / (t53 + t54);
-    const real t88 = link2_length * (t42 * t50 + t43 * t49);
-    const real t89 = tau_9 + t32 * t53 + t34 * t54 + t88 - t58;
-    const real t90 = t87 * t89;
-    const real t91 = t50 * t87;
-    const real t92 = t49 * t87;
-    const real t93 = k68 * (s6 * t34 - c6 * t46) - t50 * t90;
-    const real t94 = k68 * (c6 * t32 + s6 * t48) - t49 * t90;
-    const real t95 = t50 * t91;
-    const real t96 = t49 * t92;
-    const real t97 = t49 * t91;
+    const real t97 = R(1.0) / (t58 + t59);
+    const real t98 = link2_length * (t44 * t55 + t45 * t54);
+    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65;
+    const real t100 = t97 * t99;
+    const real t101 = t55 * t97;
+    const real t102 = t54 * t97;
+    const real t103 = k68 * (s6 * t35 - c6 * t50) - t55 * t100;
+    const real t104 = k68 * (c6 * t32 + s6 * t52) - t54 * t100;
+    const real t105 = t55 * t101;
+    const real t106 = t54 * t102;
+    const real t107 = t54 * t101;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t98 = t60 * t95 + t59 * t97;
-    const real t99 = t60 * t97 + t59 * t96;
-    const real t100 = R(2.0) * t50 * t60;
-    const real t101 = t59 * t94;
-    const real t102 = t60 * t93;
-    const real t103 = t62 - t98;
-    const real t104 = t61 - t99;
+    const real t108 = t68 * t105 + t67 * t107;
+    const real t109 = t68 * t107 + t67 * t106;
+    const real t110 = R(2.0) * t55 * t68;
+    const real t111 = t67 * t104;
+    const real t112 = t68 * t103;
+    const real t113 = t72 - t108;
+    const real t114 = t71 - t109;
 
     /* equation of joint 8, its acceleration eliminated */
-    const real t105 = R(1.0) / (t65 + t66 - t59 * t99 - t60 * t98);
-    const real t106 = tau_8 + t70 + t71 + t72 + t101 + t102 - tau_9;
-    const real t107 = t105 * t106;
-    const real t108 = t103 * t105;
-    const real t109 = t104 * t105;
-    const real t110 = t103 * t107;
-    const real t111 = t97 + t104 * t108;
+    const real t115 = R(1.0) / (t75 + t76 - t67 * t109 - t68 * t108);
+    const real t116 = tau_8 + t82 + t83 + t84 + t111 + t112 - tau_9;
+    const real t117 = t115 * t116;
+    const real t118 = t113 * t115;
+    const real t119 = t114 * t115;
+    const real t120 = t113 * t117;
+    const real t121 = t107 + t114 * t118;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t112 = R(1.0) / (k75 + t53 + t65 + R(2.0) * t49 * t59);
-    const real t113 = t41 * t44 + t81;
-    const real t114 = t55 * t113;
-    const real t115 = k68 * (c6 * t47 - s6 * t113);
-    const real t116 = t59 * t115;
-    const real t117 = t67 * t82;
-    const real t118 = tau_7 + t114 - t57 - t69 - t73 - t116 - t117 - t86;
-    const real t119 = t112 * t118;
-    const real t120 = t74 * t112;
-    const real t121 = t55 + t49 * t60 + t50 * t59 - t67;
-    const real t122 = t121 * t112;
-    const real t123 = t74 * t119;
-    const real t124 = t121 * t119;
-    const real t125 = t50 + t62 - t121 * t120;
+    const real t122 = R(1.0) / (k75 + t58 + t75 + R(2.0) * t54 * t67);
+    const real t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96;
+    const real t124 = t122 * t123;
+    const real t125 = t87 * t122;
+    const real t126 = t88 * t122;
+    const real t127 = t87 * t124;
+    const real t128 = t88 * t124;
+    const real t129 = t55 + t72 - t88 * t125;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t126 = c3 * t78 - s3 * t80;
-    const real t127 = c3 * t80 + s3 * t78;
-    const real t128 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
-    const real t129 = k63 * (t19 - R(2.0) * t21 * t16);
-    const real t130 = k84 * t17 + t128 - c3 * t75 - s3 * t77;
-    const real t131 = k64 * t19 + t129 + s3 * t75 - c3 * t77;
-    const real t132 = c4 * t126;
-    const real t133 = s4 * t127;
-    const real t134 = c4 * t127;
-    const real t135 = s4 * t126;
-    const real t136 = s4 * t131;
-    const real t137 = c4 * t130;
-    const real t138 = F_1 + k73 * t43 + t76 + t94 - t104 * t107;
-    const real t139 = t54 * t113;
-    const real t140 = t60 * t115;
-    const real t141 = t66 * t82;
-    const real t142 = k75 * t81;
-    const real t143 = t56 + t140 + t85 + t124 + t137 - t68 - t139 - t141 - t142 - t136;
-    const real t144 = base_arm_length * F_4 + k106 * t79 - tau_7 - k108 * t18;
+    const real t130 = c3 * t92 - s3 * t94;
+    const real t131 = c3 * t94 + s3 * t92;
+    const real t132 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
+    const real t133 = k63 * (t19 - R(2.0) * t21 * t16);
+    const real t134 = k84 * t17 + t132 - c3 * t89 - s3 * t91;
+    const real t135 = k64 * t19 + t133 + s3 * t89 - c3 * t91;
+    const real t136 = c4 * t130;
+    const real t137 = s4 * t131;
+    const real t138 = c4 * t131;
+    const real t139 = s4 * t130;
+    const real t140 = s4 * t135;
+    const real t141 = c4 * t134;
+    const real t142 = F_1 + k73 * t45 + t90 + t104 - t114 * t117;
+    const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
+    const real t144 = base_arm_length * F_4 + k106 * t93 - tau_7 - k108 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t145 = R(1.0) / (t54 + t66 + t100 + k117 - t121 * t122);
-    const real t146 = t125 * t145;
+    const real t145 = R(1.0) / (t59 + t76 + t110 + k117 - t88 * t126);
+    const real t146 = t129 * t145;
     const real t147 = t143 * t146;
-    const real t148 = t115 + k73 * t83 + t123 + t135 - t134 - t147;
-    const real t149 = R(1.0) / (k78 - t74 * t120 - t125 * t146);
-    const real t150 = R(1.0) / (k78 - t96 - t104 * t109);
-    const real t151 = t111 * t150;
-    const real t152 = t151 * t138;
-    const real t153 = k73 * t42 + t93 + t152 - t110 - t132 - t133;
-    const real t154 = R(1.0) / (k78 - t95 - t103 * t108 - t111 * t151);
+    const real t148 = t66 + k73 * t46 + t127 + t139 - t138 - t147;
+    const real t149 = R(1.0) / (k78 - t87 * t125 - t129 * t146);
+    const real t150 = R(1.0) / (k78 - t106 - t114 * t119);
+    const real t151 = t121 * t150;
+    const real t152 = t151 * t142;
+    const real t153 = k73 * t44 + t103 + t152 - t120 - t136 - t137;
+    const real t154 = R(1.0) / (k78 - t105 - t113 * t118 - t121 * t151);
     const real t155 = t154 * t153;
-    const real t156 = t151 * t155 + t150 * t138;
+    const real t156 = t151 * t155 + t150 * t142;
     const real t157 = t148 * t149;
     const real t158 = t143 * t145 - t146 * t157;
-    const real t159 = k110 * (tau_8 - s4 * t130 - c4 * t131);
+    const real t159 = k110 * (tau_8 - s4 * t134 - c4 * t135);
     const real t160 = k109 * t144;
 
     /* acceleration of joint 7 */
-    const real t161 = t119 + t120 * t157 + t122 * t158 - t160;
+    const real t161 = t124 + t125 * t157 + t126 * t158 - t160;
     acceleration[3 * stride] = t161;
 
     /* acceleration of joint 8 */
-    const real t162 = t107 - t108 * t155 - t109 * t156;
+    const real t162 = t117 - t118 * t155 - t119 * t156;
     const real t163 = t159 + t162;
     acceleration[4 * stride] = t163;
 
     /* acceleration of joint 9 */
-    const real t164 = t92 * (t156 + t59 * t162);
-    const real t165 = t90 - t162 - t91 * (t155 + t60 * t162) - t164;
+    const real t164 = t102 * (t156 + t67 * t162);
+    const real t165 = t100 - t162 - t101 * (t155 + t68 * t162) - t164;
     acceleration[5 * stride] = t165;
 
     /* acceleration of the base */
@@ -2892,6 +2891,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[349 * stride] = R(1.0);
 
     /* attitude */
+    const real t2 = -s1;
     const real t3 = -c2;
 
     /* inertia of link 3, turned by the joints */
@@ -2919,12 +2919,12 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t29 = c6 * t17 + t15 * t22 + t16 * t21;
+    const real t29 = t16 * t21;
     const real t30 = t15 + k73 * c5;
     const real t31 = t16 + k73 * s5;
-    const real t32 = k74 + t24 + t19 + t15 * k71 * c5;
+    const real t32 = k74 + t19 + t24 + t15 * k71 * c5;
     const real t33 = k33 + t20 + t16 * k71 * s5 - t24;
-    const real t34 = c5 * t23 - t29;
+    const real t34 = c5 * t23 - c6 * t17 - t15 * t22 - t29;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30;
@@ -2939,207 +2939,208 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t42 = k75 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
-    const real t43 = c4 * t39 - t25 * t36 - t26 * t35;
-    const real t44 = t37 - t25 * t31;
+    const real t43 = t26 * t35;
+    const real t44 = t25 * t31 - t37;
     const real t45 = t38 - t26 * t31;
     mass_matrix[21 * stride] = t45;
     mass_matrix[39 * stride] = t45;
     const real t46 = k79 * c3 + t35;
     const real t47 = k79 * s3 + t36;
-    const real t48 = k80 + t28 + t41 + t35 * k77 * c3;
-    const real t49 = k63 + t42 + t36 * k77 * s3 - t28;
+    const real t48 = k80 + t28 + t35 * k77 * c3 + t41;
+    const real t49 = k63 + t36 * k77 * s3 + t42 - t28;
     const real t50 = k64 + t33;
+    const real t51 = c3 * t27 + c4 * t39 - t25 * t36 - t43;
 
     /* mass matrix, columns of the joints carried in to joint 7 */
-    const real t51 = t41 + t42;
-    mass_matrix[160 * stride] = t51;
-    const real t52 = t51 + t25 * t35 + t26 * t36;
-    mass_matrix[46 * stride] = t52;
-    mass_matrix[154 * stride] = t52;
-    const real t53 = t32 + t33;
-    mass_matrix[180 * stride] = t53;
-    const real t54 = c4 * t31;
-    const real t55 = s4 * t31;
-    const real t56 = c4 * t53 + t25 * t30;
-    mass_matrix[28 * stride] = -t56;
-    mass_matrix[172 * stride] = -t56;
-    const real t57 = t26 * t54 - t25 * t55;
-    mass_matrix[47 * stride] = t57;
-    mass_matrix[173 * stride] = t57;
-    const real t58 = t19 + t20;
-    mass_matrix[200 * stride] = t58;
-    const real t59 = t58 + t15 * t21 + t16 * t22;
-    mass_matrix[181 * stride] = t59;
-    mass_matrix[199 * stride] = t59;
-    const real t60 = c4 * t16;
-    const real t61 = s4 * t16;
-    const real t62 = c4 * t59 + t15 * t25;
-    mass_matrix[29 * stride] = -t62;
-    mass_matrix[191 * stride] = -t62;
-    const real t63 = t26 * t60 - t25 * t61;
-    mass_matrix[48 * stride] = t63;
-    mass_matrix[192 * stride] = t63;
+    const real t52 = t41 + t42;
+    mass_matrix[160 * stride] = t52;
+    const real t53 = t25 * t35 + t26 * t36 + t52;
+    mass_matrix[46 * stride] = t53;
+    mass_matrix[154 * stride] = t53;
+    const real t54 = t32 + t33;
+    mass_matrix[180 * stride] = t54;
+    const real t55 = c4 * t31;
+    const real t56 = s4 * t31;
+    const real t57 = t25 * t30 + c4 * t54;
+    mass_matrix[28 * stride] = -t57;
+    mass_matrix[172 * stride] = -t57;
+    const real t58 = t26 * t55 - t25 * t56;
+    mass_matrix[47 * stride] = t58;
+    mass_matrix[173 * stride] = t58;
+    const real t59 = t19 + t20;
+    mass_matrix[200 * stride] = t59;
+    const real t60 = t59 + t15 * t21 + t16 * t22;
+    mass_matrix[181 * stride] = t60;
+    mass_matrix[199 * stride] = t60;
+    const real t61 = c4 * t16;
+    const real t62 = s4 * t16;
+    const real t63 = c4 * t60 + t15 * t25;
+    mass_matrix[29 * stride] = -t63;
+    mass_matrix[191 * stride] = -t63;
+    const real t64 = t26 * t61 - t25 * t62;
+    mass_matrix[48 * stride] = t64;
+    mass_matrix[192 * stride] = t64;
 
     /* mass matrix of attitude and position */
-    const real t64 = t48 + t49;
-    mass_matrix[40 * stride] = t64;
-    const real t65 = s2 * t47;
-    const real t66 = t3 * t47;
-    mass_matrix[49 * stride] = t66;
-    mass_matrix[211 * stride] = t66;
-    const real t67 = s2 * t64 - t3 * t44;
-    mass_matrix[2 * stride] = t67;
-    mass_matrix[38 * stride] = t67;
-    const real t68 = c1 * t46 - s1 * t65;
-    mass_matrix[50 * stride] = t68;
-    mass_matrix[230 * stride] = t68;
-    const real t69 = c1 * t65 + s1 * t46;
-    mass_matrix[51 * stride] = t69;
-    mass_matrix[249 * stride] = t69;
-    const real t70 = t48 + t50;
-    mass_matrix[20 * stride] = t70;
-    const real t71 = s2 * t45 - t3 * (c3 * t27 + t43);
-    mass_matrix[1 * stride] = t71;
-    mass_matrix[19 * stride] = t71;
-    const real t72 = t3 * t31 + s2 * t46;
-    mass_matrix[30 * stride] = -t72;
-    mass_matrix[210 * stride] = -t72;
-    const real t73 = s2 * t31 - t3 * t46;
-    const real t74 = s2 * (s2 * (t48 - t50) - R(2.0) * t3 * t44);
-    const real t75 = s1 * t73;
-    mass_matrix[31 * stride] = t75;
-    mass_matrix[229 * stride] = t75;
-    const real t76 = c1 * t73;
-    mass_matrix[32 * stride] = -t76;
-    mass_matrix[248 * stride] = -t76;
-    const real t77 = t49 + t50 + t74;
-    mass_matrix[0 * stride] = t77;
-    const real t78 = c1 * t47 + s1 * t72;
-    mass_matrix[13 * stride] = t78;
-    mass_matrix[247 * stride] = t78;
-    const real t79 = c1 * t72 - s1 * t47;
-    mass_matrix[12 * stride] = t79;
-    mass_matrix[228 * stride] = t79;
+    const real t65 = t48 + t49;
+    mass_matrix[40 * stride] = t65;
+    const real t66 = s2 * t47;
+    const real t67 = t3 * t47;
+    mass_matrix[49 * stride] = t67;
+    mass_matrix[211 * stride] = t67;
+    const real t68 = t3 * t44 + s2 * t65;
+    mass_matrix[2 * stride] = t68;
+    mass_matrix[38 * stride] = t68;
+    const real t69 = c1 * t46 + t2 * t66;
+    mass_matrix[50 * stride] = t69;
+    mass_matrix[230 * stride] = t69;
+    const real t70 = c1 * t66 - t2 * t46;
+    mass_matrix[51 * stride] = t70;
+    mass_matrix[249 * stride] = t70;
+    const real t71 = t48 + t50;
+    mass_matrix[20 * stride] = t71;
+    const real t72 = s2 * t45 - t3 * t51;
+    mass_matrix[1 * stride] = t72;
+    mass_matrix[19 * stride] = t72;
+    const real t73 = -t3 * t31 - s2 * t46;
+    mass_matrix[30 * stride] = t73;
+    mass_matrix[210 * stride] = t73;
+    const real t74 = t3 * t46 - s2 * t31;
+    const real t75 = s2 * (R(2.0) * t3 * t44 + s2 * (t48 - t50));
+    const real t76 = t2 * t74;
+    mass_matrix[31 * stride] = t76;
+    mass_matrix[229 * stride] = t76;
+    const real t77 = c1 * t74;
+    mass_matrix[32 * stride] = t77;
+    mass_matrix[248 * stride] = t77;
+    const real t78 = t49 + t50 + t75;
+    mass_matrix[0 * stride] = t78;
+    const real t79 = c1 * t47 + t2 * t73;
+    mass_matrix[13 * stride] = t79;
+    mass_matrix[247 * stride] = t79;
+    const real t80 = t2 * t47 - c1 * t73;
+    mass_matrix[12 * stride] = t80;
+    mass_matrix[228 * stride] = t80;
 
     /* mass matrix between the joints and attitude and position */
-    const real t80 = s2 * t36;
-    const real t81 = t3 * t36;
-    mass_matrix[163 * stride] = t81;
-    mass_matrix[217 * stride] = t81;
-    const real t82 = s2 * t52 - t3 * t37;
-    mass_matrix[8 * stride] = t82;
-    mass_matrix[152 * stride] = t82;
-    const real t83 = c1 * t35 - s1 * t80;
-    mass_matrix[164 * stride] = t83;
-    mass_matrix[236 * stride] = t83;
-    const real t84 = c1 * t80 + s1 * t35;
-    mass_matrix[165 * stride] = t84;
-    mass_matrix[255 * stride] = t84;
-    const real t85 = s2 * t54 - t3 * t30;
-    const real t86 = s2 * t30 + t3 * t54;
-    mass_matrix[182 * stride] = t86;
-    mass_matrix[218 * stride] = t86;
-    const real t87 = s2 * t57 - t3 * (s4 * t53 + t26 * t30);
-    mass_matrix[9 * stride] = t87;
-    mass_matrix[171 * stride] = t87;
-    const real t88 = c1 * t55 + s1 * t85;
-    mass_matrix[183 * stride] = -t88;
-    mass_matrix[237 * stride] = -t88;
-    const real t89 = c1 * t85 - s1 * t55;
-    mass_matrix[184 * stride] = t89;
-    mass_matrix[256 * stride] = t89;
-    const real t90 = s2 * t60 - t3 * t15;
-    const real t91 = s2 * t15 + t3 * t60;
-    mass_matrix[201 * stride] = t91;
-    mass_matrix[219 * stride] = t91;
-    const real t92 = s2 * t63 - t3 * (s4 * t59 + t15 * t26);
-    mass_matrix[10 * stride] = t92;
-    mass_matrix[190 * stride] = t92;
-    const real t93 = c1 * t61 + s1 * t90;
-    mass_matrix[202 * stride] = -t93;
-    mass_matrix[238 * stride] = -t93;
-    const real t94 = c1 * t90 - s1 * t61;
-    mass_matrix[203 * stride] = t94;
-    mass_matrix[257 * stride] = t94;
+    const real t81 = s2 * t36;
+    const real t82 = t3 * t36;
+    mass_matrix[163 * stride] = t82;
+    mass_matrix[217 * stride] = t82;
+    const real t83 = s2 * t53 - t3 * t37;
+    mass_matrix[8 * stride] = t83;
+    mass_matrix[152 * stride] = t83;
+    const real t84 = c1 * t35 + t2 * t81;
+    mass_matrix[164 * stride] = t84;
+    mass_matrix[236 * stride] = t84;
+    const real t85 = c1 * t81 - t2 * t35;
+    mass_matrix[165 * stride] = t85;
+    mass_matrix[255 * stride] = t85;
+    const real t86 = s2 * t55 - t3 * t30;
+    const real t87 = s2 * t30 + t3 * t55;
+    mass_matrix[182 * stride] = t87;
+    mass_matrix[218 * stride] = t87;
+    const real t88 = s2 * t58 - t3 * (t26 * t30 + s4 * t54);
+    mass_matrix[9 * stride] = t88;
+    mass_matrix[171 * stride] = t88;
+    const real t89 = t2 * t86 - c1 * t56;
+    mass_matrix[183 * stride] = t89;
+    mass_matrix[237 * stride] = t89;
+    const real t90 = c1 * t86 + t2 * t56;
+    mass_matrix[184 * stride] = t90;
+    mass_matrix[256 * stride] = t90;
+    const real t91 = s2 * t61 - t3 * t15;
+    const real t92 = s2 * t15 + t3 * t61;
+    mass_matrix[201 * stride] = t92;
+    mass_matrix[219 * stride] = t92;
+    const real t93 = s2 * t64 - t3 * (s4 * t60 + t15 * t26);
+    mass_matrix[10 * stride] = t93;
+    mass_matrix[190 * stride] = t93;
+    const real t94 = t2 * t91 - c1 * t62;
+    mass_matrix[202 * stride] = t94;
+    mass_matrix[238 * stride] = t94;
+    const real t95 = c1 * t91 + t2 * t62;
+    mass_matrix[203 * stride] = t95;
+    mass_matrix[257 * stride] = t95;
 
     /* composite inertia of the base and base arm 2 */
-    const real t95 = k94 * s3;
-    const real t96 = k94 * c3;
+    const real t96 = k94 * s3;
+    const real t97 = k94 * c3;
 
     /* mass matrix, columns of the joints carried in to joint 2 */
-    const real t97 = k93 * s3;
-    const real t98 = t96 + t97;
-    const real t99 = k93 * c3;
-    const real t100 = t95 - t99;
+    const real t98 = k93 * s3;
+    const real t99 = t97 + t98;
+    const real t100 = k93 * c3;
+    const real t101 = t96 - t100;
 
     /* mass matrix, column of joint 2 */
-    const real t101 = s2 * t98;
-    const real t102 = t3 * t98;
-    mass_matrix[68 * stride] = -t102;
-    mass_matrix[125 * stride] = t102;
-    mass_matrix[212 * stride] = -t102;
-    mass_matrix[215 * stride] = t102;
-    const real t103 = k102 * s2;
-    mass_matrix[3 * stride] = t103;
-    mass_matrix[7 * stride] = t103;
-    mass_matrix[57 * stride] = t103;
-    mass_matrix[133 * stride] = t103;
-    const real t104 = c1 * t100 + s1 * t101;
-    mass_matrix[69 * stride] = t104;
-    mass_matrix[126 * stride] = -t104;
-    mass_matrix[231 * stride] = t104;
-    mass_matrix[234 * stride] = -t104;
-    const real t105 = s1 * t100 - c1 * t101;
-    mass_matrix[70 * stride] = t105;
-    mass_matrix[127 * stride] = -t105;
-    mass_matrix[250 * stride] = t105;
-    mass_matrix[253 * stride] = -t105;
+    const real t102 = s2 * t99;
+    const real t103 = t3 * t99;
+    mass_matrix[68 * stride] = -t103;
+    mass_matrix[125 * stride] = t103;
+    mass_matrix[212 * stride] = -t103;
+    mass_matrix[215 * stride] = t103;
+    const real t104 = k102 * s2;
+    mass_matrix[3 * stride] = t104;
+    mass_matrix[7 * stride] = t104;
+    mass_matrix[57 * stride] = t104;
+    mass_matrix[133 * stride] = t104;
+    const real t105 = c1 * t101 - t2 * t102;
+    mass_matrix[69 * stride] = t105;
+    mass_matrix[126 * stride] = -t105;
+    mass_matrix[231 * stride] = t105;
+    mass_matrix[234 * stride] = -t105;
+    const real t106 = t2 * t101 + c1 * t102;
+    mass_matrix[70 * stride] = -t106;
+    mass_matrix[127 * stride] = t106;
+    mass_matrix[250 * stride] = -t106;
+    mass_matrix[253 * stride] = t106;
 
     /* mass matrix, columns of the joints carried in to joint 3 */
-    const real t106 = t96 - t97;
-    const real t107 = t95 + t99;
+    const real t107 = t97 - t98;
+    const real t108 = t96 + t100;
 
     /* mass matrix, column of joint 3 */
-    const real t108 = s2 * t106;
-    const real t109 = t3 * t106;
-    mass_matrix[87 * stride] = -t109;
-    mass_matrix[144 * stride] = t109;
-    mass_matrix[213 * stride] = -t109;
-    mass_matrix[216 * stride] = t109;
-    const real t110 = k103 * s2;
-    mass_matrix[4 * stride] = t110;
-    mass_matrix[6 * stride] = t110;
-    mass_matrix[76 * stride] = t110;
-    mass_matrix[114 * stride] = t110;
-    const real t111 = c1 * t107 + s1 * t108;
-    mass_matrix[88 * stride] = t111;
-    mass_matrix[145 * stride] = -t111;
-    mass_matrix[232 * stride] = t111;
-    mass_matrix[235 * stride] = -t111;
-    const real t112 = s1 * t107 - c1 * t108;
-    mass_matrix[89 * stride] = t112;
-    mass_matrix[146 * stride] = -t112;
-    mass_matrix[251 * stride] = t112;
-    mass_matrix[254 * stride] = -t112;
+    const real t109 = s2 * t107;
+    const real t110 = t3 * t107;
+    mass_matrix[87 * stride] = -t110;
+    mass_matrix[144 * stride] = t110;
+    mass_matrix[213 * stride] = -t110;
+    mass_matrix[216 * stride] = t110;
+    const real t111 = k103 * s2;
+    mass_matrix[4 * stride] = t111;
+    mass_matrix[6 * stride] = t111;
+    mass_matrix[76 * stride] = t111;
+    mass_matrix[114 * stride] = t111;
+    const real t112 = c1 * t108 - t2 * t109;
+    mass_matrix[88 * stride] = t112;
+    mass_matrix[145 * stride] = -t112;
+    mass_matrix[232 * stride] = t112;
+    mass_matrix[235 * stride] = -t112;
+    const real t113 = t2 * t108 + c1 * t109;
+    mass_matrix[89 * stride] = -t113;
+    mass_matrix[146 * stride] = t113;
+    mass_matrix[251 * stride] = -t113;
+    mass_matrix[254 * stride] = t113;
 
     /* mass matrix, columns of the joints carried in to joint 4 */
-    const real t113 = k92 * s3;
-    const real t114 = k92 * c3;
+    const real t114 = k92 * s3;
+    const real t115 = k92 * c3;
 
     /* mass matrix, column of joint 4 */
-    const real t115 = s2 * t113;
-    const real t116 = t3 * t113;
-    mass_matrix[106 * stride] = t116;
-    mass_matrix[214 * stride] = t116;
-    const real t117 = k105 * s2;
-    mass_matrix[5 * stride] = t117;
-    mass_matrix[95 * stride] = t117;
-    const real t118 = c1 * t114 - s1 * t115;
-    mass_matrix[107 * stride] = t118;
-    mass_matrix[233 * stride] = t118;
-    const real t119 = c1 * t115 + s1 * t114;
-    mass_matrix[108 * stride] = t119;
-    mass_matrix[252 * stride] = t119;
+    const real t116 = s2 * t114;
+    const real t117 = t3 * t114;
+    mass_matrix[106 * stride] = t117;
+    mass_matrix[214 * stride] = t117;
+    const real t118 = k105 * s2;
+    mass_matrix[5 * stride] = t118;
+    mass_matrix[95 * stride] = t118;
+    const real t119 = c1 * t115 + t2 * t116;
+    mass_matrix[107 * stride] = t119;
+    mass_matrix[233 * stride] = t119;
+    const real t120 = c1 * t116 - t2 * t115;
+    mass_matrix[108 * stride] = t120;
+    mass_matrix[252 * stride] = t120;
 }
 
 void
@@ -3338,193 +3339,195 @@ static INLINE void hybrid_residual_lane(
     const real t48 = t38 * t42;
     const real t49 = t44 - t48;
     const real t50 = t20 - t42 * t43;
-    const real t51 = t44 + t48;
+    const real t51 = s4 * t40 + t38 * t43 - c4 * t39;
+    const real t52 = t44 + t48;
 
     /* motion of link 2 */
-    const real t52 = v_theta_8 - t43;
-    const real t53 = t52 * t52;
-    const real t54 = t41 + t53;
-    const real t55 = R(2.0) * t42;
-    const real t56 = t50 - t52 * t55;
-    const real t57 = t47 + t53;
-    const real t58 = R(2.0) * t38;
+    const real t53 = v_theta_8 - t43;
+    const real t54 = t53 * t53;
+    const real t55 = t41 + t54;
+    const real t56 = R(2.0) * t42;
+    const real t57 = t50 - t53 * t56;
+    const real t58 = t47 + t54;
+    const real t59 = R(2.0) * t38;
+    const real t60 = t53 * t59 + t51;
 
     /* motion of link 3 */
-    const real t59 = s5 * t51 - c5 * t54;
-    const real t60 = c5 * t49 + s5 * t57;
-    const real t61 = v_theta_9 + t52;
-    const real t62 = t61 * t61;
-    const real t63 = t41 + t62;
-    const real t64 = t50 - t55 * t61;
-    const real t65 = t47 + t62;
+    const real t61 = s5 * t52 - c5 * t55;
+    const real t62 = c5 * t49 + s5 * t58;
+    const real t63 = c5 * t57 - s5 * t60;
+    const real t64 = t46 + link2_length * t63;
+    const real t65 = v_theta_9 + t53;
+    const real t66 = t65 * t65;
+    const real t67 = t41 + t66;
+    const real t68 = t50 - t56 * t65;
+    const real t69 = t47 + t66;
+    const real t70 = t59 * t65 + t51;
 
     /* inertia of link 3, turned by the joints */
-    const real t66 = k68 * c6;
-    const real t67 = k68 * s6;
-    const real t68 = k81 * s6;
-    const real t69 = s6 * t68;
-    const real t70 = k46 - t69;
-    const real t71 = k52 + t69;
-    const real t72 = c6 * t68;
+    const real t71 = k68 * c6;
+    const real t72 = k68 * s6;
+    const real t73 = k81 * s6;
+    const real t74 = s6 * t73;
+    const real t75 = k46 - t74;
+    const real t76 = k52 + t74;
+    const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t73 = t64 * t72;
-    const real t74 = t64 * t70;
-    const real t75 = (t37 - link2_length * t60) * t66;
-    const real t76 = t72 * (t63 - t65);
-    const real t77 = (t45 + link2_length * t59) * t67;
-    const real t78 = t49 * t70 + t51 * t71 + t77 - t75 - t76;
-    residual[10 * stride] = t78;
-    const real t79 = k68 * (s6 * t51 - c6 * t63);
-    const real t80 = k68 * (c6 * t49 + s6 * t65);
+    const real t78 = t76 * t70;
+    const real t79 = t72 * t64;
+    const real t80 = t68 * t77;
+    const real t81 = t71 * t64;
+    const real t82 = t68 * t75;
+    const real t83 = t77 * t70;
+    const real t84 = (t37 - link2_length * t62) * t71;
+    const real t85 = t77 * (t67 - t69);
+    const real t86 = (t45 + link2_length * t61) * t72;
+    const real t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85;
+    residual[10 * stride] = t87;
+    const real t88 = k68 * (s6 * t52 - c6 * t67);
+    const real t89 = k68 * (c6 * t49 + s6 * t69);
+    const real t90 = k68 * (c6 * t68 - s6 * t70);
 
     /* step from link 2 to link 3 */
-    const real t81 = link2_length * c5;
-    const real t82 = link2_length * s5;
+    const real t91 = link2_length * c5;
+    const real t92 = link2_length * s5;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t83 = t79 * t82;
-    const real t84 = t80 * t81;
+    const real t93 = t92 * t90;
+    const real t94 = t91 * t90;
+    const real t95 = t88 * t92;
+    const real t96 = t89 * t91;
 
     /* inertia of link 2, turned by the joints */
-    const real t85 = k73 * c5;
-    const real t86 = k73 * s5;
-    const real t87 = k82 * s5;
-    const real t88 = s5 * t87;
-    const real t89 = k74 + t88;
-    const real t90 = k33 - t88;
-    const real t91 = c5 * t87;
+    const real t97 = k73 * c5;
+    const real t98 = k73 * s5;
+    const real t99 = k82 * s5;
+    const real t100 = s5 * t99;
+    const real t101 = k74 + t100;
+    const real t102 = k33 - t100;
+    const real t103 = c5 * t99;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t92 = t56 * t91;
-    const real t93 = t46 * t86;
-    const real t94 = t46 * t85;
-    const real t95 = t56 * t89;
-    const real t96 = t37 * t85;
-    const real t97 = t45 * t86;
-    const real t98 = t49 * t89;
-    const real t99 = t51 * t90;
-    const real t100 = t91 * (t54 - t57);
-    const real t101 = t79 + k73 * t59;
-    const real t102 = t80 + k73 * t60;
+    const real t104 = t57 * t103;
+    const real t105 = t102 * t60;
+    const real t106 = t46 * t98;
+    const real t107 = t46 * t97;
+    const real t108 = t57 * t101;
+    const real t109 = t103 * t60;
+    const real t110 = t37 * t97;
+    const real t111 = t45 * t98;
+    const real t112 = t49 * t101;
+    const real t113 = t52 * t102;
+    const real t114 = t103 * (t55 - t58);
+    const real t115 = t88 + k73 * t61;
+    const real t116 = t89 + k73 * t62;
+    const real t117 = t90 + k73 * t63;
+    const real t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110;
+    residual[9 * stride] = t118;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t103 = k75 * t50;
+    const real t119 = k75 * t51;
+    const real t120 = k75 * t50;
+    const real t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119;
+    const real t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109;
+    residual[8 * stride] = t122;
+    const real t123 = c4 * t115 - s4 * t117;
+    const real t124 = s4 * t115 + c4 * t117;
+    const real t125 = s4 * t118;
+    const real t126 = c4 * t121;
+    const real t127 = c4 * t118;
+    const real t128 = s4 * t121;
 
     /* step from the base to link 1 */
-    const real t104 = base_arm_length * c3;
-    const real t105 = base_arm_length * s3;
+    const real t129 = base_arm_length * c3;
+    const real t130 = base_arm_length * s3;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t106 = t102 * t105;
-    const real t107 = t102 * t104;
+    const real t131 = t116 * t130;
+    const real t132 = t116 * t129;
+    const real t133 = t129 * t124;
+    const real t134 = t130 * t123;
 
     /* inertia of the base, turned by the joints */
-    const real t108 = k79 * c3;
-    const real t109 = k79 * s3;
-    const real t110 = k83 * s3;
-    const real t111 = s3 * t110;
-    const real t112 = k80 + t111;
-    const real t113 = c3 * t110;
+    const real t135 = k79 * c3;
+    const real t136 = k79 * s3;
+    const real t137 = k83 * s3;
+    const real t138 = s3 * t137;
+    const real t139 = k80 + t138;
+    const real t140 = c3 * t137;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t114 = t21 * t109;
-    const real t115 = t29 * t113;
-    const real t116 = k84 * t19;
-    const real t117 = t31 * (k63 - t111);
-    const real t118 = k64 * t23;
-    const real t119 = t29 * t112;
-    const real t120 = t21 * t108;
-    const real t121 = t31 * t113;
-    const real t122 = t22 * t109;
-    const real t123 = t24 * t112;
-    const real t124 = t15 * t108;
-    const real t125 = t113 * (t28 - t30);
-    const real t126 = t102 + k79 * t34;
+    const real t141 = t21 * t136;
+    const real t142 = t29 * t140;
+    const real t143 = k84 * t19;
+    const real t144 = t31 * (k63 - t138);
+    const real t145 = k64 * t23;
+    const real t146 = t29 * t139;
+    const real t147 = t21 * t135;
+    const real t148 = t31 * t140;
+    const real t149 = t22 * t136;
+    const real t150 = t24 * t139;
+    const real t151 = t15 * t135;
+    const real t152 = t140 * (t28 - t30);
+    const real t153 = k79 * t32 - t123;
+    const real t154 = k79 * t33 - t124;
+    const real t155 = t116 + k79 * t34;
+    const real t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
+    const real t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127;
+    residual[1 * stride] = t157;
+    const real t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133;
+    residual[2 * stride] = t158;
+
+    /* inertia forces on attitude and position */
+    const real t159 = c2 * t155 - s2 * t153;
+    const real t160 = s2 * t155 + c2 * t153;
+    residual[11 * stride] = t160;
+    const real t161 = s2 * t158 + c2 * t156;
+    residual[0 * stride] = t161;
+    const real t162 = c1 * t154 - s1 * t159;
+    residual[12 * stride] = t162;
+    const real t163 = s1 * t154 + c1 * t159 - k85;
+    residual[13 * stride] = t163;
 
     /* motion of the base */
-    const real t127 = c3 * t18 + v_theta_0 * s3;
-    const real t128 = s3 * t18 - v_theta_0 * c3;
-    const real t129 = t127 * t128;
-    const real t130 = t27 + t128 * t128;
-    const real t131 = t129 - t20;
-    const real t132 = t20 + t129;
+    const real t164 = c3 * t18 + v_theta_0 * s3;
+    const real t165 = s3 * t18 - v_theta_0 * c3;
+    const real t166 = t164 * t165;
+    const real t167 = t27 + t165 * t165;
+    const real t168 = t166 - t20;
+    const real t169 = t20 + t166;
 
     /* motion of base arm 2 */
-    const real t133 = s3 * t22 + c3 * t15 - base_arm_length * t131;
+    const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t134 = k94 * (s3 * t15 - c3 * t22 - base_arm_length * t130);
-    const real t135 = k99 * (t27 + t127 * t127 - t130);
-    const real t136 = k93 * t133;
-    const real t137 = t134 - t135;
-    const real t138 = k97 * t131 - k98 * t132;
-    const real t139 = t136 + t138;
-    const real t140 = t139 - t137;
-    residual[3 * stride] = t140;
+    const real t171 = k94 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
+    const real t172 = k99 * (t27 + t164 * t164 - t167);
+    const real t173 = k93 * t170;
+    const real t174 = t171 - t172;
+    const real t175 = k97 * t168 - k98 * t169;
+    const real t176 = t173 + t175;
+    const real t177 = t176 - t174;
+    residual[3 * stride] = t177;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t141 = t134 + t135;
-    const real t142 = t138 - t136;
-    const real t143 = t142 - t141;
-    residual[4 * stride] = t143;
+    const real t178 = t171 + t172;
+    const real t179 = t175 - t173;
+    const real t180 = t179 - t178;
+    residual[4 * stride] = t180;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t144 = k8 * t131 - k14 * t132 - k92 * t133;
-    residual[5 * stride] = t144;
+    const real t181 = k8 * t168 - k14 * t169 - k92 * t170;
+    residual[5 * stride] = t181;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t145 = t141 + t142;
-    residual[6 * stride] = t145;
+    const real t182 = t178 + t179;
+    residual[6 * stride] = t182;
 
     /* inertia forces of base arm 6, about joint 6 */
-    const real t146 = t137 + t139;
-    residual[7 * stride] = t146;
-    const real t147 = s4 * t40 + t38 * t43 - c4 * t39;
-    const real t148 = t52 * t58 + t147;
-    const real t149 = c5 * t56 - s5 * t148;
-    const real t150 = t46 + link2_length * t149;
-    const real t151 = t58 * t61 + t147;
-    const real t152 = t71 * t151;
-    const real t153 = t67 * t150;
-    const real t154 = t66 * t150;
-    const real t155 = t72 * t151;
-    const real t156 = k68 * (c6 * t64 - s6 * t151);
-    const real t157 = t82 * t156;
-    const real t158 = t81 * t156;
-    const real t159 = t90 * t148;
-    const real t160 = t91 * t148;
-    const real t161 = t156 + k73 * t149;
-    const real t162 = t78 + t83 + t84 + t97 + t98 + t99 + t100 - t96;
-    residual[9 * stride] = t162;
-    const real t163 = k75 * t147;
-    const real t164 = t73 + t93 + t153 + t157 - t92 - t152 - t159 - t163;
-    const real t165 = t155 - t74 - t94 - t95 - t103 - t154 - t158 - t160;
-    residual[8 * stride] = t165;
-    const real t166 = c4 * t101 - s4 * t161;
-    const real t167 = s4 * t101 + c4 * t161;
-    const real t168 = s4 * t162;
-    const real t169 = c4 * t164;
-    const real t170 = c4 * t162;
-    const real t171 = s4 * t164;
-    const real t172 = t104 * t167;
-    const real t173 = t105 * t166;
-    const real t174 = k79 * t32 - t166;
-    const real t175 = k79 * t33 - t167;
-    const real t176 = t106 + t116 + t117 + t168 + t169 - t114 - t115;
-    const real t177 = t120 + t121 + t171 - t107 - t118 - t119 - t170;
-    residual[1 * stride] = t177;
-    const real t178 = t125 + t165 + t173 - t122 - t123 - t124 - t172;
-    residual[2 * stride] = t178;
-    const real t179 = c2 * t126 - s2 * t174;
-    const real t180 = s2 * t126 + c2 * t174;
-    residual[11 * stride] = t180;
-    const real t181 = s2 * t178 + c2 * t176;
-    residual[0 * stride] = t181;
-    const real t182 = c1 * t175 - s1 * t179;
-    residual[12 * stride] = t182;
-    const real t183 = s1 * t175 + c1 * t179 - k85;
-    residual[13 * stride] = t183;
+    const real t183 = t174 + t176;
+    residual[7 * stride] = t183;
 }
 
 void
@@ -3853,25 +3856,29 @@ static INLINE void constraint_torques_lane(
     const real t11 = v_theta_0 * c3 - s3 * t7;
     const real t12 = t10 * t11;
     const real t13 = t9 + t11 * t11;
-    const real t14 = a_z + gravity;
-    const real t15 = a_y * c1 + s1 * t14;
-    const real t16 = a_x * c2 - s2 * (c1 * t14 - a_y * s1);
-    const real t17 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2;
-    const real t18 = t12 + t17;
-    const real t19 = t12 - t17;
-
-    /* motion of base arm 2 */
-    const real t20 = c3 * t15 + base_arm_length * t18 - s3 * t16;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t21 = k93 * t20;
-    const real t22 = k94 * (base_arm_length * t13 - s3 * t15 - c3 * t16);
+    const real t14 = k99 * (t9 + t10 * t10 - t13);
+
+    /* motion of the base */
+    const real t15 = a_z + gravity;
+    const real t16 = a_y * c1 + s1 * t15;
+    const real t17 = a_x * c2 - s2 * (c1 * t15 - a_y * s1);
+    const real t18 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * s2;
+    const real t19 = t12 + t18;
+    const real t20 = t12 - t18;
+
+    /* motion of base arm 2 */
+    const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
+
+    /* inertia forces of base arm 2, about joint 2 */
+    const real t22 = k93 * t21;
+    const real t23 = k94 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
-    const real t23 = k99 * (t9 + t10 * t10 - t13);
-    const real t24 = t23 + t21;
-    const real t25 = k97 * t18 - k98 * t19;
-    const real t26 = t25 - t22;
+    const real t24 = t14 + t22;
+    const real t25 = k97 * t19 - k98 * t20;
+    const real t26 = t25 - t23;
     const real t27 = t26 - base_arm_length * F_2 - t24;
     torque[0 * stride] = t27;
 
@@ -3880,15 +3887,15 @@ static INLINE void constraint_torques_lane(
     torque[1 * stride] = t28;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t29 = k14 * t19;
+    const real t29 = k14 * t20;
 
     /* constraint torque on base arm 4 */
-    const real t30 = k8 * t18 + k92 * t20 - base_arm_length * F_4 - t29;
+    const real t30 = k8 * t19 + k92 * t21 - base_arm_length * F_4 - t29;
     torque[2 * stride] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t31 = t23 - t21;
-    const real t32 = t22 + t25;
+    const real t31 = t14 - t22;
+    const real t32 = t23 + t25;
     const real t33 = t32 - t31;
     torque[3 * stride] = t33;
 
@@ -4140,133 +4147,133 @@ static INLINE void gibbs_lane(
     const real t56 = a_x * c2 - s2 * t54;
     const real t57 = a_theta_0 + t15 * t16;
     const real t58 = R(2.0) * v_theta_0 * t15 - a_theta_m1 * c2;
-    const real t59 = t19 - t58;
-    const real t60 = t20 - t57;
+    const real t59 = a_theta_1 + t17 + a_theta_m1 * s2;
+    const real t60 = t19 - t58;
+    const real t61 = t20 - t57;
 
     /* motion of link 1 */
-    const real t61 = a_theta_1 + t17 + a_theta_m1 * s2;
-    const real t62 = a_theta_7 + t61;
-    const real t63 = t16 * t22 - t57;
-    const real t64 = v_theta_0 * t22 - t58;
-    const real t65 = s4 * t63 - c4 * t64;
-    const real t66 = t25 - t62;
-    const real t67 = t27 - t65;
+    const real t62 = c3 * (v_theta_0 * v_theta_0 + t21) - s3 * (t17 - t59);
+    const real t63 = s3 * (t16 * t16 + t21) - c3 * (t17 + t59);
+    const real t64 = s3 * (R(2.0) * t18 * v_theta_0 - t58);
+    const real t65 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t57) + t64);
+    const real t66 = t56 - base_arm_length * t62;
+    const real t67 = t53 - base_arm_length * t63;
+    const real t68 = t55 + t65;
+    const real t69 = a_theta_7 + t59;
+    const real t70 = v_theta_0 * t22 - t58;
+    const real t71 = t16 * t22 - t57;
+    const real t72 = s4 * t71 - c4 * t70;
+    const real t73 = c4 * t66 + s4 * t67;
+    const real t74 = c4 * t67 - s4 * t66;
+    const real t75 = t25 - t69;
+    const real t76 = t27 - t72;
 
     /* motion of link 2 */
-    const real t68 = t22 * t28 + t67;
-    const real t69 = t23 * t28 + t66;
+    const real t77 = a_theta_8 + c4 * t71 + s4 * t70;
+    const real t78 = t22 * t28 + t76;
+    const real t79 = t23 * t28 + t75;
 
     /* motion of link 3 */
-    const real t70 = s5 * (R(2.0) * t28 * t22 + t67);
-    const real t71 = link2_length * (c5 * (R(2.0) * t28 * t23 + t66) + t70);
-    const real t72 = s3 * (t16 * t16 + t21) - c3 * (t17 + t61);
-    const real t73 = t53 - base_arm_length * t72;
-    const real t74 = c3 * (v_theta_0 * v_theta_0 + t21) - s3 * (t17 - t61);
-    const real t75 = t56 - base_arm_length * t74;
-    const real t76 = c4 * t73 - s4 * t75;
-    const real t77 = t76 - t71;
-    const real t78 = t22 * t30 + t67;
-    const real t79 = t23 * t30 + t66;
+    const real t80 = c5 * (t22 * t22 + t29) - s5 * (t26 - t77);
+    const real t81 = s5 * (t23 * t23 + t29) - c5 * (t26 + t77);
+    const real t82 = s5 * (R(2.0) * t28 * t22 + t76);
+    const real t83 = link2_length * (c5 * (R(2.0) * t28 * t23 + t75) + t82);
+    const real t84 = t73 - link2_length * t80;
+    const real t85 = t68 - link2_length * t81;
+    const real t86 = t74 - t83;
+    const real t87 = a_theta_9 + t77;
+    const real t88 = t22 * t30 + t76;
+    const real t89 = t23 * t30 + t75;
 
     /* Gibbs function of the base */
-    const real t80 = t18 * t45;
-    const real t81 = v_theta_0 * t45;
-    const real t82 = v_theta_0 * t51;
-    const real t83 = v_theta_0 * t82 * t61;
-    const real t84 = v_theta_0 * t46;
+    const real t90 = t18 * t45;
+    const real t91 = v_theta_0 * t45;
+    const real t92 = v_theta_0 * t51;
+    const real t93 = v_theta_0 * t92 * t59;
+    const real t94 = v_theta_0 * t46;
 
     /* Gibbs function of link 2 */
-    const real t85 = t69 * t42 * t69;
-    const real t86 = t68 * t43 * t68;
-    const real t87 = t22 * t38;
-    const real t88 = t28 * t38;
-    const real t89 = t38 * t76 * t69;
-    const real t90 = t22 * t44;
-    const real t91 = t22 * t39;
+    const real t95 = t79 * t42 * t79;
+    const real t96 = t78 * t43 * t78;
+    const real t97 = t22 * t38;
+    const real t98 = t28 * t38;
+    const real t99 = t38 * t74 * t79;
+    const real t100 = t22 * t44;
+    const real t101 = t22 * t39;
 
     /* Gibbs function of link 3 */
-    const real t92 = t79 * t35 * t79;
-    const real t93 = t78 * t36 * t78;
-    const real t94 = t22 * t37;
-    const real t95 = t22 * t31;
-    const real t96 = t30 * t31;
-    const real t97 = t78 * t32 * t77;
-    const real t98 = t22 * t32;
+    const real t102 = t89 * t35 * t89;
+    const real t103 = t88 * t36 * t88;
+    const real t104 = t22 * t37;
+    const real t105 = t22 * t31;
+    const real t106 = t30 * t31;
+    const real t107 = t88 * t32 * t86;
+    const real t108 = t22 * t32;
 
     /* sum over the links */
-    const real t99 = s3 * (R(2.0) * t18 * v_theta_0 - t58);
-    const real t100 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t57) + t99);
-    const real t101 = t55 + t100;
-    const real t102 = t87 * t101;
-    const real t103 = c4 * t75 + s4 * t73;
-    const real t104 = t91 * t103;
-    const real t105 = t28 * t42 * t69;
-    const real t106 = t88 * t76;
-    const real t107 = a_theta_8 + c4 * t63 + s4 * t64;
-    const real t108 = c5 * (t22 * t22 + t29) - s5 * (t26 - t107);
-    const real t109 = t103 - link2_length * t108;
-    const real t110 = t98 * t109;
-    const real t111 = s5 * (t23 * t23 + t29) - c5 * (t26 + t107);
-    const real t112 = t101 - link2_length * t111;
-    const real t113 = t95 * t112;
-    const real t114 = t30 * t35 * t79;
-    const real t115 = t96 * t77;
-    const real t116 = t60 * t18 * t49;
-    const real t117 = t51 * t60;
-    const real t118 = k64 * t19;
-    const real t119 = t28 * t39 * t101;
-    const real t120 = t90 * t69;
-    const real t121 = t30 * t32 * t112;
-    const real t122 = t94 * t79;
-    const real t123 = k64 * t20;
-    const real t124 = t45 * t55 + k113 * t60 - t18 * t82 - t123;
-    const real t125 = t60 * t124;
-    const real t126 = k114 * t56;
-    const real t127 = t18 * t80 + v_theta_0 * t81 + t46 * t61 - t126;
-    const real t128 = t56 * t127;
-    const real t129 = a_theta_9 + t107;
-    const real t130 = t94 * t129;
-    const real t131 = t87 * t103 + t90 * t107 + t95 * t109 - t130;
+    const real t109 = t97 * t68;
+    const real t110 = t101 * t73;
+    const real t111 = t28 * t42 * t79;
+    const real t112 = t98 * t74;
+    const real t113 = t108 * t84;
+    const real t114 = t105 * t85;
+    const real t115 = t30 * t35 * t89;
+    const real t116 = t106 * t86;
+    const real t117 = t61 * t18 * t49;
+    const real t118 = t51 * t61;
+    const real t119 = k64 * t19;
+    const real t120 = t28 * t39 * t68;
+    const real t121 = t100 * t79;
+    const real t122 = t30 * t32 * t85;
+    const real t123 = t104 * t89;
+    const real t124 = k64 * t20;
+    const real t125 = t45 * t55 + k113 * t61 - t18 * t92 - t124;
+    const real t126 = t61 * t125;
+    const real t127 = k114 * t56;
+    const real t128 = t18 * t90 + v_theta_0 * t91 + t46 * t59 - t127;
+    const real t129 = t56 * t128;
+    const real t130 = t104 * t87;
+    const real t131 = t97 * t73 + t100 * t77 + t105 * t84 - t130;
     const real t132 = t22 * t131;
-    const real t133 = t18 * t18 * t46 - k114 * t53 - t45 * t61;
+    const real t133 = t18 * t18 * t46 - k114 * t53 - t45 * t59;
     const real t134 = t53 * t133;
-    const real t135 = t55 * (t18 * t84 + k114 * t55);
-    const real t136 = k115 * (t62 * t62 + t65 * t65);
-    const real t137 = k75 * (t27 * t65 + t25 * t62);
-    const real t138 = t107 * (t38 * t101 - t39 * t103);
-    const real t139 = t68 * (t39 * t76 + t44 * t69);
-    const real t140 = t129 * (t31 * t112 - t32 * t109);
-    const real t141 = t79 * (t31 * t77 - t37 * t78);
-    const real t142 = t23 * (t39 * t101 + t32 * t112);
-    const real t143 = t61 * t61;
-    const real t144 = t49 * (t60 * t60 + t143);
-    const real t145 = t50 * (t59 * t59 + t143);
-    const real t146 = t53 * (t16 * t46 - t81);
+    const real t135 = t55 * (t18 * t94 + k114 * t55);
+    const real t136 = k115 * (t69 * t69 + t72 * t72);
+    const real t137 = k75 * (t27 * t72 + t25 * t69);
+    const real t138 = t77 * (t38 * t68 - t39 * t73);
+    const real t139 = t78 * (t39 * t74 + t44 * t79);
+    const real t140 = t87 * (t31 * t85 - t32 * t84);
+    const real t141 = t89 * (t31 * t86 - t37 * t88);
+    const real t142 = t23 * (t39 * t68 + t32 * t85);
+    const real t143 = t59 * t59;
+    const real t144 = t49 * (t61 * t61 + t143);
+    const real t145 = t50 * (t60 * t60 + t143);
+    const real t146 = t53 * (t16 * t46 - t91);
     const real t147 = t16 * t51 - v_theta_0 * t50;
     const real t148 = t18 * t147;
-    const real t149 = t46 * t55 + k113 * t59 - t117 - t118 - t148;
-    const real t150 = t59 * t149;
+    const real t149 = t46 * t55 + k113 * t60 - t118 - t119 - t148;
+    const real t150 = t60 * t149;
     const real t151 = t23 * t44 - t22 * t43;
-    const real t152 = t68 * t151;
-    const real t153 = t119 + t88 * t103 + t91 * t76 + t120 + t152;
+    const real t152 = t78 * t151;
+    const real t153 = t120 + t98 * t73 + t101 * t74 + t121 + t152;
     const real t154 = t28 * t153;
     const real t155 = t23 * t37 + t22 * t36;
-    const real t156 = t78 * t155;
-    const real t157 = t96 * t109 + t121 + t98 * t77 - t122 - t156;
+    const real t156 = t88 * t155;
+    const real t157 = t106 * t84 + t122 + t108 * t86 - t123 - t156;
     const real t158 = t30 * t157;
-    const real t159 = t107 * (t22 * t42 + t151);
-    const real t160 = t129 * (t22 * t35 - t155);
-    const real t161 = t102 + t104 + t105 + t110 + t113 + t114 + t159 + t160 - t106 - t115 - t142;
+    const real t159 = t77 * (t22 * t42 + t151);
+    const real t160 = t87 * (t22 * t35 - t155);
+    const real t161 = t109 + t110 + t111 + t113 + t114 + t115 + t159 + t160 - t112 - t116 - t142;
     const real t162 = t23 * t161;
-    const real t163 = t61 * (v_theta_0 * t49 + t147);
-    const real t164 = t55 * t80 + t116 + t56 * t84 + t163 - t146;
+    const real t163 = t59 * (v_theta_0 * t49 + t147);
+    const real t164 = t55 * t90 + t117 + t56 * t94 + t163 - t146;
     const real t165 = t16 * t164;
-    const real t166 = t107 * (t42 + t43) * t107;
-    const real t167 = t129 * (t35 + t36) * t129;
-    const real t168 = t85 + t86 + t92 + t93 + t144 + t145 + t166 + t167;
+    const real t166 = t77 * (t42 + t43) * t77;
+    const real t167 = t87 * (t35 + t36) * t87;
+    const real t168 = t95 + t96 + t102 + t103 + t144 + t145 + t166 + t167;
     const real t169 = R(0.5) * t168;
-    const real t170 = t125 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t83 - t89 - t97
-        - t128 - t132 - t134 - t137 - t139 - t141 - t154 - t158;
+    const real t170 = t126 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t93 - t99 -
+        t107 - t129 - t132 - t134 - t137 - t139 - t141 - t154 - t158;
     value[0 * stride] = t170;
 }
 
@@ -5231,264 +5238,271 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t31 = t23 * t27;
     const real t32 = t29 - t31;
     const real t33 = t18 - t27 * t28;
-    const real t34 = t29 + t31;
+    const real t34 = s4 * t25 + t23 * t28 - c4 * t24;
+    const real t35 = t29 + t31;
 
     /* motion of link 2 */
-    const real t35 = v_theta_8 - t28;
-    const real t36 = t35 * t35;
-    const real t37 = t26 + t36;
-    const real t38 = R(2.0) * t27;
-    const real t39 = t33 - t35 * t38;
-    const real t40 = t30 + t36;
-    const real t41 = R(2.0) * t23;
+    const real t36 = v_theta_8 - t28;
+    const real t37 = t36 * t36;
+    const real t38 = t26 + t37;
+    const real t39 = R(2.0) * t27;
+    const real t40 = t33 - t36 * t39;
+    const real t41 = t30 + t37;
+    const real t42 = R(2.0) * t23;
+    const real t43 = t36 * t42 + t34;
 
     /* motion of link 3 */
-    const real t42 = s5 * t34 - c5 * t37;
-    const real t43 = c5 * t32 + s5 * t40;
-    const real t44 = v_theta_9 + t35;
-    const real t45 = t44 * t44;
-    const real t46 = t26 + t45;
-    const real t47 = t33 - t38 * t44;
-    const real t48 = t30 + t45;
+    const real t44 = s5 * t35 - c5 * t38;
+    const real t45 = c5 * t32 + s5 * t41;
+    const real t46 = c5 * t40 - s5 * t43;
+    const real t47 = link2_length * t46;
+    const real t48 = v_theta_9 + t36;
+    const real t49 = t48 * t48;
+    const real t50 = t26 + t49;
+    const real t51 = t33 - t39 * t48;
+    const real t52 = t30 + t49;
+    const real t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t49 = k68 * c6;
-    const real t50 = k68 * s6;
-    const real t51 = k81 * s6;
-    const real t52 = s6 * t51;
-    const real t53 = k46 - t52;
-    const real t54 = k52 + t52;
-    const real t55 = c6 * t51;
+    const real t54 = k68 * c6;
+    const real t55 = k68 * s6;
+    const real t56 = k81 * s6;
+    const real t57 = s6 * t56;
+    const real t58 = k46 - t57;
+    const real t59 = k52 + t57;
+    const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t56 = t47 * t55;
-    const real t57 = t47 * t53;
-    const real t58 = t55 * (t46 - t48);
-    const real t59 = t32 * t53;
-    const real t60 = t34 * t54;
-    const real t61 = k68 * (s6 * t34 - c6 * t46);
-    const real t62 = k68 * (c6 * t32 + s6 * t48);
+    const real t61 = t59 * t53;
+    const real t62 = t51 * t60;
+    const real t63 = t51 * t58;
+    const real t64 = t60 * t53;
+    const real t65 = t60 * (t50 - t52);
+    const real t66 = t32 * t58;
+    const real t67 = t35 * t59;
+    const real t68 = k68 * (s6 * t35 - c6 * t50);
+    const real t69 = k68 * (c6 * t32 + s6 * t52);
 
     /* step from link 2 to link 3 */
-    const real t63 = link2_length * c5;
-    const real t64 = link2_length * s5;
+    const real t70 = link2_length * c5;
+    const real t71 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t65 = k73 * c5;
-    const real t66 = k73 * s5;
-    const real t67 = k82 * s5;
-    const real t68 = s5 * t67;
-    const real t69 = k74 + t68;
-    const real t70 = k33 - t68;
-    const real t71 = c5 * t67;
+    const real t72 = k73 * c5;
+    const real t73 = k73 * s5;
+    const real t74 = k82 * s5;
+    const real t75 = s5 * t74;
+    const real t76 = k74 + t75;
+    const real t77 = k33 - t75;
+    const real t78 = c5 * t74;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t72 = t39 * t71;
-    const real t73 = t39 * t69;
-    const real t74 = t32 * t69;
-    const real t75 = t34 * t70;
-    const real t76 = t71 * (t37 - t40);
-    const real t77 = k73 * t43;
+    const real t79 = t40 * t78;
+    const real t80 = t77 * t43;
+    const real t81 = t40 * t76;
+    const real t82 = t78 * t43;
+    const real t83 = t32 * t76;
+    const real t84 = t35 * t77;
+    const real t85 = t78 * (t38 - t41);
+    const real t86 = k73 * t45;
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t78 = k75 * t33;
+    const real t87 = k75 * t34;
+    const real t88 = k75 * t33;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t79 = t49 + t65;
+    const real t89 = t54 + t72;
+    const real t90 = t60 + t54 * t71 + t55 * t70 - t78;
 
     /* axes of the base */
-    const real t80 = s1 * c2;
-    const real t81 = c1 * c2;
-    const real t82 = c2 * s3;
+    const real t91 = s1 * c2;
+    const real t92 = c1 * c2;
+    const real t93 = c2 * s3;
 
     /* force and moment of all thrusts */
-    const real t83 = base_arm_length * F_4;
-
-    /* equation of joint 9, its acceleration eliminated */
-    const real t84 = R(1.0) / (t53 + t54);
-    const real t85 = t50 * t84;
-    const real t86 = t49 * t84;
-    const real t87 = t50 * t85;
-    const real t88 = t49 * t86;
-    const real t89 = t49 * t85;
-
-    /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t90 = t64 * t87 + t63 * t89;
-    const real t91 = t64 * t89 + t63 * t88;
-    const real t92 = R(2.0) * t50 * t64;
-    const real t93 = t66 - t90;
-    const real t94 = t65 - t91;
-
-    /* articulated inertia and load of the base and links 1 to 3 */
-    const real t95 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
-    const real t96 = k63 * (t19 - R(2.0) * t21 * t16);
-    const real t97 = k108 * t18;
-
-    /* accelerations of the attitude angles */
-    const real t98 = R(1.0) / c2;
-
-    /* axes of the base */
-    const real t99 = s1 * s2;
-    const real t100 = c1 * s2;
-    const real t101 = c2 * c3;
-    const real t102 = c1 * s3 + c3 * t99;
-    const real t103 = s1 * s3 - c3 * t100;
-    const real t104 = c1 * c3 - s3 * t99;
-    const real t105 = s1 * c3 + s3 * t100;
-
-    /* joint 7 and the axes of link 1 */
-    const real t106 = c2 * c4;
-    const real t107 = c1 * s4 + c4 * t99;
-    const real t108 = s1 * s4 - c4 * t100;
-    const real t109 = c2 * s4;
-    const real t110 = c1 * c4 - s4 * t99;
-    const real t111 = s1 * c4 + s4 * t100;
-
-    /* joint 9 and the axes of link 3 */
-    const real t112 = c6 * t106 + s2 * s6;
-    const real t113 = c6 * t107 - s6 * t80;
-    const real t114 = c6 * t108 + s6 * t81;
-    const real t115 = s2 * c6 - s6 * t106;
-    const real t116 = s6 * t107 + c6 * t80;
-    const real t117 = c6 * t81 - s6 * t108;
-
-    /* wrench on base, in the frame of its link */
-    const real t118 = W_base_fx * t82;
-    const real t119 = W_base_fx * s2;
-    const real t120 = W_base_fz * t81;
-    const real t121 = W_base_fy * t80;
-    const real t122 = W_base_tz * t105;
-    const real t123 = W_base_tx * t82;
-    const real t124 = W_base_tx * s2;
-    const real t125 = W_base_tz * t81;
-    const real t126 = W_base_ty * t80;
-
-    /* wrench on tip, in the frame of its link */
-    const real t127 = W_tip_fx * t112 + W_tip_fy * t113 + W_tip_fz * t114;
-    const real t128 = W_tip_fx * t115 + W_tip_fz * t117 - W_tip_fy * t116;
-    const real t129 = W_tip_fx * t109 - W_tip_fy * t110 - W_tip_fz * t111;
-    const real t130 = W_tip_tx * t112 + W_tip_ty * t113 + W_tip_tz * t114;
-    const real t131 = W_tip_tx * t109;
-    const real t132 = W_tip_ty * t110;
-    const real t133 = W_tip_tz * t111;
-    const real t134 = link3_length * t129;
-    const real t135 = link3_length * t128;
+    const real t94 = base_arm_length * F_4;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t136 = c6 * t130;
-    const real t137 = s6 * t130;
-
-    /* thrusts and wrenches together */
-    const real t138 = R(0.8660254037844386) * (F_2 - F_6);
-    const real t139 = W_base_fx * t101 + W_base_fy * t102 + W_base_fz * t103 + t138;
-    const real t140 = F_2 + F_6;
-    const real t141 = R(0.5) * t140;
-    const real t142 = F_4 + W_base_fy * t104 + W_base_fz * t105 - t118 - t141;
-    const real t143 = k87 * (F_3 - F_5);
-    const real t144 = W_base_tx * t101 + W_base_ty * t102 + W_base_tz * t103 - t143;
-    const real t145 = F_3 + F_5;
-    const real t146 = k86 * t145;
-    const real t147 = base_arm_length * F_1 + W_base_ty * t104 + t122 - t123 - t146;
-
-    /* articulated inertia and load of link 3, about joint 9 */
-    const real t148 = s4 * t25 + t23 * t28 - c4 * t24;
-    const real t149 = t41 * t44 + t148;
-    const real t150 = t129 + k68 * (c6 * t47 - s6 * t149);
+    const real t95 = t55 * t47;
+    const real t96 = t54 * t47;
 
     /* equation of joint 9, its acceleration eliminated */
-    const real t151 = link2_length * (t42 * t50 + t43 * t49);
-    const real t152 = tau_9 + t59 + t60 + t131 + t135 + t151 - t58 - t132 - t133;
-    const real t153 = t84 * t152;
-    const real t154 = t61 + s6 * t128 - c6 * t127 - t50 * t153;
-    const real t155 = t62 + s6 * t127 + c6 * t128 - t49 * t153;
+    const real t97 = R(1.0) / (t58 + t59);
+    const real t98 = t55 * t97;
+    const real t99 = t54 * t97;
+    const real t100 = t55 * t98;
+    const real t101 = t54 * t99;
+    const real t102 = t54 * t98;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t156 = t64 * t150;
-    const real t157 = t63 * t150;
-    const real t158 = t64 * t154;
-    const real t159 = t63 * t155;
+    const real t103 = t71 * t100 + t70 * t102;
+    const real t104 = t71 * t102 + t70 * t101;
+    const real t105 = R(2.0) * t55 * t71;
+    const real t106 = t73 - t103;
+    const real t107 = t72 - t104;
 
     /* equation of joint 8, its acceleration eliminated */
-    const real t160 = tau_8 + t74 + t75 + t76 + t158 + t159 - tau_9;
-    const real t161 = R(1.0) / (t69 + t70 - t63 * t91 - t64 * t90);
-    const real t162 = t161 * t160;
-    const real t163 = t93 * t162;
-    const real t164 = t94 * t162;
+    const real t108 = R(1.0) / (t76 + t77 - t70 * t104 - t71 * t103);
+    const real t109 = t106 * t108;
+    const real t110 = t107 * t108;
+    const real t111 = t102 + t107 * t109;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t165 = t55 * t149;
-    const real t166 = t35 * t41 + t148;
-    const real t167 = t71 * t166;
-    const real t168 = c5 * t39 - s5 * t166;
-    const real t169 = link2_length * t168;
-    const real t170 = t49 * t169;
-    const real t171 = W_tip_tx * t115 + W_tip_tz * t117 - W_tip_ty * t116 - t134;
-    const real t172 = c6 * t171;
-    const real t173 = tau_7 + t137 + t165 + t172 - t57 - t73 - t78 - t167 - t170 - t157;
-    const real t174 = R(1.0) / (k75 + t53 + t69 + R(2.0) * t49 * t63);
-    const real t175 = t174 * t173;
-    const real t176 = t79 * t175;
-    const real t177 = t55 + t49 * t64 + t50 * t63 - t71;
-    const real t178 = t177 * t175;
+    const real t112 = R(1.0) / (k75 + t58 + t76 + R(2.0) * t54 * t70);
+    const real t113 = t89 * t112;
+    const real t114 = t90 * t112;
+    const real t115 = t55 + t73 - t90 * t113;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t179 = c3 * t139 - s3 * t142;
-    const real t180 = s3 * t139 + c3 * t142;
-    const real t181 = k84 * t17 + t95 + c3 * t144 - s3 * t147;
-    const real t182 = k64 * t19 + t96 - c3 * t147 - s3 * t144;
-    const real t183 = c4 * t179;
-    const real t184 = s4 * t180;
-    const real t185 = c4 * t180;
-    const real t186 = s4 * t179;
-    const real t187 = c4 * t181;
-    const real t188 = s4 * t182;
-    const real t189 = F_1 + t77 + t119 + t120 + t145 + t155 - t121 - t164;
-    const real t190 = t54 * t149;
-    const real t191 = t70 * t166;
-    const real t192 = k75 * t148;
-    const real t193 = t50 * t169;
-    const real t194 = s6 * t171;
-    const real t195 = t56 + t136 + t193 + t156 + t178 + t187 - t72 - t190 - t191 - t192 - t194 -
-        t188;
-    const real t196 = k106 * t140;
-    const real t197 = t83 + t124 + t125 + t196 - tau_7 - t97 - t126;
+    const real t116 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
+    const real t117 = k63 * (t19 - R(2.0) * t21 * t16);
+    const real t118 = k108 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t198 = t79 * t174;
-    const real t199 = t50 + t66 - t177 * t198;
-    const real t200 = t177 * t174;
-    const real t201 = R(1.0) / (t54 + t70 + t92 + k117 - t177 * t200);
-    const real t202 = t199 * t201;
-    const real t203 = t202 * t195;
-    const real t204 = k73 * t168 + t150 + t176 + t186 - t185 - t203;
-    const real t205 = t93 * t161;
-    const real t206 = t89 + t94 * t205;
-    const real t207 = t94 * t161;
-    const real t208 = R(1.0) / (k78 - t88 - t94 * t207);
-    const real t209 = t206 * t208;
-    const real t210 = t209 * t189;
-    const real t211 = k73 * t42 + t154 + t210 - t163 - t183 - t184;
-    const real t212 = R(1.0) / (k78 - t87 - t93 * t205 - t206 * t209);
-    const real t213 = t212 * t211;
-    const real t214 = t209 * t213 + t208 * t189;
-    const real t215 = R(1.0) / (k78 - t79 * t198 - t199 * t202);
-    const real t216 = t215 * t204;
-    const real t217 = t201 * t195 - t202 * t216;
-    const real t218 = k110 * (tau_8 - s4 * t181 - c4 * t182);
-    const real t219 = k109 * t197;
+    const real t119 = R(1.0) / (t59 + t77 + t105 + k117 - t90 * t114);
+    const real t120 = t115 * t119;
+    const real t121 = R(1.0) / (k78 - t89 * t113 - t115 * t120);
+    const real t122 = R(1.0) / (k78 - t101 - t107 * t110);
+    const real t123 = t111 * t122;
+    const real t124 = R(1.0) / (k78 - t100 - t106 * t109 - t111 * t123);
+
+    /* accelerations of the attitude angles */
+    const real t125 = R(1.0) / c2;
+
+    /* axes of the base */
+    const real t126 = s1 * s2;
+    const real t127 = c1 * s2;
+    const real t128 = c2 * c3;
+    const real t129 = c1 * s3 + c3 * t126;
+    const real t130 = s1 * s3 - c3 * t127;
+    const real t131 = c1 * c3 - s3 * t126;
+    const real t132 = s1 * c3 + s3 * t127;
+
+    /* joint 7 and the axes of link 1 */
+    const real t133 = c2 * c4;
+    const real t134 = c1 * s4 + c4 * t126;
+    const real t135 = s1 * s4 - c4 * t127;
+    const real t136 = c2 * s4;
+    const real t137 = c1 * c4 - s4 * t126;
+    const real t138 = s1 * c4 + s4 * t127;
+
+    /* joint 9 and the axes of link 3 */
+    const real t139 = c6 * t133 + s2 * s6;
+    const real t140 = c6 * t134 - s6 * t91;
+    const real t141 = c6 * t135 + s6 * t92;
+    const real t142 = s2 * c6 - s6 * t133;
+    const real t143 = s6 * t134 + c6 * t91;
+    const real t144 = c6 * t92 - s6 * t135;
+
+    /* wrench on base, in the frame of its link */
+    const real t145 = W_base_fx * t93;
+    const real t146 = W_base_fx * s2;
+    const real t147 = W_base_fz * t92;
+    const real t148 = W_base_fy * t91;
+    const real t149 = W_base_tz * t132;
+    const real t150 = W_base_tx * t93;
+    const real t151 = W_base_tx * s2;
+    const real t152 = W_base_tz * t92;
+    const real t153 = W_base_ty * t91;
+
+    /* wrench on tip, in the frame of its link */
+    const real t154 = W_tip_fx * t139 + W_tip_fy * t140 + W_tip_fz * t141;
+    const real t155 = W_tip_fx * t142 + W_tip_fz * t144 - W_tip_fy * t143;
+    const real t156 = W_tip_fx * t136 - W_tip_fy * t137 - W_tip_fz * t138;
+    const real t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141;
+    const real t158 = W_tip_tx * t136;
+    const real t159 = W_tip_ty * t137;
+    const real t160 = W_tip_tz * t138;
+    const real t161 = link3_length * t156;
+    const real t162 = W_tip_tx * t142 + W_tip_tz * t144 - W_tip_ty * t143 - t161;
+    const real t163 = link3_length * t155;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t164 = c6 * t157;
+    const real t165 = s6 * t162;
+    const real t166 = s6 * t157;
+    const real t167 = c6 * t162;
+
+    /* thrusts and wrenches together */
+    const real t168 = R(0.8660254037844386) * (F_2 - F_6);
+    const real t169 = W_base_fx * t128 + W_base_fy * t129 + W_base_fz * t130 + t168;
+    const real t170 = F_2 + F_6;
+    const real t171 = R(0.5) * t170;
+    const real t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171;
+    const real t173 = k87 * (F_3 - F_5);
+    const real t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173;
+    const real t175 = F_3 + F_5;
+    const real t176 = k86 * t175;
+    const real t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t178 = t156 + k68 * (c6 * t51 - s6 * t53);
+
+    /* equation of joint 9, its acceleration eliminated */
+    const real t179 = link2_length * (t44 * t55 + t45 * t54);
+    const real t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160;
+    const real t181 = t97 * t180;
+    const real t182 = t68 + s6 * t155 - c6 * t154 - t55 * t181;
+    const real t183 = t69 + s6 * t154 + c6 * t155 - t54 * t181;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t184 = t71 * t178;
+    const real t185 = t70 * t178;
+    const real t186 = t71 * t182;
+    const real t187 = t70 * t183;
+
+    /* equation of joint 8, its acceleration eliminated */
+    const real t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9;
+    const real t189 = t108 * t188;
+    const real t190 = t106 * t189;
+    const real t191 = t107 * t189;
+
+    /* equation of joint 7, its acceleration eliminated */
+    const real t192 = tau_7 + t166 + t64 + t167 - t63 - t81 - t88 - t82 - t96 - t185;
+    const real t193 = t112 * t192;
+    const real t194 = t89 * t193;
+    const real t195 = t90 * t193;
+
+    /* articulated inertia and load of the base and links 1 to 3 */
+    const real t196 = c3 * t169 - s3 * t172;
+    const real t197 = s3 * t169 + c3 * t172;
+    const real t198 = k84 * t17 + t116 + c3 * t174 - s3 * t177;
+    const real t199 = k64 * t19 + t117 - c3 * t177 - s3 * t174;
+    const real t200 = c4 * t196;
+    const real t201 = s4 * t197;
+    const real t202 = c4 * t197;
+    const real t203 = s4 * t196;
+    const real t204 = c4 * t198;
+    const real t205 = s4 * t199;
+    const real t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191;
+    const real t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205;
+    const real t208 = k106 * t170;
+    const real t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
+
+    /* acceleration of the base, by LDL^T */
+    const real t210 = t120 * t207;
+    const real t211 = k73 * t46 + t178 + t194 + t203 - t202 - t210;
+    const real t212 = t123 * t206;
+    const real t213 = k73 * t44 + t182 + t212 - t190 - t200 - t201;
+    const real t214 = t124 * t213;
+    const real t215 = t123 * t214 + t122 * t206;
+    const real t216 = t121 * t211;
+    const real t217 = t119 * t207 - t120 * t216;
+    const real t218 = k110 * (tau_8 - s4 * t198 - c4 * t199);
+    const real t219 = k109 * t209;
 
     /* acceleration of joint 7 */
-    const real t220 = t175 + t198 * t216 + t200 * t217 - t219;
+    const real t220 = t193 + t113 * t216 + t114 * t217 - t219;
     acceleration[3 * stride] = t220;
 
     /* acceleration of joint 8 */
-    const real t221 = t162 - t205 * t213 - t207 * t214;
+    const real t221 = t189 - t109 * t214 - t110 * t215;
     const real t222 = t218 + t221;
     acceleration[4 * stride] = t222;
 
     /* acceleration of joint 9 */
-    const real t223 = t86 * (t214 + t63 * t221);
-    const real t224 = t153 - t221 - t85 * (t213 + t64 * t221) - t223;
+    const real t223 = t99 * (t215 + t70 * t221);
+    const real t224 = t181 - t221 - t98 * (t214 + t71 * t221) - t223;
     acceleration[5 * stride] = t224;
 
     /* acceleration of the base */
@@ -5502,9 +5516,9 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t229 = s3 * (t16 * t16 + t22) - c3 * (t18 + t227);
     const real t230 = s3 * (t20 - R(2.0) * v_theta_0 * t21 - t225);
     const real t231 = c3 * (t19 + t226 - R(2.0) * t16 * t21) + t230;
-    const real t232 = s4 * t216 + base_arm_length * t228 - c4 * t213;
-    const real t233 = base_arm_length * t229 - c4 * t216 - s4 * t213;
-    const real t234 = base_arm_length * t231 + t214;
+    const real t232 = s4 * t216 + base_arm_length * t228 - c4 * t214;
+    const real t233 = base_arm_length * t229 - c4 * t216 - s4 * t214;
+    const real t234 = base_arm_length * t231 + t215;
 
     /* acceleration of the origin, in world axes */
     const real t235 = c2 * t234 - s2 * t232;
@@ -5514,7 +5528,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     acceleration[7 * stride] = t237;
 
     /* accelerations of the attitude angles */
-    const real t238 = t98 * t225;
+    const real t238 = t125 * t225;
     acceleration[0 * stride] = t238;
     const real t239 = t219 - s2 * t238;
     acceleration[2 * stride] = t239;
@@ -5792,261 +5806,267 @@ static INLINE void joint_wrenches_lane(
     const real t60 = a_x * s2 + c2 * t59;
     const real t61 = a_x * c2 - s2 * t59;
     const real t62 = a_theta_0 + t15 * t16;
-    const real t63 = t16 * t18 - t62;
+    const real t63 = R(2.0) * v_theta_0 * t15 - a_theta_m1 * c2;
+    const real t64 = a_theta_1 + t17 + a_theta_m1 * s2;
+    const real t65 = v_theta_0 * t18 - t63;
+    const real t66 = t16 * t18 - t62;
 
     /* motion of link 1 */
-    const real t64 = t16 * t20 - t62;
+    const real t67 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t17 - t64);
+    const real t68 = s3 * (t16 * t16 + t19) - c3 * (t17 + t64);
+    const real t69 = s3 * (R(2.0) * t18 * v_theta_0 - t63);
+    const real t70 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t62) + t69);
+    const real t71 = t61 - base_arm_length * t67;
+    const real t72 = t58 - base_arm_length * t68;
+    const real t73 = t60 + t70;
+    const real t74 = v_theta_0 * t20 - t63;
+    const real t75 = t16 * t20 - t62;
+    const real t76 = c4 * t71 + s4 * t72;
+    const real t77 = c4 * t72 - s4 * t71;
+    const real t78 = a_theta_7 + t64 - t22 * t23;
+    const real t79 = t20 * t23 + c4 * t74 - s4 * t75;
+
+    /* motion of link 2 */
+    const real t80 = a_theta_8 + c4 * t75 + s4 * t74;
+    const real t81 = t25 + t80;
+    const real t82 = t26 * t29 - t78;
+    const real t83 = t25 - t80;
+    const real t84 = t26 * t31 + t79;
+
+    /* motion of link 3 */
+    const real t85 = t76 - link2_length * (c5 * t28 - s5 * t83);
+    const real t86 = t73 - link2_length * (s5 * t30 - c5 * t81);
+    const real t87 = t77 - link2_length * (c5 * t82 + s5 * t84);
+    const real t88 = a_theta_9 + t80;
+    const real t89 = t25 + t88;
+    const real t90 = t29 * t32 - t78;
+    const real t91 = t25 - t88;
+    const real t92 = t31 * t32 + t79;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t65 = R(2.0) * v_theta_0 * t15 - a_theta_m1 * c2;
-    const real t66 = v_theta_0 * t20 - t65;
-    const real t67 = a_theta_8 + c4 * t64 + s4 * t66;
-    const real t68 = a_theta_9 + t67;
-    const real t69 = t25 - t68;
-    const real t70 = t25 + t68;
-    const real t71 = a_theta_1 + t17 + a_theta_m1 * s2;
-    const real t72 = a_theta_7 + t71 - t22 * t23;
-    const real t73 = t29 * t32 - t72;
-    const real t74 = t20 * t23 + c4 * t66 - s4 * t64;
-    const real t75 = t31 * t32 + t74;
+    const real t93 = t37 * t87;
+    const real t94 = t42 * t92;
+    const real t95 = t37 * t85;
+    const real t96 = t41 * t91;
+    const real t97 = t43 + t36 * t86 + t40 * t89 - t95 - t96;
+    wrenches[47 * stride] = t97;
 
     /* motion of the base */
-    const real t76 = v_theta_0 * t18 - t65;
-    const real t77 = s3 * t63 - c3 * t76;
-    const real t78 = c3 * t63 + s3 * t76;
-    const real t79 = t49 + t78;
-    const real t80 = t50 - t77;
+    const real t98 = s3 * t66 - c3 * t65;
+    const real t99 = c3 * t66 + s3 * t65;
+    const real t100 = t48 + t64;
+    const real t101 = t49 + t99;
+    const real t102 = t64 - t48;
+    const real t103 = t50 - t98;
 
     /* motion of base arm 2 */
-    const real t81 = t60 + base_arm_length * t79;
+    const real t104 = s3 * t58 + c3 * t61 - base_arm_length * t51;
+    const real t105 = c3 * t58 + base_arm_length * t100 - s3 * t61;
+    const real t106 = t60 + base_arm_length * t101;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t82 = s3 * t58 + c3 * t61 - base_arm_length * t51;
-    const real t83 = k65 * t82;
-    const real t84 = t71 - t48;
-    const real t85 = k94 * t84;
-    const real t86 = t53 + t83;
-    const real t87 = t85 + t86;
-    const real t88 = t48 + t71;
-    const real t89 = c3 * t58 + base_arm_length * t88 - s3 * t61;
-    const real t90 = k65 * t89;
-    const real t91 = k93 * t88;
-    const real t92 = t54 + t90;
-    const real t93 = t91 - t92;
-    const real t94 = k65 * t81;
-    const real t95 = k93 * t79;
-    const real t96 = k94 * t80;
-    const real t97 = t94 - t95;
-    const real t98 = t97 - t96;
-    wrenches[2 * stride] = t98;
-    const real t99 = k99 * t79;
-    const real t100 = k20 * (t50 + t77);
-    const real t101 = k94 * t81;
-    const real t102 = k98 * t80 - t100;
-    const real t103 = t99 - t101;
-    const real t104 = t102 + t103;
-    const real t105 = k20 * (t49 - t78);
-    const real t106 = k93 * t81;
-    const real t107 = k99 * t80;
-    const real t108 = t105 - k97 * t79;
-    const real t109 = t107 - t106;
-    const real t110 = t109 - t108;
+    const real t107 = k65 * t104;
+    const real t108 = k94 * t102;
+    const real t109 = t53 + t107;
+    const real t110 = t108 + t109;
+    const real t111 = k65 * t105;
+    const real t112 = k93 * t100;
+    const real t113 = t54 + t111;
+    const real t114 = t112 - t113;
+    const real t115 = k65 * t106;
+    const real t116 = k93 * t101;
+    const real t117 = k94 * t103;
+    const real t118 = t115 - t116;
+    const real t119 = t118 - t117;
+    wrenches[2 * stride] = t119;
+    const real t120 = k99 * t101;
+    const real t121 = k20 * (t50 + t98);
+    const real t122 = k94 * t106;
+    const real t123 = k98 * t103 - t121;
+    const real t124 = t120 - t122;
+    const real t125 = t123 + t124;
+    const real t126 = k20 * (t49 - t99);
+    const real t127 = k93 * t106;
+    const real t128 = k99 * t103;
+    const real t129 = t126 - k97 * t101;
+    const real t130 = t128 - t127;
+    const real t131 = t130 - t129;
+    const real t132 = k93 * t105;
+    const real t133 = k94 * t104;
 
     /* wrench through joint 2 */
-    const real t111 = k93 * t89;
-    const real t112 = t55 - t111;
-    const real t113 = k94 * t82;
-    const real t114 = k97 * t88 + k98 * t84;
-    const real t115 = t113 + t114;
-    const real t116 = t115 + t112 - base_arm_length * F_2;
-    wrenches[5 * stride] = t116;
+    const real t134 = t55 - t132;
+    const real t135 = k97 * t100 + k98 * t102;
+    const real t136 = t133 + t135;
+    const real t137 = t136 + t134 - base_arm_length * F_2;
+    wrenches[5 * stride] = t137;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t117 = t83 - t53;
-    const real t118 = t85 + t117;
-    const real t119 = t91 + t92;
-    const real t120 = t99 + t101;
-    const real t121 = t102 - t120;
-    const real t122 = t108 + t109;
-    const real t123 = t115 - t112;
-    wrenches[11 * stride] = t123;
+    const real t138 = t107 - t53;
+    const real t139 = t108 + t138;
+    const real t140 = t112 + t113;
+    const real t141 = t120 + t122;
+    const real t142 = t123 - t141;
+    const real t143 = t129 + t130;
+    const real t144 = t136 - t134;
+    wrenches[11 * stride] = t144;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t124 = t83 - k92 * t51;
-    wrenches[12 * stride] = t124;
-    const real t125 = t94 + k92 * t79;
-    wrenches[14 * stride] = t125;
-    const real t126 = k14 * t80 - t100;
-    wrenches[15 * stride] = t126;
-    const real t127 = t105 - k8 * t79 - k92 * t81;
-    wrenches[16 * stride] = t127;
-
-    /* inertia forces of base arm 5, about joint 5 */
-    const real t128 = t117 - t85;
-    const real t129 = t54 - t90;
-    const real t130 = t91 - t129;
-    const real t131 = t102 + t120;
-    const real t132 = t106 + t107;
-    const real t133 = t108 - t132;
-    const real t134 = t55 + t111;
-    const real t135 = t114 - t113;
-    const real t136 = t135 + t134;
-    wrenches[23 * stride] = t136;
-
-    /* inertia forces of base arm 6, about joint 6 */
-    const real t137 = t85 - t86;
-    const real t138 = t91 + t129;
-    const real t139 = t96 + t97;
-    wrenches[26 * stride] = t139;
-    const real t140 = t103 - t102;
-    const real t141 = t108 + t132;
-
-    /* wrench through joint 6 */
-    const real t142 = t135 - base_arm_length * F_6 - t134;
-    wrenches[29 * stride] = t142;
-
-    /* wrench through joint 2 */
-    const real t143 = R(0.8660254037844386) * t93 - R(0.5) * t87;
-    wrenches[0 * stride] = t143;
-    const real t144 = R(0.8660254037844386) * t110 - R(0.5) * t104;
-    wrenches[3 * stride] = t144;
-    const real t145 = R(0.5) * t110 + R(0.8660254037844386) * t104;
-    wrenches[4 * stride] = t145;
-    const real t146 = R(0.5) * t93 + R(0.8660254037844386) * t87 - F_2;
-    wrenches[1 * stride] = t146;
-
-    /* wrench through joint 3 */
-    const real t147 = R(0.5) * t118 - R(0.8660254037844386) * t119;
-    wrenches[6 * stride] = t147;
-    const real t148 = R(0.5) * t119 + R(0.8660254037844386) * t118;
-    wrenches[7 * stride] = t148;
-    const real t149 = R(0.5) * t121 - R(0.8660254037844386) * t122;
-    wrenches[9 * stride] = t149;
-    const real t150 = t94 + t95;
-    const real t151 = t150 - F_3 - t96;
-    wrenches[8 * stride] = t151;
-    const real t152 = base_arm_length * F_3 + R(0.5) * t122 + R(0.8660254037844386) * t121;
-    wrenches[10 * stride] = t152;
+    const real t145 = t107 - k92 * t51;
+    wrenches[12 * stride] = t145;
+    const real t146 = t115 + k92 * t101;
+    wrenches[14 * stride] = t146;
+    const real t147 = k14 * t103 - t121;
+    wrenches[15 * stride] = t147;
+    const real t148 = t126 - k8 * t101 - k92 * t106;
+    wrenches[16 * stride] = t148;
 
     /* wrench through joint 4 */
-    const real t153 = t90 + k92 * t88 - F_4;
-    wrenches[13 * stride] = t153;
+    const real t149 = k8 * t100 + k92 * t105 + k14 * t102 - t56;
+    wrenches[17 * stride] = t149;
 
-    /* wrench through joint 5 */
-    const real t154 = R(0.5) * t128 + R(0.8660254037844386) * t130;
-    wrenches[18 * stride] = t154;
-    const real t155 = R(0.5) * t130 - R(0.8660254037844386) * t128;
-    wrenches[19 * stride] = t155;
-    const real t156 = R(0.5) * t131 + R(0.8660254037844386) * t133;
-    wrenches[21 * stride] = t156;
-    const real t157 = t96 + t150 - F_5;
-    wrenches[20 * stride] = t157;
-    const real t158 = base_arm_length * F_5 + R(0.5) * t133 - R(0.8660254037844386) * t131;
-    wrenches[22 * stride] = t158;
+    /* inertia forces of base arm 5, about joint 5 */
+    const real t150 = t138 - t108;
+    const real t151 = t54 - t111;
+    const real t152 = t112 - t151;
+    const real t153 = t123 + t141;
+    const real t154 = t127 + t128;
+    const real t155 = t129 - t154;
+    const real t156 = t55 + t132;
+    const real t157 = t135 - t133;
+    const real t158 = t157 + t156;
+    wrenches[23 * stride] = t158;
+
+    /* inertia forces of base arm 6, about joint 6 */
+    const real t159 = t108 - t109;
+    const real t160 = t112 + t151;
+    const real t161 = t117 + t118;
+    wrenches[26 * stride] = t161;
+    const real t162 = t124 - t123;
+    const real t163 = t129 + t154;
 
     /* wrench through joint 6 */
-    const real t159 = R(0.5) * t137 - R(0.8660254037844386) * t138;
-    wrenches[24 * stride] = t159;
-    const real t160 = R(0.5) * t140 + R(0.8660254037844386) * t141;
-    wrenches[27 * stride] = t160;
-    const real t161 = R(0.8660254037844386) * t140 - R(0.5) * t141;
-    wrenches[28 * stride] = t161;
-    const real t162 = R(0.5) * t138 + R(0.8660254037844386) * t137 - F_6;
-    wrenches[25 * stride] = t162;
+    const real t164 = t157 - base_arm_length * F_6 - t156;
+    wrenches[29 * stride] = t164;
+
+    /* wrench through joint 2 */
+    const real t165 = R(0.8660254037844386) * t114 - R(0.5) * t110;
+    wrenches[0 * stride] = t165;
+    const real t166 = R(0.8660254037844386) * t131 - R(0.5) * t125;
+    wrenches[3 * stride] = t166;
+    const real t167 = R(0.5) * t131 + R(0.8660254037844386) * t125;
+    wrenches[4 * stride] = t167;
+    const real t168 = R(0.5) * t114 + R(0.8660254037844386) * t110 - F_2;
+    wrenches[1 * stride] = t168;
+
+    /* wrench through joint 3 */
+    const real t169 = R(0.5) * t139 - R(0.8660254037844386) * t140;
+    wrenches[6 * stride] = t169;
+    const real t170 = R(0.5) * t140 + R(0.8660254037844386) * t139;
+    wrenches[7 * stride] = t170;
+    const real t171 = R(0.5) * t142 - R(0.8660254037844386) * t143;
+    wrenches[9 * stride] = t171;
+    const real t172 = t115 + t116;
+    const real t173 = t172 - F_3 - t117;
+    wrenches[8 * stride] = t173;
+    const real t174 = base_arm_length * F_3 + R(0.5) * t143 + R(0.8660254037844386) * t142;
+    wrenches[10 * stride] = t174;
+
+    /* wrench through joint 4 */
+    const real t175 = t111 + k92 * t100 - F_4;
+    wrenches[13 * stride] = t175;
+
+    /* wrench through joint 5 */
+    const real t176 = R(0.5) * t150 + R(0.8660254037844386) * t152;
+    wrenches[18 * stride] = t176;
+    const real t177 = R(0.5) * t152 - R(0.8660254037844386) * t150;
+    wrenches[19 * stride] = t177;
+    const real t178 = R(0.5) * t153 + R(0.8660254037844386) * t155;
+    wrenches[21 * stride] = t178;
+    const real t179 = t117 + t172 - F_5;
+    wrenches[20 * stride] = t179;
+    const real t180 = base_arm_length * F_5 + R(0.5) * t155 - R(0.8660254037844386) * t153;
+    wrenches[22 * stride] = t180;
+
+    /* wrench through joint 6 */
+    const real t181 = R(0.5) * t159 - R(0.8660254037844386) * t160;
+    wrenches[24 * stride] = t181;
+    const real t182 = R(0.5) * t162 + R(0.8660254037844386) * t163;
+    wrenches[27 * stride] = t182;
+    const real t183 = R(0.8660254037844386) * t162 - R(0.5) * t163;
+    wrenches[28 * stride] = t183;
+    const real t184 = R(0.5) * t160 + R(0.8660254037844386) * t159 - F_6;
+    wrenches[25 * stride] = t184;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t163 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t17 - t71);
-    const real t164 = t61 - base_arm_length * t163;
-    const real t165 = s3 * (t16 * t16 + t19) - c3 * (t17 + t71);
-    const real t166 = t58 - base_arm_length * t165;
-    const real t167 = c4 * t164 + s4 * t166;
-    const real t168 = t25 - t67;
-    const real t169 = t167 - link2_length * (c5 * t28 - s5 * t168);
-    const real t170 = t37 * t69 + k69 * t169 - t34 * t36;
-    const real t171 = s3 * (R(2.0) * t18 * v_theta_0 - t65);
-    const real t172 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t62) + t171);
-    const real t173 = t60 + t172;
-    const real t174 = t25 + t67;
-    const real t175 = t173 - link2_length * (s5 * t30 - c5 * t174);
-    const real t176 = t36 * t70 + k69 * t175 - t35 * t37;
-    const real t177 = c4 * t166 - s4 * t164;
-    const real t178 = t26 * t29 - t72;
-    const real t179 = t26 * t31 + t74;
-    const real t180 = t177 - link2_length * (c5 * t178 + s5 * t179);
-    const real t181 = t36 * t73 + t37 * t75 - k69 * t180;
-    wrenches[44 * stride] = t181;
-    const real t182 = t37 * t180;
-    const real t183 = t42 * t73 + t41 * t75 + k58 * t74 - t182;
-    const real t184 = t42 * t75;
-    const real t185 = t36 * t180 + k58 * t72 - t40 * t73 - t184;
+    const real t185 = t37 * t91 + k69 * t85 - t34 * t36;
+    const real t186 = t36 * t89 + k69 * t86 - t35 * t37;
+    const real t187 = t36 * t90 + t37 * t92 - k69 * t87;
+    wrenches[44 * stride] = t187;
+    const real t188 = t42 * t90 + t41 * t92 + k58 * t79 - t93;
+    const real t189 = t36 * t87 + k58 * t78 - t40 * t90 - t94;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t186 = t44 * t181;
-    const real t187 = t44 * t176;
-    const real t188 = t45 * t170;
+    const real t190 = t44 * t187;
+    const real t191 = t44 * t186;
+    const real t192 = t45 * t185;
 
     /* inertia of link 2, turned by the joints */
-    const real t189 = k66 * c5;
-    const real t190 = k66 * s5;
-    const real t191 = k116 * s5;
-    const real t192 = s5 * t191;
-    const real t193 = k27 - t192;
-    const real t194 = k33 + t192;
-    const real t195 = c5 * t191;
+    const real t193 = k66 * c5;
+    const real t194 = k66 * s5;
+    const real t195 = k116 * s5;
+    const real t196 = s5 * t195;
+    const real t197 = k27 - t196;
+    const real t198 = k33 + t196;
+    const real t199 = c5 * t195;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t196 = k39 * t74;
-    const real t197 = t195 * t178;
-    const real t198 = t194 * t179;
-    const real t199 = t190 * t177;
-    const real t200 = k39 * t72;
-    const real t201 = t193 * t178;
-    const real t202 = t195 * t179;
-    const real t203 = t189 * t173;
-    const real t204 = t193 * t174;
-    const real t205 = (t28 - t30) * t195;
-    const real t206 = t190 * t167;
-    const real t207 = t194 * t168;
-    const real t208 = t170 + k67 * t167 + t190 * t168 - t28 * t189;
-    wrenches[30 * stride] = t208;
-    const real t209 = t176 + k67 * t173 + t189 * t174 - t30 * t190;
-    wrenches[32 * stride] = t209;
-    const real t210 = t181 + t189 * t178 + t190 * t179 - k67 * t177;
-    wrenches[31 * stride] = -t210;
-    wrenches[38 * stride] = t210;
-    const real t211 = t183 + t45 * t181 + t196 + t197 + t198 - t199;
-    wrenches[33 * stride] = t211;
-    const real t212 = t185 + t189 * t177 + t200 - t186 - t201 - t202;
-    wrenches[35 * stride] = t212;
-    const real t213 = t37 * t169;
-    const real t214 = t41 * t69;
-    const real t215 = t43 + t36 * t175 + t40 * t70 - t213 - t214;
-    wrenches[47 * stride] = t215;
-    const real t216 = t205 + t215 + t187 + t203 + t204 - t188 - t206 - t207;
-    wrenches[34 * stride] = -t216;
-    wrenches[41 * stride] = t216;
+    const real t200 = k39 * t79;
+    const real t201 = t199 * t82;
+    const real t202 = t198 * t84;
+    const real t203 = t194 * t77;
+    const real t204 = k39 * t78;
+    const real t205 = t197 * t82;
+    const real t206 = t199 * t84;
+    const real t207 = t193 * t73;
+    const real t208 = t197 * t81;
+    const real t209 = (t28 - t30) * t199;
+    const real t210 = t194 * t76;
+    const real t211 = t198 * t83;
+    const real t212 = t185 + k67 * t76 + t194 * t83 - t28 * t193;
+    wrenches[30 * stride] = t212;
+    const real t213 = t186 + k67 * t73 + t193 * t81 - t30 * t194;
+    wrenches[32 * stride] = t213;
+    const real t214 = t187 + t193 * t82 + t194 * t84 - k67 * t77;
+    wrenches[31 * stride] = -t214;
+    wrenches[38 * stride] = t214;
+    const real t215 = t188 + t45 * t187 + t200 + t201 + t202 - t203;
+    wrenches[33 * stride] = t215;
+    const real t216 = t189 + t193 * t77 + t204 - t190 - t205 - t206;
+    wrenches[35 * stride] = t216;
+    const real t217 = t209 + t97 + t191 + t207 + t208 - t192 - t210 - t211;
+    wrenches[34 * stride] = -t217;
+    wrenches[41 * stride] = t217;
 
     /* wrench through joint 8, in its frame */
-    const real t217 = c5 * t208 + s5 * t209;
-    wrenches[36 * stride] = t217;
-    const real t218 = c5 * t209 - s5 * t208;
-    wrenches[37 * stride] = t218;
-    const real t219 = c5 * t211 + s5 * t212;
-    wrenches[39 * stride] = t219;
-    const real t220 = c5 * t212 - s5 * t211;
-    wrenches[40 * stride] = t220;
+    const real t218 = c5 * t212 + s5 * t213;
+    wrenches[36 * stride] = t218;
+    const real t219 = c5 * t213 - s5 * t212;
+    wrenches[37 * stride] = t219;
+    const real t220 = c5 * t215 + s5 * t216;
+    wrenches[39 * stride] = t220;
+    const real t221 = c5 * t216 - s5 * t215;
+    wrenches[40 * stride] = t221;
 
     /* wrench through joint 9, in its frame */
-    const real t221 = c6 * t170 + s6 * t176;
-    wrenches[42 * stride] = t221;
-    const real t222 = c6 * t176 - s6 * t170;
-    wrenches[43 * stride] = t222;
-    const real t223 = c6 * t183 + s6 * t185;
-    wrenches[45 * stride] = t223;
-    const real t224 = c6 * t185 - s6 * t183;
-    wrenches[46 * stride] = t224;
-    const real t225 = k8 * t88 + k92 * t89 + k14 * t84 - t56;
-    wrenches[17 * stride] = t225;
+    const real t222 = c6 * t185 + s6 * t186;
+    wrenches[42 * stride] = t222;
+    const real t223 = c6 * t186 - s6 * t185;
+    wrenches[43 * stride] = t223;
+    const real t224 = c6 * t188 + s6 * t189;
+    wrenches[45 * stride] = t224;
+    const real t225 = c6 * t189 - s6 * t188;
+    wrenches[46 * stride] = t225;
 }
 
 void
@@ -6633,8 +6653,8 @@ static INLINE void tip_jacobian_lane(
     jacobian[9 * stride] = t33;
 
     /* columns of the base */
-    const real t34 = -c1 * t33 - s1 * t32;
-    jacobian[1 * stride] = t34;
+    const real t34 = c1 * t33 + s1 * t32;
+    jacobian[1 * stride] = -t34;
     const real t35 = s1 * t31;
     jacobian[10 * stride] = t35;
     const real t36 = c1 * t31;
@@ -6819,19 +6839,19 @@ static INLINE void tip_bias_acceleration_lane(
     const real t29 = t26 * t26;
     const real t30 = t22 * t26;
     const real t31 = t17 - t26 * t27;
+    const real t32 = s4 * t24 + t22 * t27 - c4 * t23;
 
     /* motion of link 2 */
-    const real t32 = v_theta_8 - t27;
-    const real t33 = t32 * t32;
-    const real t34 = R(2.0) * t26;
-    const real t35 = R(2.0) * t22;
+    const real t33 = v_theta_8 - t27;
+    const real t34 = t33 * t33;
+    const real t35 = R(2.0) * t26;
+    const real t36 = R(2.0) * t22;
 
     /* motion of link 3 */
-    const real t36 = v_theta_9 + t32;
-    const real t37 = s4 * t24 + t22 * t27 - c4 * t23;
-    const real t38 = t22 * t36 + t37;
-    const real t39 = t31 - t26 * t36;
-    const real t40 = t36 * t36;
+    const real t37 = v_theta_9 + t33;
+    const real t38 = t22 * t37 + t32;
+    const real t39 = t31 - t26 * t37;
+    const real t40 = t37 * t37;
 
     /* acceleration of tip that link 2 adds */
     const real t41 = link2_length * c5;
@@ -6844,15 +6864,15 @@ static INLINE void tip_bias_acceleration_lane(
     /* acceleration of tip that link 3 adds */
     const real t45 = link3_length * c6;
     const real t46 = link3_length * s6;
-    const real t47 = t46 * (t35 * t36 + t37);
+    const real t47 = t46 * (t36 * t37 + t32);
 
     /* acceleration of tip that link 2 adds */
     const real t48 = (t28 + t30) * (t42 + t46);
-    const real t49 = (t25 + t40) * t45 + (t25 + t33) * t41 - t48;
-    const real t50 = (t29 + t33) * t42;
-    const real t51 = (t31 - t32 * t34) * t41;
-    const real t52 = t42 * (t32 * t35 + t37);
-    const real t53 = (t31 - t34 * t36) * t45 + t51 - t47 - t52;
+    const real t49 = (t25 + t40) * t45 + (t25 + t34) * t41 - t48;
+    const real t50 = (t29 + t34) * t42;
+    const real t51 = (t31 - t33 * t35) * t41;
+    const real t52 = t42 * (t33 * t36 + t32);
+    const real t53 = (t31 - t35 * t37) * t45 + t51 - t47 - t52;
 
     /* acceleration of tip that link 1 adds */
     const real t54 = s4 * t28 - c4 * t38;
@@ -7076,6 +7096,8 @@ static INLINE void frame_poses_lane(
     poses[7 * stride] = t41;
     const real t42 = z + base_arm_length * t22;
     poses[11 * stride] = t42;
+
+    /* position of tip */
     const real t43 = t31 + link3_length * t34 + t40;
     poses[19 * stride] = t43;
     const real t44 = t32 + link3_length * t35 + t41;
@@ -7201,6 +7223,7 @@ static INLINE void frame_jacobians_lane(
     jacobians[26 * stride] = R(1.0);
     jacobians[27 * stride] = R(1.0);
     jacobians[29 * stride] = s2;
+    jacobians[37 * stride] = c1;
     jacobians[46 * stride] = s1;
     jacobians[60 * stride] = R(1.0);
     jacobians[70 * stride] = R(1.0);
@@ -7208,67 +7231,62 @@ static INLINE void frame_jacobians_lane(
     jacobians[81 * stride] = R(1.0);
     jacobians[83 * stride] = s2;
     jacobians[84 * stride] = s2;
+    jacobians[91 * stride] = c1;
     jacobians[100 * stride] = s1;
-
-    /* attitude */
-    const real t1 = -c1;
-    jacobians[37 * stride] = -t1;
-    jacobians[91 * stride] = -t1;
-    const real t6 = -s3;
 
     /* axes of the base */
     const real t15 = s1 * c2;
     jacobians[38 * stride] = -t15;
     jacobians[92 * stride] = -t15;
     jacobians[93 * stride] = -t15;
-    const real t16 = t1 * c2;
-    jacobians[47 * stride] = -t16;
-    jacobians[101 * stride] = -t16;
-    jacobians[102 * stride] = -t16;
+    const real t16 = c1 * c2;
+    jacobians[47 * stride] = t16;
+    jacobians[101 * stride] = t16;
+    jacobians[102 * stride] = t16;
     const real t17 = s1 * s2;
-    const real t18 = t1 * s2;
+    const real t18 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
     const real t19 = base_arm_length * c2 * c3;
-    const real t20 = base_arm_length * (t1 * t6 + c3 * t17);
+    const real t20 = base_arm_length * (c1 * s3 + c3 * t17);
     jacobians[18 * stride] = t20;
-    const real t21 = base_arm_length * (s1 * t6 - c3 * t18);
+    const real t21 = base_arm_length * (c3 * t18 - s1 * s3);
     jacobians[9 * stride] = t21;
     const real t22 = c2 * c4;
-    const real t23 = c4 * t17 - t1 * s4;
-    const real t24 = s1 * s4 + c4 * t18;
+    const real t23 = c1 * s4 + c4 * t17;
+    const real t24 = s1 * s4 - c4 * t18;
     const real t25 = c2 * s4;
     jacobians[85 * stride] = t25;
     jacobians[86 * stride] = t25;
-    const real t26 = t1 * c4 + s4 * t17;
+    const real t26 = s4 * t17 - c1 * c4;
     jacobians[94 * stride] = t26;
     jacobians[95 * stride] = t26;
-    const real t27 = s1 * c4 - s4 * t18;
+    const real t27 = s1 * c4 + s4 * t18;
     jacobians[103 * stride] = -t27;
     jacobians[104 * stride] = -t27;
 
     /* joint 9 and the axes of link 3 */
     const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
     const real t29 = t20 + link2_length * (c5 * t23 - s5 * t15);
-    const real t30 = t21 - link2_length * (c5 * t24 - s5 * t16);
+    const real t30 = t21 - link2_length * (c5 * t24 + s5 * t16);
 
     /* position of tip */
     const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
     const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
     jacobians[72 * stride] = t32;
-    const real t33 = t30 - link3_length * (c6 * t24 - s6 * t16);
+    const real t33 = t30 - link3_length * (c6 * t24 + s6 * t16);
     jacobians[63 * stride] = t33;
 
     /* columns of the base */
-    const real t34 = t1 * t33 - s1 * t32;
-    jacobians[55 * stride] = t34;
+    const real t34 = c1 * t33 + s1 * t32;
+    jacobians[55 * stride] = -t34;
     const real t35 = s1 * t31;
     jacobians[64 * stride] = t35;
-    const real t36 = t1 * t31;
-    jacobians[73 * stride] = t36;
-    const real t37 = t16 * t32 + t15 * t33;
+    const real t36 = c1 * t31;
+    jacobians[73 * stride] = -t36;
+    const real t37 = t15 * t33 - t16 * t32;
     jacobians[56 * stride] = t37;
-    const real t38 = s2 * t33 - t16 * t31;
+    const real t38 = t16 * t31 + s2 * t33;
     jacobians[65 * stride] = t38;
     const real t39 = t15 * t31 + s2 * t32;
     jacobians[74 * stride] = t39;
@@ -7277,9 +7295,9 @@ static INLINE void frame_jacobians_lane(
     const real t40 = t31 - t19;
     const real t41 = t32 - t20;
     const real t42 = t33 - t21;
-    const real t43 = t16 * t41 + t15 * t42;
+    const real t43 = t15 * t42 - t16 * t41;
     jacobians[57 * stride] = t43;
-    const real t44 = s2 * t42 - t16 * t40;
+    const real t44 = s2 * t42 + t16 * t40;
     jacobians[66 * stride] = t44;
     const real t45 = t15 * t40 + s2 * t41;
     jacobians[75 * stride] = t45;
@@ -7304,15 +7322,15 @@ static INLINE void frame_jacobians_lane(
     jacobians[77 * stride] = t54;
 
     /* columns of the base */
-    const real t55 = t1 * t21 - s1 * t20;
-    jacobians[1 * stride] = t55;
+    const real t55 = c1 * t21 + s1 * t20;
+    jacobians[1 * stride] = -t55;
     const real t56 = s1 * t19;
     jacobians[10 * stride] = t56;
-    const real t57 = t1 * t19;
-    jacobians[19 * stride] = t57;
-    const real t58 = t16 * t20 + t15 * t21;
+    const real t57 = c1 * t19;
+    jacobians[19 * stride] = -t57;
+    const real t58 = t15 * t21 - t16 * t20;
     jacobians[2 * stride] = t58;
-    const real t59 = s2 * t21 - t16 * t19;
+    const real t59 = t16 * t19 + s2 * t21;
     jacobians[11 * stride] = t59;
     const real t60 = t15 * t19 + s2 * t20;
     jacobians[20 * stride] = t60;
@@ -8284,103 +8302,107 @@ static INLINE void centroidal_momentum_lane(
     const real t17 = v_theta_7 + t16;
     const real t18 = c4 * t15 + v_theta_0 * s4;
 
+    /* motion of link 2 */
+    const real t19 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
+
+    /* motion of link 3 */
+    const real t20 = v_theta_9 + t19;
+
     /* inertia of link 3, turned by the joints */
-    const real t19 = k68 * c6;
-    const real t20 = k68 * s6;
-    const real t21 = k81 * s6;
-    const real t22 = s6 * t21;
-    const real t23 = k46 - t22;
-    const real t24 = k52 + t22;
+    const real t21 = k68 * c6;
+    const real t22 = k68 * s6;
+    const real t23 = k81 * s6;
+    const real t24 = s6 * t23;
+    const real t25 = k46 - t24;
+    const real t26 = k52 + t24;
 
     /* step from link 2 to link 3 */
-    const real t25 = link2_length * c5;
-    const real t26 = link2_length * s5;
+    const real t27 = link2_length * c5;
+    const real t28 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t27 = k73 * c5;
-    const real t28 = k73 * s5;
-    const real t29 = k82 * s5;
-    const real t30 = s5 * t29;
-    const real t31 = k74 + t30;
-    const real t32 = k33 - t30;
+    const real t29 = k73 * c5;
+    const real t30 = k73 * s5;
+    const real t31 = k82 * s5;
+    const real t32 = s5 * t31;
+    const real t33 = k74 + t32;
+    const real t34 = k33 - t32;
 
     /* step from the base to link 1 */
-    const real t33 = base_arm_length * c3;
-    const real t34 = base_arm_length * s3;
+    const real t35 = base_arm_length * c3;
+    const real t36 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t35 = k83 * s3;
-    const real t36 = s3 * t35;
-    const real t37 = k80 + t36;
-    const real t38 = k63 - t36;
-    const real t39 = c3 * t35;
+    const real t37 = k83 * s3;
+    const real t38 = s3 * t37;
+    const real t39 = k80 + t38;
+    const real t40 = k63 - t38;
+    const real t41 = c3 * t37;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t40 = t19 + t27;
+    const real t42 = t21 + t29;
 
     /* motion of link 1 */
-    const real t41 = v_theta_0 * c3 - s3 * t15;
+    const real t43 = v_theta_0 * c3 - s3 * t15;
 
     /* centre of mass from the origin */
-    const real t42 = k111 * (t20 + t28);
+    const real t44 = k111 * (t22 + t30);
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t43 = t15 * t39;
-    const real t44 = v_theta_0 * t39;
+    const real t45 = t15 * t41;
+    const real t46 = v_theta_0 * t41;
 
     /* motion of link 1 */
-    const real t45 = s3 * t16;
-    const real t46 = c3 * t16;
-    const real t47 = base_arm_length * t45;
-    const real t48 = base_arm_length * t46;
-    const real t49 = base_arm_length * t41;
+    const real t47 = s3 * t16;
+    const real t48 = c3 * t16;
+    const real t49 = base_arm_length * t47;
+    const real t50 = base_arm_length * t48;
+    const real t51 = base_arm_length * t43;
 
     /* motion of link 3 */
-    const real t50 = s5 * t18 - c5 * t17;
+    const real t52 = s5 * t19;
+    const real t53 = c5 * t19;
+    const real t54 = s5 * t18 - c5 * t17;
 
     /* centre of mass from the origin */
-    const real t51 = k111 * (k79 * c3 + c4 * t40);
-    const real t52 = k111 * (k79 * s3 + s4 * t40);
+    const real t55 = k111 * (k79 * c3 + c4 * t42);
+    const real t56 = k111 * (k79 * s3 + s4 * t42);
 
     /* motion of link 1 */
-    const real t53 = s4 * t48 - c4 * t47;
-    const real t54 = s4 * t47 + c4 * t48;
+    const real t57 = s4 * t50 - c4 * t49;
+    const real t58 = s4 * t49 + c4 * t50;
 
     /* motion of link 3 */
-    const real t55 = v_theta_8 + s4 * t15 - v_theta_0 * c4;
-    const real t56 = s5 * t55;
-    const real t57 = c5 * t55;
-    const real t58 = link2_length * t50 - t54;
+    const real t59 = link2_length * t54 - t58;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t59 = t19 * t58;
-    const real t60 = t20 * (t53 - link2_length * t56);
-    const real t61 = t19 * (t49 - link2_length * t57);
-    const real t62 = v_theta_9 + t55;
-    const real t63 = k68 * s6 * t62;
-    const real t64 = k68 * c6 * t62;
+    const real t60 = t21 * t59;
+    const real t61 = t22 * (t57 - link2_length * t52);
+    const real t62 = t21 * (t51 - link2_length * t53);
+    const real t63 = k68 * s6 * t20;
+    const real t64 = k68 * c6 * t20;
     const real t65 = k68 * (s6 * t18 - c6 * t17);
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t66 = t25 * t65;
-    const real t67 = t25 * t64;
-    const real t68 = t26 * t63;
-    const real t69 = t28 * t54;
-    const real t70 = t27 * t54;
-    const real t71 = t27 * t49;
-    const real t72 = t28 * t53;
-    const real t73 = t63 + k73 * t56;
-    const real t74 = t64 + k73 * t57;
-    const real t75 = t65 + k73 * t50;
-    const real t76 = (t31 + t32) * t55;
-    const real t77 = (t23 + t24) * t62;
-    const real t78 = t71 + t72 + t60 + t61 - t76 - t77 - t67 - t68;
+    const real t66 = t27 * t65;
+    const real t67 = t27 * t64;
+    const real t68 = t28 * t63;
+    const real t69 = t30 * t58;
+    const real t70 = t29 * t58;
+    const real t71 = t29 * t51;
+    const real t72 = t30 * t57;
+    const real t73 = t63 + k73 * t52;
+    const real t74 = t64 + k73 * t53;
+    const real t75 = t65 + k73 * t54;
+    const real t76 = (t33 + t34) * t19;
+    const real t77 = (t25 + t26) * t20;
+    const real t78 = t71 + t72 + t61 + t62 - t76 - t77 - t67 - t68;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t79 = t18 * (k75 + t24 + t32);
-    const real t80 = c6 * t21 - c5 * t29;
+    const real t79 = t18 * (k75 + t26 + t34);
+    const real t80 = c6 * t23 - c5 * t31;
     const real t81 = t17 * t80;
-    const real t82 = t20 * t58 + t26 * t65 + t79 - t69 - t81;
+    const real t82 = t22 * t59 + t28 * t65 + t79 - t69 - t81;
     const real t83 = s4 * t75 - c4 * t73;
     const real t84 = c4 * t75 + s4 * t73;
     const real t85 = s4 * t78;
@@ -8389,29 +8411,29 @@ static INLINE void centroidal_momentum_lane(
     const real t88 = c4 * t78;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t89 = t34 * t74;
-    const real t90 = t33 * t74;
-    const real t91 = t34 * t83;
-    const real t92 = t33 * t84;
-    const real t93 = k79 * t45 - t83;
-    const real t94 = k79 * t46 - t84;
-    const real t95 = k79 * t41 - t74;
+    const real t89 = t36 * t74;
+    const real t90 = t35 * t74;
+    const real t91 = t36 * t83;
+    const real t92 = t35 * t84;
+    const real t93 = k79 * t47 - t83;
+    const real t94 = k79 * t48 - t84;
+    const real t95 = k79 * t43 - t74;
 
     /* momentum in world axes */
-    const real t96 = t42 * t94;
-    const real t97 = t52 * t95;
-    const real t98 = t15 * (k64 + t38);
-    const real t99 = t44 + t86 + t89 + t96 + t97 + t98 - t85;
-    const real t100 = t51 * t95;
-    const real t101 = t42 * t93;
-    const real t102 = v_theta_0 * (k64 + t37);
-    const real t103 = t43 + t87 + t88 + t101 + t102 - t90 - t100;
-    const real t104 = t51 * t94;
-    const real t105 = t52 * t93;
-    const real t106 = t17 * (k75 + t23 + t31);
+    const real t96 = t44 * t94;
+    const real t97 = t56 * t95;
+    const real t98 = t15 * (k64 + t40);
+    const real t99 = t46 + t86 + t89 + t96 + t97 + t98 - t85;
+    const real t100 = t55 * t95;
+    const real t101 = t44 * t93;
+    const real t102 = v_theta_0 * (k64 + t39);
+    const real t103 = t45 + t87 + t88 + t101 + t102 - t90 - t100;
+    const real t104 = t55 * t94;
+    const real t105 = t56 * t93;
+    const real t106 = t17 * (k75 + t25 + t33);
     const real t107 = t18 * t80;
-    const real t108 = t16 * (t37 + t38);
-    const real t109 = t59 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106;
+    const real t108 = t16 * (t39 + t40);
+    const real t109 = t60 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106;
     const real t110 = c2 * t95 - s2 * t93;
     const real t111 = k78 * v_x - c2 * t93 - s2 * t95;
     momentum[0 * stride] = t111;

@@ -496,7 +496,7 @@ hexarotor_3link_input_matrix_batch(
  * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
  *     [m/s^2]
- * @note 384 operations, 6 sine-cosine pairs; about 1824 bytes of stack for one state of doubles,
+ * @note 384 operations, 6 sine-cosine pairs; about 1808 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -568,7 +568,7 @@ hexarotor_3link_inverse_dynamics_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 19 x 19: [kg m^2] between angles, [kg] between lengths, [kg m] between
  *     both
- * @note 234 operations, 6 sine-cosine pairs; about 1344 bytes of stack for one state of doubles,
+ * @note 232 operations, 6 sine-cosine pairs; about 1344 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -601,7 +601,7 @@ hexarotor_3link_hybrid_mass_matrix_batch(
  *     m], theta_4 [N m], theta_5 [N m], theta_6 [N m], theta_7 [N m], theta_8 [N m], theta_9 [N m],
  *     x [N], y [N], z [N], tau_prime_2 [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2],
  *     tau_prime_5 [rad/s^2], tau_prime_6 [rad/s^2]
- * @note 311 operations, 6 sine-cosine pairs; about 1904 bytes of stack for one state of doubles,
+ * @note 311 operations, 6 sine-cosine pairs; about 1712 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -864,7 +864,7 @@ hexarotor_3link_wrench_forces_batch(
  * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
  *     [m/s^2]
- * @note 522 operations, 6 sine-cosine pairs; about 2576 bytes of stack for one state of doubles,
+ * @note 522 operations, 6 sine-cosine pairs; about 2512 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -909,7 +909,7 @@ hexarotor_3link_forward_dynamics_with_wrenches_batch(
  *     m], tau_8 [N m], tau_9 [N m]
  * @param[out] wrenches 8 x 6: [N] in the first three, [N m] in the others, a row for each of
  *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
- * @note 445 operations, 6 sine-cosine pairs; about 2064 bytes of stack for one state of doubles,
+ * @note 445 operations, 6 sine-cosine pairs; about 1920 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 6 and 14, all six components.
  */
@@ -1030,7 +1030,7 @@ hexarotor_3link_tip_jacobian_batch(
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
- * @note 140 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
+ * @note 140 operations, 6 sine-cosine pairs; about 992 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */

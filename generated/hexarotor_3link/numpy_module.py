@@ -1040,9 +1040,9 @@ def _mass_matrix(k, sin, cos, q):
     t6 = sin(theta_1)
 
     # angles and places of the joints
-    t7 = theta_1 + theta_7
+    t7 = -theta_1 - theta_7
     t8 = cos(t7)
-    t9 = -sin(t7)
+    t9 = sin(t7)
     t10 = cos(theta_8)
     t11 = sin(theta_8)
     t12 = theta_8 + theta_9
@@ -1608,178 +1608,180 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t31 = t23 * t27
     t32 = t29 - t31
     t33 = t18 - t27 * t28
-    t34 = t29 + t31
+    t34 = t9 * t25 + t23 * t28 - t8 * t24
+    t35 = t29 + t31
 
     # motion of link 2
-    t35 = v_theta_8 - t28
-    t36 = t35 * t35
-    t37 = t26 + t36
-    t38 = 2.0 * t27
-    t39 = t33 - t35 * t38
-    t40 = t30 + t36
-    t41 = 2.0 * t23
+    t36 = v_theta_8 - t28
+    t37 = t36 * t36
+    t38 = t26 + t37
+    t39 = 2.0 * t27
+    t40 = t33 - t36 * t39
+    t41 = t30 + t37
+    t42 = 2.0 * t23
+    t43 = t36 * t42 + t34
 
     # motion of link 3
-    t42 = t11 * t34 - t10 * t37
-    t43 = t10 * t32 + t11 * t40
-    t44 = v_theta_9 + t35
-    t45 = t44 * t44
-    t46 = t26 + t45
-    t47 = t33 - t38 * t44
-    t48 = t30 + t45
+    t44 = t11 * t35 - t10 * t38
+    t45 = t10 * t32 + t11 * t41
+    t46 = t10 * t40 - t11 * t43
+    t47 = link2_length * t46
+    t48 = v_theta_9 + t36
+    t49 = t48 * t48
+    t50 = t26 + t49
+    t51 = t33 - t39 * t48
+    t52 = t30 + t49
+    t53 = t42 * t48 + t34
 
     # inertia of link 3, turned by the joints
-    t49 = k68 * t13
-    t50 = k68 * t14
-    t51 = k81 * t14
-    t52 = t14 * t51
-    t53 = k46 - t52
-    t54 = k52 + t52
-    t55 = t13 * t51
+    t54 = k68 * t13
+    t55 = k68 * t14
+    t56 = k81 * t14
+    t57 = t14 * t56
+    t58 = k46 - t57
+    t59 = k52 + t57
+    t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
-    t56 = t47 * t55
-    t57 = t47 * t53
-    t58 = t55 * (t46 - t48)
+    t61 = t59 * t53
+    t62 = t51 * t60
+    t63 = t51 * t58
+    t64 = t60 * t53
+    t65 = t60 * (t50 - t52)
+    t66 = k68 * (t13 * t51 - t14 * t53)
 
     # step from link 2 to link 3
-    t59 = link2_length * t10
-    t60 = link2_length * t11
+    t67 = link2_length * t10
+    t68 = link2_length * t11
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t69 = t68 * t66
+    t70 = t67 * t66
 
     # inertia of link 2, turned by the joints
-    t61 = k73 * t10
-    t62 = k73 * t11
-    t63 = k82 * t11
-    t64 = t11 * t63
-    t65 = k74 + t64
-    t66 = k33 - t64
-    t67 = t10 * t63
+    t71 = k73 * t10
+    t72 = k73 * t11
+    t73 = k82 * t11
+    t74 = t11 * t73
+    t75 = k74 + t74
+    t76 = k33 - t74
+    t77 = t10 * t73
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t68 = t39 * t67
-    t69 = t39 * t65
-    t70 = t32 * t65
-    t71 = t34 * t66
-    t72 = t67 * (t37 - t40)
+    t78 = t40 * t77
+    t79 = t76 * t43
+    t80 = t40 * t75
+    t81 = t77 * t43
+    t82 = t32 * t75
+    t83 = t35 * t76
+    t84 = t77 * (t38 - t41)
 
     # articulated inertia and load of links 1 to 3, about joint 7
-    t73 = k75 * t33
+    t85 = k75 * t34
+    t86 = k75 * t33
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t74 = t49 + t61
+    t87 = t54 + t71
+    t88 = t60 + t54 * t68 + t55 * t67 - t77
 
     # force and moment of all thrusts
-    t75 = k87 * (F_3 - F_5)
-    t76 = F_3 + F_5
-    t77 = base_arm_length * F_1 - k86 * t76
-    t78 = 0.8660254037844386 * (F_2 - F_6)
-    t79 = F_2 + F_6
-    t80 = F_4 - 0.5 * t79
+    t89 = k87 * (F_3 - F_5)
+    t90 = F_3 + F_5
+    t91 = base_arm_length * F_1 - k86 * t90
+    t92 = 0.8660254037844386 * (F_2 - F_6)
+    t93 = F_2 + F_6
+    t94 = F_4 - 0.5 * t93
 
     # articulated inertia and load of link 3, about joint 9
-    t81 = t9 * t25 + t23 * t28 - t8 * t24
-    t82 = t35 * t41 + t81
-    t83 = t10 * t39 - t11 * t82
-    t84 = link2_length * t83
-    t85 = t50 * t84
-    t86 = t49 * t84
+    t95 = t55 * t47
+    t96 = t54 * t47
 
     # equation of joint 9, its acceleration eliminated
-    t87 = 1.0 / (t53 + t54)
-    t88 = link2_length * (t42 * t50 + t43 * t49)
-    t89 = tau_9 + t32 * t53 + t34 * t54 + t88 - t58
-    t90 = t87 * t89
-    t91 = t50 * t87
-    t92 = t49 * t87
-    t93 = k68 * (t14 * t34 - t13 * t46) - t50 * t90
-    t94 = k68 * (t13 * t32 + t14 * t48) - t49 * t90
-    t95 = t50 * t91
-    t96 = t49 * t92
-    t97 = t49 * t91
+    t97 = 1.0 / (t58 + t59)
+    t98 = link2_length * (t44 * t55 + t45 * t54)
+    t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65
+    t100 = t97 * t99
+    t101 = t55 * t97
+    t102 = t54 * t97
+    t103 = k68 * (t14 * t35 - t13 * t50) - t55 * t100
+    t104 = k68 * (t13 * t32 + t14 * t52) - t54 * t100
+    t105 = t55 * t101
+    t106 = t54 * t102
+    t107 = t54 * t101
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t98 = t60 * t95 + t59 * t97
-    t99 = t60 * t97 + t59 * t96
-    t100 = 2.0 * t50 * t60
-    t101 = t59 * t94
-    t102 = t60 * t93
-    t103 = t62 - t98
-    t104 = t61 - t99
+    t108 = t68 * t105 + t67 * t107
+    t109 = t68 * t107 + t67 * t106
+    t110 = 2.0 * t55 * t68
+    t111 = t67 * t104
+    t112 = t68 * t103
+    t113 = t72 - t108
+    t114 = t71 - t109
 
     # equation of joint 8, its acceleration eliminated
-    t105 = 1.0 / (t65 + t66 - t59 * t99 - t60 * t98)
-    t106 = tau_8 + t70 + t71 + t72 + t101 + t102 - tau_9
-    t107 = t105 * t106
-    t108 = t103 * t105
-    t109 = t104 * t105
-    t110 = t103 * t107
-    t111 = t97 + t104 * t108
+    t115 = 1.0 / (t75 + t76 - t67 * t109 - t68 * t108)
+    t116 = tau_8 + t82 + t83 + t84 + t111 + t112 - tau_9
+    t117 = t115 * t116
+    t118 = t113 * t115
+    t119 = t114 * t115
+    t120 = t113 * t117
+    t121 = t107 + t114 * t118
 
     # equation of joint 7, its acceleration eliminated
-    t112 = 1.0 / (k75 + t53 + t65 + 2.0 * t49 * t59)
-    t113 = t41 * t44 + t81
-    t114 = t55 * t113
-    t115 = k68 * (t13 * t47 - t14 * t113)
-    t116 = t59 * t115
-    t117 = t67 * t82
-    t118 = tau_7 + t114 - t57 - t69 - t73 - t116 - t117 - t86
-    t119 = t112 * t118
-    t120 = t74 * t112
-    t121 = t55 + t49 * t60 + t50 * t59 - t67
-    t122 = t121 * t112
-    t123 = t74 * t119
-    t124 = t121 * t119
-    t125 = t50 + t62 - t121 * t120
+    t122 = 1.0 / (k75 + t58 + t75 + 2.0 * t54 * t67)
+    t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96
+    t124 = t122 * t123
+    t125 = t87 * t122
+    t126 = t88 * t122
+    t127 = t87 * t124
+    t128 = t88 * t124
+    t129 = t55 + t72 - t88 * t125
 
     # articulated inertia and load of the base and links 1 to 3
-    t126 = t5 * t78 - t6 * t80
-    t127 = t5 * t80 + t6 * t78
-    t128 = k63 * (t20 - 2.0 * t21 * v_theta_0)
-    t129 = k63 * (t19 - 2.0 * t21 * t16)
-    t130 = k84 * t17 + t128 - t5 * t75 - t6 * t77
-    t131 = k64 * t19 + t129 + t6 * t75 - t5 * t77
-    t132 = t8 * t126
-    t133 = t9 * t127
-    t134 = t8 * t127
-    t135 = t9 * t126
-    t136 = t9 * t131
-    t137 = t8 * t130
-    t138 = F_1 + k73 * t43 + t76 + t94 - t104 * t107
-    t139 = t54 * t113
-    t140 = t60 * t115
-    t141 = t66 * t82
-    t142 = k75 * t81
-    t143 = t56 + t140 + t85 + t124 + t137 - t68 - t139 - t141 - t142 - t136
-    t144 = base_arm_length * F_4 + k106 * t79 - tau_7 - k108 * t18
+    t130 = t5 * t92 - t6 * t94
+    t131 = t5 * t94 + t6 * t92
+    t132 = k63 * (t20 - 2.0 * t21 * v_theta_0)
+    t133 = k63 * (t19 - 2.0 * t21 * t16)
+    t134 = k84 * t17 + t132 - t5 * t89 - t6 * t91
+    t135 = k64 * t19 + t133 + t6 * t89 - t5 * t91
+    t136 = t8 * t130
+    t137 = t9 * t131
+    t138 = t8 * t131
+    t139 = t9 * t130
+    t140 = t9 * t135
+    t141 = t8 * t134
+    t142 = F_1 + k73 * t45 + t90 + t104 - t114 * t117
+    t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140
+    t144 = base_arm_length * F_4 + k106 * t93 - tau_7 - k108 * t18
 
     # acceleration of the base, by LDL^T
-    t145 = 1.0 / (t54 + t66 + t100 + k117 - t121 * t122)
-    t146 = t125 * t145
+    t145 = 1.0 / (t59 + t76 + t110 + k117 - t88 * t126)
+    t146 = t129 * t145
     t147 = t143 * t146
-    t148 = t115 + k73 * t83 + t123 + t135 - t134 - t147
-    t149 = 1.0 / (k78 - t74 * t120 - t125 * t146)
-    t150 = 1.0 / (k78 - t96 - t104 * t109)
-    t151 = t111 * t150
-    t152 = t151 * t138
-    t153 = k73 * t42 + t93 + t152 - t110 - t132 - t133
-    t154 = 1.0 / (k78 - t95 - t103 * t108 - t111 * t151)
+    t148 = t66 + k73 * t46 + t127 + t139 - t138 - t147
+    t149 = 1.0 / (k78 - t87 * t125 - t129 * t146)
+    t150 = 1.0 / (k78 - t106 - t114 * t119)
+    t151 = t121 * t150
+    t152 = t151 * t142
+    t153 = k73 * t44 + t103 + t152 - t120 - t136 - t137
+    t154 = 1.0 / (k78 - t105 - t113 * t118 - t121 * t151)
     t155 = t154 * t153
-    t156 = t151 * t155 + t150 * t138
+    t156 = t151 * t155 + t150 * t142
     t157 = t148 * t149
     t158 = t143 * t145 - t146 * t157
-    t159 = k110 * (tau_8 - t9 * t130 - t8 * t131)
+    t159 = k110 * (tau_8 - t9 * t134 - t8 * t135)
     t160 = k109 * t144
 
     # acceleration of joint 7
-    t161 = t119 + t120 * t157 + t122 * t158 - t160
+    t161 = t124 + t125 * t157 + t126 * t158 - t160
 
     # acceleration of joint 8
-    t162 = t107 - t108 * t155 - t109 * t156
+    t162 = t117 - t118 * t155 - t119 * t156
     t163 = t159 + t162
 
     # acceleration of joint 9
-    t164 = t92 * (t156 + t59 * t162)
-    t165 = t90 - t162 - t91 * (t155 + t60 * t162) - t164
+    t164 = t102 * (t156 + t67 * t162)
+    t165 = t100 - t162 - t101 * (t155 + t68 * t162) - t164
 
     # acceleration of the base
     t166 = t8 * t158 - t9 * t159
@@ -2096,7 +2098,7 @@ def hybrid_mass_matrix(
     Returns:
     mass_matrix: array (..., 19, 19); [kg m^2] between angles, [kg] between lengths, [kg m] between
         both
-    Source: eqs. 15, 18 and 19. 234 operations, 6 sine-cosine pairs.
+    Source: eqs. 15, 18 and 19. 232 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _hybrid_mass_matrix,
@@ -2143,7 +2145,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
 
     # attitude
     t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
+    t2 = -sin(theta_m1)
     t3 = -cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
@@ -2184,12 +2186,12 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t28 = t6 * t27
 
     # composite inertia of links 2 and 3, about joint 8
-    t29 = t13 * t17 + t15 * t22 + t16 * t21
+    t29 = t16 * t21
     t30 = t15 + k73 * t10
     t31 = t16 + k73 * t11
-    t32 = k74 + t24 + t19 + t15 * k71 * t10
+    t32 = k74 + t19 + t24 + t15 * k71 * t10
     t33 = k33 + t20 + t16 * k71 * t11 - t24
-    t34 = t10 * t23 - t29
+    t34 = t10 * t23 - t13 * t17 - t15 * t22 - t29
 
     # composite inertia of links 1 to 3, about joint 7
     t35 = t8 * t30
@@ -2202,125 +2204,126 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t42 = k75 - t40
 
     # composite inertia of the base and links 1 to 3
-    t43 = t8 * t39 - t25 * t36 - t26 * t35
-    t44 = t37 - t25 * t31
+    t43 = t26 * t35
+    t44 = t25 * t31 - t37
     t45 = t38 - t26 * t31
     t46 = k79 * t5 + t35
     t47 = k79 * t6 + t36
-    t48 = k80 + t28 + t41 + t35 * k77 * t5
-    t49 = k63 + t42 + t36 * k77 * t6 - t28
+    t48 = k80 + t28 + t35 * k77 * t5 + t41
+    t49 = k63 + t36 * k77 * t6 + t42 - t28
     t50 = k64 + t33
+    t51 = t5 * t27 + t8 * t39 - t25 * t36 - t43
 
     # mass matrix, columns of the joints carried in to joint 7
-    t51 = t41 + t42
-    t52 = t51 + t25 * t35 + t26 * t36
-    t53 = t32 + t33
-    t54 = t8 * t31
-    t55 = t9 * t31
-    t56 = t8 * t53 + t25 * t30
-    t57 = t26 * t54 - t25 * t55
-    t58 = t19 + t20
-    t59 = t58 + t15 * t21 + t16 * t22
-    t60 = t8 * t16
-    t61 = t9 * t16
-    t62 = t8 * t59 + t15 * t25
-    t63 = t26 * t60 - t25 * t61
+    t52 = t41 + t42
+    t53 = t25 * t35 + t26 * t36 + t52
+    t54 = t32 + t33
+    t55 = t8 * t31
+    t56 = t9 * t31
+    t57 = t25 * t30 + t8 * t54
+    t58 = t26 * t55 - t25 * t56
+    t59 = t19 + t20
+    t60 = t59 + t15 * t21 + t16 * t22
+    t61 = t8 * t16
+    t62 = t9 * t16
+    t63 = t8 * t60 + t15 * t25
+    t64 = t26 * t61 - t25 * t62
 
     # mass matrix of attitude and position
-    t64 = t48 + t49
-    t65 = t4 * t47
-    t66 = t3 * t47
-    t67 = t4 * t64 - t3 * t44
-    t68 = t1 * t46 - t2 * t65
-    t69 = t1 * t65 + t2 * t46
-    t70 = t48 + t50
-    t71 = t4 * t45 - t3 * (t5 * t27 + t43)
-    t72 = t3 * t31 + t4 * t46
-    t73 = t4 * t31 - t3 * t46
-    t74 = t4 * (t4 * (t48 - t50) - 2.0 * t3 * t44)
-    t75 = t2 * t73
-    t76 = t1 * t73
-    t77 = t49 + t50 + t74
-    t78 = t1 * t47 + t2 * t72
-    t79 = t1 * t72 - t2 * t47
+    t65 = t48 + t49
+    t66 = t4 * t47
+    t67 = t3 * t47
+    t68 = t3 * t44 + t4 * t65
+    t69 = t1 * t46 + t2 * t66
+    t70 = t1 * t66 - t2 * t46
+    t71 = t48 + t50
+    t72 = t4 * t45 - t3 * t51
+    t73 = -t3 * t31 - t4 * t46
+    t74 = t3 * t46 - t4 * t31
+    t75 = t4 * (2.0 * t3 * t44 + t4 * (t48 - t50))
+    t76 = t2 * t74
+    t77 = t1 * t74
+    t78 = t49 + t50 + t75
+    t79 = t1 * t47 + t2 * t73
+    t80 = t2 * t47 - t1 * t73
 
     # mass matrix between the joints and attitude and position
-    t80 = t4 * t36
-    t81 = t3 * t36
-    t82 = t4 * t52 - t3 * t37
-    t83 = t1 * t35 - t2 * t80
-    t84 = t1 * t80 + t2 * t35
-    t85 = t4 * t54 - t3 * t30
-    t86 = t4 * t30 + t3 * t54
-    t87 = t4 * t57 - t3 * (t9 * t53 + t26 * t30)
-    t88 = t1 * t55 + t2 * t85
-    t89 = t1 * t85 - t2 * t55
-    t90 = t4 * t60 - t3 * t15
-    t91 = t4 * t15 + t3 * t60
-    t92 = t4 * t63 - t3 * (t9 * t59 + t15 * t26)
-    t93 = t1 * t61 + t2 * t90
-    t94 = t1 * t90 - t2 * t61
+    t81 = t4 * t36
+    t82 = t3 * t36
+    t83 = t4 * t53 - t3 * t37
+    t84 = t1 * t35 + t2 * t81
+    t85 = t1 * t81 - t2 * t35
+    t86 = t4 * t55 - t3 * t30
+    t87 = t4 * t30 + t3 * t55
+    t88 = t4 * t58 - t3 * (t26 * t30 + t9 * t54)
+    t89 = t2 * t86 - t1 * t56
+    t90 = t1 * t86 + t2 * t56
+    t91 = t4 * t61 - t3 * t15
+    t92 = t4 * t15 + t3 * t61
+    t93 = t4 * t64 - t3 * (t9 * t60 + t15 * t26)
+    t94 = t2 * t91 - t1 * t62
+    t95 = t1 * t91 + t2 * t62
 
     # composite inertia of the base and base arm 2
-    t95 = k94 * t6
-    t96 = k94 * t5
+    t96 = k94 * t6
+    t97 = k94 * t5
 
     # mass matrix, columns of the joints carried in to joint 2
-    t97 = k93 * t6
-    t98 = t96 + t97
-    t99 = k93 * t5
-    t100 = t95 - t99
+    t98 = k93 * t6
+    t99 = t97 + t98
+    t100 = k93 * t5
+    t101 = t96 - t100
 
     # mass matrix, column of joint 2
-    t101 = t4 * t98
-    t102 = t3 * t98
-    t103 = k102 * t4
-    t104 = t1 * t100 + t2 * t101
-    t105 = t2 * t100 - t1 * t101
+    t102 = t4 * t99
+    t103 = t3 * t99
+    t104 = k102 * t4
+    t105 = t1 * t101 - t2 * t102
+    t106 = t2 * t101 + t1 * t102
 
     # mass matrix, columns of the joints carried in to joint 3
-    t106 = t96 - t97
-    t107 = t95 + t99
+    t107 = t97 - t98
+    t108 = t96 + t100
 
     # mass matrix, column of joint 3
-    t108 = t4 * t106
-    t109 = t3 * t106
-    t110 = k103 * t4
-    t111 = t1 * t107 + t2 * t108
-    t112 = t2 * t107 - t1 * t108
+    t109 = t4 * t107
+    t110 = t3 * t107
+    t111 = k103 * t4
+    t112 = t1 * t108 - t2 * t109
+    t113 = t2 * t108 + t1 * t109
 
     # mass matrix, columns of the joints carried in to joint 4
-    t113 = k92 * t6
-    t114 = k92 * t5
+    t114 = k92 * t6
+    t115 = k92 * t5
 
     # mass matrix, column of joint 4
-    t115 = t4 * t113
-    t116 = t3 * t113
-    t117 = k105 * t4
-    t118 = t1 * t114 - t2 * t115
-    t119 = t1 * t115 + t2 * t114
+    t116 = t4 * t114
+    t117 = t3 * t114
+    t118 = k105 * t4
+    t119 = t1 * t115 + t2 * t116
+    t120 = t1 * t116 - t2 * t115
     return (
-        t77, t71, t67, t103, t110, t117, t110, t103, t82, t87, t92, 0.0, t79, t78, 0.0, 0.0, 0.0,
-        0.0, 0.0, t71, t70, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t56, -t62, -t72, t75, -t76, 0.0,
-        0.0, 0.0, 0.0, 0.0, t67, t45, t64, k102, k103, k105, k103, k102, t52, t57, t63, t66, t68,
-        t69, 0.0, 0.0, 0.0, 0.0, 0.0, t103, 0.0, k102, k100, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        -t102, t104, t105, -1.0, 0.0, 0.0, 0.0, 0.0, t110, 0.0, k103, 0.0, k100, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, -t109, t111, t112, 0.0, -1.0, 0.0, 0.0, 0.0, t117, 0.0, k105, 0.0, 0.0, k104, 0.0,
-        0.0, 0.0, 0.0, 0.0, t116, t118, t119, 0.0, 0.0, -1.0, 0.0, 0.0, t110, 0.0, k103, 0.0, 0.0,
-        0.0, k100, 0.0, 0.0, 0.0, 0.0, t102, -t104, -t105, 0.0, 0.0, 0.0, -1.0, 0.0, t103, 0.0,
-        k102, 0.0, 0.0, 0.0, 0.0, k100, 0.0, 0.0, 0.0, t109, -t111, -t112, 0.0, 0.0, 0.0, 0.0, -1.0,
-        t82, t38, t52, 0.0, 0.0, 0.0, 0.0, 0.0, t51, 0.0, 0.0, t81, t83, t84, 0.0, 0.0, 0.0, 0.0,
-        0.0, t87, -t56, t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t53, t59, t86, -t88, t89, 0.0, 0.0, 0.0,
-        0.0, 0.0, t92, -t62, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t59, t58, t91, -t93, t94, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, -t72, t66, -t102, -t109, t116, t102, t109, t81, t86, t91, k78, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, t79, t75, t68, t104, t111, t118, -t104, -t111, t83, -t88, -t93,
-        0.0, k78, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t78, -t76, t69, t105, t112, t119, -t105, -t112, t84,
-        t89, t94, 0.0, 0.0, k78, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
+        t78, t72, t68, t104, t111, t118, t111, t104, t83, t88, t93, 0.0, t80, t79, 0.0, 0.0, 0.0,
+        0.0, 0.0, t72, t71, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t57, -t63, t73, t76, t77, 0.0, 0.0,
+        0.0, 0.0, 0.0, t68, t45, t65, k102, k103, k105, k103, k102, t53, t58, t64, t67, t69, t70,
+        0.0, 0.0, 0.0, 0.0, 0.0, t104, 0.0, k102, k100, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103,
+        t105, -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k103, 0.0, k100, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k105, 0.0, 0.0, k104, 0.0,
+        0.0, 0.0, 0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k103, 0.0, 0.0,
+        0.0, k100, 0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k102,
+        0.0, 0.0, 0.0, 0.0, k100, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83,
+        t38, t53, 0.0, 0.0, 0.0, 0.0, 0.0, t52, 0.0, 0.0, t82, t84, t85, 0.0, 0.0, 0.0, 0.0, 0.0,
+        t88, -t57, t58, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0,
+        0.0, t93, -t63, t64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, t73, t67, -t103, -t110, t117, t103, t110, t82, t87, t92, k78, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, t80, t76, t69, t105, t112, t119, -t105, -t112, t84, t89, t94, 0.0, k78,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t79, t77, t70, -t106, -t113, t120, t106, t113, t85, t90, t95,
+        0.0, 0.0, k78, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     )
 
 
@@ -2453,181 +2456,183 @@ def _hybrid_residual(k, sin, cos, q, v):
     t48 = t38 * t42
     t49 = t44 - t48
     t50 = t20 - t42 * t43
-    t51 = t44 + t48
+    t51 = t9 * t40 + t38 * t43 - t8 * t39
+    t52 = t44 + t48
 
     # motion of link 2
-    t52 = v_theta_8 - t43
-    t53 = t52 * t52
-    t54 = t41 + t53
-    t55 = 2.0 * t42
-    t56 = t50 - t52 * t55
-    t57 = t47 + t53
-    t58 = 2.0 * t38
+    t53 = v_theta_8 - t43
+    t54 = t53 * t53
+    t55 = t41 + t54
+    t56 = 2.0 * t42
+    t57 = t50 - t53 * t56
+    t58 = t47 + t54
+    t59 = 2.0 * t38
+    t60 = t53 * t59 + t51
 
     # motion of link 3
-    t59 = t11 * t51 - t10 * t54
-    t60 = t10 * t49 + t11 * t57
-    t61 = v_theta_9 + t52
-    t62 = t61 * t61
-    t63 = t41 + t62
-    t64 = t50 - t55 * t61
-    t65 = t47 + t62
+    t61 = t11 * t52 - t10 * t55
+    t62 = t10 * t49 + t11 * t58
+    t63 = t10 * t57 - t11 * t60
+    t64 = t46 + link2_length * t63
+    t65 = v_theta_9 + t53
+    t66 = t65 * t65
+    t67 = t41 + t66
+    t68 = t50 - t56 * t65
+    t69 = t47 + t66
+    t70 = t59 * t65 + t51
 
     # inertia of link 3, turned by the joints
-    t66 = k68 * t13
-    t67 = k68 * t14
-    t68 = k81 * t14
-    t69 = t14 * t68
-    t70 = k46 - t69
-    t71 = k52 + t69
-    t72 = t13 * t68
+    t71 = k68 * t13
+    t72 = k68 * t14
+    t73 = k81 * t14
+    t74 = t14 * t73
+    t75 = k46 - t74
+    t76 = k52 + t74
+    t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
-    t73 = t64 * t72
-    t74 = t64 * t70
-    t75 = (t37 - link2_length * t60) * t66
-    t76 = t72 * (t63 - t65)
-    t77 = (t45 + link2_length * t59) * t67
-    t78 = t49 * t70 + t51 * t71 + t77 - t75 - t76
-    t79 = k68 * (t14 * t51 - t13 * t63)
-    t80 = k68 * (t13 * t49 + t14 * t65)
+    t78 = t76 * t70
+    t79 = t72 * t64
+    t80 = t68 * t77
+    t81 = t71 * t64
+    t82 = t68 * t75
+    t83 = t77 * t70
+    t84 = (t37 - link2_length * t62) * t71
+    t85 = t77 * (t67 - t69)
+    t86 = (t45 + link2_length * t61) * t72
+    t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85
+    t88 = k68 * (t14 * t52 - t13 * t67)
+    t89 = k68 * (t13 * t49 + t14 * t69)
+    t90 = k68 * (t13 * t68 - t14 * t70)
 
     # step from link 2 to link 3
-    t81 = link2_length * t10
-    t82 = link2_length * t11
+    t91 = link2_length * t10
+    t92 = link2_length * t11
 
     # inertia forces of links 2 and 3, about joint 8
-    t83 = t79 * t82
-    t84 = t80 * t81
+    t93 = t92 * t90
+    t94 = t91 * t90
+    t95 = t88 * t92
+    t96 = t89 * t91
 
     # inertia of link 2, turned by the joints
-    t85 = k73 * t10
-    t86 = k73 * t11
-    t87 = k82 * t11
-    t88 = t11 * t87
-    t89 = k74 + t88
-    t90 = k33 - t88
-    t91 = t10 * t87
+    t97 = k73 * t10
+    t98 = k73 * t11
+    t99 = k82 * t11
+    t100 = t11 * t99
+    t101 = k74 + t100
+    t102 = k33 - t100
+    t103 = t10 * t99
 
     # inertia forces of links 2 and 3, about joint 8
-    t92 = t56 * t91
-    t93 = t46 * t86
-    t94 = t46 * t85
-    t95 = t56 * t89
-    t96 = t37 * t85
-    t97 = t45 * t86
-    t98 = t49 * t89
-    t99 = t51 * t90
-    t100 = t91 * (t54 - t57)
-    t101 = t79 + k73 * t59
-    t102 = t80 + k73 * t60
+    t104 = t57 * t103
+    t105 = t102 * t60
+    t106 = t46 * t98
+    t107 = t46 * t97
+    t108 = t57 * t101
+    t109 = t103 * t60
+    t110 = t37 * t97
+    t111 = t45 * t98
+    t112 = t49 * t101
+    t113 = t52 * t102
+    t114 = t103 * (t55 - t58)
+    t115 = t88 + k73 * t61
+    t116 = t89 + k73 * t62
+    t117 = t90 + k73 * t63
+    t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110
 
     # inertia forces of links 1 to 3, about joint 7
-    t103 = k75 * t50
+    t119 = k75 * t51
+    t120 = k75 * t50
+    t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119
+    t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109
+    t123 = t8 * t115 - t9 * t117
+    t124 = t9 * t115 + t8 * t117
+    t125 = t9 * t118
+    t126 = t8 * t121
+    t127 = t8 * t118
+    t128 = t9 * t121
 
     # step from the base to link 1
-    t104 = base_arm_length * t5
-    t105 = base_arm_length * t6
+    t129 = base_arm_length * t5
+    t130 = base_arm_length * t6
 
     # inertia forces of the base and links 1 to 3
-    t106 = t102 * t105
-    t107 = t102 * t104
+    t131 = t116 * t130
+    t132 = t116 * t129
+    t133 = t129 * t124
+    t134 = t130 * t123
 
     # inertia of the base, turned by the joints
-    t108 = k79 * t5
-    t109 = k79 * t6
-    t110 = k83 * t6
-    t111 = t6 * t110
-    t112 = k80 + t111
-    t113 = t5 * t110
+    t135 = k79 * t5
+    t136 = k79 * t6
+    t137 = k83 * t6
+    t138 = t6 * t137
+    t139 = k80 + t138
+    t140 = t5 * t137
 
     # inertia forces of the base and links 1 to 3
-    t114 = t21 * t109
-    t115 = t29 * t113
-    t116 = k84 * t19
-    t117 = t31 * (k63 - t111)
-    t118 = k64 * t23
-    t119 = t29 * t112
-    t120 = t21 * t108
-    t121 = t31 * t113
-    t122 = t22 * t109
-    t123 = t24 * t112
-    t124 = t15 * t108
-    t125 = t113 * (t28 - t30)
-    t126 = t102 + k79 * t34
+    t141 = t21 * t136
+    t142 = t29 * t140
+    t143 = k84 * t19
+    t144 = t31 * (k63 - t138)
+    t145 = k64 * t23
+    t146 = t29 * t139
+    t147 = t21 * t135
+    t148 = t31 * t140
+    t149 = t22 * t136
+    t150 = t24 * t139
+    t151 = t15 * t135
+    t152 = t140 * (t28 - t30)
+    t153 = k79 * t32 - t123
+    t154 = k79 * t33 - t124
+    t155 = t116 + k79 * t34
+    t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142
+    t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127
+    t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133
+
+    # inertia forces on attitude and position
+    t159 = t3 * t155 - t4 * t153
+    t160 = t4 * t155 + t3 * t153
+    t161 = t4 * t158 + t3 * t156
+    t162 = t1 * t154 - t2 * t159
+    t163 = t2 * t154 + t1 * t159 - k85
 
     # motion of the base
-    t127 = t5 * t18 + v_theta_0 * t6
-    t128 = t6 * t18 - v_theta_0 * t5
-    t129 = t127 * t128
-    t130 = t27 + t128 * t128
-    t131 = t129 - t20
-    t132 = t20 + t129
+    t164 = t5 * t18 + v_theta_0 * t6
+    t165 = t6 * t18 - v_theta_0 * t5
+    t166 = t164 * t165
+    t167 = t27 + t165 * t165
+    t168 = t166 - t20
+    t169 = t20 + t166
 
     # motion of base arm 2
-    t133 = t6 * t22 + t5 * t15 - base_arm_length * t131
+    t170 = t6 * t22 + t5 * t15 - base_arm_length * t168
 
     # inertia forces of base arm 2, about joint 2
-    t134 = k94 * (t6 * t15 - t5 * t22 - base_arm_length * t130)
-    t135 = k99 * (t27 + t127 * t127 - t130)
-    t136 = k93 * t133
-    t137 = t134 - t135
-    t138 = k97 * t131 - k98 * t132
-    t139 = t136 + t138
-    t140 = t139 - t137
+    t171 = k94 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
+    t172 = k99 * (t27 + t164 * t164 - t167)
+    t173 = k93 * t170
+    t174 = t171 - t172
+    t175 = k97 * t168 - k98 * t169
+    t176 = t173 + t175
+    t177 = t176 - t174
 
     # inertia forces of base arm 3, about joint 3
-    t141 = t134 + t135
-    t142 = t138 - t136
-    t143 = t142 - t141
+    t178 = t171 + t172
+    t179 = t175 - t173
+    t180 = t179 - t178
 
     # inertia forces of base arm 4, about joint 4
-    t144 = k8 * t131 - k14 * t132 - k92 * t133
+    t181 = k8 * t168 - k14 * t169 - k92 * t170
 
     # inertia forces of base arm 5, about joint 5
-    t145 = t141 + t142
+    t182 = t178 + t179
 
     # inertia forces of base arm 6, about joint 6
-    t146 = t137 + t139
-    t147 = t9 * t40 + t38 * t43 - t8 * t39
-    t148 = t52 * t58 + t147
-    t149 = t10 * t56 - t11 * t148
-    t150 = t46 + link2_length * t149
-    t151 = t58 * t61 + t147
-    t152 = t71 * t151
-    t153 = t67 * t150
-    t154 = t66 * t150
-    t155 = t72 * t151
-    t156 = k68 * (t13 * t64 - t14 * t151)
-    t157 = t82 * t156
-    t158 = t81 * t156
-    t159 = t90 * t148
-    t160 = t91 * t148
-    t161 = t156 + k73 * t149
-    t162 = t78 + t83 + t84 + t97 + t98 + t99 + t100 - t96
-    t163 = k75 * t147
-    t164 = t73 + t93 + t153 + t157 - t92 - t152 - t159 - t163
-    t165 = t155 - t74 - t94 - t95 - t103 - t154 - t158 - t160
-    t166 = t8 * t101 - t9 * t161
-    t167 = t9 * t101 + t8 * t161
-    t168 = t9 * t162
-    t169 = t8 * t164
-    t170 = t8 * t162
-    t171 = t9 * t164
-    t172 = t104 * t167
-    t173 = t105 * t166
-    t174 = k79 * t32 - t166
-    t175 = k79 * t33 - t167
-    t176 = t106 + t116 + t117 + t168 + t169 - t114 - t115
-    t177 = t120 + t121 + t171 - t107 - t118 - t119 - t170
-    t178 = t125 + t165 + t173 - t122 - t123 - t124 - t172
-    t179 = t3 * t126 - t4 * t174
-    t180 = t4 * t126 + t3 * t174
-    t181 = t4 * t178 + t3 * t176
-    t182 = t1 * t175 - t2 * t179
-    t183 = t2 * t175 + t1 * t179 - k85
+    t183 = t174 + t176
     return (
-        t181, t177, t178, t140, t143, t144, t145, t146, t165, t162, t78, t180, t182, t183, 0.0, 0.0,
+        t161, t157, t158, t177, t180, t181, t182, t183, t122, t118, t87, t160, t162, t163, 0.0, 0.0,
         0.0, 0.0, 0.0,
     )
 
@@ -2811,39 +2816,43 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t11 = v_theta_0 * t5 - t6 * t7
     t12 = t10 * t11
     t13 = t9 + t11 * t11
-    t14 = a_z + gravity
-    t15 = a_y * t1 + t2 * t14
-    t16 = a_x * t3 - t4 * (t1 * t14 - a_y * t2)
-    t17 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * t4
-    t18 = t12 + t17
-    t19 = t12 - t17
-
-    # motion of base arm 2
-    t20 = t5 * t15 + base_arm_length * t18 - t6 * t16
 
     # inertia forces of base arm 2, about joint 2
-    t21 = k93 * t20
-    t22 = k94 * (base_arm_length * t13 - t6 * t15 - t5 * t16)
+    t14 = k99 * (t9 + t10 * t10 - t13)
+
+    # motion of the base
+    t15 = a_z + gravity
+    t16 = a_y * t1 + t2 * t15
+    t17 = a_x * t3 - t4 * (t1 * t15 - a_y * t2)
+    t18 = a_theta_1 + v_theta_0 * t7 + a_theta_m1 * t4
+    t19 = t12 + t18
+    t20 = t12 - t18
+
+    # motion of base arm 2
+    t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
+
+    # inertia forces of base arm 2, about joint 2
+    t22 = k93 * t21
+    t23 = k94 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
 
     # constraint torque on base arm 2
-    t23 = k99 * (t9 + t10 * t10 - t13)
-    t24 = t23 + t21
-    t25 = k97 * t18 - k98 * t19
-    t26 = t25 - t22
+    t24 = t14 + t22
+    t25 = k97 * t19 - k98 * t20
+    t26 = t25 - t23
     t27 = t26 - base_arm_length * F_2 - t24
 
     # inertia forces of base arm 3, about joint 3
     t28 = t24 + t26
 
     # inertia forces of base arm 4, about joint 4
-    t29 = k14 * t19
+    t29 = k14 * t20
 
     # constraint torque on base arm 4
-    t30 = k8 * t18 + k92 * t20 - base_arm_length * F_4 - t29
+    t30 = k8 * t19 + k92 * t21 - base_arm_length * F_4 - t29
 
     # inertia forces of base arm 5, about joint 5
-    t31 = t23 - t21
-    t32 = t22 + t25
+    t31 = t14 - t22
+    t32 = t23 + t25
     t33 = t32 - t31
 
     # constraint torque on base arm 6
@@ -3006,134 +3015,134 @@ def _gibbs(k, sin, cos, q, v, a):
     t56 = a_x * t3 - t4 * t54
     t57 = a_theta_0 + t15 * t16
     t58 = 2.0 * v_theta_0 * t15 - a_theta_m1 * t3
-    t59 = t19 - t58
-    t60 = t20 - t57
+    t59 = a_theta_1 + t17 + a_theta_m1 * t4
+    t60 = t19 - t58
+    t61 = t20 - t57
 
     # motion of link 1
-    t61 = a_theta_1 + t17 + a_theta_m1 * t4
-    t62 = a_theta_7 + t61
-    t63 = t16 * t22 - t57
-    t64 = v_theta_0 * t22 - t58
-    t65 = t9 * t63 - t8 * t64
-    t66 = t25 - t62
-    t67 = t27 - t65
+    t62 = t5 * (v_theta_0 * v_theta_0 + t21) - t6 * (t17 - t59)
+    t63 = t6 * (t16 * t16 + t21) - t5 * (t17 + t59)
+    t64 = t6 * (2.0 * t18 * v_theta_0 - t58)
+    t65 = base_arm_length * (t5 * (2.0 * t18 * t16 - t57) + t64)
+    t66 = t56 - base_arm_length * t62
+    t67 = t53 - base_arm_length * t63
+    t68 = t55 + t65
+    t69 = a_theta_7 + t59
+    t70 = v_theta_0 * t22 - t58
+    t71 = t16 * t22 - t57
+    t72 = t9 * t71 - t8 * t70
+    t73 = t8 * t66 + t9 * t67
+    t74 = t8 * t67 - t9 * t66
+    t75 = t25 - t69
+    t76 = t27 - t72
 
     # motion of link 2
-    t68 = t22 * t28 + t67
-    t69 = t23 * t28 + t66
+    t77 = a_theta_8 + t8 * t71 + t9 * t70
+    t78 = t22 * t28 + t76
+    t79 = t23 * t28 + t75
 
     # motion of link 3
-    t70 = t11 * (2.0 * t28 * t22 + t67)
-    t71 = link2_length * (t10 * (2.0 * t28 * t23 + t66) + t70)
-    t72 = t6 * (t16 * t16 + t21) - t5 * (t17 + t61)
-    t73 = t53 - base_arm_length * t72
-    t74 = t5 * (v_theta_0 * v_theta_0 + t21) - t6 * (t17 - t61)
-    t75 = t56 - base_arm_length * t74
-    t76 = t8 * t73 - t9 * t75
-    t77 = t76 - t71
-    t78 = t22 * t30 + t67
-    t79 = t23 * t30 + t66
+    t80 = t10 * (t22 * t22 + t29) - t11 * (t26 - t77)
+    t81 = t11 * (t23 * t23 + t29) - t10 * (t26 + t77)
+    t82 = t11 * (2.0 * t28 * t22 + t76)
+    t83 = link2_length * (t10 * (2.0 * t28 * t23 + t75) + t82)
+    t84 = t73 - link2_length * t80
+    t85 = t68 - link2_length * t81
+    t86 = t74 - t83
+    t87 = a_theta_9 + t77
+    t88 = t22 * t30 + t76
+    t89 = t23 * t30 + t75
 
     # Gibbs function of the base
-    t80 = t18 * t45
-    t81 = v_theta_0 * t45
-    t82 = v_theta_0 * t51
-    t83 = v_theta_0 * t82 * t61
-    t84 = v_theta_0 * t46
+    t90 = t18 * t45
+    t91 = v_theta_0 * t45
+    t92 = v_theta_0 * t51
+    t93 = v_theta_0 * t92 * t59
+    t94 = v_theta_0 * t46
 
     # Gibbs function of link 2
-    t85 = t69 * t42 * t69
-    t86 = t68 * t43 * t68
-    t87 = t22 * t38
-    t88 = t28 * t38
-    t89 = t38 * t76 * t69
-    t90 = t22 * t44
-    t91 = t22 * t39
+    t95 = t79 * t42 * t79
+    t96 = t78 * t43 * t78
+    t97 = t22 * t38
+    t98 = t28 * t38
+    t99 = t38 * t74 * t79
+    t100 = t22 * t44
+    t101 = t22 * t39
 
     # Gibbs function of link 3
-    t92 = t79 * t35 * t79
-    t93 = t78 * t36 * t78
-    t94 = t22 * t37
-    t95 = t22 * t31
-    t96 = t30 * t31
-    t97 = t78 * t32 * t77
-    t98 = t22 * t32
+    t102 = t89 * t35 * t89
+    t103 = t88 * t36 * t88
+    t104 = t22 * t37
+    t105 = t22 * t31
+    t106 = t30 * t31
+    t107 = t88 * t32 * t86
+    t108 = t22 * t32
 
     # sum over the links
-    t99 = t6 * (2.0 * t18 * v_theta_0 - t58)
-    t100 = base_arm_length * (t5 * (2.0 * t18 * t16 - t57) + t99)
-    t101 = t55 + t100
-    t102 = t87 * t101
-    t103 = t8 * t75 + t9 * t73
-    t104 = t91 * t103
-    t105 = t28 * t42 * t69
-    t106 = t88 * t76
-    t107 = a_theta_8 + t8 * t63 + t9 * t64
-    t108 = t10 * (t22 * t22 + t29) - t11 * (t26 - t107)
-    t109 = t103 - link2_length * t108
-    t110 = t98 * t109
-    t111 = t11 * (t23 * t23 + t29) - t10 * (t26 + t107)
-    t112 = t101 - link2_length * t111
-    t113 = t95 * t112
-    t114 = t30 * t35 * t79
-    t115 = t96 * t77
-    t116 = t60 * t18 * t49
-    t117 = t51 * t60
-    t118 = k64 * t19
-    t119 = t28 * t39 * t101
-    t120 = t90 * t69
-    t121 = t30 * t32 * t112
-    t122 = t94 * t79
-    t123 = k64 * t20
-    t124 = t45 * t55 + k113 * t60 - t18 * t82 - t123
-    t125 = t60 * t124
-    t126 = k114 * t56
-    t127 = t18 * t80 + v_theta_0 * t81 + t46 * t61 - t126
-    t128 = t56 * t127
-    t129 = a_theta_9 + t107
-    t130 = t94 * t129
-    t131 = t87 * t103 + t90 * t107 + t95 * t109 - t130
+    t109 = t97 * t68
+    t110 = t101 * t73
+    t111 = t28 * t42 * t79
+    t112 = t98 * t74
+    t113 = t108 * t84
+    t114 = t105 * t85
+    t115 = t30 * t35 * t89
+    t116 = t106 * t86
+    t117 = t61 * t18 * t49
+    t118 = t51 * t61
+    t119 = k64 * t19
+    t120 = t28 * t39 * t68
+    t121 = t100 * t79
+    t122 = t30 * t32 * t85
+    t123 = t104 * t89
+    t124 = k64 * t20
+    t125 = t45 * t55 + k113 * t61 - t18 * t92 - t124
+    t126 = t61 * t125
+    t127 = k114 * t56
+    t128 = t18 * t90 + v_theta_0 * t91 + t46 * t59 - t127
+    t129 = t56 * t128
+    t130 = t104 * t87
+    t131 = t97 * t73 + t100 * t77 + t105 * t84 - t130
     t132 = t22 * t131
-    t133 = t18 * t18 * t46 - k114 * t53 - t45 * t61
+    t133 = t18 * t18 * t46 - k114 * t53 - t45 * t59
     t134 = t53 * t133
-    t135 = t55 * (t18 * t84 + k114 * t55)
-    t136 = k115 * (t62 * t62 + t65 * t65)
-    t137 = k75 * (t27 * t65 + t25 * t62)
-    t138 = t107 * (t38 * t101 - t39 * t103)
-    t139 = t68 * (t39 * t76 + t44 * t69)
-    t140 = t129 * (t31 * t112 - t32 * t109)
-    t141 = t79 * (t31 * t77 - t37 * t78)
-    t142 = t23 * (t39 * t101 + t32 * t112)
-    t143 = t61 * t61
-    t144 = t49 * (t60 * t60 + t143)
-    t145 = t50 * (t59 * t59 + t143)
-    t146 = t53 * (t16 * t46 - t81)
+    t135 = t55 * (t18 * t94 + k114 * t55)
+    t136 = k115 * (t69 * t69 + t72 * t72)
+    t137 = k75 * (t27 * t72 + t25 * t69)
+    t138 = t77 * (t38 * t68 - t39 * t73)
+    t139 = t78 * (t39 * t74 + t44 * t79)
+    t140 = t87 * (t31 * t85 - t32 * t84)
+    t141 = t89 * (t31 * t86 - t37 * t88)
+    t142 = t23 * (t39 * t68 + t32 * t85)
+    t143 = t59 * t59
+    t144 = t49 * (t61 * t61 + t143)
+    t145 = t50 * (t60 * t60 + t143)
+    t146 = t53 * (t16 * t46 - t91)
     t147 = t16 * t51 - v_theta_0 * t50
     t148 = t18 * t147
-    t149 = t46 * t55 + k113 * t59 - t117 - t118 - t148
-    t150 = t59 * t149
+    t149 = t46 * t55 + k113 * t60 - t118 - t119 - t148
+    t150 = t60 * t149
     t151 = t23 * t44 - t22 * t43
-    t152 = t68 * t151
-    t153 = t119 + t88 * t103 + t91 * t76 + t120 + t152
+    t152 = t78 * t151
+    t153 = t120 + t98 * t73 + t101 * t74 + t121 + t152
     t154 = t28 * t153
     t155 = t23 * t37 + t22 * t36
-    t156 = t78 * t155
-    t157 = t96 * t109 + t121 + t98 * t77 - t122 - t156
+    t156 = t88 * t155
+    t157 = t106 * t84 + t122 + t108 * t86 - t123 - t156
     t158 = t30 * t157
-    t159 = t107 * (t22 * t42 + t151)
-    t160 = t129 * (t22 * t35 - t155)
-    t161 = t102 + t104 + t105 + t110 + t113 + t114 + t159 + t160 - t106 - t115 - t142
+    t159 = t77 * (t22 * t42 + t151)
+    t160 = t87 * (t22 * t35 - t155)
+    t161 = t109 + t110 + t111 + t113 + t114 + t115 + t159 + t160 - t112 - t116 - t142
     t162 = t23 * t161
-    t163 = t61 * (v_theta_0 * t49 + t147)
-    t164 = t55 * t80 + t116 + t56 * t84 + t163 - t146
+    t163 = t59 * (v_theta_0 * t49 + t147)
+    t164 = t55 * t90 + t117 + t56 * t94 + t163 - t146
     t165 = t16 * t164
-    t166 = t107 * (t42 + t43) * t107
-    t167 = t129 * (t35 + t36) * t129
-    t168 = t85 + t86 + t92 + t93 + t144 + t145 + t166 + t167
+    t166 = t77 * (t42 + t43) * t77
+    t167 = t87 * (t35 + t36) * t87
+    t168 = t95 + t96 + t102 + t103 + t144 + t145 + t166 + t167
     t169 = 0.5 * t168
     t170 = (
-        t125 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t83 - t89 - t97 - t128 - t132
-        - t134 - t137 - t139 - t141 - t154 - t158
+        t126 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t93 - t99 - t107 - t129 -
+        t132 - t134 - t137 - t139 - t141 - t154 - t158
     )
     return (
         t170,
@@ -3755,261 +3764,269 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t31 = t23 * t27
     t32 = t29 - t31
     t33 = t18 - t27 * t28
-    t34 = t29 + t31
+    t34 = t9 * t25 + t23 * t28 - t8 * t24
+    t35 = t29 + t31
 
     # motion of link 2
-    t35 = v_theta_8 - t28
-    t36 = t35 * t35
-    t37 = t26 + t36
-    t38 = 2.0 * t27
-    t39 = t33 - t35 * t38
-    t40 = t30 + t36
-    t41 = 2.0 * t23
+    t36 = v_theta_8 - t28
+    t37 = t36 * t36
+    t38 = t26 + t37
+    t39 = 2.0 * t27
+    t40 = t33 - t36 * t39
+    t41 = t30 + t37
+    t42 = 2.0 * t23
+    t43 = t36 * t42 + t34
 
     # motion of link 3
-    t42 = t11 * t34 - t10 * t37
-    t43 = t10 * t32 + t11 * t40
-    t44 = v_theta_9 + t35
-    t45 = t44 * t44
-    t46 = t26 + t45
-    t47 = t33 - t38 * t44
-    t48 = t30 + t45
+    t44 = t11 * t35 - t10 * t38
+    t45 = t10 * t32 + t11 * t41
+    t46 = t10 * t40 - t11 * t43
+    t47 = link2_length * t46
+    t48 = v_theta_9 + t36
+    t49 = t48 * t48
+    t50 = t26 + t49
+    t51 = t33 - t39 * t48
+    t52 = t30 + t49
+    t53 = t42 * t48 + t34
 
     # inertia of link 3, turned by the joints
-    t49 = k68 * t13
-    t50 = k68 * t14
-    t51 = k81 * t14
-    t52 = t14 * t51
-    t53 = k46 - t52
-    t54 = k52 + t52
-    t55 = t13 * t51
+    t54 = k68 * t13
+    t55 = k68 * t14
+    t56 = k81 * t14
+    t57 = t14 * t56
+    t58 = k46 - t57
+    t59 = k52 + t57
+    t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
-    t56 = t47 * t55
-    t57 = t47 * t53
-    t58 = t55 * (t46 - t48)
-    t59 = t32 * t53
-    t60 = t34 * t54
-    t61 = k68 * (t14 * t34 - t13 * t46)
-    t62 = k68 * (t13 * t32 + t14 * t48)
+    t61 = t59 * t53
+    t62 = t51 * t60
+    t63 = t51 * t58
+    t64 = t60 * t53
+    t65 = t60 * (t50 - t52)
+    t66 = t32 * t58
+    t67 = t35 * t59
+    t68 = k68 * (t14 * t35 - t13 * t50)
+    t69 = k68 * (t13 * t32 + t14 * t52)
 
     # step from link 2 to link 3
-    t63 = link2_length * t10
-    t64 = link2_length * t11
+    t70 = link2_length * t10
+    t71 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t65 = k73 * t10
-    t66 = k73 * t11
-    t67 = k82 * t11
-    t68 = t11 * t67
-    t69 = k74 + t68
-    t70 = k33 - t68
-    t71 = t10 * t67
+    t72 = k73 * t10
+    t73 = k73 * t11
+    t74 = k82 * t11
+    t75 = t11 * t74
+    t76 = k74 + t75
+    t77 = k33 - t75
+    t78 = t10 * t74
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t72 = t39 * t71
-    t73 = t39 * t69
-    t74 = t32 * t69
-    t75 = t34 * t70
-    t76 = t71 * (t37 - t40)
-    t77 = k73 * t43
+    t79 = t40 * t78
+    t80 = t77 * t43
+    t81 = t40 * t76
+    t82 = t78 * t43
+    t83 = t32 * t76
+    t84 = t35 * t77
+    t85 = t78 * (t38 - t41)
+    t86 = k73 * t45
 
     # articulated inertia and load of links 1 to 3, about joint 7
-    t78 = k75 * t33
+    t87 = k75 * t34
+    t88 = k75 * t33
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t79 = t49 + t65
+    t89 = t54 + t72
+    t90 = t60 + t54 * t71 + t55 * t70 - t78
 
     # axes of the base
-    t80 = t2 * t3
-    t81 = t1 * t3
-    t82 = t3 * t6
+    t91 = t2 * t3
+    t92 = t1 * t3
+    t93 = t3 * t6
 
     # force and moment of all thrusts
-    t83 = base_arm_length * F_4
-
-    # equation of joint 9, its acceleration eliminated
-    t84 = 1.0 / (t53 + t54)
-    t85 = t50 * t84
-    t86 = t49 * t84
-    t87 = t50 * t85
-    t88 = t49 * t86
-    t89 = t49 * t85
-
-    # articulated inertia and load of links 2 and 3, about joint 8
-    t90 = t64 * t87 + t63 * t89
-    t91 = t64 * t89 + t63 * t88
-    t92 = 2.0 * t50 * t64
-    t93 = t66 - t90
-    t94 = t65 - t91
-
-    # articulated inertia and load of the base and links 1 to 3
-    t95 = k63 * (t20 - 2.0 * t21 * v_theta_0)
-    t96 = k63 * (t19 - 2.0 * t21 * t16)
-    t97 = k108 * t18
-
-    # accelerations of the attitude angles
-    t98 = 1.0 / t3
-
-    # axes of the base
-    t99 = t2 * t4
-    t100 = t1 * t4
-    t101 = t3 * t5
-    t102 = t1 * t6 + t5 * t99
-    t103 = t2 * t6 - t5 * t100
-    t104 = t1 * t5 - t6 * t99
-    t105 = t2 * t5 + t6 * t100
-
-    # joint 7 and the axes of link 1
-    t106 = t3 * t8
-    t107 = t1 * t9 + t8 * t99
-    t108 = t2 * t9 - t8 * t100
-    t109 = t3 * t9
-    t110 = t1 * t8 - t9 * t99
-    t111 = t2 * t8 + t9 * t100
-
-    # joint 9 and the axes of link 3
-    t112 = t13 * t106 + t4 * t14
-    t113 = t13 * t107 - t14 * t80
-    t114 = t13 * t108 + t14 * t81
-    t115 = t4 * t13 - t14 * t106
-    t116 = t14 * t107 + t13 * t80
-    t117 = t13 * t81 - t14 * t108
-
-    # wrench on base, in the frame of its link
-    t118 = W_base_fx * t82
-    t119 = W_base_fx * t4
-    t120 = W_base_fz * t81
-    t121 = W_base_fy * t80
-    t122 = W_base_tz * t105
-    t123 = W_base_tx * t82
-    t124 = W_base_tx * t4
-    t125 = W_base_tz * t81
-    t126 = W_base_ty * t80
-
-    # wrench on tip, in the frame of its link
-    t127 = W_tip_fx * t112 + W_tip_fy * t113 + W_tip_fz * t114
-    t128 = W_tip_fx * t115 + W_tip_fz * t117 - W_tip_fy * t116
-    t129 = W_tip_fx * t109 - W_tip_fy * t110 - W_tip_fz * t111
-    t130 = W_tip_tx * t112 + W_tip_ty * t113 + W_tip_tz * t114
-    t131 = W_tip_tx * t109
-    t132 = W_tip_ty * t110
-    t133 = W_tip_tz * t111
-    t134 = link3_length * t129
-    t135 = link3_length * t128
+    t94 = base_arm_length * F_4
 
     # articulated inertia and load of link 3, about joint 9
-    t136 = t13 * t130
-    t137 = t14 * t130
-
-    # thrusts and wrenches together
-    t138 = 0.8660254037844386 * (F_2 - F_6)
-    t139 = W_base_fx * t101 + W_base_fy * t102 + W_base_fz * t103 + t138
-    t140 = F_2 + F_6
-    t141 = 0.5 * t140
-    t142 = F_4 + W_base_fy * t104 + W_base_fz * t105 - t118 - t141
-    t143 = k87 * (F_3 - F_5)
-    t144 = W_base_tx * t101 + W_base_ty * t102 + W_base_tz * t103 - t143
-    t145 = F_3 + F_5
-    t146 = k86 * t145
-    t147 = base_arm_length * F_1 + W_base_ty * t104 + t122 - t123 - t146
-
-    # articulated inertia and load of link 3, about joint 9
-    t148 = t9 * t25 + t23 * t28 - t8 * t24
-    t149 = t41 * t44 + t148
-    t150 = t129 + k68 * (t13 * t47 - t14 * t149)
+    t95 = t55 * t47
+    t96 = t54 * t47
 
     # equation of joint 9, its acceleration eliminated
-    t151 = link2_length * (t42 * t50 + t43 * t49)
-    t152 = tau_9 + t59 + t60 + t131 + t135 + t151 - t58 - t132 - t133
-    t153 = t84 * t152
-    t154 = t61 + t14 * t128 - t13 * t127 - t50 * t153
-    t155 = t62 + t14 * t127 + t13 * t128 - t49 * t153
+    t97 = 1.0 / (t58 + t59)
+    t98 = t55 * t97
+    t99 = t54 * t97
+    t100 = t55 * t98
+    t101 = t54 * t99
+    t102 = t54 * t98
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t156 = t64 * t150
-    t157 = t63 * t150
-    t158 = t64 * t154
-    t159 = t63 * t155
+    t103 = t71 * t100 + t70 * t102
+    t104 = t71 * t102 + t70 * t101
+    t105 = 2.0 * t55 * t71
+    t106 = t73 - t103
+    t107 = t72 - t104
 
     # equation of joint 8, its acceleration eliminated
-    t160 = tau_8 + t74 + t75 + t76 + t158 + t159 - tau_9
-    t161 = 1.0 / (t69 + t70 - t63 * t91 - t64 * t90)
-    t162 = t161 * t160
-    t163 = t93 * t162
-    t164 = t94 * t162
+    t108 = 1.0 / (t76 + t77 - t70 * t104 - t71 * t103)
+    t109 = t106 * t108
+    t110 = t107 * t108
+    t111 = t102 + t107 * t109
 
     # equation of joint 7, its acceleration eliminated
-    t165 = t55 * t149
-    t166 = t35 * t41 + t148
-    t167 = t71 * t166
-    t168 = t10 * t39 - t11 * t166
-    t169 = link2_length * t168
-    t170 = t49 * t169
-    t171 = W_tip_tx * t115 + W_tip_tz * t117 - W_tip_ty * t116 - t134
-    t172 = t13 * t171
-    t173 = tau_7 + t137 + t165 + t172 - t57 - t73 - t78 - t167 - t170 - t157
-    t174 = 1.0 / (k75 + t53 + t69 + 2.0 * t49 * t63)
-    t175 = t174 * t173
-    t176 = t79 * t175
-    t177 = t55 + t49 * t64 + t50 * t63 - t71
-    t178 = t177 * t175
+    t112 = 1.0 / (k75 + t58 + t76 + 2.0 * t54 * t70)
+    t113 = t89 * t112
+    t114 = t90 * t112
+    t115 = t55 + t73 - t90 * t113
 
     # articulated inertia and load of the base and links 1 to 3
-    t179 = t5 * t139 - t6 * t142
-    t180 = t6 * t139 + t5 * t142
-    t181 = k84 * t17 + t95 + t5 * t144 - t6 * t147
-    t182 = k64 * t19 + t96 - t5 * t147 - t6 * t144
-    t183 = t8 * t179
-    t184 = t9 * t180
-    t185 = t8 * t180
-    t186 = t9 * t179
-    t187 = t8 * t181
-    t188 = t9 * t182
-    t189 = F_1 + t77 + t119 + t120 + t145 + t155 - t121 - t164
-    t190 = t54 * t149
-    t191 = t70 * t166
-    t192 = k75 * t148
-    t193 = t50 * t169
-    t194 = t14 * t171
-    t195 = t56 + t136 + t193 + t156 + t178 + t187 - t72 - t190 - t191 - t192 - t194 - t188
-    t196 = k106 * t140
-    t197 = t83 + t124 + t125 + t196 - tau_7 - t97 - t126
+    t116 = k63 * (t20 - 2.0 * t21 * v_theta_0)
+    t117 = k63 * (t19 - 2.0 * t21 * t16)
+    t118 = k108 * t18
 
     # acceleration of the base, by LDL^T
-    t198 = t79 * t174
-    t199 = t50 + t66 - t177 * t198
-    t200 = t177 * t174
-    t201 = 1.0 / (t54 + t70 + t92 + k117 - t177 * t200)
-    t202 = t199 * t201
-    t203 = t202 * t195
-    t204 = k73 * t168 + t150 + t176 + t186 - t185 - t203
-    t205 = t93 * t161
-    t206 = t89 + t94 * t205
-    t207 = t94 * t161
-    t208 = 1.0 / (k78 - t88 - t94 * t207)
-    t209 = t206 * t208
-    t210 = t209 * t189
-    t211 = k73 * t42 + t154 + t210 - t163 - t183 - t184
-    t212 = 1.0 / (k78 - t87 - t93 * t205 - t206 * t209)
-    t213 = t212 * t211
-    t214 = t209 * t213 + t208 * t189
-    t215 = 1.0 / (k78 - t79 * t198 - t199 * t202)
-    t216 = t215 * t204
-    t217 = t201 * t195 - t202 * t216
-    t218 = k110 * (tau_8 - t9 * t181 - t8 * t182)
-    t219 = k109 * t197
+    t119 = 1.0 / (t59 + t77 + t105 + k117 - t90 * t114)
+    t120 = t115 * t119
+    t121 = 1.0 / (k78 - t89 * t113 - t115 * t120)
+    t122 = 1.0 / (k78 - t101 - t107 * t110)
+    t123 = t111 * t122
+    t124 = 1.0 / (k78 - t100 - t106 * t109 - t111 * t123)
+
+    # accelerations of the attitude angles
+    t125 = 1.0 / t3
+
+    # axes of the base
+    t126 = t2 * t4
+    t127 = t1 * t4
+    t128 = t3 * t5
+    t129 = t1 * t6 + t5 * t126
+    t130 = t2 * t6 - t5 * t127
+    t131 = t1 * t5 - t6 * t126
+    t132 = t2 * t5 + t6 * t127
+
+    # joint 7 and the axes of link 1
+    t133 = t3 * t8
+    t134 = t1 * t9 + t8 * t126
+    t135 = t2 * t9 - t8 * t127
+    t136 = t3 * t9
+    t137 = t1 * t8 - t9 * t126
+    t138 = t2 * t8 + t9 * t127
+
+    # joint 9 and the axes of link 3
+    t139 = t13 * t133 + t4 * t14
+    t140 = t13 * t134 - t14 * t91
+    t141 = t13 * t135 + t14 * t92
+    t142 = t4 * t13 - t14 * t133
+    t143 = t14 * t134 + t13 * t91
+    t144 = t13 * t92 - t14 * t135
+
+    # wrench on base, in the frame of its link
+    t145 = W_base_fx * t93
+    t146 = W_base_fx * t4
+    t147 = W_base_fz * t92
+    t148 = W_base_fy * t91
+    t149 = W_base_tz * t132
+    t150 = W_base_tx * t93
+    t151 = W_base_tx * t4
+    t152 = W_base_tz * t92
+    t153 = W_base_ty * t91
+
+    # wrench on tip, in the frame of its link
+    t154 = W_tip_fx * t139 + W_tip_fy * t140 + W_tip_fz * t141
+    t155 = W_tip_fx * t142 + W_tip_fz * t144 - W_tip_fy * t143
+    t156 = W_tip_fx * t136 - W_tip_fy * t137 - W_tip_fz * t138
+    t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141
+    t158 = W_tip_tx * t136
+    t159 = W_tip_ty * t137
+    t160 = W_tip_tz * t138
+    t161 = link3_length * t156
+    t162 = W_tip_tx * t142 + W_tip_tz * t144 - W_tip_ty * t143 - t161
+    t163 = link3_length * t155
+
+    # articulated inertia and load of link 3, about joint 9
+    t164 = t13 * t157
+    t165 = t14 * t162
+    t166 = t14 * t157
+    t167 = t13 * t162
+
+    # thrusts and wrenches together
+    t168 = 0.8660254037844386 * (F_2 - F_6)
+    t169 = W_base_fx * t128 + W_base_fy * t129 + W_base_fz * t130 + t168
+    t170 = F_2 + F_6
+    t171 = 0.5 * t170
+    t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171
+    t173 = k87 * (F_3 - F_5)
+    t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173
+    t175 = F_3 + F_5
+    t176 = k86 * t175
+    t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176
+
+    # articulated inertia and load of link 3, about joint 9
+    t178 = t156 + k68 * (t13 * t51 - t14 * t53)
+
+    # equation of joint 9, its acceleration eliminated
+    t179 = link2_length * (t44 * t55 + t45 * t54)
+    t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160
+    t181 = t97 * t180
+    t182 = t68 + t14 * t155 - t13 * t154 - t55 * t181
+    t183 = t69 + t14 * t154 + t13 * t155 - t54 * t181
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t184 = t71 * t178
+    t185 = t70 * t178
+    t186 = t71 * t182
+    t187 = t70 * t183
+
+    # equation of joint 8, its acceleration eliminated
+    t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9
+    t189 = t108 * t188
+    t190 = t106 * t189
+    t191 = t107 * t189
+
+    # equation of joint 7, its acceleration eliminated
+    t192 = tau_7 + t166 + t64 + t167 - t63 - t81 - t88 - t82 - t96 - t185
+    t193 = t112 * t192
+    t194 = t89 * t193
+    t195 = t90 * t193
+
+    # articulated inertia and load of the base and links 1 to 3
+    t196 = t5 * t169 - t6 * t172
+    t197 = t6 * t169 + t5 * t172
+    t198 = k84 * t17 + t116 + t5 * t174 - t6 * t177
+    t199 = k64 * t19 + t117 - t5 * t177 - t6 * t174
+    t200 = t8 * t196
+    t201 = t9 * t197
+    t202 = t8 * t197
+    t203 = t9 * t196
+    t204 = t8 * t198
+    t205 = t9 * t199
+    t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191
+    t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205
+    t208 = k106 * t170
+    t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153
+
+    # acceleration of the base, by LDL^T
+    t210 = t120 * t207
+    t211 = k73 * t46 + t178 + t194 + t203 - t202 - t210
+    t212 = t123 * t206
+    t213 = k73 * t44 + t182 + t212 - t190 - t200 - t201
+    t214 = t124 * t213
+    t215 = t123 * t214 + t122 * t206
+    t216 = t121 * t211
+    t217 = t119 * t207 - t120 * t216
+    t218 = k110 * (tau_8 - t9 * t198 - t8 * t199)
+    t219 = k109 * t209
 
     # acceleration of joint 7
-    t220 = t175 + t198 * t216 + t200 * t217 - t219
+    t220 = t193 + t113 * t216 + t114 * t217 - t219
 
     # acceleration of joint 8
-    t221 = t162 - t205 * t213 - t207 * t214
+    t221 = t189 - t109 * t214 - t110 * t215
     t222 = t218 + t221
 
     # acceleration of joint 9
-    t223 = t86 * (t214 + t63 * t221)
-    t224 = t153 - t221 - t85 * (t213 + t64 * t221) - t223
+    t223 = t99 * (t215 + t70 * t221)
+    t224 = t181 - t221 - t98 * (t214 + t71 * t221) - t223
 
     # acceleration of the base
     t225 = t8 * t217 - t9 * t218
@@ -4021,9 +4038,9 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t229 = t6 * (t16 * t16 + t22) - t5 * (t18 + t227)
     t230 = t6 * (t20 - 2.0 * v_theta_0 * t21 - t225)
     t231 = t5 * (t19 + t226 - 2.0 * t16 * t21) + t230
-    t232 = t9 * t216 + base_arm_length * t228 - t8 * t213
-    t233 = base_arm_length * t229 - t8 * t216 - t9 * t213
-    t234 = base_arm_length * t231 + t214
+    t232 = t9 * t216 + base_arm_length * t228 - t8 * t214
+    t233 = base_arm_length * t229 - t8 * t216 - t9 * t214
+    t234 = base_arm_length * t231 + t215
 
     # acceleration of the origin, in world axes
     t235 = t3 * t234 - t4 * t232
@@ -4031,7 +4048,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t237 = t1 * t233 - t2 * t235
 
     # accelerations of the attitude angles
-    t238 = t98 * t225
+    t238 = t125 * t225
     t239 = t219 - t4 * t238
 
     # acceleration of the origin, in world axes
@@ -4222,218 +4239,224 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
     t60 = a_x * t4 + t3 * t59
     t61 = a_x * t3 - t4 * t59
     t62 = a_theta_0 + t15 * t16
-    t63 = t16 * t18 - t62
+    t63 = 2.0 * v_theta_0 * t15 - a_theta_m1 * t3
+    t64 = a_theta_1 + t17 + a_theta_m1 * t4
+    t65 = v_theta_0 * t18 - t63
+    t66 = t16 * t18 - t62
 
     # motion of link 1
-    t64 = t16 * t20 - t62
+    t67 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t17 - t64)
+    t68 = t6 * (t16 * t16 + t19) - t5 * (t17 + t64)
+    t69 = t6 * (2.0 * t18 * v_theta_0 - t63)
+    t70 = base_arm_length * (t5 * (2.0 * t18 * t16 - t62) + t69)
+    t71 = t61 - base_arm_length * t67
+    t72 = t58 - base_arm_length * t68
+    t73 = t60 + t70
+    t74 = v_theta_0 * t20 - t63
+    t75 = t16 * t20 - t62
+    t76 = t8 * t71 + t9 * t72
+    t77 = t8 * t72 - t9 * t71
+    t78 = a_theta_7 + t64 - t22 * t23
+    t79 = t20 * t23 + t8 * t74 - t9 * t75
+
+    # motion of link 2
+    t80 = a_theta_8 + t8 * t75 + t9 * t74
+    t81 = t25 + t80
+    t82 = t26 * t29 - t78
+    t83 = t25 - t80
+    t84 = t26 * t31 + t79
+
+    # motion of link 3
+    t85 = t76 - link2_length * (t10 * t28 - t11 * t83)
+    t86 = t73 - link2_length * (t11 * t30 - t10 * t81)
+    t87 = t77 - link2_length * (t10 * t82 + t11 * t84)
+    t88 = a_theta_9 + t80
+    t89 = t25 + t88
+    t90 = t29 * t32 - t78
+    t91 = t25 - t88
+    t92 = t31 * t32 + t79
 
     # inertia forces of link 3, about joint 9
-    t65 = 2.0 * v_theta_0 * t15 - a_theta_m1 * t3
-    t66 = v_theta_0 * t20 - t65
-    t67 = a_theta_8 + t8 * t64 + t9 * t66
-    t68 = a_theta_9 + t67
-    t69 = t25 - t68
-    t70 = t25 + t68
-    t71 = a_theta_1 + t17 + a_theta_m1 * t4
-    t72 = a_theta_7 + t71 - t22 * t23
-    t73 = t29 * t32 - t72
-    t74 = t20 * t23 + t8 * t66 - t9 * t64
-    t75 = t31 * t32 + t74
+    t93 = t37 * t87
+    t94 = t42 * t92
+    t95 = t37 * t85
+    t96 = t41 * t91
+    t97 = t43 + t36 * t86 + t40 * t89 - t95 - t96
 
     # motion of the base
-    t76 = v_theta_0 * t18 - t65
-    t77 = t6 * t63 - t5 * t76
-    t78 = t5 * t63 + t6 * t76
-    t79 = t49 + t78
-    t80 = t50 - t77
+    t98 = t6 * t66 - t5 * t65
+    t99 = t5 * t66 + t6 * t65
+    t100 = t48 + t64
+    t101 = t49 + t99
+    t102 = t64 - t48
+    t103 = t50 - t98
 
     # motion of base arm 2
-    t81 = t60 + base_arm_length * t79
+    t104 = t6 * t58 + t5 * t61 - base_arm_length * t51
+    t105 = t5 * t58 + base_arm_length * t100 - t6 * t61
+    t106 = t60 + base_arm_length * t101
 
     # inertia forces of base arm 2, about joint 2
-    t82 = t6 * t58 + t5 * t61 - base_arm_length * t51
-    t83 = k65 * t82
-    t84 = t71 - t48
-    t85 = k94 * t84
-    t86 = t53 + t83
-    t87 = t85 + t86
-    t88 = t48 + t71
-    t89 = t5 * t58 + base_arm_length * t88 - t6 * t61
-    t90 = k65 * t89
-    t91 = k93 * t88
-    t92 = t54 + t90
-    t93 = t91 - t92
-    t94 = k65 * t81
-    t95 = k93 * t79
-    t96 = k94 * t80
-    t97 = t94 - t95
-    t98 = t97 - t96
-    t99 = k99 * t79
-    t100 = k20 * (t50 + t77)
-    t101 = k94 * t81
-    t102 = k98 * t80 - t100
-    t103 = t99 - t101
-    t104 = t102 + t103
-    t105 = k20 * (t49 - t78)
-    t106 = k93 * t81
-    t107 = k99 * t80
-    t108 = t105 - k97 * t79
-    t109 = t107 - t106
-    t110 = t109 - t108
+    t107 = k65 * t104
+    t108 = k94 * t102
+    t109 = t53 + t107
+    t110 = t108 + t109
+    t111 = k65 * t105
+    t112 = k93 * t100
+    t113 = t54 + t111
+    t114 = t112 - t113
+    t115 = k65 * t106
+    t116 = k93 * t101
+    t117 = k94 * t103
+    t118 = t115 - t116
+    t119 = t118 - t117
+    t120 = k99 * t101
+    t121 = k20 * (t50 + t98)
+    t122 = k94 * t106
+    t123 = k98 * t103 - t121
+    t124 = t120 - t122
+    t125 = t123 + t124
+    t126 = k20 * (t49 - t99)
+    t127 = k93 * t106
+    t128 = k99 * t103
+    t129 = t126 - k97 * t101
+    t130 = t128 - t127
+    t131 = t130 - t129
+    t132 = k93 * t105
+    t133 = k94 * t104
 
     # wrench through joint 2
-    t111 = k93 * t89
-    t112 = t55 - t111
-    t113 = k94 * t82
-    t114 = k97 * t88 + k98 * t84
-    t115 = t113 + t114
-    t116 = t115 + t112 - base_arm_length * F_2
+    t134 = t55 - t132
+    t135 = k97 * t100 + k98 * t102
+    t136 = t133 + t135
+    t137 = t136 + t134 - base_arm_length * F_2
 
     # inertia forces of base arm 3, about joint 3
-    t117 = t83 - t53
-    t118 = t85 + t117
-    t119 = t91 + t92
-    t120 = t99 + t101
-    t121 = t102 - t120
-    t122 = t108 + t109
-    t123 = t115 - t112
+    t138 = t107 - t53
+    t139 = t108 + t138
+    t140 = t112 + t113
+    t141 = t120 + t122
+    t142 = t123 - t141
+    t143 = t129 + t130
+    t144 = t136 - t134
 
     # inertia forces of base arm 4, about joint 4
-    t124 = t83 - k92 * t51
-    t125 = t94 + k92 * t79
-    t126 = k14 * t80 - t100
-    t127 = t105 - k8 * t79 - k92 * t81
-
-    # inertia forces of base arm 5, about joint 5
-    t128 = t117 - t85
-    t129 = t54 - t90
-    t130 = t91 - t129
-    t131 = t102 + t120
-    t132 = t106 + t107
-    t133 = t108 - t132
-    t134 = t55 + t111
-    t135 = t114 - t113
-    t136 = t135 + t134
-
-    # inertia forces of base arm 6, about joint 6
-    t137 = t85 - t86
-    t138 = t91 + t129
-    t139 = t96 + t97
-    t140 = t103 - t102
-    t141 = t108 + t132
-
-    # wrench through joint 6
-    t142 = t135 - base_arm_length * F_6 - t134
-
-    # wrench through joint 2
-    t143 = 0.8660254037844386 * t93 - 0.5 * t87
-    t144 = 0.8660254037844386 * t110 - 0.5 * t104
-    t145 = 0.5 * t110 + 0.8660254037844386 * t104
-    t146 = 0.5 * t93 + 0.8660254037844386 * t87 - F_2
-
-    # wrench through joint 3
-    t147 = 0.5 * t118 - 0.8660254037844386 * t119
-    t148 = 0.5 * t119 + 0.8660254037844386 * t118
-    t149 = 0.5 * t121 - 0.8660254037844386 * t122
-    t150 = t94 + t95
-    t151 = t150 - F_3 - t96
-    t152 = base_arm_length * F_3 + 0.5 * t122 + 0.8660254037844386 * t121
+    t145 = t107 - k92 * t51
+    t146 = t115 + k92 * t101
+    t147 = k14 * t103 - t121
+    t148 = t126 - k8 * t101 - k92 * t106
 
     # wrench through joint 4
-    t153 = t90 + k92 * t88 - F_4
+    t149 = k8 * t100 + k92 * t105 + k14 * t102 - t56
 
-    # wrench through joint 5
-    t154 = 0.5 * t128 + 0.8660254037844386 * t130
-    t155 = 0.5 * t130 - 0.8660254037844386 * t128
-    t156 = 0.5 * t131 + 0.8660254037844386 * t133
-    t157 = t96 + t150 - F_5
-    t158 = base_arm_length * F_5 + 0.5 * t133 - 0.8660254037844386 * t131
+    # inertia forces of base arm 5, about joint 5
+    t150 = t138 - t108
+    t151 = t54 - t111
+    t152 = t112 - t151
+    t153 = t123 + t141
+    t154 = t127 + t128
+    t155 = t129 - t154
+    t156 = t55 + t132
+    t157 = t135 - t133
+    t158 = t157 + t156
+
+    # inertia forces of base arm 6, about joint 6
+    t159 = t108 - t109
+    t160 = t112 + t151
+    t161 = t117 + t118
+    t162 = t124 - t123
+    t163 = t129 + t154
 
     # wrench through joint 6
-    t159 = 0.5 * t137 - 0.8660254037844386 * t138
-    t160 = 0.5 * t140 + 0.8660254037844386 * t141
-    t161 = 0.8660254037844386 * t140 - 0.5 * t141
-    t162 = 0.5 * t138 + 0.8660254037844386 * t137 - F_6
+    t164 = t157 - base_arm_length * F_6 - t156
+
+    # wrench through joint 2
+    t165 = 0.8660254037844386 * t114 - 0.5 * t110
+    t166 = 0.8660254037844386 * t131 - 0.5 * t125
+    t167 = 0.5 * t131 + 0.8660254037844386 * t125
+    t168 = 0.5 * t114 + 0.8660254037844386 * t110 - F_2
+
+    # wrench through joint 3
+    t169 = 0.5 * t139 - 0.8660254037844386 * t140
+    t170 = 0.5 * t140 + 0.8660254037844386 * t139
+    t171 = 0.5 * t142 - 0.8660254037844386 * t143
+    t172 = t115 + t116
+    t173 = t172 - F_3 - t117
+    t174 = base_arm_length * F_3 + 0.5 * t143 + 0.8660254037844386 * t142
+
+    # wrench through joint 4
+    t175 = t111 + k92 * t100 - F_4
+
+    # wrench through joint 5
+    t176 = 0.5 * t150 + 0.8660254037844386 * t152
+    t177 = 0.5 * t152 - 0.8660254037844386 * t150
+    t178 = 0.5 * t153 + 0.8660254037844386 * t155
+    t179 = t117 + t172 - F_5
+    t180 = base_arm_length * F_5 + 0.5 * t155 - 0.8660254037844386 * t153
+
+    # wrench through joint 6
+    t181 = 0.5 * t159 - 0.8660254037844386 * t160
+    t182 = 0.5 * t162 + 0.8660254037844386 * t163
+    t183 = 0.8660254037844386 * t162 - 0.5 * t163
+    t184 = 0.5 * t160 + 0.8660254037844386 * t159 - F_6
 
     # inertia forces of link 3, about joint 9
-    t163 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t17 - t71)
-    t164 = t61 - base_arm_length * t163
-    t165 = t6 * (t16 * t16 + t19) - t5 * (t17 + t71)
-    t166 = t58 - base_arm_length * t165
-    t167 = t8 * t164 + t9 * t166
-    t168 = t25 - t67
-    t169 = t167 - link2_length * (t10 * t28 - t11 * t168)
-    t170 = t37 * t69 + k69 * t169 - t34 * t36
-    t171 = t6 * (2.0 * t18 * v_theta_0 - t65)
-    t172 = base_arm_length * (t5 * (2.0 * t18 * t16 - t62) + t171)
-    t173 = t60 + t172
-    t174 = t25 + t67
-    t175 = t173 - link2_length * (t11 * t30 - t10 * t174)
-    t176 = t36 * t70 + k69 * t175 - t35 * t37
-    t177 = t8 * t166 - t9 * t164
-    t178 = t26 * t29 - t72
-    t179 = t26 * t31 + t74
-    t180 = t177 - link2_length * (t10 * t178 + t11 * t179)
-    t181 = t36 * t73 + t37 * t75 - k69 * t180
-    t182 = t37 * t180
-    t183 = t42 * t73 + t41 * t75 + k58 * t74 - t182
-    t184 = t42 * t75
-    t185 = t36 * t180 + k58 * t72 - t40 * t73 - t184
+    t185 = t37 * t91 + k69 * t85 - t34 * t36
+    t186 = t36 * t89 + k69 * t86 - t35 * t37
+    t187 = t36 * t90 + t37 * t92 - k69 * t87
+    t188 = t42 * t90 + t41 * t92 + k58 * t79 - t93
+    t189 = t36 * t87 + k58 * t78 - t40 * t90 - t94
 
     # inertia forces of links 2 and 3, about joint 8
-    t186 = t44 * t181
-    t187 = t44 * t176
-    t188 = t45 * t170
+    t190 = t44 * t187
+    t191 = t44 * t186
+    t192 = t45 * t185
 
     # inertia of link 2, turned by the joints
-    t189 = k66 * t10
-    t190 = k66 * t11
-    t191 = k116 * t11
-    t192 = t11 * t191
-    t193 = k27 - t192
-    t194 = k33 + t192
-    t195 = t10 * t191
+    t193 = k66 * t10
+    t194 = k66 * t11
+    t195 = k116 * t11
+    t196 = t11 * t195
+    t197 = k27 - t196
+    t198 = k33 + t196
+    t199 = t10 * t195
 
     # inertia forces of links 2 and 3, about joint 8
-    t196 = k39 * t74
-    t197 = t195 * t178
-    t198 = t194 * t179
-    t199 = t190 * t177
-    t200 = k39 * t72
-    t201 = t193 * t178
-    t202 = t195 * t179
-    t203 = t189 * t173
-    t204 = t193 * t174
-    t205 = (t28 - t30) * t195
-    t206 = t190 * t167
-    t207 = t194 * t168
-    t208 = t170 + k67 * t167 + t190 * t168 - t28 * t189
-    t209 = t176 + k67 * t173 + t189 * t174 - t30 * t190
-    t210 = t181 + t189 * t178 + t190 * t179 - k67 * t177
-    t211 = t183 + t45 * t181 + t196 + t197 + t198 - t199
-    t212 = t185 + t189 * t177 + t200 - t186 - t201 - t202
-    t213 = t37 * t169
-    t214 = t41 * t69
-    t215 = t43 + t36 * t175 + t40 * t70 - t213 - t214
-    t216 = t205 + t215 + t187 + t203 + t204 - t188 - t206 - t207
+    t200 = k39 * t79
+    t201 = t199 * t82
+    t202 = t198 * t84
+    t203 = t194 * t77
+    t204 = k39 * t78
+    t205 = t197 * t82
+    t206 = t199 * t84
+    t207 = t193 * t73
+    t208 = t197 * t81
+    t209 = (t28 - t30) * t199
+    t210 = t194 * t76
+    t211 = t198 * t83
+    t212 = t185 + k67 * t76 + t194 * t83 - t28 * t193
+    t213 = t186 + k67 * t73 + t193 * t81 - t30 * t194
+    t214 = t187 + t193 * t82 + t194 * t84 - k67 * t77
+    t215 = t188 + t45 * t187 + t200 + t201 + t202 - t203
+    t216 = t189 + t193 * t77 + t204 - t190 - t205 - t206
+    t217 = t209 + t97 + t191 + t207 + t208 - t192 - t210 - t211
 
     # wrench through joint 8, in its frame
-    t217 = t10 * t208 + t11 * t209
-    t218 = t10 * t209 - t11 * t208
-    t219 = t10 * t211 + t11 * t212
-    t220 = t10 * t212 - t11 * t211
+    t218 = t10 * t212 + t11 * t213
+    t219 = t10 * t213 - t11 * t212
+    t220 = t10 * t215 + t11 * t216
+    t221 = t10 * t216 - t11 * t215
 
     # wrench through joint 9, in its frame
-    t221 = t13 * t170 + t14 * t176
-    t222 = t13 * t176 - t14 * t170
-    t223 = t13 * t183 + t14 * t185
-    t224 = t13 * t185 - t14 * t183
-    t225 = k8 * t88 + k92 * t89 + k14 * t84 - t56
+    t222 = t13 * t185 + t14 * t186
+    t223 = t13 * t186 - t14 * t185
+    t224 = t13 * t188 + t14 * t189
+    t225 = t13 * t189 - t14 * t188
     return (
-        t143, t146, t98, t144, t145, t116, t147, t148, t151, t149, t152, t123, t124, t153, t125,
-        t126, t127, t225, t154, t155, t157, t156, t158, t136, t159, t162, t139, t160, t161, t142,
-        t208, -t210, t209, t211, -t216, t212, t217, t218, t210, t219, t220, t216, t221, t222, t181,
-        t223, t224, t215,
+        t165, t168, t119, t166, t167, t137, t169, t170, t173, t171, t174, t144, t145, t175, t146,
+        t147, t148, t149, t176, t177, t179, t178, t180, t158, t181, t184, t161, t182, t183, t164,
+        t212, -t214, t213, t215, -t217, t216, t218, t219, t214, t220, t221, t217, t222, t223, t187,
+        t224, t225, t97,
     )
 
 
@@ -4726,7 +4749,7 @@ def _tip_jacobian(k, sin, cos, q):
     t33 = t30 - link3_length * (t13 * t24 + t14 * t16)
 
     # columns of the base
-    t34 = -t1 * t33 - t2 * t32
+    t34 = t1 * t33 + t2 * t32
     t35 = t2 * t31
     t36 = t1 * t31
     t37 = t15 * t33 - t16 * t32
@@ -4754,7 +4777,7 @@ def _tip_jacobian(k, sin, cos, q):
     t53 = t25 * t51 + t27 * t49
     t54 = t25 * t50 + t26 * t49
     return (
-        0.0, t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
+        0.0, -t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
         t32, -t36, t39, t45, t48, t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
         0.0, t1, -t15, -t15, t26, t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0, 0.0,
     )
@@ -4844,19 +4867,19 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t29 = t26 * t26
     t30 = t22 * t26
     t31 = t17 - t26 * t27
+    t32 = t9 * t24 + t22 * t27 - t8 * t23
 
     # motion of link 2
-    t32 = v_theta_8 - t27
-    t33 = t32 * t32
-    t34 = 2.0 * t26
-    t35 = 2.0 * t22
+    t33 = v_theta_8 - t27
+    t34 = t33 * t33
+    t35 = 2.0 * t26
+    t36 = 2.0 * t22
 
     # motion of link 3
-    t36 = v_theta_9 + t32
-    t37 = t9 * t24 + t22 * t27 - t8 * t23
-    t38 = t22 * t36 + t37
-    t39 = t31 - t26 * t36
-    t40 = t36 * t36
+    t37 = v_theta_9 + t33
+    t38 = t22 * t37 + t32
+    t39 = t31 - t26 * t37
+    t40 = t37 * t37
 
     # acceleration of tip that link 2 adds
     t41 = link2_length * t10
@@ -4869,15 +4892,15 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     # acceleration of tip that link 3 adds
     t45 = link3_length * t13
     t46 = link3_length * t14
-    t47 = t46 * (t35 * t36 + t37)
+    t47 = t46 * (t36 * t37 + t32)
 
     # acceleration of tip that link 2 adds
     t48 = (t28 + t30) * (t42 + t46)
-    t49 = (t25 + t40) * t45 + (t25 + t33) * t41 - t48
-    t50 = (t29 + t33) * t42
-    t51 = (t31 - t32 * t34) * t41
-    t52 = t42 * (t32 * t35 + t37)
-    t53 = (t31 - t34 * t36) * t45 + t51 - t47 - t52
+    t49 = (t25 + t40) * t45 + (t25 + t34) * t41 - t48
+    t50 = (t29 + t34) * t42
+    t51 = (t31 - t33 * t35) * t41
+    t52 = t42 * (t33 * t36 + t32)
+    t53 = (t31 - t35 * t37) * t45 + t51 - t47 - t52
 
     # acceleration of tip that link 1 adds
     t54 = t9 * t28 - t8 * t38
@@ -4997,6 +5020,8 @@ def _frame_poses(k, sin, cos, q):
     t40 = x + base_arm_length * t20
     t41 = y + base_arm_length * t21
     t42 = z + base_arm_length * t22
+
+    # position of tip
     t43 = t31 + link3_length * t34 + t40
     t44 = t32 + link3_length * t35 + t41
     t45 = t33 + link3_length * t36 + t42
@@ -5043,12 +5068,12 @@ def _frame_jacobians(k, sin, cos, q):
     theta_9 = q[5]
 
     # attitude
-    t1 = -cos(theta_m1)
+    t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
-    t6 = -sin(theta_1)
+    t6 = sin(theta_1)
 
     # angles and places of the joints
     t7 = theta_1 + theta_7
@@ -5069,38 +5094,38 @@ def _frame_jacobians(k, sin, cos, q):
     # joint 7 and the axes of link 1
     t19 = base_arm_length * t3 * t5
     t20 = base_arm_length * (t1 * t6 + t5 * t17)
-    t21 = base_arm_length * (t2 * t6 - t5 * t18)
+    t21 = base_arm_length * (t5 * t18 - t2 * t6)
     t22 = t3 * t8
-    t23 = t8 * t17 - t1 * t9
-    t24 = t2 * t9 + t8 * t18
+    t23 = t1 * t9 + t8 * t17
+    t24 = t2 * t9 - t8 * t18
     t25 = t3 * t9
-    t26 = t1 * t8 + t9 * t17
-    t27 = t2 * t8 - t9 * t18
+    t26 = t9 * t17 - t1 * t8
+    t27 = t2 * t8 + t9 * t18
 
     # joint 9 and the axes of link 3
     t28 = t19 + link2_length * (t10 * t22 + t4 * t11)
     t29 = t20 + link2_length * (t10 * t23 - t11 * t15)
-    t30 = t21 - link2_length * (t10 * t24 - t11 * t16)
+    t30 = t21 - link2_length * (t10 * t24 + t11 * t16)
 
     # position of tip
     t31 = t28 + link3_length * (t13 * t22 + t4 * t14)
     t32 = t29 + link3_length * (t13 * t23 - t14 * t15)
-    t33 = t30 - link3_length * (t13 * t24 - t14 * t16)
+    t33 = t30 - link3_length * (t13 * t24 + t14 * t16)
 
     # columns of the base
-    t34 = t1 * t33 - t2 * t32
+    t34 = t1 * t33 + t2 * t32
     t35 = t2 * t31
     t36 = t1 * t31
-    t37 = t16 * t32 + t15 * t33
-    t38 = t4 * t33 - t16 * t31
+    t37 = t15 * t33 - t16 * t32
+    t38 = t16 * t31 + t4 * t33
     t39 = t15 * t31 + t4 * t32
 
     # column of joint 7
     t40 = t31 - t19
     t41 = t32 - t20
     t42 = t33 - t21
-    t43 = t16 * t41 + t15 * t42
-    t44 = t4 * t42 - t16 * t40
+    t43 = t15 * t42 - t16 * t41
+    t44 = t4 * t42 + t16 * t40
     t45 = t15 * t40 + t4 * t41
 
     # column of joint 8
@@ -5117,19 +5142,19 @@ def _frame_jacobians(k, sin, cos, q):
     t54 = t25 * t50 + t26 * t49
 
     # columns of the base
-    t55 = t1 * t21 - t2 * t20
+    t55 = t1 * t21 + t2 * t20
     t56 = t2 * t19
     t57 = t1 * t19
-    t58 = t16 * t20 + t15 * t21
-    t59 = t4 * t21 - t16 * t19
+    t58 = t15 * t21 - t16 * t20
+    t59 = t16 * t19 + t4 * t21
     t60 = t15 * t19 + t4 * t20
     return (
-        0.0, t55, t58, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t21, t56, t59, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
-        t20, t57, t60, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, -t1, -t15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t2, -t16, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
-        t32, t36, t39, t45, t48, t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0, 0.0,
-        -t1, -t15, -t15, t26, t26, 0.0, 0.0, 0.0, 0.0, t2, -t16, -t16, -t27, -t27, 0.0, 0.0, 0.0,
+        0.0, -t55, t58, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t21, t56, t59, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        t20, -t57, t60, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, t1, -t15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t2, t16, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, -t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
+        t32, -t36, t39, t45, t48, t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
+        0.0, t1, -t15, -t15, t26, t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0, 0.0,
     )
 
 
@@ -5729,103 +5754,107 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t17 = v_theta_7 + t16
     t18 = t8 * t15 + v_theta_0 * t9
 
+    # motion of link 2
+    t19 = v_theta_8 + t9 * t15 - v_theta_0 * t8
+
+    # motion of link 3
+    t20 = v_theta_9 + t19
+
     # inertia of link 3, turned by the joints
-    t19 = k68 * t13
-    t20 = k68 * t14
-    t21 = k81 * t14
-    t22 = t14 * t21
-    t23 = k46 - t22
-    t24 = k52 + t22
+    t21 = k68 * t13
+    t22 = k68 * t14
+    t23 = k81 * t14
+    t24 = t14 * t23
+    t25 = k46 - t24
+    t26 = k52 + t24
 
     # step from link 2 to link 3
-    t25 = link2_length * t10
-    t26 = link2_length * t11
+    t27 = link2_length * t10
+    t28 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t27 = k73 * t10
-    t28 = k73 * t11
-    t29 = k82 * t11
-    t30 = t11 * t29
-    t31 = k74 + t30
-    t32 = k33 - t30
+    t29 = k73 * t10
+    t30 = k73 * t11
+    t31 = k82 * t11
+    t32 = t11 * t31
+    t33 = k74 + t32
+    t34 = k33 - t32
 
     # step from the base to link 1
-    t33 = base_arm_length * t5
-    t34 = base_arm_length * t6
+    t35 = base_arm_length * t5
+    t36 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t35 = k83 * t6
-    t36 = t6 * t35
-    t37 = k80 + t36
-    t38 = k63 - t36
-    t39 = t5 * t35
+    t37 = k83 * t6
+    t38 = t6 * t37
+    t39 = k80 + t38
+    t40 = k63 - t38
+    t41 = t5 * t37
 
     # composite inertia of links 2 and 3, about joint 8
-    t40 = t19 + t27
+    t42 = t21 + t29
 
     # motion of link 1
-    t41 = v_theta_0 * t5 - t6 * t15
+    t43 = v_theta_0 * t5 - t6 * t15
 
     # centre of mass from the origin
-    t42 = k111 * (t20 + t28)
+    t44 = k111 * (t22 + t30)
 
     # inertia forces of the base and links 1 to 3
-    t43 = t15 * t39
-    t44 = v_theta_0 * t39
+    t45 = t15 * t41
+    t46 = v_theta_0 * t41
 
     # motion of link 1
-    t45 = t6 * t16
-    t46 = t5 * t16
-    t47 = base_arm_length * t45
-    t48 = base_arm_length * t46
-    t49 = base_arm_length * t41
+    t47 = t6 * t16
+    t48 = t5 * t16
+    t49 = base_arm_length * t47
+    t50 = base_arm_length * t48
+    t51 = base_arm_length * t43
 
     # motion of link 3
-    t50 = t11 * t18 - t10 * t17
+    t52 = t11 * t19
+    t53 = t10 * t19
+    t54 = t11 * t18 - t10 * t17
 
     # centre of mass from the origin
-    t51 = k111 * (k79 * t5 + t8 * t40)
-    t52 = k111 * (k79 * t6 + t9 * t40)
+    t55 = k111 * (k79 * t5 + t8 * t42)
+    t56 = k111 * (k79 * t6 + t9 * t42)
 
     # motion of link 1
-    t53 = t9 * t48 - t8 * t47
-    t54 = t9 * t47 + t8 * t48
+    t57 = t9 * t50 - t8 * t49
+    t58 = t9 * t49 + t8 * t50
 
     # motion of link 3
-    t55 = v_theta_8 + t9 * t15 - v_theta_0 * t8
-    t56 = t11 * t55
-    t57 = t10 * t55
-    t58 = link2_length * t50 - t54
+    t59 = link2_length * t54 - t58
 
     # inertia forces of link 3, about joint 9
-    t59 = t19 * t58
-    t60 = t20 * (t53 - link2_length * t56)
-    t61 = t19 * (t49 - link2_length * t57)
-    t62 = v_theta_9 + t55
-    t63 = k68 * t14 * t62
-    t64 = k68 * t13 * t62
+    t60 = t21 * t59
+    t61 = t22 * (t57 - link2_length * t52)
+    t62 = t21 * (t51 - link2_length * t53)
+    t63 = k68 * t14 * t20
+    t64 = k68 * t13 * t20
     t65 = k68 * (t14 * t18 - t13 * t17)
 
     # inertia forces of links 2 and 3, about joint 8
-    t66 = t25 * t65
-    t67 = t25 * t64
-    t68 = t26 * t63
-    t69 = t28 * t54
-    t70 = t27 * t54
-    t71 = t27 * t49
-    t72 = t28 * t53
-    t73 = t63 + k73 * t56
-    t74 = t64 + k73 * t57
-    t75 = t65 + k73 * t50
-    t76 = (t31 + t32) * t55
-    t77 = (t23 + t24) * t62
-    t78 = t71 + t72 + t60 + t61 - t76 - t77 - t67 - t68
+    t66 = t27 * t65
+    t67 = t27 * t64
+    t68 = t28 * t63
+    t69 = t30 * t58
+    t70 = t29 * t58
+    t71 = t29 * t51
+    t72 = t30 * t57
+    t73 = t63 + k73 * t52
+    t74 = t64 + k73 * t53
+    t75 = t65 + k73 * t54
+    t76 = (t33 + t34) * t19
+    t77 = (t25 + t26) * t20
+    t78 = t71 + t72 + t61 + t62 - t76 - t77 - t67 - t68
 
     # inertia forces of links 1 to 3, about joint 7
-    t79 = t18 * (k75 + t24 + t32)
-    t80 = t13 * t21 - t10 * t29
+    t79 = t18 * (k75 + t26 + t34)
+    t80 = t13 * t23 - t10 * t31
     t81 = t17 * t80
-    t82 = t20 * t58 + t26 * t65 + t79 - t69 - t81
+    t82 = t22 * t59 + t28 * t65 + t79 - t69 - t81
     t83 = t9 * t75 - t8 * t73
     t84 = t8 * t75 + t9 * t73
     t85 = t9 * t78
@@ -5834,29 +5863,29 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t88 = t8 * t78
 
     # inertia forces of the base and links 1 to 3
-    t89 = t34 * t74
-    t90 = t33 * t74
-    t91 = t34 * t83
-    t92 = t33 * t84
-    t93 = k79 * t45 - t83
-    t94 = k79 * t46 - t84
-    t95 = k79 * t41 - t74
+    t89 = t36 * t74
+    t90 = t35 * t74
+    t91 = t36 * t83
+    t92 = t35 * t84
+    t93 = k79 * t47 - t83
+    t94 = k79 * t48 - t84
+    t95 = k79 * t43 - t74
 
     # momentum in world axes
-    t96 = t42 * t94
-    t97 = t52 * t95
-    t98 = t15 * (k64 + t38)
-    t99 = t44 + t86 + t89 + t96 + t97 + t98 - t85
-    t100 = t51 * t95
-    t101 = t42 * t93
-    t102 = v_theta_0 * (k64 + t37)
-    t103 = t43 + t87 + t88 + t101 + t102 - t90 - t100
-    t104 = t51 * t94
-    t105 = t52 * t93
-    t106 = t17 * (k75 + t23 + t31)
+    t96 = t44 * t94
+    t97 = t56 * t95
+    t98 = t15 * (k64 + t40)
+    t99 = t46 + t86 + t89 + t96 + t97 + t98 - t85
+    t100 = t55 * t95
+    t101 = t44 * t93
+    t102 = v_theta_0 * (k64 + t39)
+    t103 = t45 + t87 + t88 + t101 + t102 - t90 - t100
+    t104 = t55 * t94
+    t105 = t56 * t93
+    t106 = t17 * (k75 + t25 + t33)
     t107 = t18 * t80
-    t108 = t16 * (t37 + t38)
-    t109 = t59 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106
+    t108 = t16 * (t39 + t40)
+    t109 = t60 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106
     t110 = t3 * t95 - t4 * t93
     t111 = k78 * v_x - t3 * t93 - t4 * t95
     t112 = k78 * v_y + t1 * t94 + t2 * t110

@@ -1321,89 +1321,89 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     t26 = t20 * t23
     t27 = t25 - t26
     t28 = t15 - t23 * t24
-    t29 = t25 + t26
+    t29 = t9 * t22 + t20 * t24 - t8 * t21
+    t30 = t25 + t26
 
     # motion of link 2
-    t30 = v_theta_6 - t24
-    t31 = t30 * t30
-    t32 = t20 * t20 + t31
-    t33 = t28 - 2.0 * t30 * t23
-    t34 = t23 * t23 + t31
+    t31 = v_theta_6 - t24
+    t32 = t31 * t31
+    t33 = t20 * t20 + t32
+    t34 = t28 - 2.0 * t31 * t23
+    t35 = t23 * t23 + t32
+    t36 = 2.0 * t31 * t20 + t29
 
     # inertia of link 2, turned by the joints
-    t35 = k46 * t10
-    t36 = k46 * t11
-    t37 = k53 * t11
-    t38 = t11 * t37
-    t39 = k27 - t38
-    t40 = k33 + t38
-    t41 = t10 * t37
+    t37 = k46 * t10
+    t38 = k46 * t11
+    t39 = k53 * t11
+    t40 = t11 * t39
+    t41 = k27 - t40
+    t42 = k33 + t40
+    t43 = t10 * t39
 
     # articulated inertia and load of link 2, about joint 6
-    t42 = t41 * (t32 - t34)
-    t43 = k46 * (t11 * t29 - t10 * t32)
-    t44 = k46 * (t10 * t27 + t11 * t34)
+    t44 = t43 * (t33 - t35)
+    t45 = k46 * (t11 * t30 - t10 * t33)
+    t46 = k46 * (t10 * t27 + t11 * t35)
+    t47 = k46 * (t10 * t34 - t11 * t36)
 
     # force and moment of all thrusts
-    t45 = base_arm_length * (F_1 - F_3)
-    t46 = F_2 - F_4
+    t48 = base_arm_length * (F_1 - F_3)
+    t49 = F_2 - F_4
 
     # equation of joint 6, its acceleration eliminated
-    t47 = 1.0 / (t39 + t40)
-    t48 = t47 * (tau_6 + t27 * t39 + t29 * t40 - t42)
-    t49 = t36 * t47
-    t50 = t35 * t47
-    t51 = t36 * t48
-    t52 = t35 * t49
+    t50 = 1.0 / (t41 + t42)
+    t51 = t50 * (tau_6 + t27 * t41 + t30 * t42 - t44)
+    t52 = t38 * t50
+    t53 = t37 * t50
+    t54 = t38 * t51
+    t55 = t37 * t52
 
     # equation of joint 5, its acceleration eliminated
-    t53 = 1.0 / (k39 + t39)
-    t54 = t9 * t22 + t20 * t24 - t8 * t21
-    t55 = 2.0 * t30 * t20 + t54
-    t56 = tau_5 + t41 * t55 - t33 * t39 - k39 * t28
-    t57 = t53 * t56
-    t58 = t35 * t53
-    t59 = t41 * t53
-    t60 = t35 * t57
-    t61 = t36 - t41 * t58
+    t56 = 1.0 / (k39 + t41)
+    t57 = tau_5 + t43 * t36 - t34 * t41 - k39 * t28
+    t58 = t56 * t57
+    t59 = t37 * t56
+    t60 = t43 * t56
+    t61 = t37 * t58
+    t62 = t38 - t43 * t59
 
     # articulated inertia and load of the base and links 1 and 2
-    t62 = t5 * t46
-    t63 = t6 * t46
-    t64 = k43 * (t17 - 2.0 * t18 * v_theta_0)
-    t65 = k43 * (t16 - 2.0 * t18 * t13)
-    t66 = k55 * t14 + t64 - t6 * t45
-    t67 = k44 * t16 + t65 - t5 * t45
-    t68 = t9 * t63
-    t69 = t9 * t67
-    t70 = t8 * t66
-    t71 = F_1 + F_3 + t44 - t35 * t48
-    t72 = t41 * (t33 + t57)
-    t73 = t40 * t55 + k39 * t54 + t69 - t70 - t72
+    t63 = t5 * t49
+    t64 = t6 * t49
+    t65 = k43 * (t17 - 2.0 * t18 * v_theta_0)
+    t66 = k43 * (t16 - 2.0 * t18 * t13)
+    t67 = k55 * t14 + t65 - t6 * t48
+    t68 = k44 * t16 + t66 - t5 * t48
+    t69 = t9 * t64
+    t70 = t9 * t68
+    t71 = t8 * t67
+    t72 = F_1 + F_3 + t46 - t37 * t51
+    t73 = t43 * (t34 + t58)
+    t74 = t42 * t36 + k39 * t29 + t70 - t71 - t73
 
     # acceleration of the base, by LDL^T
-    t74 = 1.0 / (t40 + k68 - t41 * t59)
-    t75 = t61 * t74
-    t76 = t73 * t75
-    t77 = k46 * (t10 * t33 - t11 * t55)
-    t78 = t8 * t63 - t9 * t62 - t77 - t60 - t76
-    t79 = 1.0 / (k50 - t35 * t58 - t61 * t75)
-    t80 = 1.0 / (k50 - t35 * t50)
-    t81 = t52 * t80
-    t82 = t43 + t81 * t71 - t8 * t62 - t68 - t51
-    t83 = 1.0 / (k50 - t36 * t49 - t52 * t81)
+    t75 = 1.0 / (t42 + k68 - t43 * t60)
+    t76 = t62 * t75
+    t77 = t74 * t76
+    t78 = t8 * t64 - t9 * t63 - t47 - t61 - t77
+    t79 = 1.0 / (k50 - t37 * t59 - t62 * t76)
+    t80 = 1.0 / (k50 - t37 * t53)
+    t81 = t55 * t80
+    t82 = t45 + t81 * t72 - t8 * t63 - t69 - t54
+    t83 = 1.0 / (k50 - t38 * t52 - t55 * t81)
     t84 = t82 * t83
-    t85 = t81 * t84 + t80 * t71
+    t85 = t81 * t84 + t80 * t72
     t86 = t78 * t79
-    t87 = t75 * t86 - t73 * t74
-    t88 = k63 * (tau_6 - t8 * t67 - t9 * t66)
+    t87 = t76 * t86 - t74 * t75
+    t88 = k63 * (tau_6 - t8 * t68 - t9 * t67)
     t89 = k62 * (base_arm_length * (F_2 + F_4) - tau_5 - k61 * t15)
 
     # acceleration of joint 5
-    t90 = t57 + t59 * t87 - t89 - t58 * t86
+    t90 = t58 + t60 * t87 - t89 - t59 * t86
 
     # acceleration of joint 6
-    t91 = t48 + t88 - t49 * t84 - t50 * t85
+    t91 = t51 + t88 - t52 * t84 - t53 * t85
 
     # acceleration of the base
     t92 = t8 * t87 - t9 * t88
@@ -1923,112 +1923,114 @@ def _hybrid_residual(k, sin, cos, q, v):
     t41 = t34 * t37
     t42 = t39 - t41
     t43 = t17 - t37 * t38
-    t44 = t39 + t41
+    t44 = t9 * t36 + t34 * t38 - t8 * t35
+    t45 = t39 + t41
 
     # motion of link 2
-    t45 = v_theta_6 - t38
-    t46 = t45 * t45
-    t47 = t34 * t34 + t46
-    t48 = t43 - 2.0 * t45 * t37
-    t49 = t37 * t37 + t46
+    t46 = v_theta_6 - t38
+    t47 = t46 * t46
+    t48 = t34 * t34 + t47
+    t49 = t43 - 2.0 * t46 * t37
+    t50 = t37 * t37 + t47
+    t51 = 2.0 * t46 * t34 + t44
 
     # inertia of link 2, turned by the joints
-    t50 = k46 * t10
-    t51 = k46 * t11
-    t52 = k53 * t11
-    t53 = t11 * t52
-    t54 = k27 - t53
-    t55 = k33 + t53
-    t56 = t10 * t52
+    t52 = k46 * t10
+    t53 = k46 * t11
+    t54 = k53 * t11
+    t55 = t11 * t54
+    t56 = k27 - t55
+    t57 = k33 + t55
+    t58 = t10 * t54
 
     # inertia forces of link 2, about joint 6
-    t57 = (t18 - base_arm_length * t31) * t50
-    t58 = t56 * (t47 - t49)
-    t59 = (t9 * t33 - t8 * t32) * t51
-    t60 = t59 + t42 * t54 + t44 * t55 - t57 - t58
-    t61 = k46 * (t11 * t44 - t10 * t47)
-    t62 = k46 * (t10 * t42 + t11 * t49)
+    t59 = (t18 - base_arm_length * t31) * t52
+    t60 = t58 * (t48 - t50)
+    t61 = (t9 * t33 - t8 * t32) * t53
+    t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60
+    t63 = k46 * (t11 * t45 - t10 * t48)
+    t64 = k46 * (t10 * t42 + t11 * t50)
+    t65 = k46 * (t10 * t49 - t11 * t51)
 
     # inertia forces of links 1 and 2, about joint 5
-    t63 = k39 * t43
-    t64 = t9 * t60
-    t65 = t8 * t60
+    t66 = k39 * t44
+    t67 = k39 * t43
+    t68 = t40 * t53 + t49 * t58 - t57 * t51 - t66
+    t69 = t58 * t51 - t40 * t52 - t49 * t56 - t67
+    t70 = t8 * t63 - t9 * t65
+    t71 = t9 * t63 + t8 * t65
+    t72 = t9 * t62
+    t73 = t8 * t68
+    t74 = t8 * t62
+    t75 = t9 * t68
 
     # step from the base to link 1
-    t66 = base_arm_length * t5
-    t67 = base_arm_length * t6
+    t76 = base_arm_length * t5
+    t77 = base_arm_length * t6
 
     # inertia forces of the base and links 1 and 2
-    t68 = t62 * t67
-    t69 = t62 * t66
+    t78 = t64 * t77
+    t79 = t64 * t76
+    t80 = t76 * t71
+    t81 = t77 * t70
 
     # inertia of the base, turned by the joints
-    t70 = k51 * t5
-    t71 = k51 * t6
-    t72 = k54 * t6
-    t73 = t6 * t72
-    t74 = k52 + t73
-    t75 = t5 * t72
+    t82 = k51 * t5
+    t83 = k51 * t6
+    t84 = k54 * t6
+    t85 = t6 * t84
+    t86 = k52 + t85
+    t87 = t5 * t84
 
     # inertia forces of the base and links 1 and 2
-    t76 = t18 * t71
-    t77 = t26 * t75
-    t78 = k55 * t16
-    t79 = t28 * (k43 - t73)
-    t80 = k44 * t20
-    t81 = t26 * t74
-    t82 = t18 * t70
-    t83 = t28 * t75
-    t84 = t12 * t70
-    t85 = t19 * t71
-    t86 = t21 * t74
-    t87 = t75 * (t25 - t27)
-    t88 = t62 + k51 * t31
+    t88 = t18 * t83
+    t89 = t26 * t87
+    t90 = k55 * t16
+    t91 = t28 * (k43 - t85)
+    t92 = k44 * t20
+    t93 = t26 * t86
+    t94 = t18 * t82
+    t95 = t28 * t87
+    t96 = t12 * t82
+    t97 = t19 * t83
+    t98 = t21 * t86
+    t99 = t87 * (t25 - t27)
+    t100 = k51 * t29 - t70
+    t101 = k51 * t30 - t71
+    t102 = t64 + k51 * t31
+    t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73
+    t104 = t94 + t95 + t75 - t74 - t79 - t92 - t93
+    t105 = t99 + t69 + t81 - t96 - t97 - t98 - t80
+
+    # inertia forces on attitude and position
+    t106 = t3 * t102 - t4 * t100
+    t107 = t4 * t102 + t3 * t100
+    t108 = t4 * t105 - t3 * t103
+    t109 = t1 * t101 - t2 * t106
+    t110 = t2 * t101 + t1 * t106 - k56
 
     # motion of the base
-    t89 = v_theta_0 * t5 - t6 * t15
-    t90 = (t5 * t15 + v_theta_0 * t6) * t89
-    t91 = t17 + t90
-    t92 = t90 - t17
+    t111 = v_theta_0 * t5 - t6 * t15
+    t112 = (t5 * t15 + v_theta_0 * t6) * t111
+    t113 = t17 + t112
+    t114 = t112 - t17
 
     # motion of base arm 2
-    t93 = base_arm_length * (t24 + t89 * t89)
+    t115 = base_arm_length * (t24 + t111 * t111)
 
     # inertia forces of base arm 2, about joint 2
-    t94 = k57 * (t5 * t19 + t93 - t6 * t12)
-    t95 = k8 * t92 - k14 * t91
-    t96 = t94 + t95
+    t116 = k57 * (t5 * t19 + t115 - t6 * t12)
+    t117 = k8 * t114 - k14 * t113
+    t118 = t116 + t117
 
     # inertia forces of base arm 3, about joint 3
-    t97 = k57 * (t5 * t12 + t6 * t19 + base_arm_length * t91)
-    t98 = k14 * t92 - k8 * t91 - t97
+    t119 = k57 * (t5 * t12 + t6 * t19 + base_arm_length * t113)
+    t120 = k14 * t114 - k8 * t113 - t119
 
     # inertia forces of base arm 4, about joint 4
-    t99 = t95 - t94
-    t100 = t9 * t36 + t34 * t38 - t8 * t35
-    t101 = 2.0 * t45 * t34 + t100
-    t102 = k46 * (t10 * t48 - t11 * t101)
-    t103 = k39 * t100
-    t104 = t40 * t51 + t48 * t56 - t55 * t101 - t103
-    t105 = t56 * t101 - t40 * t50 - t48 * t54 - t63
-    t106 = t8 * t61 - t9 * t102
-    t107 = t9 * t61 + t8 * t102
-    t108 = t8 * t104
-    t109 = t9 * t104
-    t110 = t66 * t107
-    t111 = t67 * t106
-    t112 = k51 * t29 - t106
-    t113 = k51 * t30 - t107
-    t114 = t76 + t77 - t64 - t68 - t78 - t79 - t108
-    t115 = t82 + t83 + t109 - t65 - t69 - t80 - t81
-    t116 = t87 + t105 + t111 - t84 - t85 - t86 - t110
-    t117 = t3 * t88 - t4 * t112
-    t118 = t4 * t88 + t3 * t112
-    t119 = t4 * t116 - t3 * t114
-    t120 = t1 * t113 - t2 * t117
-    t121 = t2 * t113 + t1 * t117 - k56
+    t121 = t117 - t116
     return (
-        t119, t115, t116, t96, t98, t99, t105, t60, t118, t120, t121, 0.0, 0.0, 0.0,
+        t108, t104, t105, t118, t120, t121, t69, t62, t107, t109, t110, 0.0, 0.0, 0.0,
     )
 
 
@@ -2322,90 +2324,90 @@ def _gibbs(k, sin, cos, q, v, a):
     t43 = a_x * t3 - t4 * t41
     t44 = a_theta_0 + t12 * t13
     t45 = 2.0 * v_theta_0 * t12 - a_theta_m1 * t3
-    t46 = t16 - t45
-    t47 = t17 - t44
+    t46 = a_theta_1 + t14 + a_theta_m1 * t4
+    t47 = t16 - t45
+    t48 = t17 - t44
 
     # motion of link 1
-    t48 = a_theta_1 + t14 + a_theta_m1 * t4
-    t49 = a_theta_5 + t48
-    t50 = t13 * t19 - t44
-    t51 = v_theta_0 * t19 - t45
-    t52 = t9 * t50 - t8 * t51
+    t49 = t5 * (v_theta_0 * v_theta_0 + t18) - t6 * (t14 - t46)
+    t50 = t6 * (t13 * t13 + t18) - t5 * (t14 + t46)
+    t51 = t6 * (2.0 * t15 * v_theta_0 - t45)
+    t52 = base_arm_length * (t5 * (2.0 * t15 * t13 - t44) + t51)
+    t53 = t43 - base_arm_length * t49
+    t54 = t40 - base_arm_length * t50
+    t55 = t42 + t52
+    t56 = a_theta_5 + t46
+    t57 = v_theta_0 * t19 - t45
+    t58 = t13 * t19 - t44
+    t59 = t9 * t58 - t8 * t57
+    t60 = t8 * t53 + t9 * t54
+    t61 = t8 * t54 - t9 * t53
 
     # motion of link 2
-    t53 = t23 + t19 * t24 - t52
-    t54 = t22 + t20 * t24 - t49
+    t62 = a_theta_6 + t8 * t58 + t9 * t57
+    t63 = t23 + t19 * t24 - t59
+    t64 = t22 + t20 * t24 - t56
 
     # Gibbs function of the base
-    t55 = t15 * t32
-    t56 = v_theta_0 * t32
-    t57 = v_theta_0 * t38
-    t58 = v_theta_0 * t57 * t48
-    t59 = v_theta_0 * t33
+    t65 = t15 * t32
+    t66 = v_theta_0 * t32
+    t67 = v_theta_0 * t38
+    t68 = v_theta_0 * t67 * t46
+    t69 = v_theta_0 * t33
 
     # Gibbs function of link 2
-    t60 = t53 * t30 * t53
-    t61 = t19 * t31
-    t62 = t19 * t25
-    t63 = t5 * (v_theta_0 * v_theta_0 + t18) - t6 * (t14 - t48)
-    t64 = t43 - base_arm_length * t63
-    t65 = t6 * (t13 * t13 + t18) - t5 * (t14 + t48)
-    t66 = t40 - base_arm_length * t65
-    t67 = t8 * t64 + t9 * t66
-    t68 = t19 * t62 * t67
-    t69 = t24 * t25
-    t70 = t8 * t66 - t9 * t64
-    t71 = t26 * t70 * t53
-    t72 = t19 * t26
+    t70 = t63 * t30 * t63
+    t71 = t19 * t31
+    t72 = t19 * t25
+    t73 = t19 * t72 * t60
+    t74 = t24 * t25
+    t75 = t26 * t61 * t63
+    t76 = t19 * t26
 
     # sum over the links
-    t73 = t47 * t15 * t36
-    t74 = t24 * t29 * t54
-    t75 = t38 * t47
-    t76 = k44 * t16
-    t77 = t6 * (2.0 * t15 * v_theta_0 - t45)
-    t78 = base_arm_length * (t5 * (2.0 * t15 * t13 - t44) + t77)
-    t79 = t42 + t78
-    t80 = t24 * t26 * t79
-    t81 = t61 * t54
-    t82 = k44 * t17
-    t83 = t32 * t42 + k19 * t47 - t15 * t57 - t82
-    t84 = t47 * t83
-    t85 = k66 * t43
-    t86 = t15 * t55 + v_theta_0 * t56 + t33 * t48 - t85
-    t87 = t43 * t86
-    t88 = t15 * t15 * t33 - k66 * t40 - t32 * t48
-    t89 = t40 * t88
-    t90 = a_theta_6 + t8 * t50 + t9 * t51
-    t91 = t90 * (t19 * t61 + t25 * t79 - t26 * t67)
-    t92 = t42 * (t15 * t59 + k66 * t42)
-    t93 = k67 * (t49 * t49 + t52 * t52)
-    t94 = k39 * (t23 * t52 + t22 * t49)
-    t95 = t54 * (t25 * t70 - t31 * t53)
-    t96 = t48 * t48
-    t97 = t36 * (t47 * t47 + t96)
-    t98 = t37 * (t46 * t46 + t96)
-    t99 = t40 * (t13 * t33 - t56)
-    t100 = (t20 * t26 - t62) * t79
+    t77 = t48 * t15 * t36
+    t78 = t24 * t29 * t64
+    t79 = t38 * t48
+    t80 = k44 * t16
+    t81 = t24 * t26 * t55
+    t82 = t71 * t64
+    t83 = k44 * t17
+    t84 = t32 * t42 + k19 * t48 - t15 * t67 - t83
+    t85 = t48 * t84
+    t86 = k66 * t43
+    t87 = t15 * t65 + v_theta_0 * t66 + t33 * t46 - t86
+    t88 = t43 * t87
+    t89 = t15 * t15 * t33 - k66 * t40 - t32 * t46
+    t90 = t40 * t89
+    t91 = t62 * (t19 * t71 + t25 * t55 - t26 * t60)
+    t92 = t42 * (t15 * t69 + k66 * t42)
+    t93 = k67 * (t56 * t56 + t59 * t59)
+    t94 = k39 * (t23 * t59 + t22 * t56)
+    t95 = t64 * (t25 * t61 - t31 * t63)
+    t96 = t46 * t46
+    t97 = t36 * (t48 * t48 + t96)
+    t98 = t37 * (t47 * t47 + t96)
+    t99 = t40 * (t13 * t33 - t66)
+    t100 = (t20 * t26 - t72) * t55
     t101 = t13 * t38 - v_theta_0 * t37
     t102 = t15 * t101
-    t103 = t33 * t42 + k19 * t46 - t75 - t76 - t102
-    t104 = t46 * t103
+    t103 = t33 * t42 + k19 * t47 - t79 - t80 - t102
+    t104 = t47 * t103
     t105 = t20 * t31 + t19 * t30
-    t106 = t53 * t105
-    t107 = t80 + t69 * t67 + t72 * t70 - t81 - t106
+    t106 = t63 * t105
+    t107 = t81 + t74 * t60 + t76 * t61 - t82 - t106
     t108 = t24 * t107
-    t109 = t48 * (v_theta_0 * t36 + t101)
-    t110 = t42 * t55 + t43 * t59 + t73 + t109 - t99
+    t109 = t46 * (v_theta_0 * t36 + t101)
+    t110 = t42 * t65 + t43 * t69 + t77 + t109 - t99
     t111 = t13 * t110
-    t112 = t90 * (t19 * t29 - t105)
-    t113 = t72 * t67 + t74 + t112 - t69 * t70 - t100
+    t112 = t62 * (t19 * t29 - t105)
+    t113 = t76 * t60 + t78 + t112 - t74 * t61 - t100
     t114 = t20 * t113
-    t115 = t90 * (t29 + t30) * t90
-    t116 = t54 * t29 * t54 + t60 + t97 + t98 + t115
+    t115 = t62 * (t29 + t30) * t62
+    t116 = t64 * t29 * t64 + t70 + t97 + t98 + t115
     t117 = 0.5 * t116
     t118 = (
-        t84 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t58 - t68 - t71 - t87 - t89 - t94 - t95
+        t85 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t68 - t73 - t75 - t88 - t90 - t94 - t95
         - t108
     )
     return (
@@ -2952,179 +2954,179 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t26 = t20 * t23
     t27 = t25 - t26
     t28 = t15 - t23 * t24
-    t29 = t25 + t26
+    t29 = t9 * t22 + t20 * t24 - t8 * t21
+    t30 = t25 + t26
 
     # motion of link 2
-    t30 = v_theta_6 - t24
-    t31 = t30 * t30
-    t32 = t20 * t20 + t31
-    t33 = t28 - 2.0 * t30 * t23
-    t34 = t23 * t23 + t31
+    t31 = v_theta_6 - t24
+    t32 = t31 * t31
+    t33 = t20 * t20 + t32
+    t34 = t28 - 2.0 * t31 * t23
+    t35 = t23 * t23 + t32
+    t36 = 2.0 * t31 * t20 + t29
 
     # inertia of link 2, turned by the joints
-    t35 = k46 * t10
-    t36 = k46 * t11
-    t37 = k53 * t11
-    t38 = t11 * t37
-    t39 = k27 - t38
-    t40 = k33 + t38
-    t41 = t10 * t37
+    t37 = k46 * t10
+    t38 = k46 * t11
+    t39 = k53 * t11
+    t40 = t11 * t39
+    t41 = k27 - t40
+    t42 = k33 + t40
+    t43 = t10 * t39
 
     # articulated inertia and load of link 2, about joint 6
-    t42 = t33 * t39
-    t43 = t41 * (t32 - t34)
-    t44 = t27 * t39
-    t45 = t29 * t40
-    t46 = k46 * (t11 * t29 - t10 * t32)
-    t47 = k46 * (t10 * t27 + t11 * t34)
+    t44 = t42 * t36
+    t45 = t34 * t41
+    t46 = t43 * t36
+    t47 = t43 * (t33 - t35)
+    t48 = t27 * t41
+    t49 = t30 * t42
+    t50 = k46 * (t11 * t30 - t10 * t33)
+    t51 = k46 * (t10 * t27 + t11 * t35)
+    t52 = k46 * (t10 * t34 - t11 * t36)
 
     # articulated inertia and load of links 1 and 2, about joint 5
-    t48 = k39 * t28
+    t53 = k39 * t29
+    t54 = k39 * t28
 
     # axes of the base
-    t49 = t2 * t3
-    t50 = t1 * t3
-    t51 = t3 * t5
+    t55 = t2 * t3
+    t56 = t1 * t3
+    t57 = t3 * t5
 
     # equation of joint 6, its acceleration eliminated
-    t52 = 1.0 / (t39 + t40)
-    t53 = t36 * t52
-    t54 = t35 * t52
-    t55 = t35 * t53
+    t58 = 1.0 / (t41 + t42)
+    t59 = t38 * t58
+    t60 = t37 * t58
+    t61 = t37 * t59
 
     # equation of joint 5, its acceleration eliminated
-    t56 = 1.0 / (k39 + t39)
-    t57 = t35 * t56
-    t58 = t41 * t56
-    t59 = t36 - t41 * t57
+    t62 = 1.0 / (k39 + t41)
+    t63 = t37 * t62
+    t64 = t43 * t62
+    t65 = t38 - t43 * t63
 
     # articulated inertia and load of the base and links 1 and 2
-    t60 = k43 * (t17 - 2.0 * t18 * v_theta_0)
-    t61 = k43 * (t16 - 2.0 * t18 * t13)
-    t62 = k61 * t15
+    t66 = k43 * (t17 - 2.0 * t18 * v_theta_0)
+    t67 = k43 * (t16 - 2.0 * t18 * t13)
+    t68 = k61 * t15
 
     # acceleration of the base, by LDL^T
-    t63 = 1.0 / (k50 - t35 * t54)
-    t64 = t55 * t63
+    t69 = 1.0 / (t42 + k68 - t43 * t64)
+    t70 = t65 * t69
+    t71 = 1.0 / (k50 - t37 * t63 - t65 * t70)
+    t72 = 1.0 / (k50 - t37 * t60)
+    t73 = t61 * t72
+    t74 = 1.0 / (k50 - t38 * t59 - t61 * t73)
 
     # accelerations of the attitude angles
-    t65 = 1.0 / t3
+    t75 = 1.0 / t3
 
     # axes of the base
-    t66 = t2 * t4
-    t67 = t1 * t4
-    t68 = t1 * t6 + t5 * t66
-    t69 = t2 * t6 - t5 * t67
-    t70 = t3 * t6
-    t71 = t1 * t5 - t6 * t66
-    t72 = t2 * t5 + t6 * t67
+    t76 = t2 * t4
+    t77 = t1 * t4
+    t78 = t1 * t6 + t5 * t76
+    t79 = t2 * t6 - t5 * t77
+    t80 = t3 * t6
+    t81 = t1 * t5 - t6 * t76
+    t82 = t2 * t5 + t6 * t77
 
     # joint 5 and the axes of link 1
-    t73 = t3 * t8
-    t74 = t1 * t9 + t8 * t66
-    t75 = t2 * t9 - t8 * t67
-    t76 = t3 * t9
-    t77 = t1 * t8 - t9 * t66
-    t78 = t2 * t8 + t9 * t67
+    t83 = t3 * t8
+    t84 = t1 * t9 + t8 * t76
+    t85 = t2 * t9 - t8 * t77
+    t86 = t3 * t9
+    t87 = t1 * t8 - t9 * t76
+    t88 = t2 * t8 + t9 * t77
 
     # joint 6 and the axes of link 2
-    t79 = t10 * t73 + t4 * t11
-    t80 = t10 * t74 - t11 * t49
-    t81 = t10 * t75 + t11 * t50
-    t82 = t4 * t10 - t11 * t73
-    t83 = t11 * t74 + t10 * t49
-    t84 = t10 * t50 - t11 * t75
+    t89 = t10 * t83 + t4 * t11
+    t90 = t10 * t84 - t11 * t55
+    t91 = t10 * t85 + t11 * t56
+    t92 = t4 * t10 - t11 * t83
+    t93 = t11 * t84 + t10 * t55
+    t94 = t10 * t56 - t11 * t85
 
     # wrench on base, in the frame of its link
-    t85 = W_base_fz * t69
-    t86 = W_base_fy * t71 + W_base_fz * t72 - W_base_fx * t70
-    t87 = W_base_fx * t4
-    t88 = W_base_fz * t50
-    t89 = W_base_fy * t49
-    t90 = W_base_tx * t51 + W_base_ty * t68 + W_base_tz * t69
-    t91 = W_base_tz * t50
-    t92 = W_base_ty * t49
+    t95 = W_base_fz * t79
+    t96 = W_base_fy * t81 + W_base_fz * t82 - W_base_fx * t80
+    t97 = W_base_fx * t4
+    t98 = W_base_fz * t56
+    t99 = W_base_fy * t55
+    t100 = W_base_tx * t57 + W_base_ty * t78 + W_base_tz * t79
+    t101 = W_base_tz * t56
+    t102 = W_base_ty * t55
 
     # wrench on tip, in the frame of its link
-    t93 = W_tip_fx * t79 + W_tip_fy * t80 + W_tip_fz * t81
-    t94 = W_tip_fx * t82 + W_tip_fz * t84 - W_tip_fy * t83
-    t95 = W_tip_fx * t76 - W_tip_fy * t77 - W_tip_fz * t78
-    t96 = W_tip_tx * t79 + W_tip_ty * t80 + W_tip_tz * t81
-    t97 = W_tip_tx * t76
-    t98 = W_tip_ty * t77
-    t99 = W_tip_tz * t78
-    t100 = link2_length * t95
-    t101 = link2_length * t94
+    t103 = W_tip_fx * t89 + W_tip_fy * t90 + W_tip_fz * t91
+    t104 = W_tip_fx * t92 + W_tip_fz * t94 - W_tip_fy * t93
+    t105 = W_tip_fx * t86 - W_tip_fy * t87 - W_tip_fz * t88
+    t106 = W_tip_tx * t89 + W_tip_ty * t90 + W_tip_tz * t91
+    t107 = W_tip_tx * t86
+    t108 = W_tip_ty * t87
+    t109 = W_tip_tz * t88
+    t110 = link2_length * t105
+    t111 = W_tip_tx * t92 + W_tip_tz * t94 - W_tip_ty * t93 - t110
+    t112 = link2_length * t104
 
     # articulated inertia and load of link 2, about joint 6
-    t102 = t10 * t93
-    t103 = t11 * t94
-    t104 = t11 * t93
-    t105 = t10 * t94
-    t106 = t10 * t96
+    t113 = t10 * t103
+    t114 = t11 * t104
+    t115 = t11 * t103
+    t116 = t10 * t104
+    t117 = t10 * t106
+    t118 = t11 * t111
+    t119 = t10 * t111
 
     # thrusts and wrenches together
-    t107 = F_2 + W_base_fx * t51 + W_base_fy * t68 + t85 - F_4
-    t108 = base_arm_length * (F_1 - F_3)
-    t109 = W_base_ty * t71 + W_base_tz * t72 + t108 - W_base_tx * t70
+    t120 = F_2 + W_base_fx * t57 + W_base_fy * t78 + t95 - F_4
+    t121 = base_arm_length * (F_1 - F_3)
+    t122 = W_base_ty * t81 + W_base_tz * t82 + t121 - W_base_tx * t80
 
     # equation of joint 6, its acceleration eliminated
-    t110 = tau_6 + t44 + t45 + t97 + t101 - t43 - t98 - t99
-    t111 = t52 * t110
-    t112 = t36 * t111
-    t113 = t35 * t111
+    t123 = tau_6 + t48 + t49 + t107 + t112 - t47 - t108 - t109
+    t124 = t58 * t123
+    t125 = t38 * t124
+    t126 = t37 * t124
 
     # equation of joint 5, its acceleration eliminated
-    t114 = t9 * t22 + t20 * t24 - t8 * t21
-    t115 = 2.0 * t30 * t20 + t114
-    t116 = t41 * t115
-    t117 = W_tip_tx * t82 + W_tip_tz * t84 - W_tip_ty * t83 - t100
-    t118 = t10 * t117
-    t119 = tau_5 + t11 * t96 + t116 + t118 - t42 - t48
-    t120 = t56 * t119
+    t127 = tau_5 + t11 * t106 + t46 + t119 - t45 - t54
+    t128 = t62 * t127
 
     # articulated inertia and load of the base and links 1 and 2
-    t121 = t6 * t86 - t5 * t107
-    t122 = t5 * t86 + t6 * t107
-    t123 = k55 * t14 + t60 + t5 * t90 - t6 * t109
-    t124 = k44 * t16 + t61 - t6 * t90 - t5 * t109
-    t125 = t9 * t122
-    t126 = t8 * t121
-    t127 = t9 * t121
-    t128 = t8 * t122
-    t129 = t8 * t123
-    t130 = t9 * t124
-    t131 = F_1 + F_3 + t47 + t87 + t88 + t104 + t105 - t89 - t113
-    t132 = t41 * (t33 + t120)
-    t133 = t40 * t115
-    t134 = k39 * t114
-    t135 = t11 * t117
-    t136 = t106 + t129 + t132 - t133 - t134 - t135 - t130
-    t137 = base_arm_length * (F_2 + F_4)
-    t138 = W_base_tx * t4 + t91 + t137 - tau_5 - t62 - t92
+    t129 = t6 * t96 - t5 * t120
+    t130 = t5 * t96 + t6 * t120
+    t131 = k55 * t14 + t66 + t5 * t100 - t6 * t122
+    t132 = k44 * t16 + t67 - t6 * t100 - t5 * t122
+    t133 = t9 * t130
+    t134 = t8 * t129
+    t135 = t9 * t129
+    t136 = t8 * t130
+    t137 = t8 * t131
+    t138 = t9 * t132
+    t139 = F_1 + F_3 + t51 + t97 + t98 + t115 + t116 - t99 - t126
+    t140 = t43 * (t34 + t128)
+    t141 = t117 + t137 + t140 - t44 - t53 - t118 - t138
+    t142 = base_arm_length * (F_2 + F_4)
+    t143 = W_base_tx * t4 + t101 + t142 - tau_5 - t68 - t102
 
     # acceleration of the base, by LDL^T
-    t139 = 1.0 / (t40 + k68 - t41 * t58)
-    t140 = t59 * t139
-    t141 = t140 * t136
-    t142 = k46 * (t10 * t33 - t11 * t115)
-    t143 = t95 + t142 + t35 * t120 - t127 - t128 - t141
-    t144 = t64 * t131
-    t145 = t46 + t103 + t126 + t144 - t102 - t112 - t125
-    t146 = 1.0 / (k50 - t36 * t53 - t55 * t64)
-    t147 = t146 * t145
-    t148 = t64 * t147 + t63 * t131
-    t149 = 1.0 / (k50 - t35 * t57 - t59 * t140)
-    t150 = t149 * t143
-    t151 = t139 * t136 - t140 * t150
-    t152 = k63 * (tau_6 - t9 * t123 - t8 * t124)
-    t153 = k62 * t138
+    t144 = t70 * t141
+    t145 = t105 + t52 + t37 * t128 - t135 - t136 - t144
+    t146 = t73 * t139
+    t147 = t50 + t114 + t134 + t146 - t113 - t125 - t133
+    t148 = t74 * t147
+    t149 = t73 * t148 + t72 * t139
+    t150 = t71 * t145
+    t151 = t69 * t141 - t70 * t150
+    t152 = k63 * (tau_6 - t9 * t131 - t8 * t132)
+    t153 = k62 * t143
 
     # acceleration of joint 5
-    t154 = t120 + t57 * t150 + t58 * t151 - t153
+    t154 = t128 + t63 * t150 + t64 * t151 - t153
 
     # acceleration of joint 6
-    t155 = t111 + t152 - t53 * t147 - t54 * t148
+    t155 = t124 + t152 - t59 * t148 - t60 * t149
 
     # acceleration of the base
     t156 = t8 * t151 - t9 * t152
@@ -3136,9 +3138,9 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t160 = t6 * (t13 * t13 + t19) - t5 * (t15 + t158)
     t161 = t6 * (t17 - 2.0 * v_theta_0 * t18 - t156)
     t162 = t5 * (t16 + t157 - 2.0 * t13 * t18) + t161
-    t163 = t8 * t147 - t9 * t150 - base_arm_length * t159
-    t164 = base_arm_length * t160 - t8 * t150 - t9 * t147
-    t165 = t148 + base_arm_length * t162
+    t163 = t8 * t148 - t9 * t150 - base_arm_length * t159
+    t164 = base_arm_length * t160 - t8 * t150 - t9 * t148
+    t165 = t149 + base_arm_length * t162
 
     # acceleration of the origin, in world axes
     t166 = t4 * t163 + t3 * t165
@@ -3146,7 +3148,7 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     t168 = t1 * t164 - t2 * t166
 
     # accelerations of the attitude angles
-    t169 = t65 * t156
+    t169 = t75 * t156
     t170 = t153 - t4 * t169
 
     # acceleration of the origin, in world axes
@@ -3295,106 +3297,112 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
     t43 = a_x * t4 + t3 * t42
     t44 = a_x * t3 - t4 * t42
     t45 = a_theta_0 + t12 * t13
-    t46 = t13 * t15 - t45
+    t46 = 2.0 * v_theta_0 * t12 - a_theta_m1 * t3
+    t47 = a_theta_1 + t14 + a_theta_m1 * t4
+    t48 = v_theta_0 * t15 - t46
+    t49 = t13 * t15 - t45
 
     # motion of link 1
-    t47 = t13 * t17 - t45
+    t50 = t5 * (v_theta_0 * v_theta_0 + t16) - t6 * (t14 - t47)
+    t51 = t6 * (t13 * t13 + t16) - t5 * (t14 + t47)
+    t52 = t6 * (2.0 * t15 * v_theta_0 - t46)
+    t53 = base_arm_length * (t5 * (2.0 * t15 * t13 - t45) + t52)
+    t54 = t44 - base_arm_length * t50
+    t55 = t41 - base_arm_length * t51
+    t56 = t43 + t53
+    t57 = v_theta_0 * t17 - t46
+    t58 = t13 * t17 - t45
+    t59 = t8 * t54 + t9 * t55
+    t60 = t8 * t55 - t9 * t54
+    t61 = a_theta_5 + t47 - t18 * t19
+    t62 = t17 * t19 + t8 * t57 - t9 * t58
+
+    # motion of link 2
+    t63 = a_theta_6 + t8 * t58 + t9 * t57
+    t64 = t20 + t63
+    t65 = 2.0 * t21 * t18 - t61
+    t66 = t20 - t63
+    t67 = 2.0 * t21 * t17 + t62
 
     # inertia forces of link 2, about joint 6
-    t48 = 2.0 * v_theta_0 * t12 - a_theta_m1 * t3
-    t49 = v_theta_0 * t17 - t48
-    t50 = a_theta_6 + t8 * t47 + t9 * t49
-    t51 = t20 - t50
-    t52 = t20 + t50
-    t53 = a_theta_1 + t14 + a_theta_m1 * t4
-    t54 = a_theta_5 + t53 - t18 * t19
-    t55 = 2.0 * t21 * t18 - t54
-    t56 = t17 * t19 + t8 * t49 - t9 * t47
-    t57 = 2.0 * t21 * t17 + t56
+    t68 = t26 * t60
+    t69 = t31 * t67
+    t70 = t26 * t59
+    t71 = t30 * t66
+    t72 = t32 + t25 * t56 + t29 * t64 - t70 - t71
 
     # motion of the base
-    t58 = v_theta_0 * t15 - t48
-    t59 = t6 * t46 - t5 * t58
-    t60 = t5 * t46 + t6 * t58
-    t61 = t36 + t60
-    t62 = t37 - t59
+    t73 = t6 * t49 - t5 * t48
+    t74 = t5 * t49 + t6 * t48
+    t75 = t35 + t47
+    t76 = t36 + t74
+    t77 = t47 - t35
+    t78 = t37 - t73
 
     # motion of base arm 2
-    t63 = t43 + base_arm_length * t61
+    t79 = t6 * t41 + t5 * t44 - base_arm_length * t38
+    t80 = t5 * t41 + base_arm_length * t75 - t6 * t44
+    t81 = t43 + base_arm_length * t76
 
     # inertia forces of base arm 2, about joint 2
-    t64 = t53 - t35
-    t65 = k57 * t64
-    t66 = t6 * t41 + t5 * t44 - base_arm_length * t38
-    t67 = k45 * t66
-    t68 = t35 + t53
-    t69 = t5 * t41 + base_arm_length * t68 - t6 * t44
-    t70 = k45 * t69
-    t71 = t39 + t70
-    t72 = k45 * t63
-    t73 = k57 * t62
-    t74 = t72 - t73
-    t75 = k20 * (t37 + t59)
-    t76 = k57 * t63
-    t77 = k8 * t62 - t75
-    t78 = t77 - t76
-    t79 = k20 * (t36 - t60)
-    t80 = t79 - k14 * t61
-
-    # inertia forces of base arm 3, about joint 3
-    t81 = t67 - k57 * t38
-    t82 = t70 + k57 * t68
-    t83 = k14 * t62 - t75
-
-    # inertia forces of base arm 4, about joint 4
-    t84 = t70 - t39
-    t85 = t72 + t73
-    t86 = t76 + t77
+    t82 = k57 * t77
+    t83 = k45 * t79
+    t84 = k45 * t80
+    t85 = t39 + t84
+    t86 = k45 * t81
+    t87 = k57 * t78
+    t88 = t86 - t87
+    t89 = k20 * (t37 + t73)
+    t90 = k57 * t81
+    t91 = k8 * t78 - t89
+    t92 = t91 - t90
+    t93 = k20 * (t36 - t74)
+    t94 = t93 - k14 * t76
+    t95 = k57 * t79
 
     # wrench through joint 2
-    t87 = t65 + t67 - F_2
+    t96 = k14 * t75 + k8 * t77
+    t97 = t95 + t96 - base_arm_length * F_2
 
-    # wrench through joint 3
-    t88 = t72 + k57 * t61 - F_3
-    t89 = base_arm_length * F_3 + t79 - t76 - k8 * t61
+    # inertia forces of base arm 3, about joint 3
+    t98 = t83 - k57 * t38
+    t99 = t84 + k57 * t75
+    t100 = k14 * t78 - t89
+    t101 = k8 * t75 + k57 * t80 + k14 * t77
+
+    # inertia forces of base arm 4, about joint 4
+    t102 = t84 - t39
+    t103 = t86 + t87
+    t104 = t90 + t91
 
     # wrench through joint 4
-    t90 = t65 - F_4 - t67
+    t105 = t96 - base_arm_length * F_4 - t95
+
+    # wrench through joint 2
+    t106 = t82 + t83 - F_2
+
+    # wrench through joint 3
+    t107 = t86 + k57 * t76 - F_3
+    t108 = base_arm_length * F_3 + t93 - t90 - k8 * t76
+
+    # wrench through joint 4
+    t109 = t82 - F_4 - t83
 
     # inertia forces of link 2, about joint 6
-    t91 = t5 * (v_theta_0 * v_theta_0 + t16) - t6 * (t14 - t53)
-    t92 = t44 - base_arm_length * t91
-    t93 = t6 * (t13 * t13 + t16) - t5 * (t14 + t53)
-    t94 = t41 - base_arm_length * t93
-    t95 = t8 * t92 + t9 * t94
-    t96 = t26 * t51 + k47 * t95 - t23 * t25
-    t97 = t6 * (2.0 * t15 * v_theta_0 - t48)
-    t98 = base_arm_length * (t5 * (2.0 * t15 * t13 - t45) + t97)
-    t99 = t43 + t98
-    t100 = t25 * t52 + k47 * t99 - t24 * t26
-    t101 = t8 * t94 - t9 * t92
-    t102 = t25 * t55 + t26 * t57 - k47 * t101
+    t110 = t26 * t66 + k47 * t59 - t23 * t25
+    t111 = t25 * t64 + k47 * t56 - t24 * t26
+    t112 = t25 * t65 + t26 * t67 - k47 * t60
+    t113 = t31 * t65 + t30 * t67 + k39 * t62 - t68
+    t114 = t25 * t60 + k39 * t61 - t29 * t65 - t69
 
     # wrench through joint 6, in its frame
-    t103 = t10 * t96 + t11 * t100
-    t104 = t10 * t100 - t11 * t96
-    t105 = t26 * t101
-    t106 = t31 * t55 + t30 * t57 + k39 * t56 - t105
-    t107 = t31 * t57
-    t108 = t25 * t101 + k39 * t54 - t29 * t55 - t107
-    t109 = t10 * t106 + t11 * t108
-    t110 = t10 * t108 - t11 * t106
-    t111 = t26 * t95
-    t112 = t30 * t51
-    t113 = t32 + t25 * t99 + t29 * t52 - t111 - t112
-    t114 = k57 * t66
-    t115 = k8 * t68 + k57 * t69 + k14 * t64
-    t116 = k14 * t68 + k8 * t64
-    t117 = t114 + t116 - base_arm_length * F_2
-    t118 = t116 - base_arm_length * F_4 - t114
+    t115 = t10 * t110 + t11 * t111
+    t116 = t10 * t111 - t11 * t110
+    t117 = t10 * t113 + t11 * t114
+    t118 = t10 * t114 - t11 * t113
     return (
-        -t71, t87, t74, -t80, t78, t117, t81, t82, t88, t83, t89, t115, t84, t90, t85, t80, -t86,
-        t118, t96, -t102, t100, t106, -t113, t108, t103, t104, t102, t109, t110, t113,
+        -t85, t106, t88, -t94, t92, t97, t98, t99, t107, t100, t108, t101, t102, t109, t103, t94,
+        -t104, t105, t110, -t112, t111, t113, -t72, t114, t115, t116, t112, t117, t118, t72,
     )
 
 
@@ -3643,7 +3651,7 @@ def _tip_jacobian(k, sin, cos, q):
     t26 = t18 - link2_length * t23
 
     # columns of the base
-    t27 = -t1 * t26 - t2 * t25
+    t27 = t1 * t26 + t2 * t25
     t28 = t2 * t24
     t29 = t1 * t24
     t30 = t12 * t26 - t13 * t25
@@ -3663,7 +3671,7 @@ def _tip_jacobian(k, sin, cos, q):
     t40 = t19 * t35 - t21 * t33
     t41 = t19 * t34 - t20 * t33
     return (
-        0.0, t27, t30, t36, t39, 1.0, 0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29,
+        0.0, -t27, t30, t36, t39, 1.0, 0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29,
         t32, t38, t41, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12,
         t20, 0.0, 0.0, 0.0, 0.0, t2, t13, t13, -t21, 0.0, 0.0, 0.0,
     )
@@ -3873,6 +3881,8 @@ def _frame_poses(k, sin, cos, q):
     t34 = x + base_arm_length * t14
     t35 = y + base_arm_length * t17
     t36 = z + base_arm_length * t18
+
+    # position of tip
     t37 = link2_length * t28 + t34
     t38 = link2_length * t29 + t35
     t39 = link2_length * t30 + t36
@@ -3917,12 +3927,12 @@ def _frame_jacobians(k, sin, cos, q):
     theta_6 = q[4]
 
     # attitude
-    t1 = -cos(theta_m1)
+    t1 = cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
-    t6 = -sin(theta_1)
+    t6 = sin(theta_1)
 
     # angles and places of the joints
     t7 = theta_1 + theta_5
@@ -3940,14 +3950,14 @@ def _frame_jacobians(k, sin, cos, q):
     # joint 5 and the axes of link 1
     t16 = base_arm_length * t3 * t5
     t17 = base_arm_length * (t1 * t6 + t5 * t14)
-    t18 = base_arm_length * (t2 * t6 - t5 * t15)
+    t18 = base_arm_length * (t5 * t15 - t2 * t6)
     t19 = t3 * t9
-    t20 = t1 * t8 + t9 * t14
-    t21 = t9 * t15 - t2 * t8
+    t20 = t9 * t14 - t1 * t8
+    t21 = t2 * t8 + t9 * t15
 
     # joint 6 and the axes of link 2
-    t22 = t10 * (t8 * t14 - t1 * t9) - t11 * t12
-    t23 = t10 * (t2 * t9 + t8 * t15) - t11 * t13
+    t22 = t10 * (t1 * t9 + t8 * t14) - t11 * t12
+    t23 = t10 * (t2 * t9 - t8 * t15) + t11 * t13
 
     # position of tip
     t24 = t16 + link2_length * (t10 * t3 * t8 + t4 * t11)
@@ -3955,40 +3965,40 @@ def _frame_jacobians(k, sin, cos, q):
     t26 = t18 - link2_length * t23
 
     # columns of the base
-    t27 = t1 * t26 - t2 * t25
+    t27 = -t1 * t26 - t2 * t25
     t28 = t2 * t24
     t29 = t1 * t24
-    t30 = t13 * t25 + t12 * t26
-    t31 = t4 * t26 - t13 * t24
+    t30 = t12 * t26 - t13 * t25
+    t31 = t13 * t24 + t4 * t26
     t32 = t12 * t24 + t4 * t25
 
     # column of joint 5
     t33 = t24 - t16
-    t34 = t17 - t25
+    t34 = t25 - t17
     t35 = t26 - t18
     t36 = t12 * t35 - t13 * t34
-    t37 = t4 * t35 - t13 * t33
-    t38 = t12 * t33 - t4 * t34
+    t37 = t4 * t35 + t13 * t33
+    t38 = t12 * t33 + t4 * t34
 
     # column of joint 6
     t39 = t21 * t34 - t20 * t35
-    t40 = t19 * t35 + t21 * t33
-    t41 = -t19 * t34 - t20 * t33
+    t40 = t19 * t35 - t21 * t33
+    t41 = t19 * t34 - t20 * t33
 
     # columns of the base
-    t42 = t1 * t18 - t2 * t17
+    t42 = t1 * t18 + t2 * t17
     t43 = t2 * t16
     t44 = t1 * t16
-    t45 = t13 * t17 + t12 * t18
-    t46 = t4 * t18 - t13 * t16
+    t45 = t12 * t18 - t13 * t17
+    t46 = t13 * t16 + t4 * t18
     t47 = t12 * t16 + t4 * t17
     return (
-        0.0, t42, t45, 0.0, 0.0, 1.0, 0.0, 0.0, t18, t43, t46, 0.0, 0.0, 0.0, 1.0, 0.0, t17, t44,
-        t47, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t1, -t12, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, t2, -t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t27, t30, t36, t39, 1.0,
-        0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, t29, t32, t38, t41, 0.0, 0.0, 1.0,
-        1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, -t1, -t12, -t12, t20, 0.0, 0.0, 0.0, 0.0, t2,
-        -t13, -t13, t21, 0.0, 0.0, 0.0,
+        0.0, -t42, t45, 0.0, 0.0, 1.0, 0.0, 0.0, t18, t43, t46, 0.0, 0.0, 0.0, 1.0, 0.0, t17, -t44,
+        t47, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t1, -t12, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, t2, t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t27, t30, t36, t39, 1.0,
+        0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29, t32, t38, t41, 0.0, 0.0, 1.0,
+        1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12, t20, 0.0, 0.0, 0.0, 0.0, t2, t13,
+        t13, -t21, 0.0, 0.0, 0.0,
     )
 
 
@@ -4524,63 +4534,65 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t14 = v_theta_5 + t13
     t15 = t8 * t12 + v_theta_0 * t9
 
+    # motion of link 2
+    t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
+
     # inertia of link 2, turned by the joints
-    t16 = k46 * t10
-    t17 = k46 * t11
-    t18 = k53 * t11
-    t19 = t11 * t18
-    t20 = k27 - t19
-    t21 = k33 + t19
-    t22 = t10 * t18
+    t17 = k46 * t10
+    t18 = k46 * t11
+    t19 = k53 * t11
+    t20 = t11 * t19
+    t21 = k27 - t20
+    t22 = k33 + t20
+    t23 = t10 * t19
 
     # step from the base to link 1
-    t23 = base_arm_length * t5
-    t24 = base_arm_length * t6
+    t24 = base_arm_length * t5
+    t25 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t25 = k54 * t6
-    t26 = t6 * t25
-    t27 = k52 + t26
-    t28 = k43 - t26
-    t29 = t5 * t25
+    t26 = k54 * t6
+    t27 = t6 * t26
+    t28 = k52 + t27
+    t29 = k43 - t27
+    t30 = t5 * t26
 
     # motion of link 1
-    t30 = v_theta_0 * t5 - t6 * t12
+    t31 = v_theta_0 * t5 - t6 * t12
 
     # centre of mass from the origin
-    t31 = k65 * t11
+    t32 = k65 * t11
 
     # inertia forces of the base and links 1 and 2
-    t32 = t12 * t29
-    t33 = v_theta_0 * t29
+    t33 = t12 * t30
+    t34 = v_theta_0 * t30
 
     # inertia forces of link 2, about joint 6
-    t34 = t15 * t22
+    t35 = t15 * t23
 
     # motion of link 1
-    t35 = t6 * t13
-    t36 = t5 * t13
-    t37 = base_arm_length * t35
+    t36 = t6 * t13
+    t37 = t5 * t13
     t38 = base_arm_length * t36
+    t39 = base_arm_length * t37
 
     # centre of mass from the origin
-    t39 = k64 * (k51 * t5 + t8 * t16)
-    t40 = k64 * (k51 * t6 + t9 * t16)
+    t40 = k64 * (k51 * t5 + t8 * t17)
+    t41 = k64 * (k51 * t6 + t9 * t17)
 
     # motion of link 1
-    t41 = t9 * t37 + t8 * t38
+    t42 = t9 * t38 + t8 * t39
 
     # inertia forces of link 2, about joint 6
-    t42 = t16 * t41
-    t43 = t17 * (t9 * t38 - t8 * t37)
-    t44 = v_theta_6 + t9 * t12 - v_theta_0 * t8
-    t45 = t16 * base_arm_length * t30 + t43 - (t20 + t21) * t44
-    t46 = k46 * t11 * t44
-    t47 = k46 * t10 * t44
+    t43 = t17 * t42
+    t44 = t18 * (t9 * t39 - t8 * t38)
+    t45 = t17 * base_arm_length * t31 + t44 - (t21 + t22) * t16
+    t46 = k46 * t11 * t16
+    t47 = k46 * t10 * t16
     t48 = k46 * (t11 * t15 - t10 * t14)
 
     # inertia forces of links 1 and 2, about joint 5
-    t49 = t14 * t22 + t17 * t41 - t15 * (k39 + t21)
+    t49 = t14 * t23 + t18 * t42 - t15 * (k39 + t22)
     t50 = t9 * t48 - t8 * t46
     t51 = t8 * t48 + t9 * t46
     t52 = t9 * t45
@@ -4589,28 +4601,28 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t55 = t9 * t49
 
     # inertia forces of the base and links 1 and 2
-    t56 = t24 * t47
-    t57 = t23 * t47
-    t58 = t24 * t50
-    t59 = t23 * t51
-    t60 = k51 * t35 - t50
-    t61 = k51 * t36 - t51
-    t62 = k51 * t30 - t47
+    t56 = t25 * t47
+    t57 = t24 * t47
+    t58 = t25 * t50
+    t59 = t24 * t51
+    t60 = k51 * t36 - t50
+    t61 = k51 * t37 - t51
+    t62 = k51 * t31 - t47
 
     # momentum in world axes
-    t63 = t40 * t62
-    t64 = t31 * t61
-    t65 = t12 * (k44 + t28)
-    t66 = t33 + t56 + t63 + t64 + t65 - t52 - t53
-    t67 = t39 * t62
-    t68 = t31 * t60
-    t69 = v_theta_0 * (k44 + t27)
-    t70 = t32 + t54 + t68 + t69 - t55 - t57 - t67
-    t71 = t39 * t61
-    t72 = t40 * t60
-    t73 = t14 * (k39 + t20)
-    t74 = t13 * (t27 + t28)
-    t75 = t34 + t58 + t59 + t71 + t72 - t42 - t74 - t73
+    t63 = t41 * t62
+    t64 = t32 * t61
+    t65 = t12 * (k44 + t29)
+    t66 = t34 + t56 + t63 + t64 + t65 - t52 - t53
+    t67 = t40 * t62
+    t68 = t32 * t60
+    t69 = v_theta_0 * (k44 + t28)
+    t70 = t33 + t54 + t68 + t69 - t55 - t57 - t67
+    t71 = t40 * t61
+    t72 = t41 * t60
+    t73 = t14 * (k39 + t21)
+    t74 = t13 * (t28 + t29)
+    t75 = t35 + t58 + t59 + t71 + t72 - t43 - t74 - t73
     t76 = t3 * t62 - t4 * t60
     t77 = k50 * v_x - t3 * t60 - t4 * t62
     t78 = k50 * v_y + t1 * t61 + t2 * t76

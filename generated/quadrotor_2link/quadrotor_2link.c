@@ -1763,90 +1763,90 @@ static INLINE void forward_dynamics_lane(
     const real t26 = t20 * t23;
     const real t27 = t25 - t26;
     const real t28 = t15 - t23 * t24;
-    const real t29 = t25 + t26;
+    const real t29 = s4 * t22 + t20 * t24 - c4 * t21;
+    const real t30 = t25 + t26;
 
     /* motion of link 2 */
-    const real t30 = v_theta_6 - t24;
-    const real t31 = t30 * t30;
-    const real t32 = t20 * t20 + t31;
-    const real t33 = t28 - R(2.0) * t30 * t23;
-    const real t34 = t23 * t23 + t31;
+    const real t31 = v_theta_6 - t24;
+    const real t32 = t31 * t31;
+    const real t33 = t20 * t20 + t32;
+    const real t34 = t28 - R(2.0) * t31 * t23;
+    const real t35 = t23 * t23 + t32;
+    const real t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t35 = k46 * c5;
-    const real t36 = k46 * s5;
-    const real t37 = k53 * s5;
-    const real t38 = s5 * t37;
-    const real t39 = k27 - t38;
-    const real t40 = k33 + t38;
-    const real t41 = c5 * t37;
+    const real t37 = k46 * c5;
+    const real t38 = k46 * s5;
+    const real t39 = k53 * s5;
+    const real t40 = s5 * t39;
+    const real t41 = k27 - t40;
+    const real t42 = k33 + t40;
+    const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t42 = t41 * (t32 - t34);
-    const real t43 = k46 * (s5 * t29 - c5 * t32);
-    const real t44 = k46 * (c5 * t27 + s5 * t34);
+    const real t44 = t43 * (t33 - t35);
+    const real t45 = k46 * (s5 * t30 - c5 * t33);
+    const real t46 = k46 * (c5 * t27 + s5 * t35);
+    const real t47 = k46 * (c5 * t34 - s5 * t36);
 
     /* force and moment of all thrusts */
-    const real t45 = base_arm_length * (F_1 - F_3);
-    const real t46 = F_2 - F_4;
+    const real t48 = base_arm_length * (F_1 - F_3);
+    const real t49 = F_2 - F_4;
 
     /* equation of joint 6, its acceleration eliminated */
-    const real t47 = R(1.0) / (t39 + t40);
-    const real t48 = t47 * (tau_6 + t27 * t39 + t29 * t40 - t42);
-    const real t49 = t36 * t47;
-    const real t50 = t35 * t47;
-    const real t51 = t36 * t48;
-    const real t52 = t35 * t49;
+    const real t50 = R(1.0) / (t41 + t42);
+    const real t51 = t50 * (tau_6 + t27 * t41 + t30 * t42 - t44);
+    const real t52 = t38 * t50;
+    const real t53 = t37 * t50;
+    const real t54 = t38 * t51;
+    const real t55 = t37 * t52;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t53 = R(1.0) / (k39 + t39);
-    const real t54 = s4 * t22 + t20 * t24 - c4 * t21;
-    const real t55 = R(2.0) * t30 * t20 + t54;
-    const real t56 = tau_5 + t41 * t55 - t33 * t39 - k39 * t28;
-    const real t57 = t53 * t56;
-    const real t58 = t35 * t53;
-    const real t59 = t41 * t53;
-    const real t60 = t35 * t57;
-    const real t61 = t36 - t41 * t58;
+    const real t56 = R(1.0) / (k39 + t41);
+    const real t57 = tau_5 + t43 * t36 - t34 * t41 - k39 * t28;
+    const real t58 = t56 * t57;
+    const real t59 = t37 * t56;
+    const real t60 = t43 * t56;
+    const real t61 = t37 * t58;
+    const real t62 = t38 - t43 * t59;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t62 = c3 * t46;
-    const real t63 = s3 * t46;
-    const real t64 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
-    const real t65 = k43 * (t16 - R(2.0) * t18 * t13);
-    const real t66 = k55 * t14 + t64 - s3 * t45;
-    const real t67 = k44 * t16 + t65 - c3 * t45;
-    const real t68 = s4 * t63;
-    const real t69 = s4 * t67;
-    const real t70 = c4 * t66;
-    const real t71 = F_1 + F_3 + t44 - t35 * t48;
-    const real t72 = t41 * (t33 + t57);
-    const real t73 = t40 * t55 + k39 * t54 + t69 - t70 - t72;
+    const real t63 = c3 * t49;
+    const real t64 = s3 * t49;
+    const real t65 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
+    const real t66 = k43 * (t16 - R(2.0) * t18 * t13);
+    const real t67 = k55 * t14 + t65 - s3 * t48;
+    const real t68 = k44 * t16 + t66 - c3 * t48;
+    const real t69 = s4 * t64;
+    const real t70 = s4 * t68;
+    const real t71 = c4 * t67;
+    const real t72 = F_1 + F_3 + t46 - t37 * t51;
+    const real t73 = t43 * (t34 + t58);
+    const real t74 = t42 * t36 + k39 * t29 + t70 - t71 - t73;
 
     /* acceleration of the base, by LDL^T */
-    const real t74 = R(1.0) / (t40 + k68 - t41 * t59);
-    const real t75 = t61 * t74;
-    const real t76 = t73 * t75;
-    const real t77 = k46 * (c5 * t33 - s5 * t55);
-    const real t78 = c4 * t63 - s4 * t62 - t77 - t60 - t76;
-    const real t79 = R(1.0) / (k50 - t35 * t58 - t61 * t75);
-    const real t80 = R(1.0) / (k50 - t35 * t50);
-    const real t81 = t52 * t80;
-    const real t82 = t43 + t81 * t71 - c4 * t62 - t68 - t51;
-    const real t83 = R(1.0) / (k50 - t36 * t49 - t52 * t81);
+    const real t75 = R(1.0) / (t42 + k68 - t43 * t60);
+    const real t76 = t62 * t75;
+    const real t77 = t74 * t76;
+    const real t78 = c4 * t64 - s4 * t63 - t47 - t61 - t77;
+    const real t79 = R(1.0) / (k50 - t37 * t59 - t62 * t76);
+    const real t80 = R(1.0) / (k50 - t37 * t53);
+    const real t81 = t55 * t80;
+    const real t82 = t45 + t81 * t72 - c4 * t63 - t69 - t54;
+    const real t83 = R(1.0) / (k50 - t38 * t52 - t55 * t81);
     const real t84 = t82 * t83;
-    const real t85 = t81 * t84 + t80 * t71;
+    const real t85 = t81 * t84 + t80 * t72;
     const real t86 = t78 * t79;
-    const real t87 = t75 * t86 - t73 * t74;
-    const real t88 = k63 * (tau_6 - c4 * t67 - s4 * t66);
+    const real t87 = t76 * t86 - t74 * t75;
+    const real t88 = k63 * (tau_6 - c4 * t68 - s4 * t67);
     const real t89 = k62 * (base_arm_length * (F_2 + F_4) - tau_5 - k61 * t15);
 
     /* acceleration of joint 5 */
-    const real t90 = t57 + t59 * t87 - t89 - t58 * t86;
+    const real t90 = t58 + t60 * t87 - t89 - t59 * t86;
     acceleration[3 * stride] = t90;
 
     /* acceleration of joint 6 */
-    const real t91 = t48 + t88 - t49 * t84 - t50 * t85;
+    const real t91 = t51 + t88 - t52 * t84 - t53 * t85;
     acceleration[4 * stride] = t91;
 
     /* acceleration of the base */
@@ -2682,121 +2682,123 @@ static INLINE void hybrid_residual_lane(
     const real t41 = t34 * t37;
     const real t42 = t39 - t41;
     const real t43 = t17 - t37 * t38;
-    const real t44 = t39 + t41;
+    const real t44 = s4 * t36 + t34 * t38 - c4 * t35;
+    const real t45 = t39 + t41;
 
     /* motion of link 2 */
-    const real t45 = v_theta_6 - t38;
-    const real t46 = t45 * t45;
-    const real t47 = t34 * t34 + t46;
-    const real t48 = t43 - R(2.0) * t45 * t37;
-    const real t49 = t37 * t37 + t46;
+    const real t46 = v_theta_6 - t38;
+    const real t47 = t46 * t46;
+    const real t48 = t34 * t34 + t47;
+    const real t49 = t43 - R(2.0) * t46 * t37;
+    const real t50 = t37 * t37 + t47;
+    const real t51 = R(2.0) * t46 * t34 + t44;
 
     /* inertia of link 2, turned by the joints */
-    const real t50 = k46 * c5;
-    const real t51 = k46 * s5;
-    const real t52 = k53 * s5;
-    const real t53 = s5 * t52;
-    const real t54 = k27 - t53;
-    const real t55 = k33 + t53;
-    const real t56 = c5 * t52;
+    const real t52 = k46 * c5;
+    const real t53 = k46 * s5;
+    const real t54 = k53 * s5;
+    const real t55 = s5 * t54;
+    const real t56 = k27 - t55;
+    const real t57 = k33 + t55;
+    const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t57 = (t18 - base_arm_length * t31) * t50;
-    const real t58 = t56 * (t47 - t49);
-    const real t59 = (s4 * t33 - c4 * t32) * t51;
-    const real t60 = t59 + t42 * t54 + t44 * t55 - t57 - t58;
-    residual[7 * stride] = t60;
-    const real t61 = k46 * (s5 * t44 - c5 * t47);
-    const real t62 = k46 * (c5 * t42 + s5 * t49);
+    const real t59 = (t18 - base_arm_length * t31) * t52;
+    const real t60 = t58 * (t48 - t50);
+    const real t61 = (s4 * t33 - c4 * t32) * t53;
+    const real t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60;
+    residual[7 * stride] = t62;
+    const real t63 = k46 * (s5 * t45 - c5 * t48);
+    const real t64 = k46 * (c5 * t42 + s5 * t50);
+    const real t65 = k46 * (c5 * t49 - s5 * t51);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t63 = k39 * t43;
-    const real t64 = s4 * t60;
-    const real t65 = c4 * t60;
+    const real t66 = k39 * t44;
+    const real t67 = k39 * t43;
+    const real t68 = t40 * t53 + t49 * t58 - t57 * t51 - t66;
+    const real t69 = t58 * t51 - t40 * t52 - t49 * t56 - t67;
+    residual[6 * stride] = t69;
+    const real t70 = c4 * t63 - s4 * t65;
+    const real t71 = s4 * t63 + c4 * t65;
+    const real t72 = s4 * t62;
+    const real t73 = c4 * t68;
+    const real t74 = c4 * t62;
+    const real t75 = s4 * t68;
 
     /* step from the base to link 1 */
-    const real t66 = base_arm_length * c3;
-    const real t67 = base_arm_length * s3;
+    const real t76 = base_arm_length * c3;
+    const real t77 = base_arm_length * s3;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t68 = t62 * t67;
-    const real t69 = t62 * t66;
+    const real t78 = t64 * t77;
+    const real t79 = t64 * t76;
+    const real t80 = t76 * t71;
+    const real t81 = t77 * t70;
 
     /* inertia of the base, turned by the joints */
-    const real t70 = k51 * c3;
-    const real t71 = k51 * s3;
-    const real t72 = k54 * s3;
-    const real t73 = s3 * t72;
-    const real t74 = k52 + t73;
-    const real t75 = c3 * t72;
+    const real t82 = k51 * c3;
+    const real t83 = k51 * s3;
+    const real t84 = k54 * s3;
+    const real t85 = s3 * t84;
+    const real t86 = k52 + t85;
+    const real t87 = c3 * t84;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t76 = t18 * t71;
-    const real t77 = t26 * t75;
-    const real t78 = k55 * t16;
-    const real t79 = t28 * (k43 - t73);
-    const real t80 = k44 * t20;
-    const real t81 = t26 * t74;
-    const real t82 = t18 * t70;
-    const real t83 = t28 * t75;
-    const real t84 = t12 * t70;
-    const real t85 = t19 * t71;
-    const real t86 = t21 * t74;
-    const real t87 = t75 * (t25 - t27);
-    const real t88 = t62 + k51 * t31;
+    const real t88 = t18 * t83;
+    const real t89 = t26 * t87;
+    const real t90 = k55 * t16;
+    const real t91 = t28 * (k43 - t85);
+    const real t92 = k44 * t20;
+    const real t93 = t26 * t86;
+    const real t94 = t18 * t82;
+    const real t95 = t28 * t87;
+    const real t96 = t12 * t82;
+    const real t97 = t19 * t83;
+    const real t98 = t21 * t86;
+    const real t99 = t87 * (t25 - t27);
+    const real t100 = k51 * t29 - t70;
+    const real t101 = k51 * t30 - t71;
+    const real t102 = t64 + k51 * t31;
+    const real t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73;
+    const real t104 = t94 + t95 + t75 - t74 - t79 - t92 - t93;
+    residual[1 * stride] = t104;
+    const real t105 = t99 + t69 + t81 - t96 - t97 - t98 - t80;
+    residual[2 * stride] = t105;
+
+    /* inertia forces on attitude and position */
+    const real t106 = c2 * t102 - s2 * t100;
+    const real t107 = s2 * t102 + c2 * t100;
+    residual[8 * stride] = t107;
+    const real t108 = s2 * t105 - c2 * t103;
+    residual[0 * stride] = t108;
+    const real t109 = c1 * t101 - s1 * t106;
+    residual[9 * stride] = t109;
+    const real t110 = s1 * t101 + c1 * t106 - k56;
+    residual[10 * stride] = t110;
 
     /* motion of the base */
-    const real t89 = v_theta_0 * c3 - s3 * t15;
-    const real t90 = (c3 * t15 + v_theta_0 * s3) * t89;
-    const real t91 = t17 + t90;
-    const real t92 = t90 - t17;
+    const real t111 = v_theta_0 * c3 - s3 * t15;
+    const real t112 = (c3 * t15 + v_theta_0 * s3) * t111;
+    const real t113 = t17 + t112;
+    const real t114 = t112 - t17;
 
     /* motion of base arm 2 */
-    const real t93 = base_arm_length * (t24 + t89 * t89);
+    const real t115 = base_arm_length * (t24 + t111 * t111);
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t94 = k57 * (c3 * t19 + t93 - s3 * t12);
-    const real t95 = k8 * t92 - k14 * t91;
-    const real t96 = t94 + t95;
-    residual[3 * stride] = t96;
+    const real t116 = k57 * (c3 * t19 + t115 - s3 * t12);
+    const real t117 = k8 * t114 - k14 * t113;
+    const real t118 = t116 + t117;
+    residual[3 * stride] = t118;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t97 = k57 * (c3 * t12 + s3 * t19 + base_arm_length * t91);
-    const real t98 = k14 * t92 - k8 * t91 - t97;
-    residual[4 * stride] = t98;
+    const real t119 = k57 * (c3 * t12 + s3 * t19 + base_arm_length * t113);
+    const real t120 = k14 * t114 - k8 * t113 - t119;
+    residual[4 * stride] = t120;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t99 = t95 - t94;
-    residual[5 * stride] = t99;
-    const real t100 = s4 * t36 + t34 * t38 - c4 * t35;
-    const real t101 = R(2.0) * t45 * t34 + t100;
-    const real t102 = k46 * (c5 * t48 - s5 * t101);
-    const real t103 = k39 * t100;
-    const real t104 = t40 * t51 + t48 * t56 - t55 * t101 - t103;
-    const real t105 = t56 * t101 - t40 * t50 - t48 * t54 - t63;
-    residual[6 * stride] = t105;
-    const real t106 = c4 * t61 - s4 * t102;
-    const real t107 = s4 * t61 + c4 * t102;
-    const real t108 = c4 * t104;
-    const real t109 = s4 * t104;
-    const real t110 = t66 * t107;
-    const real t111 = t67 * t106;
-    const real t112 = k51 * t29 - t106;
-    const real t113 = k51 * t30 - t107;
-    const real t114 = t76 + t77 - t64 - t68 - t78 - t79 - t108;
-    const real t115 = t82 + t83 + t109 - t65 - t69 - t80 - t81;
-    residual[1 * stride] = t115;
-    const real t116 = t87 + t105 + t111 - t84 - t85 - t86 - t110;
-    residual[2 * stride] = t116;
-    const real t117 = c2 * t88 - s2 * t112;
-    const real t118 = s2 * t88 + c2 * t112;
-    residual[8 * stride] = t118;
-    const real t119 = s2 * t116 - c2 * t114;
-    residual[0 * stride] = t119;
-    const real t120 = c1 * t113 - s1 * t117;
-    residual[9 * stride] = t120;
-    const real t121 = s1 * t113 + c1 * t117 - k56;
-    residual[10 * stride] = t121;
+    const real t121 = t117 - t116;
+    residual[5 * stride] = t121;
 }
 
 void
@@ -3321,90 +3323,90 @@ static INLINE void gibbs_lane(
     const real t43 = a_x * c2 - s2 * t41;
     const real t44 = a_theta_0 + t12 * t13;
     const real t45 = R(2.0) * v_theta_0 * t12 - a_theta_m1 * c2;
-    const real t46 = t16 - t45;
-    const real t47 = t17 - t44;
+    const real t46 = a_theta_1 + t14 + a_theta_m1 * s2;
+    const real t47 = t16 - t45;
+    const real t48 = t17 - t44;
 
     /* motion of link 1 */
-    const real t48 = a_theta_1 + t14 + a_theta_m1 * s2;
-    const real t49 = a_theta_5 + t48;
-    const real t50 = t13 * t19 - t44;
-    const real t51 = v_theta_0 * t19 - t45;
-    const real t52 = s4 * t50 - c4 * t51;
+    const real t49 = c3 * (v_theta_0 * v_theta_0 + t18) - s3 * (t14 - t46);
+    const real t50 = s3 * (t13 * t13 + t18) - c3 * (t14 + t46);
+    const real t51 = s3 * (R(2.0) * t15 * v_theta_0 - t45);
+    const real t52 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t44) + t51);
+    const real t53 = t43 - base_arm_length * t49;
+    const real t54 = t40 - base_arm_length * t50;
+    const real t55 = t42 + t52;
+    const real t56 = a_theta_5 + t46;
+    const real t57 = v_theta_0 * t19 - t45;
+    const real t58 = t13 * t19 - t44;
+    const real t59 = s4 * t58 - c4 * t57;
+    const real t60 = c4 * t53 + s4 * t54;
+    const real t61 = c4 * t54 - s4 * t53;
 
     /* motion of link 2 */
-    const real t53 = t23 + t19 * t24 - t52;
-    const real t54 = t22 + t20 * t24 - t49;
+    const real t62 = a_theta_6 + c4 * t58 + s4 * t57;
+    const real t63 = t23 + t19 * t24 - t59;
+    const real t64 = t22 + t20 * t24 - t56;
 
     /* Gibbs function of the base */
-    const real t55 = t15 * t32;
-    const real t56 = v_theta_0 * t32;
-    const real t57 = v_theta_0 * t38;
-    const real t58 = v_theta_0 * t57 * t48;
-    const real t59 = v_theta_0 * t33;
+    const real t65 = t15 * t32;
+    const real t66 = v_theta_0 * t32;
+    const real t67 = v_theta_0 * t38;
+    const real t68 = v_theta_0 * t67 * t46;
+    const real t69 = v_theta_0 * t33;
 
     /* Gibbs function of link 2 */
-    const real t60 = t53 * t30 * t53;
-    const real t61 = t19 * t31;
-    const real t62 = t19 * t25;
-    const real t63 = c3 * (v_theta_0 * v_theta_0 + t18) - s3 * (t14 - t48);
-    const real t64 = t43 - base_arm_length * t63;
-    const real t65 = s3 * (t13 * t13 + t18) - c3 * (t14 + t48);
-    const real t66 = t40 - base_arm_length * t65;
-    const real t67 = c4 * t64 + s4 * t66;
-    const real t68 = t19 * t62 * t67;
-    const real t69 = t24 * t25;
-    const real t70 = c4 * t66 - s4 * t64;
-    const real t71 = t26 * t70 * t53;
-    const real t72 = t19 * t26;
+    const real t70 = t63 * t30 * t63;
+    const real t71 = t19 * t31;
+    const real t72 = t19 * t25;
+    const real t73 = t19 * t72 * t60;
+    const real t74 = t24 * t25;
+    const real t75 = t26 * t61 * t63;
+    const real t76 = t19 * t26;
 
     /* sum over the links */
-    const real t73 = t47 * t15 * t36;
-    const real t74 = t24 * t29 * t54;
-    const real t75 = t38 * t47;
-    const real t76 = k44 * t16;
-    const real t77 = s3 * (R(2.0) * t15 * v_theta_0 - t45);
-    const real t78 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t44) + t77);
-    const real t79 = t42 + t78;
-    const real t80 = t24 * t26 * t79;
-    const real t81 = t61 * t54;
-    const real t82 = k44 * t17;
-    const real t83 = t32 * t42 + k19 * t47 - t15 * t57 - t82;
-    const real t84 = t47 * t83;
-    const real t85 = k66 * t43;
-    const real t86 = t15 * t55 + v_theta_0 * t56 + t33 * t48 - t85;
-    const real t87 = t43 * t86;
-    const real t88 = t15 * t15 * t33 - k66 * t40 - t32 * t48;
-    const real t89 = t40 * t88;
-    const real t90 = a_theta_6 + c4 * t50 + s4 * t51;
-    const real t91 = t90 * (t19 * t61 + t25 * t79 - t26 * t67);
-    const real t92 = t42 * (t15 * t59 + k66 * t42);
-    const real t93 = k67 * (t49 * t49 + t52 * t52);
-    const real t94 = k39 * (t23 * t52 + t22 * t49);
-    const real t95 = t54 * (t25 * t70 - t31 * t53);
-    const real t96 = t48 * t48;
-    const real t97 = t36 * (t47 * t47 + t96);
-    const real t98 = t37 * (t46 * t46 + t96);
-    const real t99 = t40 * (t13 * t33 - t56);
-    const real t100 = (t20 * t26 - t62) * t79;
+    const real t77 = t48 * t15 * t36;
+    const real t78 = t24 * t29 * t64;
+    const real t79 = t38 * t48;
+    const real t80 = k44 * t16;
+    const real t81 = t24 * t26 * t55;
+    const real t82 = t71 * t64;
+    const real t83 = k44 * t17;
+    const real t84 = t32 * t42 + k19 * t48 - t15 * t67 - t83;
+    const real t85 = t48 * t84;
+    const real t86 = k66 * t43;
+    const real t87 = t15 * t65 + v_theta_0 * t66 + t33 * t46 - t86;
+    const real t88 = t43 * t87;
+    const real t89 = t15 * t15 * t33 - k66 * t40 - t32 * t46;
+    const real t90 = t40 * t89;
+    const real t91 = t62 * (t19 * t71 + t25 * t55 - t26 * t60);
+    const real t92 = t42 * (t15 * t69 + k66 * t42);
+    const real t93 = k67 * (t56 * t56 + t59 * t59);
+    const real t94 = k39 * (t23 * t59 + t22 * t56);
+    const real t95 = t64 * (t25 * t61 - t31 * t63);
+    const real t96 = t46 * t46;
+    const real t97 = t36 * (t48 * t48 + t96);
+    const real t98 = t37 * (t47 * t47 + t96);
+    const real t99 = t40 * (t13 * t33 - t66);
+    const real t100 = (t20 * t26 - t72) * t55;
     const real t101 = t13 * t38 - v_theta_0 * t37;
     const real t102 = t15 * t101;
-    const real t103 = t33 * t42 + k19 * t46 - t75 - t76 - t102;
-    const real t104 = t46 * t103;
+    const real t103 = t33 * t42 + k19 * t47 - t79 - t80 - t102;
+    const real t104 = t47 * t103;
     const real t105 = t20 * t31 + t19 * t30;
-    const real t106 = t53 * t105;
-    const real t107 = t80 + t69 * t67 + t72 * t70 - t81 - t106;
+    const real t106 = t63 * t105;
+    const real t107 = t81 + t74 * t60 + t76 * t61 - t82 - t106;
     const real t108 = t24 * t107;
-    const real t109 = t48 * (v_theta_0 * t36 + t101);
-    const real t110 = t42 * t55 + t43 * t59 + t73 + t109 - t99;
+    const real t109 = t46 * (v_theta_0 * t36 + t101);
+    const real t110 = t42 * t65 + t43 * t69 + t77 + t109 - t99;
     const real t111 = t13 * t110;
-    const real t112 = t90 * (t19 * t29 - t105);
-    const real t113 = t72 * t67 + t74 + t112 - t69 * t70 - t100;
+    const real t112 = t62 * (t19 * t29 - t105);
+    const real t113 = t76 * t60 + t78 + t112 - t74 * t61 - t100;
     const real t114 = t20 * t113;
-    const real t115 = t90 * (t29 + t30) * t90;
-    const real t116 = t54 * t29 * t54 + t60 + t97 + t98 + t115;
+    const real t115 = t62 * (t29 + t30) * t62;
+    const real t116 = t64 * t29 * t64 + t70 + t97 + t98 + t115;
     const real t117 = R(0.5) * t116;
-    const real t118 = t84 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t58 - t68 - t71 - t87 -
-        t89 - t94 - t95 - t108;
+    const real t118 = t85 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t68 - t73 - t75 - t88 -
+        t90 - t94 - t95 - t108;
     value[0 * stride] = t118;
 }
 
@@ -4288,180 +4290,180 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t26 = t20 * t23;
     const real t27 = t25 - t26;
     const real t28 = t15 - t23 * t24;
-    const real t29 = t25 + t26;
+    const real t29 = s4 * t22 + t20 * t24 - c4 * t21;
+    const real t30 = t25 + t26;
 
     /* motion of link 2 */
-    const real t30 = v_theta_6 - t24;
-    const real t31 = t30 * t30;
-    const real t32 = t20 * t20 + t31;
-    const real t33 = t28 - R(2.0) * t30 * t23;
-    const real t34 = t23 * t23 + t31;
+    const real t31 = v_theta_6 - t24;
+    const real t32 = t31 * t31;
+    const real t33 = t20 * t20 + t32;
+    const real t34 = t28 - R(2.0) * t31 * t23;
+    const real t35 = t23 * t23 + t32;
+    const real t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t35 = k46 * c5;
-    const real t36 = k46 * s5;
-    const real t37 = k53 * s5;
-    const real t38 = s5 * t37;
-    const real t39 = k27 - t38;
-    const real t40 = k33 + t38;
-    const real t41 = c5 * t37;
+    const real t37 = k46 * c5;
+    const real t38 = k46 * s5;
+    const real t39 = k53 * s5;
+    const real t40 = s5 * t39;
+    const real t41 = k27 - t40;
+    const real t42 = k33 + t40;
+    const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t42 = t33 * t39;
-    const real t43 = t41 * (t32 - t34);
-    const real t44 = t27 * t39;
-    const real t45 = t29 * t40;
-    const real t46 = k46 * (s5 * t29 - c5 * t32);
-    const real t47 = k46 * (c5 * t27 + s5 * t34);
+    const real t44 = t42 * t36;
+    const real t45 = t34 * t41;
+    const real t46 = t43 * t36;
+    const real t47 = t43 * (t33 - t35);
+    const real t48 = t27 * t41;
+    const real t49 = t30 * t42;
+    const real t50 = k46 * (s5 * t30 - c5 * t33);
+    const real t51 = k46 * (c5 * t27 + s5 * t35);
+    const real t52 = k46 * (c5 * t34 - s5 * t36);
 
     /* articulated inertia and load of links 1 and 2, about joint 5 */
-    const real t48 = k39 * t28;
+    const real t53 = k39 * t29;
+    const real t54 = k39 * t28;
 
     /* axes of the base */
-    const real t49 = s1 * c2;
-    const real t50 = c1 * c2;
-    const real t51 = c2 * c3;
+    const real t55 = s1 * c2;
+    const real t56 = c1 * c2;
+    const real t57 = c2 * c3;
 
     /* equation of joint 6, its acceleration eliminated */
-    const real t52 = R(1.0) / (t39 + t40);
-    const real t53 = t36 * t52;
-    const real t54 = t35 * t52;
-    const real t55 = t35 * t53;
+    const real t58 = R(1.0) / (t41 + t42);
+    const real t59 = t38 * t58;
+    const real t60 = t37 * t58;
+    const real t61 = t37 * t59;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t56 = R(1.0) / (k39 + t39);
-    const real t57 = t35 * t56;
-    const real t58 = t41 * t56;
-    const real t59 = t36 - t41 * t57;
+    const real t62 = R(1.0) / (k39 + t41);
+    const real t63 = t37 * t62;
+    const real t64 = t43 * t62;
+    const real t65 = t38 - t43 * t63;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t60 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
-    const real t61 = k43 * (t16 - R(2.0) * t18 * t13);
-    const real t62 = k61 * t15;
+    const real t66 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
+    const real t67 = k43 * (t16 - R(2.0) * t18 * t13);
+    const real t68 = k61 * t15;
 
     /* acceleration of the base, by LDL^T */
-    const real t63 = R(1.0) / (k50 - t35 * t54);
-    const real t64 = t55 * t63;
+    const real t69 = R(1.0) / (t42 + k68 - t43 * t64);
+    const real t70 = t65 * t69;
+    const real t71 = R(1.0) / (k50 - t37 * t63 - t65 * t70);
+    const real t72 = R(1.0) / (k50 - t37 * t60);
+    const real t73 = t61 * t72;
+    const real t74 = R(1.0) / (k50 - t38 * t59 - t61 * t73);
 
     /* accelerations of the attitude angles */
-    const real t65 = R(1.0) / c2;
+    const real t75 = R(1.0) / c2;
 
     /* axes of the base */
-    const real t66 = s1 * s2;
-    const real t67 = c1 * s2;
-    const real t68 = c1 * s3 + c3 * t66;
-    const real t69 = s1 * s3 - c3 * t67;
-    const real t70 = c2 * s3;
-    const real t71 = c1 * c3 - s3 * t66;
-    const real t72 = s1 * c3 + s3 * t67;
+    const real t76 = s1 * s2;
+    const real t77 = c1 * s2;
+    const real t78 = c1 * s3 + c3 * t76;
+    const real t79 = s1 * s3 - c3 * t77;
+    const real t80 = c2 * s3;
+    const real t81 = c1 * c3 - s3 * t76;
+    const real t82 = s1 * c3 + s3 * t77;
 
     /* joint 5 and the axes of link 1 */
-    const real t73 = c2 * c4;
-    const real t74 = c1 * s4 + c4 * t66;
-    const real t75 = s1 * s4 - c4 * t67;
-    const real t76 = c2 * s4;
-    const real t77 = c1 * c4 - s4 * t66;
-    const real t78 = s1 * c4 + s4 * t67;
+    const real t83 = c2 * c4;
+    const real t84 = c1 * s4 + c4 * t76;
+    const real t85 = s1 * s4 - c4 * t77;
+    const real t86 = c2 * s4;
+    const real t87 = c1 * c4 - s4 * t76;
+    const real t88 = s1 * c4 + s4 * t77;
 
     /* joint 6 and the axes of link 2 */
-    const real t79 = c5 * t73 + s2 * s5;
-    const real t80 = c5 * t74 - s5 * t49;
-    const real t81 = c5 * t75 + s5 * t50;
-    const real t82 = s2 * c5 - s5 * t73;
-    const real t83 = s5 * t74 + c5 * t49;
-    const real t84 = c5 * t50 - s5 * t75;
+    const real t89 = c5 * t83 + s2 * s5;
+    const real t90 = c5 * t84 - s5 * t55;
+    const real t91 = c5 * t85 + s5 * t56;
+    const real t92 = s2 * c5 - s5 * t83;
+    const real t93 = s5 * t84 + c5 * t55;
+    const real t94 = c5 * t56 - s5 * t85;
 
     /* wrench on base, in the frame of its link */
-    const real t85 = W_base_fz * t69;
-    const real t86 = W_base_fy * t71 + W_base_fz * t72 - W_base_fx * t70;
-    const real t87 = W_base_fx * s2;
-    const real t88 = W_base_fz * t50;
-    const real t89 = W_base_fy * t49;
-    const real t90 = W_base_tx * t51 + W_base_ty * t68 + W_base_tz * t69;
-    const real t91 = W_base_tz * t50;
-    const real t92 = W_base_ty * t49;
+    const real t95 = W_base_fz * t79;
+    const real t96 = W_base_fy * t81 + W_base_fz * t82 - W_base_fx * t80;
+    const real t97 = W_base_fx * s2;
+    const real t98 = W_base_fz * t56;
+    const real t99 = W_base_fy * t55;
+    const real t100 = W_base_tx * t57 + W_base_ty * t78 + W_base_tz * t79;
+    const real t101 = W_base_tz * t56;
+    const real t102 = W_base_ty * t55;
 
     /* wrench on tip, in the frame of its link */
-    const real t93 = W_tip_fx * t79 + W_tip_fy * t80 + W_tip_fz * t81;
-    const real t94 = W_tip_fx * t82 + W_tip_fz * t84 - W_tip_fy * t83;
-    const real t95 = W_tip_fx * t76 - W_tip_fy * t77 - W_tip_fz * t78;
-    const real t96 = W_tip_tx * t79 + W_tip_ty * t80 + W_tip_tz * t81;
-    const real t97 = W_tip_tx * t76;
-    const real t98 = W_tip_ty * t77;
-    const real t99 = W_tip_tz * t78;
-    const real t100 = link2_length * t95;
-    const real t101 = link2_length * t94;
+    const real t103 = W_tip_fx * t89 + W_tip_fy * t90 + W_tip_fz * t91;
+    const real t104 = W_tip_fx * t92 + W_tip_fz * t94 - W_tip_fy * t93;
+    const real t105 = W_tip_fx * t86 - W_tip_fy * t87 - W_tip_fz * t88;
+    const real t106 = W_tip_tx * t89 + W_tip_ty * t90 + W_tip_tz * t91;
+    const real t107 = W_tip_tx * t86;
+    const real t108 = W_tip_ty * t87;
+    const real t109 = W_tip_tz * t88;
+    const real t110 = link2_length * t105;
+    const real t111 = W_tip_tx * t92 + W_tip_tz * t94 - W_tip_ty * t93 - t110;
+    const real t112 = link2_length * t104;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t102 = c5 * t93;
-    const real t103 = s5 * t94;
-    const real t104 = s5 * t93;
-    const real t105 = c5 * t94;
-    const real t106 = c5 * t96;
+    const real t113 = c5 * t103;
+    const real t114 = s5 * t104;
+    const real t115 = s5 * t103;
+    const real t116 = c5 * t104;
+    const real t117 = c5 * t106;
+    const real t118 = s5 * t111;
+    const real t119 = c5 * t111;
 
     /* thrusts and wrenches together */
-    const real t107 = F_2 + W_base_fx * t51 + W_base_fy * t68 + t85 - F_4;
-    const real t108 = base_arm_length * (F_1 - F_3);
-    const real t109 = W_base_ty * t71 + W_base_tz * t72 + t108 - W_base_tx * t70;
+    const real t120 = F_2 + W_base_fx * t57 + W_base_fy * t78 + t95 - F_4;
+    const real t121 = base_arm_length * (F_1 - F_3);
+    const real t122 = W_base_ty * t81 + W_base_tz * t82 + t121 - W_base_tx * t80;
 
     /* equation of joint 6, its acceleration eliminated */
-    const real t110 = tau_6 + t44 + t45 + t97 + t101 - t43 - t98 - t99;
-    const real t111 = t52 * t110;
-    const real t112 = t36 * t111;
-    const real t113 = t35 * t111;
+    const real t123 = tau_6 + t48 + t49 + t107 + t112 - t47 - t108 - t109;
+    const real t124 = t58 * t123;
+    const real t125 = t38 * t124;
+    const real t126 = t37 * t124;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t114 = s4 * t22 + t20 * t24 - c4 * t21;
-    const real t115 = R(2.0) * t30 * t20 + t114;
-    const real t116 = t41 * t115;
-    const real t117 = W_tip_tx * t82 + W_tip_tz * t84 - W_tip_ty * t83 - t100;
-    const real t118 = c5 * t117;
-    const real t119 = tau_5 + s5 * t96 + t116 + t118 - t42 - t48;
-    const real t120 = t56 * t119;
+    const real t127 = tau_5 + s5 * t106 + t46 + t119 - t45 - t54;
+    const real t128 = t62 * t127;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t121 = s3 * t86 - c3 * t107;
-    const real t122 = c3 * t86 + s3 * t107;
-    const real t123 = k55 * t14 + t60 + c3 * t90 - s3 * t109;
-    const real t124 = k44 * t16 + t61 - s3 * t90 - c3 * t109;
-    const real t125 = s4 * t122;
-    const real t126 = c4 * t121;
-    const real t127 = s4 * t121;
-    const real t128 = c4 * t122;
-    const real t129 = c4 * t123;
-    const real t130 = s4 * t124;
-    const real t131 = F_1 + F_3 + t47 + t87 + t88 + t104 + t105 - t89 - t113;
-    const real t132 = t41 * (t33 + t120);
-    const real t133 = t40 * t115;
-    const real t134 = k39 * t114;
-    const real t135 = s5 * t117;
-    const real t136 = t106 + t129 + t132 - t133 - t134 - t135 - t130;
-    const real t137 = base_arm_length * (F_2 + F_4);
-    const real t138 = W_base_tx * s2 + t91 + t137 - tau_5 - t62 - t92;
+    const real t129 = s3 * t96 - c3 * t120;
+    const real t130 = c3 * t96 + s3 * t120;
+    const real t131 = k55 * t14 + t66 + c3 * t100 - s3 * t122;
+    const real t132 = k44 * t16 + t67 - s3 * t100 - c3 * t122;
+    const real t133 = s4 * t130;
+    const real t134 = c4 * t129;
+    const real t135 = s4 * t129;
+    const real t136 = c4 * t130;
+    const real t137 = c4 * t131;
+    const real t138 = s4 * t132;
+    const real t139 = F_1 + F_3 + t51 + t97 + t98 + t115 + t116 - t99 - t126;
+    const real t140 = t43 * (t34 + t128);
+    const real t141 = t117 + t137 + t140 - t44 - t53 - t118 - t138;
+    const real t142 = base_arm_length * (F_2 + F_4);
+    const real t143 = W_base_tx * s2 + t101 + t142 - tau_5 - t68 - t102;
 
     /* acceleration of the base, by LDL^T */
-    const real t139 = R(1.0) / (t40 + k68 - t41 * t58);
-    const real t140 = t59 * t139;
-    const real t141 = t140 * t136;
-    const real t142 = k46 * (c5 * t33 - s5 * t115);
-    const real t143 = t95 + t142 + t35 * t120 - t127 - t128 - t141;
-    const real t144 = t64 * t131;
-    const real t145 = t46 + t103 + t126 + t144 - t102 - t112 - t125;
-    const real t146 = R(1.0) / (k50 - t36 * t53 - t55 * t64);
-    const real t147 = t146 * t145;
-    const real t148 = t64 * t147 + t63 * t131;
-    const real t149 = R(1.0) / (k50 - t35 * t57 - t59 * t140);
-    const real t150 = t149 * t143;
-    const real t151 = t139 * t136 - t140 * t150;
-    const real t152 = k63 * (tau_6 - s4 * t123 - c4 * t124);
-    const real t153 = k62 * t138;
+    const real t144 = t70 * t141;
+    const real t145 = t105 + t52 + t37 * t128 - t135 - t136 - t144;
+    const real t146 = t73 * t139;
+    const real t147 = t50 + t114 + t134 + t146 - t113 - t125 - t133;
+    const real t148 = t74 * t147;
+    const real t149 = t73 * t148 + t72 * t139;
+    const real t150 = t71 * t145;
+    const real t151 = t69 * t141 - t70 * t150;
+    const real t152 = k63 * (tau_6 - s4 * t131 - c4 * t132);
+    const real t153 = k62 * t143;
 
     /* acceleration of joint 5 */
-    const real t154 = t120 + t57 * t150 + t58 * t151 - t153;
+    const real t154 = t128 + t63 * t150 + t64 * t151 - t153;
     acceleration[3 * stride] = t154;
 
     /* acceleration of joint 6 */
-    const real t155 = t111 + t152 - t53 * t147 - t54 * t148;
+    const real t155 = t124 + t152 - t59 * t148 - t60 * t149;
     acceleration[4 * stride] = t155;
 
     /* acceleration of the base */
@@ -4475,9 +4477,9 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real t160 = s3 * (t13 * t13 + t19) - c3 * (t15 + t158);
     const real t161 = s3 * (t17 - R(2.0) * v_theta_0 * t18 - t156);
     const real t162 = c3 * (t16 + t157 - R(2.0) * t13 * t18) + t161;
-    const real t163 = c4 * t147 - s4 * t150 - base_arm_length * t159;
-    const real t164 = base_arm_length * t160 - c4 * t150 - s4 * t147;
-    const real t165 = t148 + base_arm_length * t162;
+    const real t163 = c4 * t148 - s4 * t150 - base_arm_length * t159;
+    const real t164 = base_arm_length * t160 - c4 * t150 - s4 * t148;
+    const real t165 = t149 + base_arm_length * t162;
 
     /* acceleration of the origin, in world axes */
     const real t166 = s2 * t163 + c2 * t165;
@@ -4487,7 +4489,7 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     acceleration[6 * stride] = t168;
 
     /* accelerations of the attitude angles */
-    const real t169 = t65 * t156;
+    const real t169 = t75 * t156;
     acceleration[0 * stride] = t169;
     const real t170 = t153 - s2 * t169;
     acceleration[2 * stride] = t170;
@@ -4724,133 +4726,139 @@ static INLINE void joint_wrenches_lane(
     const real t43 = a_x * s2 + c2 * t42;
     const real t44 = a_x * c2 - s2 * t42;
     const real t45 = a_theta_0 + t12 * t13;
-    const real t46 = t13 * t15 - t45;
+    const real t46 = R(2.0) * v_theta_0 * t12 - a_theta_m1 * c2;
+    const real t47 = a_theta_1 + t14 + a_theta_m1 * s2;
+    const real t48 = v_theta_0 * t15 - t46;
+    const real t49 = t13 * t15 - t45;
 
     /* motion of link 1 */
-    const real t47 = t13 * t17 - t45;
+    const real t50 = c3 * (v_theta_0 * v_theta_0 + t16) - s3 * (t14 - t47);
+    const real t51 = s3 * (t13 * t13 + t16) - c3 * (t14 + t47);
+    const real t52 = s3 * (R(2.0) * t15 * v_theta_0 - t46);
+    const real t53 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t45) + t52);
+    const real t54 = t44 - base_arm_length * t50;
+    const real t55 = t41 - base_arm_length * t51;
+    const real t56 = t43 + t53;
+    const real t57 = v_theta_0 * t17 - t46;
+    const real t58 = t13 * t17 - t45;
+    const real t59 = c4 * t54 + s4 * t55;
+    const real t60 = c4 * t55 - s4 * t54;
+    const real t61 = a_theta_5 + t47 - t18 * t19;
+    const real t62 = t17 * t19 + c4 * t57 - s4 * t58;
+
+    /* motion of link 2 */
+    const real t63 = a_theta_6 + c4 * t58 + s4 * t57;
+    const real t64 = t20 + t63;
+    const real t65 = R(2.0) * t21 * t18 - t61;
+    const real t66 = t20 - t63;
+    const real t67 = R(2.0) * t21 * t17 + t62;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t48 = R(2.0) * v_theta_0 * t12 - a_theta_m1 * c2;
-    const real t49 = v_theta_0 * t17 - t48;
-    const real t50 = a_theta_6 + c4 * t47 + s4 * t49;
-    const real t51 = t20 - t50;
-    const real t52 = t20 + t50;
-    const real t53 = a_theta_1 + t14 + a_theta_m1 * s2;
-    const real t54 = a_theta_5 + t53 - t18 * t19;
-    const real t55 = R(2.0) * t21 * t18 - t54;
-    const real t56 = t17 * t19 + c4 * t49 - s4 * t47;
-    const real t57 = R(2.0) * t21 * t17 + t56;
+    const real t68 = t26 * t60;
+    const real t69 = t31 * t67;
+    const real t70 = t26 * t59;
+    const real t71 = t30 * t66;
+    const real t72 = t32 + t25 * t56 + t29 * t64 - t70 - t71;
+    wrenches[22 * stride] = -t72;
+    wrenches[29 * stride] = t72;
 
     /* motion of the base */
-    const real t58 = v_theta_0 * t15 - t48;
-    const real t59 = s3 * t46 - c3 * t58;
-    const real t60 = c3 * t46 + s3 * t58;
-    const real t61 = t36 + t60;
-    const real t62 = t37 - t59;
+    const real t73 = s3 * t49 - c3 * t48;
+    const real t74 = c3 * t49 + s3 * t48;
+    const real t75 = t35 + t47;
+    const real t76 = t36 + t74;
+    const real t77 = t47 - t35;
+    const real t78 = t37 - t73;
 
     /* motion of base arm 2 */
-    const real t63 = t43 + base_arm_length * t61;
+    const real t79 = s3 * t41 + c3 * t44 - base_arm_length * t38;
+    const real t80 = c3 * t41 + base_arm_length * t75 - s3 * t44;
+    const real t81 = t43 + base_arm_length * t76;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t64 = t53 - t35;
-    const real t65 = k57 * t64;
-    const real t66 = s3 * t41 + c3 * t44 - base_arm_length * t38;
-    const real t67 = k45 * t66;
-    const real t68 = t35 + t53;
-    const real t69 = c3 * t41 + base_arm_length * t68 - s3 * t44;
-    const real t70 = k45 * t69;
-    const real t71 = t39 + t70;
-    wrenches[0 * stride] = -t71;
-    const real t72 = k45 * t63;
-    const real t73 = k57 * t62;
-    const real t74 = t72 - t73;
-    wrenches[2 * stride] = t74;
-    const real t75 = k20 * (t37 + t59);
-    const real t76 = k57 * t63;
-    const real t77 = k8 * t62 - t75;
-    const real t78 = t77 - t76;
-    wrenches[4 * stride] = t78;
-    const real t79 = k20 * (t36 - t60);
-    const real t80 = t79 - k14 * t61;
-    wrenches[3 * stride] = -t80;
-    wrenches[15 * stride] = t80;
-
-    /* inertia forces of base arm 3, about joint 3 */
-    const real t81 = t67 - k57 * t38;
-    wrenches[6 * stride] = t81;
-    const real t82 = t70 + k57 * t68;
-    wrenches[7 * stride] = t82;
-    const real t83 = k14 * t62 - t75;
-    wrenches[9 * stride] = t83;
-
-    /* inertia forces of base arm 4, about joint 4 */
-    const real t84 = t70 - t39;
-    wrenches[12 * stride] = t84;
-    const real t85 = t72 + t73;
-    wrenches[14 * stride] = t85;
-    const real t86 = t76 + t77;
-    wrenches[16 * stride] = -t86;
+    const real t82 = k57 * t77;
+    const real t83 = k45 * t79;
+    const real t84 = k45 * t80;
+    const real t85 = t39 + t84;
+    wrenches[0 * stride] = -t85;
+    const real t86 = k45 * t81;
+    const real t87 = k57 * t78;
+    const real t88 = t86 - t87;
+    wrenches[2 * stride] = t88;
+    const real t89 = k20 * (t37 + t73);
+    const real t90 = k57 * t81;
+    const real t91 = k8 * t78 - t89;
+    const real t92 = t91 - t90;
+    wrenches[4 * stride] = t92;
+    const real t93 = k20 * (t36 - t74);
+    const real t94 = t93 - k14 * t76;
+    wrenches[3 * stride] = -t94;
+    wrenches[15 * stride] = t94;
+    const real t95 = k57 * t79;
 
     /* wrench through joint 2 */
-    const real t87 = t65 + t67 - F_2;
-    wrenches[1 * stride] = t87;
+    const real t96 = k14 * t75 + k8 * t77;
+    const real t97 = t95 + t96 - base_arm_length * F_2;
+    wrenches[5 * stride] = t97;
 
-    /* wrench through joint 3 */
-    const real t88 = t72 + k57 * t61 - F_3;
-    wrenches[8 * stride] = t88;
-    const real t89 = base_arm_length * F_3 + t79 - t76 - k8 * t61;
-    wrenches[10 * stride] = t89;
+    /* inertia forces of base arm 3, about joint 3 */
+    const real t98 = t83 - k57 * t38;
+    wrenches[6 * stride] = t98;
+    const real t99 = t84 + k57 * t75;
+    wrenches[7 * stride] = t99;
+    const real t100 = k14 * t78 - t89;
+    wrenches[9 * stride] = t100;
+    const real t101 = k8 * t75 + k57 * t80 + k14 * t77;
+    wrenches[11 * stride] = t101;
+
+    /* inertia forces of base arm 4, about joint 4 */
+    const real t102 = t84 - t39;
+    wrenches[12 * stride] = t102;
+    const real t103 = t86 + t87;
+    wrenches[14 * stride] = t103;
+    const real t104 = t90 + t91;
+    wrenches[16 * stride] = -t104;
 
     /* wrench through joint 4 */
-    const real t90 = t65 - F_4 - t67;
-    wrenches[13 * stride] = t90;
+    const real t105 = t96 - base_arm_length * F_4 - t95;
+    wrenches[17 * stride] = t105;
+
+    /* wrench through joint 2 */
+    const real t106 = t82 + t83 - F_2;
+    wrenches[1 * stride] = t106;
+
+    /* wrench through joint 3 */
+    const real t107 = t86 + k57 * t76 - F_3;
+    wrenches[8 * stride] = t107;
+    const real t108 = base_arm_length * F_3 + t93 - t90 - k8 * t76;
+    wrenches[10 * stride] = t108;
+
+    /* wrench through joint 4 */
+    const real t109 = t82 - F_4 - t83;
+    wrenches[13 * stride] = t109;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t91 = c3 * (v_theta_0 * v_theta_0 + t16) - s3 * (t14 - t53);
-    const real t92 = t44 - base_arm_length * t91;
-    const real t93 = s3 * (t13 * t13 + t16) - c3 * (t14 + t53);
-    const real t94 = t41 - base_arm_length * t93;
-    const real t95 = c4 * t92 + s4 * t94;
-    const real t96 = t26 * t51 + k47 * t95 - t23 * t25;
-    wrenches[18 * stride] = t96;
-    const real t97 = s3 * (R(2.0) * t15 * v_theta_0 - t48);
-    const real t98 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t45) + t97);
-    const real t99 = t43 + t98;
-    const real t100 = t25 * t52 + k47 * t99 - t24 * t26;
-    wrenches[20 * stride] = t100;
-    const real t101 = c4 * t94 - s4 * t92;
-    const real t102 = t25 * t55 + t26 * t57 - k47 * t101;
-    wrenches[19 * stride] = -t102;
-    wrenches[26 * stride] = t102;
+    const real t110 = t26 * t66 + k47 * t59 - t23 * t25;
+    wrenches[18 * stride] = t110;
+    const real t111 = t25 * t64 + k47 * t56 - t24 * t26;
+    wrenches[20 * stride] = t111;
+    const real t112 = t25 * t65 + t26 * t67 - k47 * t60;
+    wrenches[19 * stride] = -t112;
+    wrenches[26 * stride] = t112;
+    const real t113 = t31 * t65 + t30 * t67 + k39 * t62 - t68;
+    wrenches[21 * stride] = t113;
+    const real t114 = t25 * t60 + k39 * t61 - t29 * t65 - t69;
+    wrenches[23 * stride] = t114;
 
     /* wrench through joint 6, in its frame */
-    const real t103 = c5 * t96 + s5 * t100;
-    wrenches[24 * stride] = t103;
-    const real t104 = c5 * t100 - s5 * t96;
-    wrenches[25 * stride] = t104;
-    const real t105 = t26 * t101;
-    const real t106 = t31 * t55 + t30 * t57 + k39 * t56 - t105;
-    wrenches[21 * stride] = t106;
-    const real t107 = t31 * t57;
-    const real t108 = t25 * t101 + k39 * t54 - t29 * t55 - t107;
-    wrenches[23 * stride] = t108;
-    const real t109 = c5 * t106 + s5 * t108;
-    wrenches[27 * stride] = t109;
-    const real t110 = c5 * t108 - s5 * t106;
-    wrenches[28 * stride] = t110;
-    const real t111 = t26 * t95;
-    const real t112 = t30 * t51;
-    const real t113 = t32 + t25 * t99 + t29 * t52 - t111 - t112;
-    wrenches[22 * stride] = -t113;
-    wrenches[29 * stride] = t113;
-    const real t114 = k57 * t66;
-    const real t115 = k8 * t68 + k57 * t69 + k14 * t64;
-    wrenches[11 * stride] = t115;
-    const real t116 = k14 * t68 + k8 * t64;
-    const real t117 = t114 + t116 - base_arm_length * F_2;
-    wrenches[5 * stride] = t117;
-    const real t118 = t116 - base_arm_length * F_4 - t114;
-    wrenches[17 * stride] = t118;
+    const real t115 = c5 * t110 + s5 * t111;
+    wrenches[24 * stride] = t115;
+    const real t116 = c5 * t111 - s5 * t110;
+    wrenches[25 * stride] = t116;
+    const real t117 = c5 * t113 + s5 * t114;
+    wrenches[27 * stride] = t117;
+    const real t118 = c5 * t114 - s5 * t113;
+    wrenches[28 * stride] = t118;
 }
 
 void
@@ -5379,8 +5387,8 @@ static INLINE void tip_jacobian_lane(
     jacobian[8 * stride] = t26;
 
     /* columns of the base */
-    const real t27 = -c1 * t26 - s1 * t25;
-    jacobian[1 * stride] = t27;
+    const real t27 = c1 * t26 + s1 * t25;
+    jacobian[1 * stride] = -t27;
     const real t28 = s1 * t24;
     jacobian[9 * stride] = t28;
     const real t29 = c1 * t24;
@@ -5776,6 +5784,8 @@ static INLINE void frame_poses_lane(
     poses[7 * stride] = t35;
     const real t36 = z + base_arm_length * t18;
     poses[11 * stride] = t36;
+
+    /* position of tip */
     const real t37 = link2_length * t28 + t34;
     poses[19 * stride] = t37;
     const real t38 = link2_length * t29 + t35;
@@ -5895,6 +5905,7 @@ static INLINE void frame_jacobians_lane(
     jacobians[23 * stride] = R(1.0);
     jacobians[24 * stride] = R(1.0);
     jacobians[26 * stride] = s2;
+    jacobians[33 * stride] = c1;
     jacobians[41 * stride] = s1;
     jacobians[53 * stride] = R(1.0);
     jacobians[62 * stride] = R(1.0);
@@ -5902,42 +5913,37 @@ static INLINE void frame_jacobians_lane(
     jacobians[72 * stride] = R(1.0);
     jacobians[74 * stride] = s2;
     jacobians[75 * stride] = s2;
+    jacobians[81 * stride] = c1;
     jacobians[89 * stride] = s1;
-
-    /* attitude */
-    const real t1 = -c1;
-    jacobians[33 * stride] = -t1;
-    jacobians[81 * stride] = -t1;
-    const real t6 = -s3;
 
     /* axes of the base */
     const real t12 = s1 * c2;
     jacobians[34 * stride] = -t12;
     jacobians[82 * stride] = -t12;
     jacobians[83 * stride] = -t12;
-    const real t13 = t1 * c2;
-    jacobians[42 * stride] = -t13;
-    jacobians[90 * stride] = -t13;
-    jacobians[91 * stride] = -t13;
+    const real t13 = c1 * c2;
+    jacobians[42 * stride] = t13;
+    jacobians[90 * stride] = t13;
+    jacobians[91 * stride] = t13;
     const real t14 = s1 * s2;
-    const real t15 = t1 * s2;
+    const real t15 = c1 * s2;
 
     /* joint 5 and the axes of link 1 */
     const real t16 = base_arm_length * c2 * c3;
-    const real t17 = base_arm_length * (t1 * t6 + c3 * t14);
+    const real t17 = base_arm_length * (c1 * s3 + c3 * t14);
     jacobians[16 * stride] = t17;
-    const real t18 = base_arm_length * (s1 * t6 - c3 * t15);
+    const real t18 = base_arm_length * (c3 * t15 - s1 * s3);
     jacobians[8 * stride] = t18;
     const real t19 = c2 * s4;
     jacobians[76 * stride] = t19;
-    const real t20 = t1 * c4 + s4 * t14;
+    const real t20 = s4 * t14 - c1 * c4;
     jacobians[84 * stride] = t20;
-    const real t21 = s4 * t15 - s1 * c4;
-    jacobians[92 * stride] = t21;
+    const real t21 = s1 * c4 + s4 * t15;
+    jacobians[92 * stride] = -t21;
 
     /* joint 6 and the axes of link 2 */
-    const real t22 = c5 * (c4 * t14 - t1 * s4) - s5 * t12;
-    const real t23 = c5 * (s1 * s4 + c4 * t15) - s5 * t13;
+    const real t22 = c5 * (c1 * s4 + c4 * t14) - s5 * t12;
+    const real t23 = c5 * (s1 * s4 - c4 * t15) + s5 * t13;
 
     /* position of tip */
     const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
@@ -5947,48 +5953,48 @@ static INLINE void frame_jacobians_lane(
     jacobians[56 * stride] = t26;
 
     /* columns of the base */
-    const real t27 = t1 * t26 - s1 * t25;
+    const real t27 = -c1 * t26 - s1 * t25;
     jacobians[49 * stride] = t27;
     const real t28 = s1 * t24;
     jacobians[57 * stride] = t28;
-    const real t29 = t1 * t24;
-    jacobians[65 * stride] = t29;
-    const real t30 = t13 * t25 + t12 * t26;
+    const real t29 = c1 * t24;
+    jacobians[65 * stride] = -t29;
+    const real t30 = t12 * t26 - t13 * t25;
     jacobians[50 * stride] = t30;
-    const real t31 = s2 * t26 - t13 * t24;
+    const real t31 = t13 * t24 + s2 * t26;
     jacobians[58 * stride] = t31;
     const real t32 = t12 * t24 + s2 * t25;
     jacobians[66 * stride] = t32;
 
     /* column of joint 5 */
     const real t33 = t24 - t16;
-    const real t34 = t17 - t25;
+    const real t34 = t25 - t17;
     const real t35 = t26 - t18;
     const real t36 = t12 * t35 - t13 * t34;
     jacobians[51 * stride] = t36;
-    const real t37 = s2 * t35 - t13 * t33;
+    const real t37 = s2 * t35 + t13 * t33;
     jacobians[59 * stride] = t37;
-    const real t38 = t12 * t33 - s2 * t34;
+    const real t38 = t12 * t33 + s2 * t34;
     jacobians[67 * stride] = t38;
 
     /* column of joint 6 */
     const real t39 = t21 * t34 - t20 * t35;
     jacobians[52 * stride] = t39;
-    const real t40 = t19 * t35 + t21 * t33;
+    const real t40 = t19 * t35 - t21 * t33;
     jacobians[60 * stride] = t40;
-    const real t41 = -t19 * t34 - t20 * t33;
+    const real t41 = t19 * t34 - t20 * t33;
     jacobians[68 * stride] = t41;
 
     /* columns of the base */
-    const real t42 = t1 * t18 - s1 * t17;
-    jacobians[1 * stride] = t42;
+    const real t42 = c1 * t18 + s1 * t17;
+    jacobians[1 * stride] = -t42;
     const real t43 = s1 * t16;
     jacobians[9 * stride] = t43;
-    const real t44 = t1 * t16;
-    jacobians[17 * stride] = t44;
-    const real t45 = t13 * t17 + t12 * t18;
+    const real t44 = c1 * t16;
+    jacobians[17 * stride] = -t44;
+    const real t45 = t12 * t18 - t13 * t17;
     jacobians[2 * stride] = t45;
-    const real t46 = s2 * t18 - t13 * t16;
+    const real t46 = t13 * t16 + s2 * t18;
     jacobians[10 * stride] = t46;
     const real t47 = t12 * t16 + s2 * t17;
     jacobians[18 * stride] = t47;
@@ -6888,63 +6894,65 @@ static INLINE void centroidal_momentum_lane(
     const real t14 = v_theta_5 + t13;
     const real t15 = c4 * t12 + v_theta_0 * s4;
 
+    /* motion of link 2 */
+    const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
+
     /* inertia of link 2, turned by the joints */
-    const real t16 = k46 * c5;
-    const real t17 = k46 * s5;
-    const real t18 = k53 * s5;
-    const real t19 = s5 * t18;
-    const real t20 = k27 - t19;
-    const real t21 = k33 + t19;
-    const real t22 = c5 * t18;
+    const real t17 = k46 * c5;
+    const real t18 = k46 * s5;
+    const real t19 = k53 * s5;
+    const real t20 = s5 * t19;
+    const real t21 = k27 - t20;
+    const real t22 = k33 + t20;
+    const real t23 = c5 * t19;
 
     /* step from the base to link 1 */
-    const real t23 = base_arm_length * c3;
-    const real t24 = base_arm_length * s3;
+    const real t24 = base_arm_length * c3;
+    const real t25 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t25 = k54 * s3;
-    const real t26 = s3 * t25;
-    const real t27 = k52 + t26;
-    const real t28 = k43 - t26;
-    const real t29 = c3 * t25;
+    const real t26 = k54 * s3;
+    const real t27 = s3 * t26;
+    const real t28 = k52 + t27;
+    const real t29 = k43 - t27;
+    const real t30 = c3 * t26;
 
     /* motion of link 1 */
-    const real t30 = v_theta_0 * c3 - s3 * t12;
+    const real t31 = v_theta_0 * c3 - s3 * t12;
 
     /* centre of mass from the origin */
-    const real t31 = k65 * s5;
+    const real t32 = k65 * s5;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t32 = t12 * t29;
-    const real t33 = v_theta_0 * t29;
+    const real t33 = t12 * t30;
+    const real t34 = v_theta_0 * t30;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t34 = t15 * t22;
+    const real t35 = t15 * t23;
 
     /* motion of link 1 */
-    const real t35 = s3 * t13;
-    const real t36 = c3 * t13;
-    const real t37 = base_arm_length * t35;
+    const real t36 = s3 * t13;
+    const real t37 = c3 * t13;
     const real t38 = base_arm_length * t36;
+    const real t39 = base_arm_length * t37;
 
     /* centre of mass from the origin */
-    const real t39 = k64 * (k51 * c3 + c4 * t16);
-    const real t40 = k64 * (k51 * s3 + s4 * t16);
+    const real t40 = k64 * (k51 * c3 + c4 * t17);
+    const real t41 = k64 * (k51 * s3 + s4 * t17);
 
     /* motion of link 1 */
-    const real t41 = s4 * t37 + c4 * t38;
+    const real t42 = s4 * t38 + c4 * t39;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t42 = t16 * t41;
-    const real t43 = t17 * (s4 * t38 - c4 * t37);
-    const real t44 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
-    const real t45 = t16 * base_arm_length * t30 + t43 - (t20 + t21) * t44;
-    const real t46 = k46 * s5 * t44;
-    const real t47 = k46 * c5 * t44;
+    const real t43 = t17 * t42;
+    const real t44 = t18 * (s4 * t39 - c4 * t38);
+    const real t45 = t17 * base_arm_length * t31 + t44 - (t21 + t22) * t16;
+    const real t46 = k46 * s5 * t16;
+    const real t47 = k46 * c5 * t16;
     const real t48 = k46 * (s5 * t15 - c5 * t14);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t49 = t14 * t22 + t17 * t41 - t15 * (k39 + t21);
+    const real t49 = t14 * t23 + t18 * t42 - t15 * (k39 + t22);
     const real t50 = s4 * t48 - c4 * t46;
     const real t51 = c4 * t48 + s4 * t46;
     const real t52 = s4 * t45;
@@ -6953,28 +6961,28 @@ static INLINE void centroidal_momentum_lane(
     const real t55 = s4 * t49;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t56 = t24 * t47;
-    const real t57 = t23 * t47;
-    const real t58 = t24 * t50;
-    const real t59 = t23 * t51;
-    const real t60 = k51 * t35 - t50;
-    const real t61 = k51 * t36 - t51;
-    const real t62 = k51 * t30 - t47;
+    const real t56 = t25 * t47;
+    const real t57 = t24 * t47;
+    const real t58 = t25 * t50;
+    const real t59 = t24 * t51;
+    const real t60 = k51 * t36 - t50;
+    const real t61 = k51 * t37 - t51;
+    const real t62 = k51 * t31 - t47;
 
     /* momentum in world axes */
-    const real t63 = t40 * t62;
-    const real t64 = t31 * t61;
-    const real t65 = t12 * (k44 + t28);
-    const real t66 = t33 + t56 + t63 + t64 + t65 - t52 - t53;
-    const real t67 = t39 * t62;
-    const real t68 = t31 * t60;
-    const real t69 = v_theta_0 * (k44 + t27);
-    const real t70 = t32 + t54 + t68 + t69 - t55 - t57 - t67;
-    const real t71 = t39 * t61;
-    const real t72 = t40 * t60;
-    const real t73 = t14 * (k39 + t20);
-    const real t74 = t13 * (t27 + t28);
-    const real t75 = t34 + t58 + t59 + t71 + t72 - t42 - t74 - t73;
+    const real t63 = t41 * t62;
+    const real t64 = t32 * t61;
+    const real t65 = t12 * (k44 + t29);
+    const real t66 = t34 + t56 + t63 + t64 + t65 - t52 - t53;
+    const real t67 = t40 * t62;
+    const real t68 = t32 * t60;
+    const real t69 = v_theta_0 * (k44 + t28);
+    const real t70 = t33 + t54 + t68 + t69 - t55 - t57 - t67;
+    const real t71 = t40 * t61;
+    const real t72 = t41 * t60;
+    const real t73 = t14 * (k39 + t21);
+    const real t74 = t13 * (t28 + t29);
+    const real t75 = t35 + t58 + t59 + t71 + t72 - t43 - t74 - t73;
     const real t76 = c2 * t62 - s2 * t60;
     const real t77 = k50 * v_x - c2 * t60 - s2 * t62;
     momentum[0 * stride] = t77;

@@ -439,7 +439,7 @@ quadrotor_2link_input_matrix_batch(
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
  * @param[out] acceleration 8: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @note 248 operations, 5 sine-cosine pairs; about 1312 bytes of stack for one state of doubles,
+ * @note 248 operations, 5 sine-cosine pairs; about 1280 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -542,7 +542,7 @@ quadrotor_2link_hybrid_mass_matrix_batch(
  * @param[out] residual 14: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3 [N
  *     m], theta_4 [N m], theta_5 [N m], theta_6 [N m], x [N], y [N], z [N], tau_prime_2 [rad/s^2],
  *     tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2]
- * @note 230 operations, 5 sine-cosine pairs; about 1440 bytes of stack for one state of doubles,
+ * @note 230 operations, 5 sine-cosine pairs; about 1296 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -643,7 +643,7 @@ quadrotor_2link_constraint_torques_batch(
  * @param[in] a their accelerations, 8 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
  *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
  * @param[out] value 1: [W/s]
- * @note 257 operations, 5 sine-cosine pairs; about 1360 bytes of stack for one state of doubles,
+ * @note 257 operations, 5 sine-cosine pairs; about 1264 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 2 and 3.
  */
@@ -799,7 +799,7 @@ quadrotor_2link_wrench_forces_batch(
  *     torque [N m], a row for each of base, tip
  * @param[out] acceleration 8: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @note 392 operations, 5 sine-cosine pairs; about 1984 bytes of stack for one state of doubles,
+ * @note 392 operations, 5 sine-cosine pairs; about 1920 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -842,7 +842,7 @@ quadrotor_2link_forward_dynamics_with_wrenches_batch(
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
  * @param[out] wrenches 5 x 6: [N] in the first three, [N m] in the others, a row for each of
  *     base_arm2, base_arm3, base_arm4, link1, link2
- * @note 255 operations, 5 sine-cosine pairs; about 1360 bytes of stack for one state of doubles,
+ * @note 255 operations, 5 sine-cosine pairs; about 1232 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 6 and 14, all six components.
  */
