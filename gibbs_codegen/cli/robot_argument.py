@@ -57,6 +57,7 @@ def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
     parser.add_argument(
         "--derivatives",
         nargs="?",
+        const=True,
         default=False,
         type=lambda names: names.split(",") if names else True,
         metavar="NAME,...",
