@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.figures.coupling import coupling_figure as coupling_figure
     from gibbs_codegen.figures.coupling import hybrid_pattern_figure as hybrid_pattern_figure
     from gibbs_codegen.figures.machine import machine_figure as machine_figure
+    from gibbs_codegen.figures.reach import reachable_wrenches_figure as reachable_wrenches_figure
     from gibbs_codegen.figures.results import write_results as write_results
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot.family import paper_family as paper_family
@@ -81,6 +82,7 @@ _LAZY = {
     "paper_family": "robot.family",
     "parse_robot": "robot.file",
     "reachable_wrenches": "analysis.reach",
+    "reachable_wrenches_figure": "figures.reach",
     "read_flight": "simulator.flight",
     "read_robot": "robot.file",
     "read_scenario": "scenario.file",

@@ -77,18 +77,10 @@ class ReachableWrenches:
         """The torques (…, 3) with the force of hovering."""
         return self._slice(_TORQUE, _FORCE)
 
-    def lines(self) -> list[str]:
-        """The margins in words: a heading, and a line each for forces and torques."""
+    def __str__(self) -> str:
         if self.margins is None:
-            return []
-        named = zip("xyzxyz", self.margins, strict=True)
-        each = [f"{axis} {_number(-low)} … {_number(high)}" for axis, (low, high) in named]
-        return [
-            "what rotors can add to hovering, one component at a time, about "
-            f"{self.about} in the base's axes:",
-            f"  force: {', '.join(each[:3])} N",
-            f"  torque: {', '.join(each[3:])} N m",
-        ]
+            return f"{self.robot}: no thrusts within the limits hover"
+        return "\n".join([f"{self.robot}:", *margin_lines(self.margins, self.about)])
 
     def _margin(self, direction: Array) -> float | None:
         """How far wrenches reach from hovering along a direction (6)."""
@@ -191,6 +183,25 @@ def reachable_wrenches(
     return ReachableWrenches(vehicle.name, frame or CENTRE_OF_MASS, columns, thrusts, hovering)
 
 
+def margin_lines(margins: ArrayLike, point: str) -> list[str]:
+    """What can be taken from hovering and added to it, in words.
+
+    Args:
+        margins: Of each component of a wrench (6, 2).
+        point: The point that wrenches are about.
+
+    Returns:
+        A heading, and a line each for forces and torques.
+    """
+    named = zip("xyzxyz", np.asarray(margins), strict=True)
+    each = [f"{axis} {-low + 0.0:.3g} … {high:.3g}" for axis, (low, high) in named]
+    return [
+        f"wrench margins at hover, each by itself, about {point}, in the base's axes:",
+        f"  force: {', '.join(each[:3])} N",
+        f"  torque: {', '.join(each[3:])} N m",
+    ]
+
+
 def about(wrenches: Array, point: Array) -> Array:
     """Wrenches about another point.
 
@@ -211,7 +222,3 @@ def _null_space(matrix: Array) -> Array:
     _, values, right = np.linalg.svd(matrix)
     space: Array = right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
     return space
-
-
-def _number(value: float) -> str:
-    return f"{value + 0.0:.3g}"
