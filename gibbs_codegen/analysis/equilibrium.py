@@ -19,6 +19,8 @@ RANK = 1e-9
 EXACT = 1e-9
 # Share of the wrench below which coordinates are left as they are, and SciPy's tolerances.
 _BALANCED, _CONVERGED = 1e-12, 1e-15
+# Of displacements beside what is missing; its square is what it leaves missing.
+_PULL = 1e-3
 
 
 @dataclass(frozen=True)
@@ -117,15 +119,22 @@ def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) 
         whole[free] = displacement
         return motion.vehicle.integrate(q, whole)
 
-    # Differences serve: derivatives of a module lack those of B u and of the wrenches' forces, and
-    # what is missing is in the end computed exactly.
-    found = least_squares(
-        lambda displacement: motion.missing(moved(displacement)) / size,
-        np.zeros(len(free)),
-        jac="3-point",
-        bounds=bounds,
-        ftol=_CONVERGED,
-        xtol=_CONVERGED,
-        gtol=_CONVERGED,
-    )
-    return moved(found.x)
+    def residual(displacement: Array, pull: float) -> Array:
+        return np.append(motion.missing(moved(displacement)) / size, pull * displacement)
+
+    displacement = np.zeros(len(free))
+    # Of all that balances, such as every heading, the nearest: the pull leads there, and its traces
+    # are taken away. Differences serve: derivatives of a module lack those of B u and of the
+    # wrenches' forces, and what is missing is in the end computed exactly.
+    for pull in (_PULL, 0.0):
+        displacement = least_squares(
+            residual,
+            displacement,
+            jac="3-point",
+            bounds=bounds,
+            ftol=_CONVERGED,
+            xtol=_CONVERGED,
+            gtol=_CONVERGED,
+            args=(pull,),
+        ).x
+    return moved(displacement)

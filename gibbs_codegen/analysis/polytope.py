@@ -112,10 +112,10 @@ def _grown(support: Support, points: Array, basis: Array) -> Polytope:
     while True:
         hull = ConvexHull((points - first) @ basis)
         # A facet comes once for each simplex that it is made of.
-        facets = np.unique(hull.equations.round(9), axis=0)
+        facets = hull.equations[np.unique(hull.equations.round(9), axis=0, return_index=True)[1]]
         found = []
         for facet in facets:
-            if (key := tuple(facet[:-1])) not in asked:
+            if (key := tuple(facet[:-1].round(9))) not in asked:
                 asked.add(key)
                 point = support(basis @ facet[:-1])
                 beyond = facet[:-1] @ basis.T @ (point - first) + facet[-1]

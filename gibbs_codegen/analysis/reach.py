@@ -53,8 +53,11 @@ class ReachableWrenches:
 
         The other components keep their values. None where no thrusts within the limits hover.
         """
-        found = [self._margin(sign * axis) for axis in np.eye(6) for sign in (-1.0, 1.0)]
-        return None if None in found else np.array(found, dtype=np.float64).reshape(6, 2)
+        try:
+            found = [[self._margin(sign * axis) for sign in (-1.0, 1.0)] for axis in np.eye(6)]
+        except UsageError:
+            return None
+        return np.array(found)
 
     @cached_property
     def wrenches(self) -> Polytope:
@@ -82,13 +85,13 @@ class ReachableWrenches:
             return f"{self.robot}: no thrusts within the limits hover"
         return "\n".join([f"{self.robot}:", *margin_lines(self.margins, self.about)])
 
-    def _margin(self, direction: Array) -> float | None:
+    def _margin(self, direction: Array) -> float:
         """How far wrenches reach from hovering along a direction (6)."""
         step = np.linalg.pinv(self.columns, rcond=RANK) @ direction
         produced = float(np.abs(self.columns @ step - direction).max() <= RANK)
         ways = np.column_stack([produced * step, _null_space(self.columns)])
         found = self._farthest(ways, produced * np.eye(ways.shape[1])[0])
-        return None if found is None else produced * max(float(found[0]), 0.0)
+        return produced * max(float(found[0]), 0.0)
 
     def _slice(self, kept: slice, held: slice) -> Polytope:
         """The polytope of some components with the others as they are at hover.
@@ -99,22 +102,17 @@ class ReachableWrenches:
 
         Returns:
             The polytope, in 3 dimensions.
-
-        Raises:
-            UsageError: No thrusts within the limits hover.
         """
         ways = _null_space(self.columns[held])
 
         def support(direction: Array) -> Array:
-            found = self._farthest(ways, direction @ self.columns[kept] @ ways)
-            if found is None:
-                raise UsageError(f"{self.robot}: no thrusts within the limits hover")
-            point: Array = self.columns[kept] @ (self.thrusts + ways @ found)
+            step = ways @ self._farthest(ways, direction @ self.columns[kept] @ ways)
+            point: Array = self.columns[kept] @ (self.thrusts + step)
             return point
 
         return polytope(support, 3)
 
-    def _farthest(self, ways: Array, value: Array) -> Array | None:
+    def _farthest(self, ways: Array, value: Array) -> Array:
         """The steps z (k) for which thrusts + ways z are within limits and value · z is greatest.
 
         Args:
@@ -122,7 +120,10 @@ class ReachableWrenches:
             value: Of the steps, (k).
 
         Returns:
-            The steps, or None where there are none.
+            The steps.
+
+        Raises:
+            UsageError: There are none, so no thrusts within the limits hover.
         """
         from scipy.optimize import linprog  # It takes long to import.
 
@@ -134,7 +135,9 @@ class ReachableWrenches:
             bounds=(None, None),
             method="highs",
         )
-        return np.asarray(found.x) if found.success else None
+        if not found.success:
+            raise UsageError(f"{self.robot}: no thrusts within the limits hover")
+        return np.asarray(found.x)
 
 
 def reachable_wrenches(

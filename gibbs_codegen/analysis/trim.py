@@ -111,13 +111,13 @@ def trim(
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
     motion = SteadyMotion(
         vehicle,
-        np.asarray(velocity, dtype=np.float64),
-        np.asarray(acceleration, dtype=np.float64),
+        _numbers("velocity", velocity, 3),
+        _numbers("acceleration", acceleration, 3),
         _acting(vehicle, wrenches or {}),
     )
     actuators = robot_file_actuators(vehicle)
     if limits is not None:
-        actuators.thrusts[:] = np.asarray(limits, dtype=np.float64).reshape(2, -1)
+        actuators.thrusts[:] = _limits(vehicle, limits)
     start = _start(vehicle, q, posture or {})
     places, bounds = _freedom(vehicle, actuators, start, free)
     found = equilibrium(motion, start, places, bounds)
@@ -177,12 +177,9 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) 
     Raises:
         UsageError: The wrong number of them, or a joint that the robot does not have.
     """
-    start = vehicle.neutral if q is None else np.array(q, dtype=np.float64)
-    if start.shape != (len(vehicle.coordinates),):
-        raise UsageError(
-            f"q: {vehicle.name} has {len(vehicle.coordinates)} coordinates, "
-            f"{', '.join(vehicle.coordinates)}; the shape of q is {start.shape}"
-        )
+    start = vehicle.neutral
+    if q is not None:
+        start = _numbers(f"q ({', '.join(vehicle.coordinates)})", q, len(start))
     for name, value in posture.items():
         start[vehicle.layout.q.joint_places[joint_place(vehicle, name)]] = value
     return vehicle.kinematics.normalised(start)
@@ -197,8 +194,39 @@ def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
                 f"wrenches: {vehicle.name} has no frame {name}; its frames: "
                 f"{', '.join(vehicle.frames)}"
             )
-        acting[vehicle.frames.index(name)] = np.asarray(wrench, dtype=np.float64)
+        acting[vehicle.frames.index(name)] = _numbers(f"wrenches: {name}", wrench, 6)
     return acting
+
+
+def _limits(vehicle: Vehicle, given: ArrayLike) -> Array:
+    """Least and greatest thrusts (2, N), or (2, 1) for all, of what was given."""
+    limits = np.asarray(given, dtype=np.float64)
+    if limits.shape not in ((2,), (2, vehicle.rotors)) or not np.all(limits[0] <= limits[1]):
+        raise UsageError(
+            f"limits: must be the least and the greatest thrust, or two rows of {vehicle.rotors} "
+            "of them"
+        )
+    return limits.reshape(2, -1)
+
+
+def _numbers(name: str, given: ArrayLike, count: int) -> Array:
+    """A copy of numbers that were given.
+
+    Args:
+        name: Of what.
+        given: The numbers.
+        count: How many there must be.
+
+    Returns:
+        The numbers (count).
+
+    Raises:
+        UsageError: There are more or fewer, or infinite ones.
+    """
+    numbers = np.array(given, dtype=np.float64)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise UsageError(f"{name}: must be {count} finite numbers")
+    return numbers
 
 
 def _freedom(
