@@ -52,9 +52,9 @@ class Trim:
     turned: float
 
     def __str__(self) -> str:
-        lines = [f"{self.robot}: balanced but for {self.residual:.1g} N or N m"]
-        if self.turned:
-            lines[0] += f", its attitude turned by {np.degrees(self.turned):.4g}°"
+        lines = [f"{self.robot}: balanced"]
+        if self.turned > EXACT:
+            lines[0] += f", with its attitude turned by {np.degrees(self.turned):.4g}°"
         width, noise = max(map(len, self.input_names)), EXACT * np.abs(self.u).max()
         for name, unit, value, margin in zip(
             self.input_names, self.input_units, self.u, self.margins, strict=True
