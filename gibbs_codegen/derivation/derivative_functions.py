@@ -48,8 +48,8 @@ def _frame_velocities_dv(systems: Systems) -> Array:
 
 
 DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
-    "inverse_dynamics_dq": lambda s: s.generic.jacobian(s.inverse_dynamics, "q"),
-    "inverse_dynamics_dv": lambda s: s.generic.jacobian(s.inverse_dynamics, "v"),
+    "inverse_dynamics_dq": lambda s: s.inverse_derivatives.force_dq,
+    "inverse_dynamics_dv": lambda s: s.inverse_derivatives.force_dv,
     "forward_dynamics_dq": lambda s: s.generic.jacobian(s.dynamics[1], "q"),
     "forward_dynamics_dv": lambda s: s.generic.jacobian(s.dynamics[1], "v"),
     "forward_dynamics_du": lambda s: s.generic.jacobian(s.dynamics[1], "u"),

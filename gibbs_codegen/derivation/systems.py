@@ -12,9 +12,12 @@ import sympy as sp
 from gibbs_codegen.derivation.forward_dynamics import Dynamics, shorter_dynamics
 from gibbs_codegen.derivation.generic_derivatives import GenericDerivatives
 from gibbs_codegen.derivation.hybrid import LinearSystem
-from gibbs_codegen.derivation.passive import armatures, passive_forces
+from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
+from gibbs_codegen.derivation.inverse_dynamics_derivatives import (
+    InverseDynamicsDerivatives,
+    inverse_dynamics_derivatives,
+)
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Ref
 from gibbs_codegen.program.lower import Slice
@@ -57,17 +60,12 @@ class Systems:
     @cached_property
     def inverse_dynamics(self) -> list[sp.Expr]:
         """M a − R = ∂S/∂θ̈ at the given accelerations."""
-        symbolic, tape = self.symbolic, self.tape
-        forces = generalised_inertia_forces(
-            tape, symbolic.root, symbolic.reduced_tree, symbolic.state
-        )
-        base, joints = symbolic.places.split(forces)
-        _, accelerations = symbolic.places.split(symbolic.a)
-        passive = passive_forces(symbolic)
-        given = zip(joints, armatures(symbolic), accelerations, passive, strict=True)
-        with tape.group("forces of the joints with their armature, dampers and springs"):
-            own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
-        return symbolic.places.joined(base, own)
+        return inverse_dynamics(self.symbolic)
+
+    @cached_property
+    def inverse_derivatives(self) -> InverseDynamicsDerivatives:
+        """M a − R with its derivatives by q, v and a, in one pass."""
+        return inverse_dynamics_derivatives(self.symbolic)
 
     @cached_property
     def generic(self) -> GenericDerivatives:
