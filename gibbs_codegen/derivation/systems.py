@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
 
@@ -20,6 +20,7 @@ from gibbs_codegen.derivation.inverse_dynamics_derivatives import (
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Ref
+from gibbs_codegen.program.lower import Slice
 from gibbs_codegen.symbolic.tape import Tape
 
 # A scalar on the tape or its graph, a vector, a matrix by rows, or several matrices.
@@ -28,13 +29,28 @@ Array: TypeAlias = sp.Expr | Ref | Sequence["Array"]
 
 @dataclass(frozen=True)
 class Systems:
-    """A robot on its tape, with M a = R + B u and the hybrid system, which others build on."""
+    """A robot on its tape, with M a = R + B u and the hybrid system, which others build on.
+
+    `functions` has those derived so far: first all that every module has, then those on request.
+    """
 
     tape: Tape
     imported: ImportedTape
     symbolic: SymbolicRobot
     reduced: LinearSystem
     hybrid: LinearSystem
+    functions: dict[str, Slice] = field(default_factory=dict)
+
+    @cached_property
+    def parameters(self) -> dict[str, Ref]:
+        """Parameters that functions depend on, by name; derivatives depend on no others."""
+        arrays = [array for piece in self.functions.values() for array in piece.outputs]
+        refs = self.generic.refs([entry for _, entries in arrays for entry in entries])
+        read = {*self.imported.graph.reached(refs)}
+        every = {
+            name: self.imported.ref(sp.Symbol(name)) for name in self.symbolic.parameters.defaults
+        }
+        return {name: ref for name, ref in every.items() if ref >> 1 in read}
 
     @cached_property
     def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:
