@@ -163,6 +163,7 @@ DERIVATIVES = (
         "Those that are left out, by v and a and by a twice, are zero. " + _TANGENT + " qq and vv "
         "are symmetric, with both triangles filled.",
         on_request=True,
+        is_long=True,
     ),
     Row(
         "forward_dynamics_hessian",
@@ -180,6 +181,7 @@ DERIVATIVES = (
         "eq. 19, solved for the free coordinates and differentiated twice",
         _TANGENT + " The matrix is symmetric, with both triangles filled.",
         on_request=True,
+        is_long=True,
     ),
     Row(
         "coriolis_matrix",
