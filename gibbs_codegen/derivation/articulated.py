@@ -41,16 +41,38 @@ class ArticulatedBody:
     load: Wrench
 
     def plus(self, tape: Scalars, other: ArticulatedBody) -> ArticulatedBody:
-        return ArticulatedBody(
-            self.inertia.plus(tape, other.inertia), self.load.plus(tape, other.load)
-        )
+        """Both together about their common point.
+
+        Args:
+            other: About the same point, in the same frame.
+
+        Returns:
+            The sum.
+        """
+        inertia = self.inertia.plus(tape, other.inertia)
+        return ArticulatedBody(inertia, self.load.plus(tape, other.load))
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedBody:
-        return ArticulatedBody(
-            self.inertia.rotated(tape, rotation), self.load.rotated(tape, rotation)
-        )
+        """The same in another frame.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+
+        Returns:
+            The body in the frame that `rotation` turns from.
+        """
+        inertia = self.inertia.rotated(tape, rotation)
+        return ArticulatedBody(inertia, self.load.rotated(tape, rotation))
 
     def shifted(self, tape: Scalars, arm: Vector) -> ArticulatedBody:
+        """The same about another point.
+
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+
+        Returns:
+            The body about the new point.
+        """
         return ArticulatedBody(self.inertia.shifted(tape, arm), self.load.shifted(tape, arm))
 
 
@@ -321,6 +343,12 @@ def root_turn(tree: SegmentTree) -> Rotation:
     Where the root has a single child, which turns the arm about the base normal through the origin,
     it is cheaper to turn the base against it than the arm's articulated inertia: a base of equal
     arms does not notice, and an arm in a plane keeps its zeros.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        The rotation, about z.
     """
     if len(tree.children[0]) == 1 and tree.works_in_own_frame(1):
         first = tree.segments[1]

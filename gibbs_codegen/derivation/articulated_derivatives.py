@@ -1,4 +1,4 @@
-"""Derivatives of the accelerations of a tree by articulated bodies, in O(n²): no M, no factors of M.
+"""Derivatives of the accelerations of a tree by articulated bodies, in O(n²), without M.
 
 A change at a joint makes an additional acceleration and turning of all that it carries, which pass
 outwards as accelerations do, from joint to joint; each gives way by its own equation. All else
@@ -24,6 +24,7 @@ from gibbs_codegen.derivation.articulated import Articulation, SolvedJoint
 from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
 from gibbs_codegen.derivation.convected_perturbations import JointPerturbations, Perturbation
 from gibbs_codegen.derivation.motion import Acceleration
+from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.velocity_coupling import VelocityCoupling
 from gibbs_codegen.symbolic.quick import times
 from gibbs_codegen.symbolic.tape import Scalars
@@ -37,6 +38,9 @@ from gibbs_codegen.symbolic.vectors import (
     minus,
     moved,
 )
+
+# Joints inboard of a joint, on average, from which on its parent's inertia is the shorter way.
+_FEW = 6
 
 Kind = Literal["wrench", "turning", "effort", "coordinate", "rate"]
 # What a column is by: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular velocity;
@@ -105,7 +109,7 @@ class ArticulatedDerivatives:
             Acceleration.of(self._root[key]), [self._joints.get((key, i), zero) for i in joints]
         )
 
-    def responses_to(self, k: int, wrench: Sequence[sp.Expr]) -> Column:
+    def by_wrench(self, k: int, wrench: Sequence[sp.Expr]) -> Column:
         """Accelerations by a wrench on a segment after the root.
 
         Args:
@@ -186,7 +190,7 @@ class ArticulatedDerivatives:
             self._root.setdefault(("effort", k), []).append(relative)
 
     def _receive(self, k: int, key: Key, arriving: Acceleration) -> None:
-        """What the changes at a joint do where a column is by a wrench or an effort, by reciprocity.
+        """What the changes at a joint do to what a column is by, by reciprocity.
 
         Args:
             k: The segment of the joint, by its index.
@@ -335,3 +339,15 @@ def _given_way(
         return rows[i][j]
 
     return _other_half_first(ArticulatedInertia.of_entries(entry))
+
+
+def inertia_is_shorter(tree: SegmentTree) -> bool:
+    """Whether operational-space inertias take fewer operations.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        False where, on average, few joints are inboard of a joint.
+    """
+    return sum(len(tree.path(k)) - 2 for k in range(1, len(tree.segments))) > _FEW * tree.joints

@@ -59,9 +59,9 @@ class VelocityCoupling:
         )
 
     @property
-    def rows(self) -> Block:
+    def rows(self) -> list[Vector]:
         """All six rows."""
-        return (*self.force, *self.moment)
+        return [*self.force, *self.moment]
 
     def plus(self, tape: Scalars, other: VelocityCoupling) -> VelocityCoupling:
         """Of both subtrees.

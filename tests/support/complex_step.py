@@ -1,57 +1,60 @@
-"""Exact derivatives of a program's functions, by a step along the imaginary axis (Squire & Trapp).
+"""Exact derivatives of what is on a tape, by steps along the imaginary axis (Squire and Trapp).
 
-f(x + ih) = f(x) + ih f'(x) + O(h²): with h = 1e-30 nothing is subtracted, so nothing is lost.
+f(x + ih) = f(x) + ih·f'(x) + O(h²): with h = 1e-30 nothing is subtracted, so nothing is lost.
 """
 
 from __future__ import annotations
 
-import cmath
-import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+import sympy as sp
 
-from gibbs_codegen.program.nodes import Call, Function, Name, Node, Number, Product, Reciprocal, Sum
+from gibbs_codegen.symbolic.tape import Tape
 
 _STEP = 1e-30
-_CALLS = {"sin": cmath.sin, "cos": cmath.cos, "sqrt": cmath.sqrt, "atan": cmath.atan}
+Values = dict[sp.Expr, Any]
 
 
-def outputs(function: Function, values: Mapping[str, complex]) -> list[np.ndarray]:
-    """Entries of each output of a function, given all that it reads."""
-    found = dict(values)
-    for statement in function.statements:
-        found[statement.name] = _value(statement.value, found)
-    return [np.array([_value(entry, found) for entry in o.entries]) for o in function.outputs]
+def tape_values(tape: Tape, inputs: Mapping[sp.Expr, Any]) -> Values:
+    """Values of all that is named on a tape, of its inputs' values, which may be arrays."""
+    values: Values = dict(inputs)
+    for name, expression in tape.statements.items():
+        values[name] = _value(expression, values)
+    return values
 
 
-def derivative(
-    function: Function, values: Mapping[str, complex], change: Mapping[str, float]
-) -> list[np.ndarray]:
-    """What a change of some values, per unit, does to each output of a function."""
-    moved = dict(values) | {name: values[name] + 1j * _STEP * d for name, d in change.items()}
-    return [output.imag / _STEP for output in outputs(function, moved)]
+def stepped(point: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Entries of a point, each as an array of steps in several directions, which are columns."""
+    return point[:, None] + 1j * _STEP * directions
 
 
-def jacobian(
-    function: Function, values: Mapping[str, complex], names: Sequence[str]
-) -> list[np.ndarray]:
-    """Derivatives of each output by some values: a row for each entry."""
-    columns = [derivative(function, values, {name: 1.0}) for name in names]
-    return [np.array(output).T for output in zip(*columns, strict=True)]
+def entries(values: Values, expressions: Sequence[sp.Expr]) -> np.ndarray:
+    """Values of entries in one direction only, which are real."""
+    found = [np.real(_value(expression, values)) for expression in expressions]
+    return np.array([value if np.ndim(value) == 0 else value[0] for value in found])
 
 
-def _value(node: Node, values: Mapping[str, complex]) -> complex:
-    match node:
-        case Name(name):
-            return values[name]
-        case Number(value):
-            return value
-        case Sum(terms):
-            return sum(sign * _value(term, values) for sign, term in terms)
-        case Product(factors):
-            return math.prod(_value(factor, values) for factor in factors)
-        case Reciprocal(argument):
-            return 1.0 / _value(argument, values)
-        case Call(function, argument):
-            return _CALLS[function](_value(argument, values))
+def derivatives(values: Values, expressions: Sequence[sp.Expr], width: int) -> np.ndarray:
+    """Derivatives of entries, a row for each, along all `width` directions."""
+    found = [np.imag(_value(expression, values)) / _STEP for expression in expressions]
+    return np.array([np.broadcast_to(value, width) for value in found])
+
+
+def _value(expression: sp.Expr, values: Values) -> Any:
+    if expression.is_Symbol:
+        return values[expression]
+    if expression.is_number:
+        return float(expression)
+    parts = [_value(part, values) for part in expression.args]
+    if expression.is_Add:
+        return sum(parts)
+    if expression.is_Mul:
+        product = parts[0]
+        for part in parts[1:]:
+            product = product * part
+        return product
+    if expression.is_Pow:
+        return np.power(parts[0], parts[1])
+    return getattr(np, expression.func.__name__)(parts[0])

@@ -208,7 +208,6 @@ class Root(Protocol):
     def state_columns(
         self,
         tape: Scalars,
-        turns: Sequence[Rotation],
         turning: Sequence[Column],
         linear: Vector,
         rates: Values,
@@ -218,7 +217,6 @@ class Root(Protocol):
         """Derivatives of all accelerations by attitude and position, and by the velocities.
 
         Args:
-            turns: Rotations from the frame of the columns to the group frame.
             turning: Columns for a change of each component of the angular velocity ω of the base,
                 with the acceleration of the origin and dω/dt.
             linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).

@@ -39,7 +39,6 @@ from gibbs_codegen.symbolic.vectors import (
     axis_vector,
     cross,
     minus,
-    turned_axes,
     zeros,
 )
 
@@ -267,7 +266,6 @@ class QuaternionRoot:
     def state_columns(
         self,
         tape: Scalars,
-        turns: Sequence[Rotation],
         turning: Sequence[Column],
         linear: Vector,
         rates: Values,
@@ -277,7 +275,6 @@ class QuaternionRoot:
         """Derivatives of all accelerations by attitude and position, and by the velocities.
 
         Args:
-            turns: Rotations from the frame of the columns to the base's.
             turning: Columns for a change of each component of the angular velocity.
             linear: Not used.
             rates: ω and the origin's velocity.
@@ -288,17 +285,13 @@ class QuaternionRoot:
             Columns for a turn and a displacement of the base in its own frame, and for each
             velocity; first come the rows of the base.
         """
-        convert = self.acceleration_rows(tape, turns)
-        axes = turned_axes(tape, [turn.inverse for turn in reversed(turns)])
         omega, velocity = _vector(rates[:3]), _vector(rates[3:])
         up = upward(tape, self.attitude, gravity)
         by_attitude, by_turning, by_velocity = [], [], []
-        for k in range(3):
+        for k, column in enumerate(turning):
             unit = axis_vector(k)
-            column = Column.combined(tape, axes[k], turning)
-            *angular, x, y, z = convert(column.root)
-            moved = add(tape, (x, y, z), cross(tape, velocity, unit))
-            by_turning.append([*angular, *moved, *column.joints])
+            moved = add(tape, column.root.linear, cross(tape, velocity, unit))
+            by_turning.append([*column.root.angular, *moved, *column.joints])
             still = [sp.S.Zero] * len(column.joints)
             by_attitude.append([*ZERO, *cross(tape, unit, up), *still])
             by_velocity.append([*ZERO, *cross(tape, unit, omega), *still])

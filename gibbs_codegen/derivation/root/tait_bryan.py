@@ -301,7 +301,6 @@ class TaitBryanRoot:
     def state_columns(
         self,
         tape: Scalars,
-        turns: Sequence[Rotation],
         turning: Sequence[Column],
         linear: Vector,
         rates: Values,
@@ -311,7 +310,6 @@ class TaitBryanRoot:
         """Derivatives of all accelerations by attitude and position, and by the velocities.
 
         Args:
-            turns: Rotations from the frame of the columns to the group frame.
             turning: Columns for a change of each component of the angular velocity.
             linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
             rates, accelerations: The base's velocities, and their rates.
@@ -321,7 +319,7 @@ class TaitBryanRoot:
             Columns for each coordinate of the base, and for each of its velocities; first come the
             rows of the base.
         """
-        frame = self._frame(tape, turns)
+        frame = self._frame(tape, [])
         if not self.spins_about_normal:
             linear = self.rotations[2].vector(tape, linear)
         return state_columns(tape, frame, turning, linear, rates, accelerations)

@@ -21,7 +21,7 @@ from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Vector, axis_vector, cross, dot, scale
 
-Row = list[sp.Expr]
+Row = Sequence[sp.Expr]
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def state_columns(
         Columns for θ₋₁, θ₀, θ₁, x, y, z, and for their rates, each with the rows of the base first.
     """
     convert = frame.rows(tape)
-    about = []
+    about: list[Row] = []
     for axis in frame.axes:
         column = Column.combined(tape, frame.vectors[axis], turning)
         about.append([*convert(column.root), *column.joints])
@@ -210,7 +210,7 @@ class _Changes:
         a, _, c = self.about
         cos, sin = frame.cos, frame.sin
         along_a, along_c = let(sin * first), let(cos * first)
-        column = combination(tape, (-sign * along_a, sign * along_c), (a, c))
+        column: Row = combination(tape, (-sign * along_a, sign * along_c), (a, c))
         column = self._less(
             column,
             frame.vector(let(-along_c * second), let(along_a * third), let(-along_a * second)),
