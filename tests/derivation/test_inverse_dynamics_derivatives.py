@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from benchmarks.family import benchmark_robot, two_arms
-from support.complex_step import complex_step
+from support.complex_program import complex_step
 from support.random_robots import random_robot, random_tree
 
 from gibbs_codegen.derivation.derive import derive
