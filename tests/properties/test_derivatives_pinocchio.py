@@ -1,0 +1,66 @@
+"""Derivatives of the dynamics against Pinocchio's, on random trees of every structure."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+import pytest
+from support.comparison import assert_close, states
+from support.derivative_oracle import Array, DerivativeOracle
+from support.emitted import module_with_derivatives
+from support.random_robots import random_tree
+from support.tree_cases import tree_cases
+
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.model import Robot
+
+TOLERANCE = 1e-11
+# Up to this condition number of the mass matrix, accelerations keep the digits that are compared.
+CONDITION = 1e4
+ARGUMENTS = {
+    "inverse_dynamics_derivatives": "qva",
+    "forward_dynamics_derivatives": "qvu",
+    "coriolis_matrix": "qv",
+    "integrate_derivatives": "qv",
+}
+
+
+def compare_derivatives(robot: Robot, module: ModuleType, count: int = 2) -> None:
+    """Functions of ARGUMENTS, evaluated as a batch, against the oracle state by state."""
+    oracle = DerivativeOracle(robot)
+    at = dict(zip("qvau", states(robot, module, count), strict=True))
+    for name, letters in ARGUMENTS.items():
+        ours = getattr(module, name)(*(at[letter] for letter in letters))
+        for i in range(count):
+            assert np.linalg.cond(oracle.mass_matrix(at["q"][i])) < CONDITION
+            theirs = getattr(oracle, name)(*(at[letter][i] for letter in letters))
+            _compare_outputs(name, ours, theirs, i)
+
+
+def _compare_outputs(name: str, ours: tuple[Array, ...] | Array, theirs: tuple, i: int) -> None:
+    """State i of a batch against the oracle, output by output."""
+    outputs = FUNCTIONS[name].outputs
+    batches = ours if isinstance(ours, tuple) else (ours,)
+    for output, batch, expected in zip(outputs, batches, theirs, strict=True):
+        assert_close(f"{output.name} of {name}", batch[i], expected, TOLERANCE)
+
+
+@pytest.mark.parametrize(("number", "attitude"), tree_cases())
+def test_random_trees(number: int, attitude: str) -> None:
+    robot = random_tree(number, attitude)
+    compare_derivatives(robot, module_with_derivatives(robot, *ARGUMENTS))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "hexarotor_3link",
+        pytest.param("hextilt_flying_arm_5", marks=pytest.mark.slow),
+        pytest.param("octorotor_7link", marks=pytest.mark.slow),
+    ],
+)
+def test_robots_that_ship(name: str) -> None:
+    robot = read_robot(name)[0]
+    compare_derivatives(robot, module_with_derivatives(robot, *ARGUMENTS), count=20)
