@@ -76,6 +76,16 @@ class DerivativeOracle(Oracle):
             back @ inverse @ inputs,
         )
 
+    def derivatives_by_forces(self, q: Array, v: Array, forces: Array) -> Derivatives:
+        """The same under generalised forces, of a robot whose joints have nothing that acts in them.
+
+        The forces stay as they are while q changes; the last derivative is by them.
+        """
+        state = self.configuration(q), self.spread(v), self.spread(forces)
+        pin.computeABADerivatives(self.model, self.data, *state)
+        found = (self._rows(x) for x in (self.data.ddq_dq, self.data.ddq_dv, self.data.Minv))
+        return Derivatives(self.data.ddq[self.order], *found)
+
     def coriolis_matrix(self, q: Array, v: Array) -> tuple[Array]:
         """C with C v the centrifugal and Coriolis forces, and Ṁ − 2C skew."""
         state = self.configuration(q), self.spread(v)
