@@ -169,6 +169,18 @@ class UsageError(GibbsCodegenError):
     """A request that cannot be met as it was put: an unknown name, target or folder."""
 
 
+class MissingFunctionError(UsageError, AttributeError):
+    """A function that is generated on request, and that a module lacks."""
+
+    def __init__(self, module: str, function: str) -> None:
+        super().__init__(
+            f"{module}: has no {function}, which is generated on request: "
+            f"gibbs-codegen generate {module} --derivatives={function}, or derivatives="
+            f'["{function}"] in Python; without a name --derivatives adds all functions of that '
+            "kind"
+        )
+
+
 class WrongModuleError(GibbsCodegenError):
     """Emitted functions that are not those of the robot; `failures` names what failed."""
 

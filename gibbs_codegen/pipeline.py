@@ -28,7 +28,7 @@ from pathlib import Path
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.files.module_writer import check_replaceable, differing_files, write_module
 from gibbs_codegen.files.output_folder import check_output_folder
-from gibbs_codegen.program.model import Model, Progress
+from gibbs_codegen.program.model import Derivatives, Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
@@ -44,6 +44,7 @@ def generate(
     keep_zeros: bool = False,
     verify: bool = True,
     force: bool = False,
+    derivatives: Derivatives = False,
 ) -> Path:
     """Generate the module of a robot file, or of a robot that ships: all of it, or nothing.
 
@@ -56,6 +57,8 @@ def generate(
             that share no code with the derivation, and with each other.
         force: Whether a module's folder with files that were not generated, or were changed since,
             is kept under another name, which the log `gibbs_codegen` tells, instead of refused.
+        derivatives: Whether the functions that are generated on request are there: all of them, or
+            those named.
 
     Returns:
         The module's folder.
@@ -63,12 +66,15 @@ def generate(
     Raises:
         RobotFileError: If the file is faulty.
         SingularRobotError: If the robot has a massless degree of freedom.
-        UsageError: If there is no such robot or target, or the folder is refused.
+        UsageError: If there is no such robot, target or derivative, or the folder is refused.
         WrongModuleError: If a check fails.
         OutputError: If the module cannot be written.
     """
     robot, text = read_robot(os.fspath(robot_file))
-    return generate_robot(robot, text, out, targets, keep_zeros, verify=verify, force=force)[1]
+    _, folder = generate_robot(
+        robot, text, out, targets, keep_zeros, verify=verify, force=force, derivatives=derivatives
+    )
+    return folder
 
 
 def generate_robot(
@@ -80,13 +86,14 @@ def generate_robot(
     progress: Progress = lambda _: None,
     verify: bool = True,
     force: bool = False,
+    derivatives: Derivatives = False,
 ) -> tuple[Model, Path]:
     """Generate the module of a robot that has been read.
 
     Args:
         robot: The robot.
         text: Its robot file, which the module keeps.
-        out, targets, keep_zeros, verify, force: As of `generate`.
+        out, targets, keep_zeros, verify, force, derivatives: As of `generate`.
         progress: Told in a word what is done next.
 
     Returns:
@@ -98,7 +105,7 @@ def generate_robot(
     check_output_folder(out)
     folder = Path(out) / robot.name
     check_replaceable(folder, text, force)
-    model, files = module_files(robot, text, targets, keep_zeros, progress)
+    model, files = module_files(robot, text, targets, keep_zeros, progress, derivatives)
     if verify:
         if "numpy" in targets:
             readable = files
@@ -117,13 +124,14 @@ def check_robot(
     targets: Sequence[str] = tuple(TARGETS),
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
+    derivatives: Derivatives = False,
 ) -> tuple[Path, list[str]]:
     """Compare a module on disk with what would be written.
 
     Args:
         robot: The robot.
         text: Its robot file.
-        out, targets, keep_zeros: As of `generate`.
+        out, targets, keep_zeros, derivatives: As of `generate`.
         progress: Told in a word what is done next.
 
     Returns:
@@ -134,12 +142,17 @@ def check_robot(
     """
     check_output_folder(out)
     folder = Path(out) / robot.name
-    _, files = module_files(robot, text, targets, keep_zeros, progress)
+    _, files = module_files(robot, text, targets, keep_zeros, progress, derivatives)
     return folder, differing_files(folder, files)
 
 
 def module_files(
-    robot: Robot, text: str, targets: Sequence[str], keep_zeros: bool, progress: Progress
+    robot: Robot,
+    text: str,
+    targets: Sequence[str],
+    keep_zeros: bool,
+    progress: Progress,
+    derivatives: Derivatives = False,
 ) -> tuple[Model, dict[str, str]]:
     """Derive a robot and render its module.
 
@@ -149,15 +162,16 @@ def module_files(
         targets: What to emit.
         keep_zeros: Whether parameters that are zero in the file stay parameters.
         progress: Told in a word what is done next.
+        derivatives: Which of the functions that are generated on request are there.
 
     Returns:
         The derived model, and the text of each file of the module by its name.
 
     Raises:
         SingularRobotError: If the robot has a massless degree of freedom.
-        UsageError: If there is no such target.
+        UsageError: If there is no such target or derivative.
     """
     found = find_targets(targets)
-    model = derive(robot, keep_zeros, progress)
+    model = derive(robot, keep_zeros, progress, derivatives)
     progress("rendering")
     return model, render_module(model, text, found)

@@ -52,6 +52,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     for flag, meaning in _FLAGS.items():
         generate.add_argument(flag, action="store_true", help=meaning)
+    robot_argument.add_derivatives(generate, "emit {which}, too")
     generate.set_defaults(command=_generate)
 
 
@@ -61,24 +62,15 @@ def _generate(options: argparse.Namespace) -> int:
     from gibbs_codegen.program.operations import count_operations
     from gibbs_codegen.targets.registry import TARGETS
 
-    targets = options.target or list(TARGETS)
+    what = robot, text, options.out, options.target or list(TARGETS), options.all_parameters
     if options.check:
         with terminal.progress() as progress:
-            folder, differing = pipeline.check_robot(
-                robot, text, options.out, targets, options.all_parameters, progress
-            )
-        return _report_check(folder, differing)
+            found = pipeline.check_robot(*what, progress, options.derivatives)
+        return _report_check(*found)
     start = time.perf_counter()
     with terminal.progress() as progress:
         model, folder = pipeline.generate_robot(
-            robot,
-            text,
-            options.out,
-            targets,
-            options.all_parameters,
-            progress,
-            not options.no_verify,
-            options.force,
+            *what, progress, not options.no_verify, options.force, options.derivatives
         )
     counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
     print(

@@ -48,6 +48,24 @@ def add_robot(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
+    """Add --derivatives to a command.
+
+    Args:
+        parser: The parser of the command.
+        meaning: What the option does there, with {which} for the functions.
+    """
+    parser.add_argument(
+        "--derivatives",
+        nargs="?",
+        const=True,
+        default=False,
+        type=lambda names: names.split(","),
+        metavar="NAME,...",
+        help=meaning.format(which="the derivatives of that name, or without a name all of them"),
+    )
+
+
 def add_module(parser: argparse.ArgumentParser) -> None:
     """Add ROBOT to a command that runs a module.
 

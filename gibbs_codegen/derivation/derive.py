@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import sympy as sp
 
-from gibbs_codegen.derivation.functions import DERIVATIONS, Array, Systems
+from gibbs_codegen.derivation.functions import DERIVATIONS, chosen_derivatives
 from gibbs_codegen.derivation.hybrid import hybrid_system, reduced_system
 from gibbs_codegen.derivation.regularity import (
     check_conditioning,
@@ -14,33 +15,44 @@ from gibbs_codegen.derivation.regularity import (
     check_range,
 )
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.systems import Array, Systems
+from gibbs_codegen.graph.from_tape import ImportedTape
+from gibbs_codegen.graph.graph import Ref
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, signatures
 from gibbs_codegen.program.lower import Slice, lower
-from gibbs_codegen.program.model import Model, Progress
+from gibbs_codegen.program.model import Derivatives, Model, Progress
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.symbolic.tape import Tape
 
 
-def derive(robot: Robot, keep_zeros: bool = False, progress: Progress = lambda _: None) -> Model:
+def derive(
+    robot: Robot,
+    keep_zeros: bool = False,
+    progress: Progress = lambda _: None,
+    derivatives: Derivatives = False,
+) -> Model:
     """Derive everything that is emitted for a robot.
 
     Args:
         robot: The robot.
         keep_zeros: Keep parameters that are zero in the robot file.
         progress: Told the name of each step as it begins.
+        derivatives: Which functions are derived of those generated on request: all, none, or those
+            named.
 
     Returns:
         The robot with its program and its parameters.
 
     Raises:
         SingularRobotError: For a robot with a massless degree of freedom.
-        UsageError: For one whose numbers overflow.
+        UsageError: For one whose numbers overflow, and for an unknown name among `derivatives`.
     """
+    chosen = chosen_derivatives(derivatives)
     tape = Tape()
     symbolic = SymbolicRobot.of(robot, tape, keep_zeros)
     check_massless_motions(robot, symbolic.parameters.defaults)
-    return model_of(tape, symbolic, keep_zeros, progress)
+    return model_of(tape, symbolic, keep_zeros, progress, chosen)
 
 
 def model_of(
@@ -48,6 +60,7 @@ def model_of(
     symbolic: SymbolicRobot,
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
+    derivatives: Sequence[str] = (),
 ) -> Model:
     """Derive everything that is emitted for a robot whose symbols are on `tape`.
 
@@ -55,12 +68,14 @@ def model_of(
         symbolic: The robot in symbols.
         keep_zeros: Whether parameters that are zero were kept.
         progress: Told the name of each step as it begins.
+        derivatives: Names of the functions generated on request that are derived.
 
     Returns:
         The robot with its program and its parameters.
     """
     robot, parameters = symbolic.robot, symbolic.parameters
-    slices = _slices(tape, symbolic, progress)
+    imported = ImportedTape(tape)
+    slices = _slices(imported, symbolic, derivatives, progress)
     progress("lowering the program")
     inputs = {
         argument: tuple(symbol.name for symbol in getattr(symbolic, argument))
@@ -69,8 +84,8 @@ def model_of(
     names = tuple(parameters.defaults)
     # The mass matrix by itself: the whole program's `prepare` divides by pivots, hidden or not.
     mass_matrix = [piece for piece in slices if piece.name == "mass_matrix"]
-    check_conditioning(robot, lower(tape, inputs, names, mass_matrix), parameters.defaults)
-    program = lower(tape, inputs, names, slices)
+    check_conditioning(robot, lower(imported, inputs, names, mass_matrix), parameters.defaults)
+    program = lower(imported, inputs, names, slices)
     check_range(robot, program, parameters.defaults)
     return Model(
         robot,
@@ -79,16 +94,34 @@ def model_of(
         {name: parameters.units[name] for name in program.parameters},
         tuple(parameters.folded),
         keep_zeros,
+        tuple(derivatives),
     )
 
 
-def _slices(tape: Tape, symbolic: SymbolicRobot, progress: Progress) -> list[Slice]:
+def _slices(
+    imported: ImportedTape,
+    symbolic: SymbolicRobot,
+    derivatives: Sequence[str],
+    progress: Progress,
+) -> list[Slice]:
+    """Every function, derived.
+
+    Args:
+        imported: The graph of the tape of the symbols.
+        symbolic: The robot in symbols.
+        derivatives: Names of the functions generated on request that are derived.
+        progress: Told the name of each function as it begins.
+
+    Returns:
+        The functions in the order of the table.
+    """
     progress("reduced system")
     reduced = reduced_system(symbolic)
     progress("hybrid system")
-    systems = Systems(tape, symbolic, reduced, hybrid_system(symbolic, reduced))
+    hybrid = hybrid_system(symbolic, reduced)
+    systems = Systems(imported.tape, imported, symbolic, reduced, hybrid)
     slices = []
-    for signature in signatures(module_lists(symbolic.robot)):
+    for signature in signatures(module_lists(symbolic.robot), derivatives):
         progress(signature.name.replace("_", " "))
         slices.append(_slice(systems, signature))
     return slices
@@ -120,7 +153,7 @@ def _slice(systems: Systems, signature: Signature) -> Slice:
     return Slice(signature.name, signature.arguments, tuple(arrays), groups)
 
 
-def _entries(array: Array) -> tuple[sp.Expr, ...]:
+def _entries(array: Array) -> tuple[sp.Expr | Ref, ...]:
     """Entries of a scalar, a vector or a matrix, row by row."""
     if isinstance(array, list | tuple):
         return tuple(entry for part in array for entry in _entries(part))

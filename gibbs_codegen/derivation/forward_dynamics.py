@@ -31,10 +31,11 @@ from gibbs_codegen.derivation.passive import armatures, passive_forces
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import free_motions
 from gibbs_codegen.errors import SingularRobotError
+from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.program.lower import operations
 from gibbs_codegen.robot.coordinates import coordinate_text
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, operations_to_solve, solve_symmetric
-from gibbs_codegen.symbolic.tape import Scalars, Tape
+from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_WRENCH,
     ZERO,
@@ -83,10 +84,13 @@ def thrusts_and_wrenches(symbolic: SymbolicRobot) -> dict[int, Wrench]:
     return acting
 
 
-def shorter_dynamics(tape: Tape, symbolic: SymbolicRobot) -> tuple[Dynamics, list[sp.Expr]]:
+def shorter_dynamics(
+    imported: ImportedTape, symbolic: SymbolicRobot
+) -> tuple[Dynamics, list[sp.Expr]]:
     """The way that takes fewer operations, and the accelerations a of M a = R + B u by it.
 
     Args:
+        imported: The graph of the tape.
         symbolic: The robot in symbols, on this tape.
 
     Returns:
@@ -94,9 +98,9 @@ def shorter_dynamics(tape: Tape, symbolic: SymbolicRobot) -> tuple[Dynamics, lis
         and a, in the order of v.
     """
     articulated = articulated_dynamics(symbolic)
-    most = operations(tape, articulated)
+    most = operations(imported, articulated)
     factorised = factorised_dynamics(symbolic, most=most)
-    if not factorised or operations(tape, factorised) >= most:
+    if not factorised or operations(imported, factorised) >= most:
         return articulated_dynamics, articulated
     return factorised_dynamics, factorised
 

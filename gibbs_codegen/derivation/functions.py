@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TypeAlias
+from collections.abc import Callable
 
 import sympy as sp
 
 from gibbs_codegen.derivation.composite_inertia import whole_inertia
-from gibbs_codegen.derivation.forward_dynamics import (
-    Dynamics,
-    shorter_dynamics,
-    thrusts_and_wrenches,
-)
+from gibbs_codegen.derivation.derivative_functions import DERIVATIVES
+from gibbs_codegen.derivation.forward_dynamics import thrusts_and_wrenches
 from gibbs_codegen.derivation.forward_kinematics import (
     frame_bias_acceleration,
     frame_bias_accelerations,
@@ -25,7 +19,7 @@ from gibbs_codegen.derivation.forward_kinematics import (
 )
 from gibbs_codegen.derivation.frame_wrenches import wrench_forces
 from gibbs_codegen.derivation.frames import MountedFrame, mounted_frames
-from gibbs_codegen.derivation.hybrid import LinearSystem, constraint_torques
+from gibbs_codegen.derivation.hybrid import constraint_torques
 from gibbs_codegen.derivation.joint_wrenches import joint_wrenches
 from gibbs_codegen.derivation.momentum import (
     centre_of_mass,
@@ -35,49 +29,16 @@ from gibbs_codegen.derivation.momentum import (
 )
 from gibbs_codegen.derivation.passive import (
     armature_energy,
-    armatures,
-    passive_forces,
     passive_gibbs_function,
     spring_energy,
 )
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import (
-    State,
-    generalised_inertia_forces,
-    gibbs_function,
-)
+from gibbs_codegen.derivation.systems import Array, Systems
+from gibbs_codegen.derivation.tree_dynamics import State, gibbs_function
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.program.model import Derivatives
 from gibbs_codegen.robot.layout import layout_of
-from gibbs_codegen.symbolic.tape import Tape
-
-# A scalar, a vector, a matrix by rows, or several matrices.
-Array: TypeAlias = sp.Expr | Sequence["Array"]
-
-
-@dataclass(frozen=True)
-class Systems:
-    """A robot on its tape, with M a = R + B u and the hybrid system, which others build on."""
-
-    tape: Tape
-    symbolic: SymbolicRobot
-    reduced: LinearSystem
-    hybrid: LinearSystem
-
-    @cached_property
-    def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:
-        """The shorter way to the accelerations, and those of M a = R + B u."""
-        return shorter_dynamics(self.tape, self.symbolic)
-
-
-def _inverse_dynamics(systems: Systems) -> list[sp.Expr]:
-    """M a − R = ∂S/∂θ̈ at the given accelerations."""
-    symbolic, tape = systems.symbolic, systems.tape
-    forces = generalised_inertia_forces(tape, symbolic.root, symbolic.reduced_tree, symbolic.state)
-    base, joints = symbolic.places.split(forces)
-    _, accelerations = symbolic.places.split(symbolic.a)
-    given = zip(joints, armatures(symbolic), accelerations, passive_forces(symbolic), strict=True)
-    with tape.group("forces of the joints with their armature, dampers and springs"):
-        own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
-    return symbolic.places.joined(base, own)
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
@@ -158,7 +119,7 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "residual": lambda systems: systems.reduced.residual,
     "input_matrix": lambda systems: systems.reduced.inputs,
     "forward_dynamics": lambda systems: systems.dynamics[1],
-    "inverse_dynamics": _inverse_dynamics,
+    "inverse_dynamics": lambda systems: systems.inverse_dynamics,
     "hybrid_mass_matrix": lambda systems: systems.hybrid.matrix,
     "hybrid_residual": lambda systems: systems.hybrid.residual,
     "hybrid_input_matrix": lambda systems: systems.hybrid.inputs,
@@ -188,4 +149,32 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
     "coordinate_rates": _coordinate_rates,
     "integrated": _integrated,
     "difference": _difference,
+    **DERIVATIVES,
 }
+
+
+def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
+    """The functions generated on request that a choice of them stands for.
+
+    Args:
+        derivatives: All or none of them, one name, or several.
+
+    Returns:
+        Names in the order of the table.
+
+    Raises:
+        UsageError: A name is unknown.
+    """
+    offered = [
+        row.name
+        for row in FUNCTIONS.values()
+        if row.on_request and all(output.derivation in DERIVATIONS for output in row.outputs)
+    ]
+    if isinstance(derivatives, bool):
+        return tuple(offered) if derivatives else ()
+    names = {derivatives} if isinstance(derivatives, str) else {*derivatives}
+    if unknown := sorted(map(str, names.difference(offered))):
+        raise UsageError(
+            f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {', '.join(offered)}"
+        )
+    return tuple(name for name in offered if name in names)

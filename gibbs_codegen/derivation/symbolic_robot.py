@@ -33,7 +33,8 @@ class SymbolicRobot:
 
     `q`, `v`, `a`, `u` are the symbols of the reduced coordinates, the velocities, their rates and
     the inputs, in the orders of `robot/coordinates`, `W` those of the wrenches on the frames, row
-    by row, `q0` and `q1` the coordinates of two configurations.
+    by row, `q0` and `q1` the coordinates of two configurations, `w` weights, `q_dot` to `u_dot`
+    directions of q, v, a and u, `h` the length of a step.
     """
 
     robot: Robot
@@ -47,6 +48,12 @@ class SymbolicRobot:
     W: tuple[sp.Symbol, ...]
     q0: tuple[sp.Symbol, ...]
     q1: tuple[sp.Symbol, ...]
+    w: tuple[sp.Symbol, ...]
+    q_dot: tuple[sp.Symbol, ...]
+    v_dot: tuple[sp.Symbol, ...]
+    a_dot: tuple[sp.Symbol, ...]
+    u_dot: tuple[sp.Symbol, ...]
+    h: tuple[sp.Symbol, ...]
 
     @classmethod
     def of(cls, robot: Robot, tape: Scalars, keep_zeros: bool = False) -> SymbolicRobot:
@@ -71,7 +78,11 @@ class SymbolicRobot:
         with tape.group("attitude"):
             root = root_of(robot, tape, q)
         parameters = Parameters(robot, tape, keep_zeros)
-        return cls(robot, tape, parameters, root, q, v, a, u, wrenches, q0, q1)
+        others = (
+            tuple(tape.symbol(name, Stage.MOTION) for name in names[argument])
+            for argument in ("w", "q_dot", "v_dot", "a_dot", "u_dot", "h")
+        )
+        return cls(robot, tape, parameters, root, q, v, a, u, wrenches, q0, q1, *others)
 
     @property
     def joints(self) -> int:

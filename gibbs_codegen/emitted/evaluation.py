@@ -123,7 +123,7 @@ def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64
     Args:
         name: What an error calls the argument.
         values: One state or a batch of states, as NumPy takes them.
-        shape: Shape of one state, of one axis or of two.
+        shape: Shape of one state, of no axis, one or two.
 
     Returns:
         Array (..., width), the entries of one state along the last axis, row by row.
@@ -136,7 +136,8 @@ def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64
         array = values
     else:
         array = real_numbers(name, values)
-    if array.shape[-len(shape) :] != shape:
+    leading = array.shape[: max(array.ndim - len(shape), 0)]
+    if array.shape != (*leading, *shape):
         if len(shape) == 1:
             must = f"{shape[0]} entries along its last axis"
         else:
@@ -144,7 +145,7 @@ def state_array(name: str, values: ArrayLike, *shape: int) -> NDArray[np.float64
         raise ValueError(f"{name} must have {must}, not shape {array.shape}")
     if array.ndim > _MOST_AXES:
         raise ValueError(f"{name} must have at most {_MOST_AXES} axes, not {array.ndim}")
-    return array if len(shape) == 1 else array.reshape(*array.shape[:-2], shape[0] * shape[1])
+    return array if len(shape) == 1 else array.reshape(*leading, math.prod(shape))
 
 
 def sqrt(x: Any) -> Any:
@@ -308,8 +309,9 @@ class NotFiniteReport:
     ) -> None:
         """Take the module's name, those of the entries of q, of v and a, and of u, and frames."""
         self._module = module
-        self._labels = {"q": coordinates, "v": velocities, "a": velocities, "u": inputs}
+        self._labels = {"q": coordinates, "u": inputs, "u_dot": inputs, "h": ["the step"]}
         self._labels["W"] = [frame for frame in frames for _ in range(6)]
+        self._velocities = velocities
 
     def __call__(
         self,
@@ -322,7 +324,7 @@ class NotFiniteReport:
 
         Args:
             function: Name of the function.
-            arguments: Arrays (..., width) by their names; q0 and q1 have the entries of q.
+            arguments: Arrays (..., width) by their names.
             finite: Whether all results of a state are finite, of the shape of the batch.
             level: How far up the stack the caller is, for the warning's place.
 
@@ -341,7 +343,8 @@ class NotFiniteReport:
             values = np.broadcast_to(argument, (*lost.shape, argument.shape[-1]))[state]
             i = int(np.argmax(np.abs(values)))
             if abs(values[i]) >= abs(largest):
-                largest, place = values[i], f"{name} of {self._labels[name[0]][i]}"
+                labels = self._labels.get(name.rstrip("01"), self._velocities)
+                largest, place = values[i], f"{name} of {labels[i]}"
         first = ", ".join(map(str, state))
         where = f" in {lost.sum()} of {lost.size} states, first [{first}]," if state else ""
         message = (

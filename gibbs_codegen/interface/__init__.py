@@ -2,11 +2,12 @@
 
 from gibbs_codegen.interface.rows import Argument, Output, Row
 from gibbs_codegen.interface.signatures import Signature, module_signatures, signatures
-from gibbs_codegen.interface.table import ARGUMENTS, DATA, FUNCTIONS, LANES, LISTS
+from gibbs_codegen.interface.table import ARGUMENTS, DATA, DATA_ON_REQUEST, FUNCTIONS, LANES, LISTS
 
 __all__ = [
     "ARGUMENTS",
     "DATA",
+    "DATA_ON_REQUEST",
     "FUNCTIONS",
     "LANES",
     "LISTS",

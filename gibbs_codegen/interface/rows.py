@@ -10,15 +10,17 @@ from dataclasses import dataclass
 class Argument:
     """An argument and its shape, in the letters of the table.
 
-    Of one axis, an entry is named `prefix` and its name in the list that the letter stands for.
-    With a quaternion velocities are no rates of coordinates, and the meaning is `with_quaternion`,
-    where that says something else.
+    Of one axis, an entry is named `prefix` and its name in the list that the letter stands for. Its
+    unit is `unit`, where {unit} is that of the list, and {step} the same times a second. With a
+    quaternion velocities are no rates of coordinates, and the meaning is `with_quaternion`, where
+    that says something else.
     """
 
     shape: str
     meaning: str
     prefix: str = ""
     with_quaternion: str = ""
+    unit: str = "{unit}"
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,8 @@ class Row:
     """A row of the table; `source` is the equation that the function implements.
 
     In `details`, {singularity} stands for what is to be said of the attitude. Only robots that have
-    the `frame`, if one is named, have the function.
+    the `frame`, if one is named, have the function. A module has one that is generated `on_request`
+    only where it was asked for.
     """
 
     name: str
@@ -75,3 +78,4 @@ class Row:
     source: str
     details: str = ""
     frame: str = ""
+    on_request: bool = False

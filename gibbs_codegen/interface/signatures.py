@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,20 +35,26 @@ def module_signatures(module: Any) -> list[Signature]:
     Returns:
         The signatures, in the order of the table.
     """
-    return signatures({name: getattr(module, name) for name in LISTS.values()})
+    lists = {name: getattr(module, name, ()) for name in LISTS.values()}
+    return signatures(lists, module.DERIVATIVES)
 
 
-def signatures(lists: Mapping[str, Sequence[str]]) -> list[Signature]:
+def signatures(
+    lists: Mapping[str, Collection[str]], derivatives: Collection[str] = ()
+) -> list[Signature]:
     """Signatures of the functions that a robot has.
 
     Args:
-        lists: What its module lists, by the names of `table.LISTS`.
+        lists: What its module lists, by the names of `table.LISTS`; those left out are empty.
+        derivatives: Names of the functions that were asked for.
 
     Returns:
         The signatures, in the order of the table.
     """
-    lengths = {letter: len(lists[name]) for letter, name in LISTS.items()}
+    lengths = {letter: len(lists.get(name, ())) for letter, name in LISTS.items()}
     lengths["c"] = (lengths["h"] - lengths["v"]) // 2
+    lengths["s"] = 2 * lengths["v"]
+    lengths["x"] = lengths["s"] + lengths["u"]
     return [
         Signature(
             row.name,
@@ -57,5 +63,6 @@ def signatures(lists: Mapping[str, Sequence[str]]) -> list[Signature]:
             tuple(output.sizes(lengths) for output in row.outputs),
         )
         for row in FUNCTIONS.values()
-        if not row.frame or row.frame in lists["FRAMES"]
+        if (not row.frame or row.frame in lists["FRAMES"])
+        and (not row.on_request or row.name in derivatives)
     ]

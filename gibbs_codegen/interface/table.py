@@ -5,12 +5,14 @@ derivation, the targets, the loader, the verification and the simulator read it.
 add a row here and, for an array that nothing derives yet, an entry to `derivation.functions`.
 
 Shapes are given by letters: q the coordinates, v the velocities, h the hybrid unknowns, u the
-inputs, k the points, f the frames, b the bodies, c the constrained joints; digits stand for
-themselves.
+inputs, k the points, f the frames, b the bodies, p the parameters, n the base parameters; c the
+constrained joints, s the velocities twice, for a displacement of a state, and x the same and the
+inputs; digits stand for themselves.
 """
 
 from __future__ import annotations
 
+from gibbs_codegen.interface.derivatives import DERIVATIVES
 from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.rows import Argument, Output, Row
 
@@ -30,7 +32,10 @@ DATA = (
     "FRAMES",
     "BODIES",
     "PARAMETERS",
+    "DERIVATIVES",
 )
+# Constants of those modules that have functions which need them.
+DATA_ON_REQUEST = ("BASE_PARAMETERS", "PATTERNS")
 # Letters of shapes, and the constants that list what they count.
 LISTS = {
     "q": "COORDINATES",
@@ -40,16 +45,24 @@ LISTS = {
     "k": "POINTS",
     "f": "FRAMES",
     "b": "BODIES",
+    "p": "PARAMETERS",
+    "n": "BASE_PARAMETERS",
 }
 
 ARGUMENTS = {
     "q": Argument("q", "coordinates"),
     "v": Argument("v", "their rates", "v_", "velocities"),
-    "a": Argument("v", "their accelerations", "a_", "their rates"),
+    "a": Argument("v", "their accelerations", "a_", "their rates", "{unit}^2"),
     "u": Argument("u", "inputs"),
     "W": Argument("f6", "wrenches on the frames, at their origins, in world axes"),
     "q0": Argument("q", "coordinates to begin with", "q0_"),
     "q1": Argument("q", "coordinates to end with", "q1_"),
+    "w": Argument("v", "weights of the entries of the result", "w_", unit="1"),
+    "q_dot": Argument("v", "direction of q, in the tangent space", "q_dot_", unit="{step}"),
+    "v_dot": Argument("v", "direction of v", "v_dot_"),
+    "a_dot": Argument("v", "direction of a", "a_dot_", unit="{unit}^2"),
+    "u_dot": Argument("u", "direction of u", "u_dot_"),
+    "h": Argument("", "length of the step", "time_step", unit="s"),
 }
 
 _INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
@@ -208,4 +221,4 @@ _ROWS = (
         "the joint's input less armature, damper and spring.",
     ),
 )
-FUNCTIONS: dict[str, Row] = {row.name: row for row in (*_ROWS, *KINEMATICS)}
+FUNCTIONS: dict[str, Row] = {row.name: row for row in (*_ROWS, *KINEMATICS, *DERIVATIVES)}

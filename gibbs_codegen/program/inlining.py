@@ -35,12 +35,16 @@ _SIGN = itemgetter(0)
 _LEAVES = 7
 
 
-def inline_single_uses(statements: list[Statement], outputs: list[Output]) -> list[Statement]:
+def inline_single_uses(
+    statements: Sequence[Statement], outputs: Sequence[Output], products_only: bool = False
+) -> list[Statement]:
     """Write what is used once where it is used, as long as the line stays short.
 
     Args:
         statements: Statements of a function, in order.
         outputs: Its outputs; their entries stay as they are.
+        products_only: Whether sums stay as they are too, where their rounding is arranged with
+            care.
 
     Returns:
         The statements that are left, in order.
@@ -52,11 +56,12 @@ def inline_single_uses(statements: list[Statement], outputs: list[Output]) -> li
         for entry in output.entries:
             # An output entry keeps its name: what is returned twice must not be computed twice.
             uses.update(dict.fromkeys(names_in(entry), 2))
+    kinds = (Product,) if products_only else (Product, Sum, Name, Number)
     pending: dict[str, Node] = {}
     kept = []
     for statement in statements:
         value = _inlined(statement.value, pending)
-        if uses[statement.name] == 1 and not isinstance(value, Call | Reciprocal):
+        if uses[statement.name] == 1 and isinstance(value, kinds):
             pending[statement.name] = value
             continue
         kept.append(_with_value(statement, value))
@@ -79,7 +84,7 @@ def _inlined(node: Node, pending: Mapping[str, Node]) -> Node:
 
 
 def _restored(
-    kept: list[Statement], pending: Mapping[str, Node], statements: list[Statement]
+    kept: list[Statement], pending: Mapping[str, Node], statements: Sequence[Statement]
 ) -> list[Statement]:
     """Restore, in place, the definitions of pending names that found no room.
 

@@ -3,20 +3,24 @@
     h1 = 2*p              (stage of the parameters)
     h2 = sin(x)           (stage of the configuration)
     h3 = y/p              (stage of the configuration, and no output needs it)
-    out = [h1*h2*h2]
+    h4 = h2*h2            (stage of the configuration)
+    out = [h1*h4, h4]
 
 becomes `k1 = 2*p` in `prepare`, which all functions share and which runs once per set of
-parameters, and `t1 = sin(x)`, `out = [k1*t1*t1]` in the function. A function takes from the tape
-the statements that its outputs need, in the tape's order.
+parameters, and `t1 = sin(x)`, `t2 = t1*t1`, `t3 = k1*t2`, `out = [t3, t2]` in the function. A
+function takes from the graph of the tape the nodes that its outputs need, in the graph's order.
 """
 
 from __future__ import annotations
 
+from collections import ChainMap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import sympy as sp
 
+from gibbs_codegen.graph.from_tape import ImportedTape
+from gibbs_codegen.graph.graph import Graph, Kind, Ref
 from gibbs_codegen.program.inlining import inline_single_uses, substituted
 from gibbs_codegen.program.nodes import (
     Call,
@@ -32,26 +36,25 @@ from gibbs_codegen.program.nodes import (
     Sum,
 )
 from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.symbolic.quick import signed
-from gibbs_codegen.symbolic.tape import Stage, Tape
+from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
 @dataclass(frozen=True)
 class Slice:
     """A function before it is lowered: its name, its arguments, and its output arrays.
 
-    `groups` has the words of the groups as this function's derivation says them; other statements
-    have those of the tape.
+    Entries are expressions on the tape, or references to nodes of its graph. `groups` has the words
+    of the groups as this function's derivation says them; other statements have those of the tape.
     """
 
     name: str
     arguments: tuple[str, ...]
-    outputs: tuple[tuple[tuple[int, ...], tuple[sp.Expr, ...]], ...]
+    outputs: tuple[tuple[tuple[int, ...], tuple[sp.Expr | Ref, ...]], ...]
     groups: Mapping[sp.Symbol, str] = field(default_factory=dict)
 
 
 def lower(
-    tape: Tape,
+    tape: Tape | ImportedTape,
     inputs: Mapping[str, tuple[str, ...]],
     parameters: Sequence[str],
     slices: Sequence[Slice],
@@ -59,7 +62,7 @@ def lower(
     """Lower every slice of the tape into one program.
 
     Args:
-        tape: The tape.
+        tape: The tape, or its graph, of which slices may have nodes.
         inputs: Names of the scalars in each argument.
         parameters: Names of all parameters, in order.
         slices: The functions.
@@ -67,29 +70,33 @@ def lower(
     Returns:
         The program. Of `parameters` it has those that a function depends on.
     """
-    lowering = _Lowering(tape)
+    lowering = _Lowering(_graph_of(tape))
+    graph = lowering.graph
     drafts = [lowering.draft(piece) for piece in slices]
     needed = set().union(*(draft.constants for draft in drafts))
-    prepare = lowering.reachable(needed, Stage.PARAMETER)
+    reached = graph.reached(2 * node for node in needed)
+    prepare = lowering.prepare([node for node in reached if graph.operands[node]], needed)
     # Numbered from 1 in the order of `prepare`, so that the emitted names have no gaps.
-    names = {name: f"k{i}" for i, name in enumerate(prepare, start=1)}
-    constants: dict[str, Node] = {old: Name(new) for old, new in names.items()}
-    read = needed.union(*(lowering.operands(name) for name in prepare))
+    numbered = {statement.name: f"k{i}" for i, statement in enumerate(prepare, start=1)}
+    constants: dict[str, Node] = {old: Name(new) for old, new in numbered.items()}
+    read = {lowering.name(node) for node in reached}
+
+    def names(nodes: set[int]) -> tuple[str, ...]:
+        own = map(lowering.name, sorted(nodes))
+        return tuple(numbered.get(name, name) for name in own)
+
     return Program(
         inputs=dict(inputs),
         parameters=tuple(name for name in parameters if name in read),
-        constants=tuple(names.get(name, name) for name in lowering.in_order(needed)),
+        constants=names(needed),
         prepare=tuple(
-            Statement(
-                names[name], substituted(lowering.value(name), constants), lowering.groups[name]
-            )
-            for name in prepare
+            Statement(numbered[s.name], substituted(s.value, constants), s.group) for s in prepare
         ),
         functions=tuple(
             Function(
                 draft.piece.name,
                 draft.piece.arguments,
-                tuple(names.get(name, name) for name in lowering.in_order(draft.constants)),
+                names(draft.constants),
                 *_renamed(draft, constants),
             )
             for draft in drafts
@@ -97,136 +104,173 @@ def lower(
     )
 
 
-def operations(tape: Tape, entries: Sequence[sp.Expr]) -> int:
+def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
     """Operations that a function with certain entries takes.
 
     Args:
-        tape: The tape.
+        tape: The tape, or its graph.
         entries: What the function returns.
 
     Returns:
         All operations but the sine–cosine pairs.
     """
-    draft = _Lowering(tape).draft(Slice("", (), (((len(entries),), tuple(entries)),)))
+    piece = Slice("", (), (((len(entries),), tuple(entries)),))
+    draft = _Lowering(_graph_of(tape)).draft(piece)
     nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
     return count_operations(nodes).total
 
 
+def _graph_of(tape: Tape | ImportedTape) -> ImportedTape:
+    return tape if isinstance(tape, ImportedTape) else ImportedTape(tape)
+
+
 @dataclass(frozen=True)
 class _Draft:
-    """A function with the tape's own names, and those of the parameter stage that it reads."""
+    """A function with the graph's own names, and the constant nodes that it reads."""
 
     piece: Slice
-    constants: set[str]
+    constants: set[int]
     statements: list[Statement]
     outputs: list[Output]
 
 
 class _Lowering:
-    """Lowers statements, remembering what it has lowered. It knows symbols by their names."""
+    """Lowers nodes of a graph, each with the sign with which it is computed."""
 
-    def __init__(self, tape: Tape) -> None:
-        self._nodes: dict[sp.Expr, Node] = {}
-        self._stages = {symbol.name: stage for symbol, stage in tape.stages.items()}
-        self._ages = {name: age for age, name in enumerate(self._stages)}
-        self._expressions = {symbol.name: value for symbol, value in tape.statements.items()}
-        self._values: dict[str, Node] = {}
-        self.groups = {symbol.name: words for symbol, words in tape.groups.items()}
-
-    def in_order(self, names: Iterable[str]) -> list[str]:
-        return sorted(names, key=self._ages.__getitem__)
-
-    def value(self, name: str) -> Node:
-        """What a temporary is defined as."""
-        if name not in self._values:
-            self._values[name] = self.node(self._expressions[name])
-        return self._values[name]
+    def __init__(self, imported: ImportedTape) -> None:
+        self._imported = imported
+        self.graph: Graph = imported.graph
+        self.words = imported.words(imported.tape.groups)
+        self._constants_negated: dict[int, bool] = {}
 
     def draft(self, piece: Slice) -> _Draft:
         """Lower one slice, with what is used once written where it is used."""
-        outputs = [
-            Output(shape, tuple(self.node(entry) for entry in output))
-            for shape, output in piece.outputs
-        ]
-        roots = {name for output in outputs for entry in output.entries for name in entry.names}
-        order = self.reachable(roots, Stage.CONFIGURATION)
-        read = roots.union(*(self.operands(name) for name in order))
-        constants = {name for name in read if self._stages[name] is Stage.PARAMETER}
-        said = {symbol.name: words for symbol, words in piece.groups.items()}
+        graph = self.graph
+        refs = [[self._ref(entry) for entry in entries] for _, entries in piece.outputs]
+        roots = [ref for entries in refs for ref in entries]
+        order = graph.reached_varying(roots)
+        negated = local_signs(graph, order)
+        computed = [node for node in order if graph.operands[node]]
+        words = self._words_of(computed, piece.groups)
         statements = [
-            Statement(name, self.value(name), said.get(name, self.groups[name])) for name in order
+            Statement(self.name(node), self.value(node, negated), words[node]) for node in computed
         ]
+        outputs = [
+            Output(shape, tuple(self._term(ref, negated) for ref in entries))
+            for (shape, _), entries in zip(piece.outputs, refs, strict=True)
+        ]
+        read = [ref >> 1 for node in computed for ref in graph.operands[node]]
+        read.extend(ref >> 1 for ref in roots)
+        constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not Kind.NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
-    def reachable(self, roots: set[str], earliest: Stage) -> list[str]:
-        """Statements that `roots` need, back to stage `earliest`, in the tape's order."""
-        found: set[str] = set()
-        stack = list(roots)
-        while stack:
-            name = stack.pop()
-            if name in found or name not in self._expressions or self._stages[name] < earliest:
-                continue
-            found.add(name)
-            stack.extend(self.operands(name))
-        return self.in_order(found)
+    def prepare(self, nodes: Sequence[int], needed: set[int]) -> list[Statement]:
+        """Lower what parameters determine; what is used once is written where it is used.
 
-    def operands(self, name: str) -> tuple[str, ...]:
-        """Names that the definition of a temporary reads."""
-        return self.value(name).names
+        Args:
+            nodes: Constant nodes, in order.
+            needed: Those that functions read.
 
-    def node(self, expression: sp.Expr) -> Node:
-        """Plain node of a tape expression."""
-        if expression not in self._nodes:
-            self._nodes[expression] = self._lowered(expression)
-        return self._nodes[expression]
+        Returns:
+            The statements.
+        """
+        words = self._words_of(nodes, {})
+        statements = [
+            Statement(
+                self.name(node),
+                self.value(node, frozenset()),
+                words[node] or WORDS_OF_CONSTANTS,
+            )
+            for node in nodes
+        ]
+        kept = Output((len(needed),), tuple(Name(self.name(node)) for node in sorted(needed)))
+        return inline_single_uses(statements, [kept], products_only=True)
 
-    def _lowered(self, expression: sp.Expr) -> Node:
-        if expression.is_Symbol:
-            return Name(expression.name)
-        if expression.is_number:
-            return Number(float(sp.N(expression, 30)))
-        if expression.is_Add:
-            return self._sum(expression)
-        if expression.is_Mul:
-            return self._product(expression)
-        if expression.is_Pow:
-            base, exponent = expression.args
-            if exponent == -1:
-                return Reciprocal(self.node(base))
-            if exponent is sp.S.Half:
-                return Call("sqrt", self.node(base))
-            return Product((self.node(base),) * int(exponent))
-        return Call(expression.func.__name__, self.node(expression.args[0]))
+    def name(self, node: int) -> str:
+        """Name of a node before statements are numbered: that of an input is its own."""
+        is_input = self.graph.kinds[node] is Kind.INPUT
+        return str(self.graph.labels[node]) if is_input else f"n{node}"
 
-    def _sum(self, expression: sp.Expr) -> Sum:
-        terms = []
-        for term in expression.args:
-            sign, rest = signed(term)
-            terms.append((sign, self.node(rest)))
-        # Positive terms first, oldest names first: a line then seldom begins with a minus sign.
-        terms.sort(key=lambda term: (-term[0], self._age(term[1])))
-        return Sum(tuple(terms))
+    def _ref(self, entry: sp.Expr | Ref) -> Ref:
+        return entry if isinstance(entry, int) else self._imported.ref(entry)
 
-    def _product(self, expression: sp.Expr) -> Node:
-        number, factors = expression.as_coeff_Mul()
-        if number.is_negative:
-            return Sum(((-1, self.node(-expression)),))
-        nodes: list[Node] = [] if number == 1 else [self.node(number)]
-        for factor in sp.Mul.make_args(factors):
-            node = self.node(factor)
-            nodes.extend(node.factors if isinstance(node, Product) else (node,))
-        numbers = [node.value for node in nodes if isinstance(node, Number)]
-        names = sorted((n for n in nodes if not isinstance(n, Number)), key=self._age)
-        if len(numbers) > 1:
-            return Product((Number(float(sp.N(number * _numeric(factors), 30))), *names))
-        return Product((*map(Number, numbers), *names))
+    def _words_of(self, nodes: Sequence[int], groups: Mapping[sp.Symbol, str]) -> dict[int, str]:
+        """Words of the group of each node; what has none belongs to its first user's group."""
+        said = ChainMap(self._imported.words(groups), self.words)
+        inherited: dict[int, str] = {}
+        for node in reversed(nodes):
+            own = said.get(node) or self._imported.said(node) or inherited.get(node, "")
+            inherited[node] = own
+            for ref in self.graph.operands[node]:
+                inherited[ref >> 1] = own
+        return {node: inherited[node] for node in nodes}
 
-    def _age(self, node: Node) -> int:
-        return self._ages[node.name] if isinstance(node, Name) else -1
+    def value(self, node: int, negated: Iterable[int]) -> Node:
+        """The right-hand side of a node."""
+        graph, kind = self.graph, self.graph.kinds[node]
+        signed = [self._signed(ref, negated) for ref in graph.operands[node]]
+        flip = -1 if self._is_negated(node, negated) else 1
+        if kind is Kind.SUM:
+            terms = [
+                (flip * sign, ref >> 1, term)
+                for (sign, term), ref in zip(signed, graph.operands[node], strict=True)
+            ]
+            # Positive terms first, numbers and oldest names first: few lines begin with a minus.
+            terms.sort(key=lambda t: (-t[0], not isinstance(t[2], Number), t[1]))
+            return Sum(tuple((sign, term) for sign, _, term in terms))
+        if kind is Kind.PRODUCT:
+            (first, x), (second, y) = signed
+            return _with_sign(flip * first * second, Product((x, y)))
+        ((sign, argument),) = signed
+        if kind is Kind.RECIPROCAL:
+            return _with_sign(flip * sign, Reciprocal(argument))
+        match graph.labels[node]:
+            case "cos":
+                return _with_sign(flip, Call("cos", argument))
+            case "sqrt":
+                return _with_sign(flip, Call("sqrt", _with_sign(sign, argument)))
+            case "sin" | "atan" | "sign" as odd:
+                return _with_sign(flip * sign, Call(odd, argument))
+            case unknown:
+                raise ValueError(f"no program has a function {unknown!r}")
+
+    def _term(self, ref: Ref, negated: Iterable[int]) -> Node:
+        return _with_sign(*self._signed(ref, negated))
+
+    def _signed(self, ref: Ref, negated: Iterable[int]) -> tuple[int, Node]:
+        """The sign of a value against what is computed for its node, and that."""
+        node, graph = ref >> 1, self.graph
+        value = graph.value(ref)
+        if value is not None:
+            return (-1, Number(-value)) if value < 0 else (1, Number(value))
+        flipped = (ref & 1) ^ self._is_negated(node, negated)
+        return (-1 if flipped else 1), Name(self.name(node))
+
+    def _is_negated(self, node: int, negated: Iterable[int]) -> bool:
+        if not self.graph.constant[node]:
+            return node in negated
+        if node not in self._constants_negated:
+            self._constants_negated[node] = _is_mostly_negative(self.graph, node)
+        return self._constants_negated[node]
 
 
-def _numeric(factors: sp.Expr) -> sp.Expr:
-    return sp.Mul(*(factor for factor in sp.Mul.make_args(factors) if factor.is_number))
+def _with_sign(sign: int, node: Node) -> Node:
+    if sign > 0:
+        return node
+    return Number(-node.value) if isinstance(node, Number) else Sum(((-1, node),))
+
+
+def _is_mostly_negative(graph: Graph, node: int) -> bool:
+    """Whether a sum takes fewer signs with all of them changed."""
+    if graph.kinds[node] is not Kind.SUM:
+        return False
+    refs = graph.operands[node]
+    return 2 * sum(ref & 1 for ref in refs) > len(refs)
+
+
+def local_signs(graph: Graph, nodes: Iterable[int]) -> frozenset[int]:
+    """Placeholder."""
+    return frozenset(node for node in nodes if _is_mostly_negative(graph, node))
 
 
 def _renamed(

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
+from gibbs_codegen.interface import Signature, signatures
 from gibbs_codegen.program.nodes import Node, Program, names_in
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.module_lists import module_lists
 
 Progress = Callable[[str], None]
+# Which functions there are of those generated on request: all, none, one by its name, or several.
+Derivatives: TypeAlias = bool | str | Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -17,7 +22,7 @@ class Model:
     """A derived robot: its program, and the defaults and units of its parameters.
 
     `folded` names the parameters that are zero in the file and therefore structural, unless
-    `keeps_zeros`.
+    `keeps_zeros`. `derivatives` names the functions generated on request that it has.
     """
 
     robot: Robot
@@ -26,6 +31,18 @@ class Model:
     units: dict[str, str]
     folded: tuple[str, ...]
     keeps_zeros: bool
+    derivatives: tuple[str, ...]
+
+    @property
+    def lists(self) -> dict[str, Collection[str]]:
+        """What its module lists, by the names of the constants."""
+        own = {"PARAMETERS": self.defaults, "DERIVATIVES": self.derivatives}
+        return {**module_lists(self.robot), **own}
+
+    @property
+    def signatures(self) -> list[Signature]:
+        """Signatures of its functions, in the order of the program's."""
+        return signatures(self.lists, self.derivatives)
 
     @property
     def total_mass(self) -> Node:

@@ -14,8 +14,11 @@ from gibbs_codegen.robot.names import coordinate_of
 
 # Components of a wrench.
 WRENCH_PARTS = ("fx", "fy", "fz", "tx", "ty", "tz")
-_ENDINGS = {"q": "q", "v": "v", "a": "rate", "q0": "q0", "q1": "q1"}
-_BEGINNINGS = {"q": "", "v": "v_", "a": "a_", "q0": "q0_", "q1": "q1_"}
+# How names end of entries that people named, and how other names begin, by argument.
+_ENDINGS = {"q": "q", "a": "rate"}
+_BEGINNINGS = {"q": ""}
+_OF_COORDINATES = ("q", "q0", "q1")
+_OF_VELOCITIES = ("v", "a", "w", "q_dot", "v_dot", "a_dot")
 
 
 def local_names(robot: Robot) -> dict[str, tuple[str, ...]]:
@@ -25,7 +28,7 @@ def local_names(robot: Robot) -> dict[str, tuple[str, ...]]:
         robot: The robot.
 
     Returns:
-        By argument: q, v, a, u, W, q0 and q1.
+        By the names of `interface.ARGUMENTS`.
     """
     layout = layout_of(robot)
     given = {
@@ -34,13 +37,16 @@ def local_names(robot: Robot) -> dict[str, tuple[str, ...]]:
         if robot.links[i - 1].coordinate or robot.links[i - 1].name
     }
     names = {}
-    for argument, ending in _ENDINGS.items():
-        entries = (layout.v if argument in "va" else layout.q).names
+    for argument in (*_OF_COORDINATES, *_OF_VELOCITIES):
+        entries = (layout.v if argument in _OF_VELOCITIES else layout.q).names
+        ending = _ENDINGS.get(argument, argument)
+        beginning = _BEGINNINGS.get(argument, f"{argument}_")
         names[argument] = tuple(
-            f"{entry}_{ending}" if entry in given else f"{_BEGINNINGS[argument]}{entry}"
-            for entry in entries
+            f"{entry}_{ending}" if entry in given else f"{beginning}{entry}" for entry in entries
         )
     names["u"] = _input_names(robot, given)
+    names["u_dot"] = tuple(f"{name}_dot" for name in names["u"])
+    names["h"] = ("time_step",)
     names["W"] = tuple(f"W_{frame}_{part}" for frame in frame_names(robot) for part in WRENCH_PARTS)
     return names
 

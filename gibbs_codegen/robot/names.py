@@ -23,7 +23,7 @@ from gibbs_codegen.robot.model import LinkKind, Robot
 JOINT_LETTERS: dict[LinkKind, str] = {"revolute": "theta", "prismatic": "d", "fixed": "theta"}
 # Parameters of a link that is named like an argument must not be called like its entries, v_x; nor
 # in C like the places of frames and bodies.
-_ARGUMENTS = {"q", "v", "a", "u", "w", "q0", "q1", "f", "b"}
+_ARGUMENTS = {"q", "v", "a", "u", "w", "q0", "q1", "q_dot", "v_dot", "a_dot", "f", "b"}
 NAME_PATTERN = "^[a-z][a-z0-9_]{0,63}$"
 # Most characters that names of links, rotors, frames and coordinates have.
 LONGEST_LABEL = 128

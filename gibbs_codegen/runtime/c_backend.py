@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.interface import DATA, Signature, module_signatures
+from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, Signature, module_signatures
 from gibbs_codegen.runtime.c_library import compiled_library
 from gibbs_codegen.runtime.caller import caller_type
 from gibbs_codegen.runtime.compiled_function import (
@@ -49,8 +49,9 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
     made = ModuleType(module.__name__, module.__doc__)
     made.__file__ = str(path)
     made.__path__ = [str(folder)]
-    for name in DATA:
-        setattr(made, name, getattr(module, name))
+    for name in (*DATA, *DATA_ON_REQUEST):
+        if hasattr(module, name):
+            setattr(made, name, getattr(module, name))
     constants = CompiledConstants(library, module)
     prepare = GeneralFunction(lambda given: constants.prepare(**given), module.prepare)
     made.prepare = prepare  # type: ignore[attr-defined]

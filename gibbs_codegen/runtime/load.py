@@ -13,11 +13,13 @@ import logging
 import os
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from types import ModuleType
+from typing import NoReturn
 
-from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.interface import DATA, module_signatures
+from gibbs_codegen.errors import MissingFunctionError, UsageError, printable
+from gibbs_codegen.interface import DATA, FUNCTIONS, module_signatures
 
 BACKENDS = ("numpy", "c")
 
@@ -52,7 +54,25 @@ def load(
     folder = find_module(Path(name_or_path))
     with _importing:
         module = _import(folder)
-    return module if backend == "numpy" else _compiled(module, folder, threads)
+    loaded = module if backend == "numpy" else _compiled(module, folder, threads)
+    loaded.__getattr__ = partial(_missing, loaded)  # type: ignore[method-assign]
+    return loaded
+
+
+def _missing(module: ModuleType, name: str) -> NoReturn:
+    """Say that a module has no such name, and which option makes it where there is one.
+
+    Args:
+        module: The module.
+        name: The name that was looked up.
+
+    Raises:
+        MissingFunctionError: It is that of a function that is generated on request.
+        AttributeError: It is any other.
+    """
+    if name in FUNCTIONS and FUNCTIONS[name].on_request:
+        raise MissingFunctionError(module.NAME, name)
+    raise AttributeError(f"module {module.NAME!r} has no attribute {name!r}")
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:

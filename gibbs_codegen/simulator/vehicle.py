@@ -44,7 +44,8 @@ class Vehicle:
 
     def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
         # A robot with several arms has no tip.
-        wanted = (*DATA, *(name for name in FUNCTIONS if not name.startswith("tip_")))
+        always = (r.name for r in FUNCTIONS.values() if not r.frame and not r.on_request)
+        wanted = (*DATA, *always)
         if missing := [name for name in wanted if not hasattr(module, name)]:
             raise UsageError(
                 f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"

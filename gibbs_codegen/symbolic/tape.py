@@ -30,7 +30,7 @@ SignedTerm = tuple[int, sp.Expr]
 
 _MINUS_ONE = sp.S.NegativeOne
 # The group of what a recursion over the state makes of parameters alone.
-_CONSTANTS = "constant terms and factors of the functions"
+WORDS_OF_CONSTANTS = "constant terms and factors of the functions"
 
 
 class Stage(IntEnum):
@@ -126,6 +126,17 @@ class Tape:
             Its stage.
         """
         return self.stages[symbol]
+
+    def rank(self, symbol: sp.Symbol) -> int:
+        """How many symbols the tape had before a symbol.
+
+        Args:
+            symbol: An input or a temporary.
+
+        Returns:
+            Its place by age.
+        """
+        return self._ranks[symbol]
 
     @contextmanager
     def group(self, words: str, earliest: Stage = Stage.CONFIGURATION) -> Iterator[None]:
@@ -303,7 +314,7 @@ class Tape:
     def _say(self, name: sp.Symbol) -> None:
         """Put a name into the group of the present block, unless the function has put it before."""
         words, earliest = self._group
-        words = words if self.stages[name] >= earliest else _CONSTANTS
+        words = words if self.stages[name] >= earliest else WORDS_OF_CONSTANTS
         self.groups.setdefault(name, words)
         self._said.setdefault(name, words)
 

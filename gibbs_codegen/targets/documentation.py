@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 from functools import lru_cache
 
-from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.program.operations import count_operations
@@ -94,6 +94,28 @@ def doxygen(model: Model, function: Function, gathered: GatheredFunction) -> lis
     return lines + _wrapped(items, _DOXYGEN_WIDTH, _HANGING)
 
 
+def sparse_doxygen(signature: Signature, lengths: dict[str, int]) -> list[str]:
+    """Documentation of a C function that writes matrices without their zeros.
+
+    Args:
+        signature: Of the function that writes whole matrices.
+        lengths: How many entries it writes of each matrix, by the matrix's name.
+
+    Returns:
+        Lines without what a comment begins with.
+    """
+    as_there = f"as of {signature.name}"
+    items = [f"@param[in] {name} {as_there}" for name in ("constants", *signature.arguments)]
+    for output in FUNCTIONS[signature.name].outputs:
+        entries = as_there
+        if output.name in lengths:
+            places = f"{output.name}_rows and {output.name}_columns"
+            entries = f"{lengths[output.name]}: the entries at {places}"
+        items.append(f"@param[out] {output.name} {entries}")
+    brief = f"@brief As {signature.name}, without the zeros of its matrices."
+    return [brief, "", *_wrapped(items, _DOXYGEN_WIDTH, _HANGING)]
+
+
 def _meaning(robot: Robot, argument: str) -> str:
     row = ARGUMENTS[argument]
     return (layout_of(robot).is_quaternion and row.with_quaternion) or row.meaning
@@ -147,8 +169,10 @@ def argument_text(robot: Robot, argument: str) -> str:
     # With a quaternion velocities have names of their own, and none that would be one of q as well.
     own_names = argument == "v" and layout_of(robot).is_quaternion
     prefix = "" if own_names else row.prefix
+    if not shape:
+        return f"{prefix} [{row.unit}]"
     listed = {"q": reduced_coordinates, "v": velocities, "u": inputs}[shape](robot)
-    units = {c.name: f"{c.unit}^2" if argument == "a" else c.unit for c in listed}
+    units = {c.name: row.unit.format(unit=c.unit, step=c.unit.removesuffix("/s")) for c in listed}
     return ", ".join(f"{prefix}{name} [{unit}]" for name, unit in units.items())
 
 

@@ -106,6 +106,8 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
         command += " --all-parameters"
     if set(targets) != set(TARGETS):
         command += "".join(f" --target {name}" for name in targets)
+    if model.derivatives:
+        command += f" --derivatives={','.join(model.derivatives)}"
     return [
         f"{HEADER_START} {__version__}; do not edit.",
         f"Robot: {model.robot.name}",

@@ -106,7 +106,7 @@ class CProgram(Evaluation):
 
     def _computed(self, name: str, arguments: Sequence[Array]) -> list[Array]:
         shapes = self.signatures[name].shapes
-        if arguments[0].ndim == 1:
+        if not arguments or arguments[0].ndim == 1:
             inputs = [np.array(x, self._real) for x in arguments]
             return self._filled(name, [self._constants, *inputs], shapes)
         parts, first = [], 0

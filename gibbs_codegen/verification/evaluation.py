@@ -57,8 +57,8 @@ class Evaluation:
             One array under the function's name; several under that name, a point, and their own.
         """
         arguments = [getattr(states, letter) for letter in self.signatures[name].arguments]
-        if singly:
-            each = [self._arrays(name, state) for state in zip(*arguments, strict=True)]
+        if singly or not arguments:
+            each = [self._arrays(name, [x[i] for x in arguments]) for i in range(len(states))]
             arrays = [np.array(array) for array in zip(*each, strict=True)]
         else:
             arrays = self._arrays(name, arguments)

@@ -16,6 +16,8 @@ from gibbs_codegen.verification.vectors import Array, cross, quaternion_matrices
 _STEEPEST = 1.2
 # Angles of a few turns; and the least of far ones, as a share of the largest.
 _TURNS, _FAR = 50.0, 0.8
+# A step, as a share of a velocity over an acceleration.
+_SHORT = 0.01
 # Largest angles: beyond those that C computes by itself, 1e5 rad, and 400 in single precision.
 FAR, FAR_SINGLE = 2.0**17, 2.0**9
 
@@ -34,6 +36,8 @@ class States:
         a: their rates, (s, nv).
         u: inputs, (s, nu).
         W: wrenches on the frames, (s, frames, 6).
+
+    The other arguments of functions follow from these, state by state.
     """
 
     q: Array
@@ -51,6 +55,38 @@ class States:
     def q1(self) -> Array:
         """Coordinates to end with: those of the first state, (s, nv)."""
         return np.broadcast_to(self.q[:1], self.q.shape)
+
+    @property
+    def w(self) -> Array:
+        """Weights of the entries of a result, (s, nv)."""
+        return self.v * _factors(self.v, 0)
+
+    @property
+    def q_dot(self) -> Array:
+        """A direction of q in the tangent space, (s, nv)."""
+        return self.v * _factors(self.v, 1)
+
+    @property
+    def v_dot(self) -> Array:
+        """A direction of v, (s, nv)."""
+        return self.a * _factors(self.a, 2)
+
+    @property
+    def a_dot(self) -> Array:
+        """A direction of a, (s, nv)."""
+        return self.a * _factors(self.a, 3)
+
+    @property
+    def u_dot(self) -> Array:
+        """A direction of u, (s, nu)."""
+        return self.u * _factors(self.u, 4)
+
+    @property
+    def h(self) -> Array:
+        """Lengths of steps, (s,): short beside the time in which velocities change."""
+        fastest = np.abs(self.v).max(axis=-1), np.abs(self.a).max(axis=-1)
+        length: Array = _SHORT * fastest[0] / fastest[1]
+        return length
 
     def placed(self, tree: Tree) -> tuple[Tree, States]:
         """The tree of a base with a quaternion, placed where the base is, and what its joints do.
@@ -148,6 +184,14 @@ class States:
 
     def __len__(self) -> int:
         return len(self.q)
+
+
+def _factors(array: Array, seed: int) -> Array:
+    """Factors of either sign, one for each entry of a row of an array; none is near zero."""
+    rng = np.random.default_rng(seed)
+    width = array.shape[-1]
+    factors: Array = rng.uniform(0.5, 1.5, width) * rng.choice([-1.0, 1.0], width)
+    return factors
 
 
 def _random_angles(tree: Tree, count: int, rng: np.random.Generator) -> Array:

@@ -140,15 +140,17 @@ def test_lowering() -> None:
     tape = Tape()
     symbols = {"p": tape.symbol("p", Stage.PARAMETER)}
     symbols |= {name: tape.symbol(name, Stage.CONFIGURATION) for name in "xy"}
-    for line in example[:3]:
+    for line in example[:4]:
         target, _, value = line.partition(" (")[0].partition(" = ")
         symbols[target] = tape.let(sp.sympify(value, symbols))
-    entry = sp.sympify(example[3].removeprefix("out = [").removesuffix("]"), symbols)
-    slices = [lower.Slice("f", ("q",), (((1,), (entry,)),))]
+    values = example[4].removeprefix("out = [").removesuffix("]").split(", ")
+    outputs = tuple(tape.let(sp.sympify(value, symbols)) for value in values)
+    slices = [lower.Slice("f", ("q",), (((2,), outputs),))]
     program = lower.lower(tape, {"q": ("x", "y")}, ("p",), slices)
     assert program.prepare == statements(["k1 = 2*p"])
-    assert program.functions[0].statements == statements(["t1 = sin(x)"])
-    assert program.functions[0].outputs[0].entries == (node("k1*t1*t1"),)
+    lowered = statements(["t1 = sin(x)", "t2 = t1*t1", "t3 = k1*t2"])
+    assert program.functions[0].statements == lowered
+    assert program.functions[0].outputs[0].entries == (Name("t3"), Name("t2"))
 
 
 def test_trigonometry() -> None:

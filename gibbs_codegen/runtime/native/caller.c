@@ -18,9 +18,10 @@
 #define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
 #include <numpy/arrayobject.h>
 
-#define MAX_INPUTS 4
-#define MAX_OUTPUTS 2
-#define MAX_DIMENSIONS 3
+#define MAX_INPUTS 6
+#define MAX_OUTPUTS 4
+#define MAX_ARRAYS 8
+#define MAX_DIMENSIONS 4
 
 typedef struct {
     int dimensions;
@@ -42,15 +43,24 @@ typedef struct {
     PyObject *weak_references;
 } Caller;
 
-typedef void Two(const void *, double *, double *);
-typedef void Three(const void *, double *, double *, double *);
-typedef void Four(const void *, double *, double *, double *, double *);
-typedef void Five(const void *, double *, double *, double *, double *, double *);
-typedef void Six(const void *, double *, double *, double *, double *, double *, double *);
+/* A function of a number of arrays. */
+#define R double *
+typedef void One(const void *, R);
+typedef void Two(const void *, R, R);
+typedef void Three(const void *, R, R, R);
+typedef void Four(const void *, R, R, R, R);
+typedef void Five(const void *, R, R, R, R, R);
+typedef void Six(const void *, R, R, R, R, R, R);
+typedef void Seven(const void *, R, R, R, R, R, R, R);
+typedef void Eight(const void *, R, R, R, R, R, R, R, R);
+#undef R
 
 static void call(void *function, const void *k, int number, double **p)
 {
     switch (number) {
+    case 1:
+        ((One *)function)(k, p[0]);
+        break;
     case 2:
         ((Two *)function)(k, p[0], p[1]);
         break;
@@ -63,15 +73,25 @@ static void call(void *function, const void *k, int number, double **p)
     case 5:
         ((Five *)function)(k, p[0], p[1], p[2], p[3], p[4]);
         break;
-    default:
+    case 6:
         ((Six *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5]);
+        break;
+    case 7:
+        ((Seven *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6]);
+        break;
+    default:
+        ((Eight *)function)(k, p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]);
         break;
     }
 }
 
-/* The numbers of a plain array of one state, or NULL. */
-static double *plain_data(PyObject *object, const Shape *shape)
+/* The numbers of a plain array of one state, or NULL; those of a float are put into `number`. */
+static double *plain_data(PyObject *object, const Shape *shape, double *number)
 {
+    if (shape->dimensions == 0 && PyFloat_CheckExact(object)) {
+        *number = PyFloat_AS_DOUBLE(object);
+        return number;
+    }
     if (!PyArray_CheckExact(object)) {
         return NULL;
     }
@@ -148,12 +168,13 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
 {
     Caller *self = (Caller *)object;
     double *pointers[MAX_INPUTS + MAX_OUTPUTS];
+    double numbers[MAX_INPUTS];
     PyObject *results[MAX_OUTPUTS];
     const void *constants = constants_data(self, args, PyVectorcall_NARGS(flagged), names);
     int i = 0;
     if (constants) {
         for (; i < self->inputs; ++i) {
-            pointers[i] = plain_data(args[i], &self->taken[i]);
+            pointers[i] = plain_data(args[i], &self->taken[i], &numbers[i]);
             if (!pointers[i]) {
                 break;
             }
@@ -189,23 +210,23 @@ static PyObject *Caller_vectorcall(PyObject *object, PyObject *const *args, size
     if (self->outputs == 1) {
         return results[0];
     }
-    PyObject *pair = PyTuple_New(self->outputs);
+    PyObject *all = PyTuple_New(self->outputs);
     for (i = 0; i < self->outputs; ++i) {
-        if (pair) {
-            PyTuple_SET_ITEM(pair, i, results[i]);
+        if (all) {
+            PyTuple_SET_ITEM(all, i, results[i]);
         } else {
             Py_DECREF(results[i]);
         }
     }
-    return pair;
+    return all;
 }
 
-/* The number of shapes, of which there are one to `most`; or -1 with an error set. */
-static int read_shapes(PyObject *shapes, int most, Shape *read)
+/* The number of shapes, of which there are `least` to `most`; or -1 with an error set. */
+static int read_shapes(PyObject *shapes, int least, int most, Shape *read)
 {
     const Py_ssize_t count = PyTuple_GET_SIZE(shapes);
-    if (count < 1 || count > most) {
-        PyErr_Format(PyExc_ValueError, "one to %d arrays", most);
+    if (count < least || count > most) {
+        PyErr_Format(PyExc_ValueError, "%d to %d arrays", least, most);
         return -1;
     }
     for (int i = 0; i < (int)count; ++i) {
@@ -249,8 +270,12 @@ static PyObject *Caller_new(PyTypeObject *type, PyObject *args, PyObject *keywor
     self->name = PyObject_GetAttrString(general, "__name__");
     self->doc = self->name ? PyObject_GetAttrString(general, "__doc__") : NULL;
     if (self->doc) {
-        self->inputs = read_shapes(taken, MAX_INPUTS, self->taken);
-        self->outputs = self->inputs < 0 ? -1 : read_shapes(made, MAX_OUTPUTS, self->made);
+        self->inputs = read_shapes(taken, 0, MAX_INPUTS, self->taken);
+        self->outputs = self->inputs < 0 ? -1 : read_shapes(made, 1, MAX_OUTPUTS, self->made);
+    }
+    if (self->doc && self->inputs + self->outputs > MAX_ARRAYS) {
+        PyErr_Format(PyExc_ValueError, "at most %d arrays in all", MAX_ARRAYS);
+        self->outputs = -1;
     }
     if (!self->doc || self->outputs < 0) {
         Py_DECREF(self);

@@ -15,7 +15,7 @@
 #endif
 
 #define LANES 8
-#define MAX_ARRAYS 6
+#define MAX_ARRAYS 8
 
 #ifdef __cplusplus
 extern "C" {
@@ -34,11 +34,16 @@ int GIBBS_CODEGEN_ROWS(
 }
 #endif
 
-typedef void Two(const void *, size_t, double *, double *);
-typedef void Three(const void *, size_t, double *, double *, double *);
-typedef void Four(const void *, size_t, double *, double *, double *, double *);
-typedef void Five(const void *, size_t, double *, double *, double *, double *, double *);
-typedef void Six(const void *, size_t, double *, double *, double *, double *, double *, double *);
+/* A batch function of a number of arrays. */
+#define R double *
+typedef void Two(const void *, size_t, R, R);
+typedef void Three(const void *, size_t, R, R, R);
+typedef void Four(const void *, size_t, R, R, R, R);
+typedef void Five(const void *, size_t, R, R, R, R, R);
+typedef void Six(const void *, size_t, R, R, R, R, R, R);
+typedef void Seven(const void *, size_t, R, R, R, R, R, R, R);
+typedef void Eight(const void *, size_t, R, R, R, R, R, R, R, R);
+#undef R
 
 /*
  * Whether finite numbers may have made one that is not, in this thread since it was last asked: the
@@ -70,8 +75,14 @@ static void call_block(void (*batch)(void), const void *constants, int number, d
     case 5:
         ((Five *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4]);
         break;
-    default:
+    case 6:
         ((Six *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5]);
+        break;
+    case 7:
+        ((Seven *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5], b[6]);
+        break;
+    default:
+        ((Eight *)batch)(constants, LANES, b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]);
         break;
     }
 }

@@ -6,13 +6,19 @@ import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import LANES, signatures
+from gibbs_codegen.interface import LANES
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.targets.c.function import CFunction, FunctionText
+from gibbs_codegen.targets.c.sparse import (
+    PatternText,
+    SparseText,
+    pattern_texts,
+    sparse_texts,
+)
 from gibbs_codegen.targets.c.statements import WIDTH, StatementPrinter, load_parameter
 from gibbs_codegen.targets.documentation import (
     attitude_text,
@@ -44,7 +50,8 @@ class ModuleText:
 
     `entry_lines` explain the entries of arguments and results. `places` has the enumerators of the
     places in arguments, by the words for these. `support` and `column_major` are the source that
-    depends on no robot; `widest` is the width of the widest argument.
+    depends on no robot, and `gather` that of functions without zeros; `widest` is the width of the
+    widest argument. The adapter has the functions that have arguments.
     """
 
     header: Lines
@@ -67,6 +74,10 @@ class ModuleText:
     column_major: str
     widest: int
     functions: list[FunctionText]
+    adapted: list[FunctionText]
+    patterns: list[PatternText]
+    sparse: list[SparseText]
+    gather: str
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
@@ -83,6 +94,10 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     robot, program = model.robot, model.program
     values = program.prepared(model.defaults)
     loads = [(name, program.parameters.index(name)) for name in model.parameters_read]
+    functions = [
+        CFunction(model, function, signature, printer).text()
+        for function, signature in zip(program.functions, model.signatures, strict=True)
+    ]
     return ModuleText(
         header=header,
         name=robot.name,
@@ -103,12 +118,11 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         support=c_source("support.c"),
         column_major=c_source("column_major.c"),
         widest=max(map(len, program.inputs.values())),
-        functions=[
-            CFunction(model, function, signature, printer).text()
-            for function, signature in zip(
-                program.functions, signatures(module_lists(robot)), strict=True
-            )
-        ],
+        functions=functions,
+        adapted=[function for function in functions if function.inputs],
+        patterns=pattern_texts(model),
+        sparse=sparse_texts(model),
+        gather=c_source("gather.c"),
     )
 
 

@@ -115,6 +115,19 @@ def strings(texts: Iterable[str]) -> list[str]:
     return textwrap.wrap(text, WIDTH - _INDENT)
 
 
+def integers(numbers: Iterable[int]) -> list[str]:
+    """What stands in the parentheses of a tuple of integers in a tuple; nothing without any.
+
+    Args:
+        numbers: The integers.
+
+    Returns:
+        Lines.
+    """
+    text = " ".join(f"{number}," for number in numbers)
+    return textwrap.wrap(text, WIDTH - 3 * _INDENT)
+
+
 def result(outputs: Sequence[Output]) -> str:
     """What a function returns, given `entries` of all its outputs and `batch`.
 

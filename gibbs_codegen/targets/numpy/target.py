@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import DATA, Signature, signatures
+from gibbs_codegen.interface import DATA, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, names_in
+from gibbs_codegen.program.patterns import patterns
 from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.module_lists import module_lists
@@ -20,6 +21,7 @@ from gibbs_codegen.targets.documentation import (
 from gibbs_codegen.targets.numpy.statements import (
     StatementPrinter,
     elements,
+    integers,
     load,
     result,
     result_type,
@@ -41,14 +43,25 @@ class ParameterText:
 
 
 @dataclass(frozen=True)
+class PatternText:
+    """A pattern: the name of its matrix, and rows and columns as what stands in parentheses."""
+
+    name: str
+    rows: Lines
+    columns: Lines
+
+
+@dataclass(frozen=True)
 class FunctionText:
     """A function: its head, its documentation, and the lines of its kernel.
 
-    `arguments` has the shape of each argument for one state, as the arguments of a call.
+    `arguments` has the shape of each argument for one state, as what goes on in a call;
+    `kernel_arguments` are those of the kernel.
     """
 
     name: str
     arguments: dict[str, str]
+    kernel_arguments: Lines
     returns: str
     documentation: Lines
     result: str
@@ -72,6 +85,7 @@ class ModuleText:
     attitude_lines: Lines
     entry_lines: Lines
     lists: dict[str, Lines]
+    patterns: list[PatternText]
     parameters: list[ParameterText]
     folded: Lines
     parameter_loads: Lines
@@ -96,21 +110,27 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
-    listed = module_lists(robot)
+    listed = module_lists(robot) | {"DERIVATIVES": model.derivatives}
     functions = [
         _function_text(model, function, signature, statements)
-        for function, signature in zip(program.functions, signatures(listed), strict=True)
+        for function, signature in zip(program.functions, model.signatures, strict=True)
     ]
     units = {"COORDINATE_UNITS": layout.q.units, "VELOCITY_UNITS": layout.v.units}
     constants = {name: strings(names) for name, names in (listed | units).items()}
+    found = [
+        PatternText(matrix, integers(pattern.rows), integers(pattern.columns))
+        for matrix, pattern in patterns(model).items()
+    ]
+    data = [*DATA, *(["PATTERNS"] if found else [])]
     return ModuleText(
         header=header,
         name=robot.name,
-        exports=_exports(["prepare", *(function.name for function in functions)]),
+        exports=_exports(data, ["prepare", *(function.name for function in functions)]),
         attitude=robot.base.attitude,
         attitude_lines=attitude_lines(robot),
         entry_lines=entry_lines(state_tables(robot) | {"Inputs u, in order": driven}),
         lists={name: constants[name] for name in DATA if name in constants},
+        patterns=found,
         parameters=[
             ParameterText(name, printer.number(value), model.units[name])
             for name, value in model.defaults.items()
@@ -125,9 +145,9 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     )
 
 
-def _exports(functions: Lines) -> Lines:
+def _exports(data: Lines, functions: Lines) -> Lines:
     """Names of constants and functions, in the order that imports are sorted in."""
-    return [*sorted(DATA, key=str.lower), *sorted(functions)]
+    return [*sorted(data, key=str.lower), *sorted(functions)]
 
 
 def _function_text(
@@ -152,9 +172,10 @@ def _function_text(
     return FunctionText(
         name=function.name,
         arguments={
-            argument: ", ".join(map(str, shape))
+            argument: "".join(f", {size}" for size in shape)
             for argument, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
         },
+        kernel_arguments=["k", "sin", "cos", *signature.arguments],
         returns=result_type(function.outputs),
         documentation=docstring(model, function),
         result=result(function.outputs),

@@ -1,0 +1,71 @@
+"""What derives each array of the functions that are generated on request, under its name there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from gibbs_codegen.derivation.forward_kinematics import (
+    frame_jacobians,
+    frame_poses,
+    frame_velocities,
+)
+from gibbs_codegen.derivation.frames import mounted_frames
+from gibbs_codegen.derivation.systems import Array, Systems
+from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
+from gibbs_codegen.graph.differentiate import Matrix
+
+
+def _coriolis_matrix(systems: Systems) -> Matrix:
+    symbolic = systems.symbolic
+    velocity_terms = generalised_inertia_forces(
+        systems.tape, symbolic.root, symbolic.reduced_tree, symbolic.state.unaccelerated
+    )
+    return systems.generic.coriolis_matrix(velocity_terms, systems.reduced.matrix)
+
+
+def _block(systems: Systems, rows: str, columns: str) -> Matrix:
+    """A block of the second derivatives of inverse dynamics by q and v."""
+    size = len(systems.symbolic.v)
+    place = {"q": slice(0, size), "v": slice(size, 2 * size)}
+    return [row[place[columns]] for row in systems.inverse_hessian[place[rows]]]
+
+
+def _frame_poses_dq(systems: Systems) -> Array:
+    poses = frame_poses(systems.symbolic, mounted_frames(systems.symbolic))
+    entries = [entry for pose in poses for row in pose for entry in row]
+    return systems.generic.jacobian(entries, "q")
+
+
+def _frame_velocities_dq(systems: Systems) -> Array:
+    velocities = frame_velocities(systems.symbolic)
+    return systems.generic.jacobian([entry for row in velocities for entry in row], "q")
+
+
+def _frame_velocities_dv(systems: Systems) -> Array:
+    return frame_jacobians(systems.symbolic, mounted_frames(systems.symbolic))
+
+
+DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
+    "inverse_dynamics_dq": lambda s: s.generic.jacobian(s.inverse_dynamics, "q"),
+    "inverse_dynamics_dv": lambda s: s.generic.jacobian(s.inverse_dynamics, "v"),
+    "forward_dynamics_dq": lambda s: s.generic.jacobian(s.dynamics[1], "q"),
+    "forward_dynamics_dv": lambda s: s.generic.jacobian(s.dynamics[1], "v"),
+    "forward_dynamics_du": lambda s: s.generic.jacobian(s.dynamics[1], "u"),
+    "inverse_dynamics_jvp": lambda s: s.generic.jvp(s.inverse_dynamics, "qva"),
+    "forward_dynamics_jvp": lambda s: s.generic.jvp(s.dynamics[1], "qvu"),
+    "inverse_dynamics_q_bar": lambda s: s.inverse_gradient[0],
+    "inverse_dynamics_v_bar": lambda s: s.inverse_gradient[1],
+    "inverse_dynamics_a_bar": lambda s: s.inverse_gradient[2],
+    "forward_dynamics_q_bar": lambda s: s.forward_gradient[0],
+    "forward_dynamics_v_bar": lambda s: s.forward_gradient[1],
+    "forward_dynamics_u_bar": lambda s: s.forward_gradient[2],
+    "inverse_dynamics_qq": lambda s: _block(s, "q", "q"),
+    "inverse_dynamics_qv": lambda s: _block(s, "q", "v"),
+    "inverse_dynamics_vv": lambda s: _block(s, "v", "v"),
+    "inverse_dynamics_qa": lambda s: s.generic.jacobian(s.inverse_gradient[0], "a"),
+    "forward_dynamics_hessian": lambda s: s.generic.hessian(s.dynamics[1], "qvu"),
+    "coriolis_matrix": _coriolis_matrix,
+    "frame_poses_dq": _frame_poses_dq,
+    "frame_velocities_dq": _frame_velocities_dq,
+    "frame_velocities_dv": _frame_velocities_dv,
+}

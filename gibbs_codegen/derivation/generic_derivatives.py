@@ -1,0 +1,200 @@
+"""Derivatives of any function by passes over its graph, in the tangent space of the coordinates.
+
+What is derived here is exact whatever the robot. It serves where no shorter recursion is known, and
+as the oracle of those that are. A displacement of q is along the velocities: the derivative by it
+is that of δ ↦ f(q ⊕ δ) at δ = 0. So the coordinates' rates at unit velocities are the directions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.graph.differentiate import Direction, Matrix, hessian, jacobian, jvp, vjp
+from gibbs_codegen.graph.from_tape import ImportedTape
+from gibbs_codegen.graph.graph import Ref
+from gibbs_codegen.robot.layout import layout_of
+
+Exprs = Sequence[sp.Expr]
+
+
+@dataclass(frozen=True)
+class GenericDerivatives:
+    """A robot in symbols with the graph on which its functions are differentiated."""
+
+    imported: ImportedTape
+    symbolic: SymbolicRobot
+
+    def refs(self, entries: Sequence[sp.Expr | Ref]) -> list[Ref]:
+        """References to entries.
+
+        Args:
+            entries: Expressions of the tape, or references already.
+
+        Returns:
+            One reference for each.
+        """
+        return [e if isinstance(e, int) else self.imported.ref(e) for e in entries]
+
+    def directions(self, argument: str) -> list[Direction]:
+        """Directions in which an argument moves, one for each column of a derivative by it.
+
+        Args:
+            argument: "q", which moves along the velocities, or another argument.
+
+        Returns:
+            Rates of its entries, by their nodes.
+        """
+        one = self.imported.graph.one
+        if argument != "q":
+            return [{ref >> 1: one} for ref in self.refs(getattr(self.symbolic, argument))]
+        size = len(self.symbolic.v)
+        units = [[sp.Integer(i == j) for i in range(size)] for j in range(size)]
+        return [self._moved_along(velocities) for velocities in units]
+
+    def _moved_along(self, velocities: Exprs) -> Direction:
+        """Rates of the coordinates at some velocities, by their nodes."""
+        symbolic = self.symbolic
+        places = layout_of(symbolic.robot)
+        base, _ = places.q.split(symbolic.q)
+        rates, joints = places.v.split(velocities)
+        with symbolic.tape.group("rates of attitude and position"):
+            moved = symbolic.root.coordinate_rates(symbolic.tape, base, rates)
+        entries = self.refs(places.q.joined(moved, joints))
+        return {ref >> 1: rate for ref, rate in zip(self.refs(symbolic.q), entries, strict=True)}
+
+    def jacobian(self, outputs: Sequence[sp.Expr | Ref], argument: str) -> Matrix:
+        """Derivatives of outputs by an argument.
+
+        Args:
+            outputs: What is differentiated, on the tape or the graph.
+            argument: By what: "q", "v", "a" or "u".
+
+        Returns:
+            A row for each output; columns in the order of the argument's directions.
+        """
+        with self.imported.group(f"derivatives by {argument}, column by column"):
+            return jacobian(self.imported.graph, self.refs(outputs), self.directions(argument))
+
+    def jvp(self, outputs: Exprs, arguments: str) -> list[Ref]:
+        """Derivatives of outputs in the direction that arguments such as q_dot give.
+
+        Args:
+            outputs: What is differentiated.
+            arguments: Letters of the arguments that move.
+
+        Returns:
+            One derivative for each output.
+        """
+        direction: dict[int, Ref] = {}
+        for argument in arguments:
+            given = getattr(self.symbolic, f"{argument}_dot")
+            if argument == "q":
+                direction |= self._moved_along(given)
+            else:
+                nodes = [ref >> 1 for ref in self.refs(getattr(self.symbolic, argument))]
+                direction |= zip(nodes, self.refs(given), strict=True)
+        with self.imported.group("derivative in the given direction"):
+            return jvp(self.imported.graph, self.refs(outputs), direction)
+
+    def gradient(self, outputs: Exprs, arguments: str) -> list[list[Ref]]:
+        """Derivatives of the outputs' sum with the weights w, by each of some arguments.
+
+        Args:
+            outputs: What is differentiated.
+            arguments: Their letters.
+
+        Returns:
+            For each argument one derivative for each of its directions.
+        """
+        graph = self.imported.graph
+        inputs = {letter: self.refs(getattr(self.symbolic, letter)) for letter in arguments}
+        every = [ref for refs in inputs.values() for ref in refs]
+        with self.imported.group("gradient, backward from the result"):
+            weights = self.refs(self.symbolic.w)
+            found = vjp(graph, self.refs(outputs), weights, every)
+            by_node = {ref >> 1: entry for ref, entry in zip(every, found, strict=True)}
+            return [
+                [
+                    graph.sum(graph.product(rate, by_node[node]) for node, rate in way.items())
+                    for way in self.directions(letter)
+                ]
+                for letter in arguments
+            ]
+
+    def hessian(self, outputs: Exprs, arguments: str) -> Matrix:
+        """Second derivatives of the outputs' sum with the weights w.
+
+        Displacements of the attitude do not commute; the second derivative of δ ↦ f(q ⊕ δ) is the
+        mean of both orders.
+
+        Args:
+            outputs: What is differentiated.
+            arguments: Letters of the arguments, whose directions follow one another.
+
+        Returns:
+            The symmetric matrix.
+        """
+        graph = self.imported.graph
+        gradient = [ref for part in self.gradient(outputs, arguments) for ref in part]
+        directions = [way for letter in arguments for way in self.directions(letter)]
+        with self.imported.group("second derivatives, the lower triangle column by column"):
+            matrix = hessian(graph, gradient, directions)
+            layout = layout_of(self.symbolic.robot)
+            if not layout.is_quaternion or "q" not in arguments:
+                return matrix
+            half, start = graph.number(0.5), directions.index(self.directions("q")[0])
+            base = [start + place for place in layout.v.base]
+            for j in base:
+                others = [i for i in base if i < j]
+                columns = jvp(graph, [gradient[i] for i in others], directions[j])
+                for i, entry in zip(others, columns, strict=True):
+                    mean = graph.product(half, graph.sum([entry, matrix[i][j]]))
+                    matrix[i][j] = matrix[j][i] = mean
+        return matrix
+
+    def coriolis_matrix(self, velocity_terms: Exprs, mass_matrix: Sequence[Exprs]) -> Matrix:
+        """The matrix C of the velocity terms C v for which Ṁ − 2C is skew-symmetric.
+
+        It is half the derivative of the velocity terms by v and, where velocities of the base are
+        in its own frame, half of M times what the bracket of twists does: the connection without
+        torsion that keeps M (Christoffel's symbols where velocities are rates of coordinates).
+
+        Args:
+            velocity_terms: M a − R at a = 0, without dampers; what does not depend on v may be
+                among them.
+            mass_matrix: M.
+
+        Returns:
+            The matrix.
+        """
+        graph, layout = self.imported.graph, layout_of(self.symbolic.robot)
+        half = graph.number(0.5)
+        with self.imported.group("velocity terms by v"):
+            rows = jacobian(graph, self.refs(velocity_terms), self.directions("v"))
+            matrix = [[graph.product(half, entry) for entry in row] for row in rows]
+        if not layout.is_quaternion:
+            return matrix
+        base = layout.v.base
+        v = self.refs(self.symbolic.v)
+        angular, linear = [v[i] for i in base[:3]], [v[i] for i in base[3:]]
+        with self.imported.group("velocity terms of the base's own frame"):
+            for row, entries in zip(matrix, mass_matrix, strict=True):
+                masses = self.refs(entries)
+                moment, force = [masses[i] for i in base[:3]], [masses[i] for i in base[3:]]
+                for k in range(3):
+                    turned = [(moment, angular), (force, linear)]
+                    for place, pairs in ((base[k], turned), (base[3 + k], [(force, angular)])):
+                        bracket = [term for m, w in pairs for term in self._across(m, w, k)]
+                        row[place] = graph.sum(
+                            [row[place], graph.product(half, graph.sum(bracket))]
+                        )
+        return matrix
+
+    def _across(self, row: Sequence[Ref], turn: Sequence[Ref], k: int) -> list[Ref]:
+        """The two terms of row · (turn × e_k)."""
+        graph, i, j = self.imported.graph, (k + 1) % 3, (k + 2) % 3
+        return [graph.product(row[i], turn[j]), graph.minus(graph.product(row[j], turn[i]))]

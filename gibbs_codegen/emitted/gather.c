@@ -1,0 +1,8 @@
+/* Copies the entries of a row-major matrix that are at `count` places. */
+static void gather(const int count, const int *rows, const int *columns, const int width,
+                   const real *matrix, real *entries)
+{
+    for (int i = 0; i < count; ++i) {
+        entries[i] = matrix[rows[i] * width + columns[i]];
+    }
+}

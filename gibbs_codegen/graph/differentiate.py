@@ -1,0 +1,194 @@
+"""Derivatives on the graph, exact, by the chain rule from node to node.
+
+    s = sin(x), p = s·y, in the direction (x', y'):    s' = cos(x)·x',  p' = s'·y + s·y'
+
+Forward, as above, a derivative passes from the inputs to the outputs: one pass a direction.
+Backward, a weighted sum of all outputs is differentiated by every node that it is made of: one
+pass gives its derivatives by all inputs. What is made is made of nodes again, so it can be
+differentiated once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TypeAlias
+
+from gibbs_codegen.graph.graph import Graph, Kind, Ref
+
+# The rate of each input that moves, by its node.
+Direction: TypeAlias = Mapping[int, Ref]
+Matrix: TypeAlias = list[list[Ref]]
+
+
+def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
+    """Derivatives of a node by its operands.
+
+    Args:
+        graph: The graph; derivatives are made in it.
+        node: The node.
+
+    Returns:
+        Operands by their nodes, each with the derivative; an operand twice where it stands twice.
+    """
+    kind, operands = graph.kinds[node], graph.operands[node]
+    if kind is Kind.SUM:
+        return [(ref >> 1, graph.one ^ (ref & 1)) for ref in operands]
+    if kind is Kind.PRODUCT:
+        x, y = operands
+        return [(x >> 1, y), (y >> 1, x)]
+    if not operands:
+        return []
+    (ref,) = operands
+    outer = graph.one if kind is Kind.RECIPROCAL else None
+    if outer is not None:
+        itself = 2 * node
+        outer = graph.minus(graph.product(itself, itself))
+    else:
+        outer = _derivative_of_call(graph, node, str(graph.labels[node]), ref)
+    return [(ref >> 1, graph.minus(outer) if ref & 1 else outer)]
+
+
+def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -> Ref:
+    """The derivative of a function at its argument."""
+    match function:
+        case "sin":
+            return graph.call("cos", argument)
+        case "cos":
+            return graph.minus(graph.call("sin", argument))
+        case "sqrt":
+            return graph.product(graph.number(0.5), graph.reciprocal(2 * node))
+        case "atan":
+            square = graph.product(argument, argument)
+            return graph.reciprocal(graph.sum([graph.one, square]))
+        case _:  # The sign is constant wherever it has a derivative.
+            return graph.zero
+
+
+def jvp(graph: Graph, outputs: Sequence[Ref], direction: Direction) -> list[Ref]:
+    """Derivatives of outputs in one direction: J·d.
+
+    Args:
+        graph: The graph.
+        outputs: What is differentiated.
+        direction: The rates of the inputs.
+
+    Returns:
+        One derivative for each output.
+    """
+    return _pushed(graph, outputs, [direction])[0]
+
+
+def jacobian(graph: Graph, outputs: Sequence[Ref], directions: Sequence[Direction]) -> Matrix:
+    """Derivatives of outputs in several directions, forward.
+
+    Args:
+        graph: The graph.
+        outputs: What is differentiated.
+        directions: One for each column.
+
+    Returns:
+        A row for each output.
+    """
+    columns = _pushed(graph, outputs, directions)
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def _pushed(
+    graph: Graph, outputs: Sequence[Ref], directions: Sequence[Direction]
+) -> list[list[Ref]]:
+    """Derivatives of the outputs, a list for each direction."""
+    order = graph.reached(outputs)
+    moving = {node for direction in directions for node in direction}
+    steps: list[tuple[int, list[tuple[int, Ref]]]] = []
+    for node in order:
+        inner = [ref >> 1 for ref in graph.operands[node]]
+        if any(operand in moving for operand in inner):
+            moving.add(node)
+            kept = [(m, partial) for m, partial in partials(graph, node) if m in moving]
+            steps.append((node, kept))
+    columns = []
+    for direction in directions:
+        rates = {node: rate for node, rate in direction.items() if not graph.is_zero(rate)}
+        for node, parts in steps:
+            terms = [graph.product(part, rates[m]) for m, part in parts if m in rates]
+            if terms and not graph.is_zero(rate := graph.sum(terms)):
+                rates[node] = rate
+        columns.append([_signed(graph, rates.get(ref >> 1), ref) for ref in outputs])
+    return columns
+
+
+def _signed(graph: Graph, rate: Ref | None, output: Ref) -> Ref:
+    if rate is None:
+        return graph.zero
+    return graph.minus(rate) if output & 1 else rate
+
+
+def vjp(
+    graph: Graph, outputs: Sequence[Ref], weights: Sequence[Ref], inputs: Sequence[Ref]
+) -> list[Ref]:
+    """Derivatives of a weighted sum of outputs by inputs, backward: Jᵀ·w.
+
+    Args:
+        graph: The graph.
+        outputs: What is differentiated.
+        weights: One for each output.
+        inputs: What it is differentiated by, references without signs.
+
+    Returns:
+        One derivative for each input.
+    """
+    order = graph.reached(outputs)
+    active = {ref >> 1 for ref in inputs}
+    for node in order:
+        if any((ref >> 1) in active for ref in graph.operands[node]):
+            active.add(node)
+    received: dict[int, list[Ref]] = {}
+    for output, weight in zip(outputs, weights, strict=True):
+        share = graph.minus(weight) if output & 1 else weight
+        received.setdefault(output >> 1, []).append(share)
+    adjoints: dict[int, Ref] = {}
+    for node in reversed(order):
+        if node not in received or node not in active:
+            continue
+        adjoint = adjoints[node] = graph.sum(received[node])
+        if graph.is_zero(adjoint):
+            continue
+        for operand, partial in partials(graph, node):
+            if operand in active:
+                share = graph.product(partial, adjoint)
+                received.setdefault(operand, []).append(share)
+    return [adjoints.get(ref >> 1, graph.zero) for ref in inputs]
+
+
+def reverse_jacobian(graph: Graph, outputs: Sequence[Ref], inputs: Sequence[Ref]) -> Matrix:
+    """Derivatives of outputs by inputs, backward: shorter where the outputs are few.
+
+    Args:
+        graph: The graph.
+        outputs: What is differentiated.
+        inputs: What it is differentiated by, references without signs.
+
+    Returns:
+        A row for each output.
+    """
+    return [vjp(graph, [output], [graph.one], inputs) for output in outputs]
+
+
+def hessian(graph: Graph, gradient: Sequence[Ref], directions: Sequence[Direction]) -> Matrix:
+    """Second derivatives of a function, forward over its gradient: the lower triangle, mirrored.
+
+    Args:
+        graph: The graph.
+        gradient: Its derivatives in the directions, as `vjp` gives them.
+        directions: One for each entry of the gradient.
+
+    Returns:
+        The symmetric matrix.
+    """
+    size = len(directions)
+    matrix = [[graph.zero] * size for _ in range(size)]
+    for j, direction in enumerate(directions):
+        column = jvp(graph, gradient[j:], direction)
+        for i, entry in enumerate(column, start=j):
+            matrix[i][j] = matrix[j][i] = entry
+    return matrix

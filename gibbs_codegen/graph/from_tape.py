@@ -1,0 +1,133 @@
+"""From the tape to the graph: each statement of the tape becomes a node."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import sympy as sp
+
+from gibbs_codegen.graph.graph import Graph, Ref
+from gibbs_codegen.symbolic.tape import Stage, Tape
+
+
+class ImportedTape:
+    """A graph that grows with a tape, statement by statement in the tape's order."""
+
+    def __init__(self, tape: Tape) -> None:
+        self.graph = Graph()
+        self.tape = tape
+        self._refs: dict[sp.Expr, Ref] = {}
+        self._symbols = 0
+        # Numbers of nodes from which on others are made for themselves, with what is said of them.
+        self._starts: list[int] = [0]
+        self._words: list[str] = [""]
+
+    def ref(self, expression: sp.Expr) -> Ref:
+        """The graph's reference to an expression on the tape.
+
+        Args:
+            expression: A number, a symbol of the tape, or an expression of such.
+
+        Returns:
+            The reference.
+        """
+        self._catch_up()
+        found = self._refs.get(expression)
+        if found is None:
+            found = self._refs[expression] = self._imported(expression)
+        return found
+
+    def words(self, groups: Mapping[sp.Symbol, str]) -> dict[int, str]:
+        """Words of groups by node.
+
+        Args:
+            groups: Words by symbol of the tape.
+
+        Returns:
+            The words of every node that is a statement of the tape, the first that it was given.
+        """
+        found: dict[int, str] = {}
+        for symbol, words in groups.items():
+            found.setdefault(self.ref(symbol) >> 1, words)
+        return found
+
+    @contextmanager
+    def group(self, words: str) -> Iterator[None]:
+        """Say what the nodes are that are made in a `with` block, and are no statements.
+
+        Args:
+            words: As a comment of the emitted code says it.
+
+        Yields:
+            Nothing; what was said before is said again after the block.
+        """
+        outer = self._words[-1]
+        self._say(words)
+        try:
+            yield
+        finally:
+            self._say(outer)
+
+    def _say(self, words: str) -> None:
+        self._starts.append(len(self.graph))
+        self._words.append(words)
+
+    def said(self, node: int) -> str:
+        """The words of the block in which a node was made.
+
+        Args:
+            node: The node.
+
+        Returns:
+            The words, or "".
+        """
+        return self._words[bisect_right(self._starts, node) - 1]
+
+    def _catch_up(self) -> None:
+        """Import what the tape has got since the last time."""
+        stages = self.tape.stages
+        if len(stages) == self._symbols:
+            return
+        for symbol in list(stages)[self._symbols :]:
+            statement = self.tape.statements.get(symbol)
+            if statement is None:
+                constant = stages[symbol] is Stage.PARAMETER
+                self._refs[symbol] = self.graph.input(symbol.name, constant)
+            else:
+                self._refs[symbol] = self._imported(statement)
+        self._symbols = len(stages)
+
+    def _imported(self, expression: sp.Expr) -> Ref:
+        graph = self.graph
+        if expression.is_Symbol:
+            return self._refs[expression]
+        if expression.is_Integer:
+            return graph.number(float(int(expression)))
+        if expression.is_number:
+            return graph.number(float(sp.N(expression, 30)))
+        if expression.is_Add:
+            return graph.sum([self._imported(term) for term in expression.args])
+        if expression.is_Mul:
+            return self._product(expression)
+        if expression.is_Pow:
+            base, exponent = expression.args
+            ref = self._imported(base)
+            if exponent is sp.S.Half:
+                return graph.call("sqrt", ref)
+            power = graph.products([ref] * abs(int(exponent)))
+            return power if exponent > 0 else graph.reciprocal(power)
+        return graph.call(expression.func.__name__, self._imported(expression.args[0]))
+
+    def _product(self, expression: sp.Expr) -> Ref:
+        """A product, its numbers multiplied before they are rounded."""
+        number, factors = sp.S.One, []
+        for factor in expression.args:
+            if factor.is_number:
+                number *= factor
+            else:
+                factors.append(self._imported(factor))
+        # The older first: as the tape has put them together.
+        factors.sort()
+        return self.graph.product(self._imported(number), self.graph.products(factors))

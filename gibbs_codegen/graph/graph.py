@@ -1,0 +1,366 @@
+"""The graph: operations as integers, each made once, for what is done to thousands of them.
+
+SymPy derives on the tape; differentiating and shortening what it derived is done here. A node is
+an operation on earlier nodes. A *reference* to it is an integer, twice the node's number, and one
+more for its opposite: signs are free and never hide that two values are the same.
+
+    x = graph.input("x")              2
+    y = graph.input("y")              4
+    s = graph.sum([x, -y])            6      written graph.sum([x, opposite(y)])
+    graph.sum([y, opposite(x)])       7      the opposite of the same node
+
+The same operation on the same operands is the same node. Zeros, ones, numbers and like terms are
+folded as a node is made. What parameters alone determine is *constant*: it is computed once per
+set of parameters and costs a function nothing, so constant factors and terms are put together
+first.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from typing import TypeAlias
+
+# Twice the number of a node, and one more for its opposite.
+Ref: TypeAlias = int
+
+
+class Kind(IntEnum):
+    """What a node is."""
+
+    INPUT = 0
+    NUMBER = 1
+    SUM = 2
+    PRODUCT = 3
+    RECIPROCAL = 4
+    CALL = 5
+
+
+# Functions f with f(−x) = −f(x), and with f(−x) = f(x).
+ODD = ("sin", "atan", "sign")
+EVEN = ("cos",)
+
+
+def node_of(ref: Ref) -> int:
+    """The node that a reference is to.
+
+    Args:
+        ref: The reference.
+
+    Returns:
+        The number of the node.
+    """
+    return ref >> 1
+
+
+def opposite(ref: Ref) -> Ref:
+    """The value with the other sign.
+
+    Args:
+        ref: A reference to the value; not to zero, which `Graph.minus` knows.
+
+    Returns:
+        A reference to its opposite.
+    """
+    return ref ^ 1
+
+
+class Graph:
+    """Nodes by number; operands have smaller numbers than what is made of them.
+
+    Of node i, `kinds[i]` is what it is, `operands[i]` has the references that it is made of,
+    `labels[i]` the name of an input, the value of a number or the function of a call, and
+    `constant[i]` says whether parameters and numbers alone determine it. A sum has two terms or
+    more, the oldest first and without a sign; a product has two factors without signs, a constant
+    one first.
+    """
+
+    def __init__(self) -> None:
+        self.kinds: list[Kind] = []
+        self.operands: list[tuple[Ref, ...]] = []
+        self.labels: list[str | float | None] = []
+        self.constant: list[bool] = []
+        self._known: dict[tuple[Kind, tuple[Ref, ...], str | float | None], int] = {}
+        self.zero = self.number(0.0)
+        self.one = self.number(1.0)
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+    def _node(
+        self, kind: Kind, operands: tuple[Ref, ...], label: str | float | None, constant: bool
+    ) -> Ref:
+        key = (kind, operands, label)
+        node = self._known.get(key)
+        if node is None:
+            node = self._known[key] = len(self.kinds)
+            self.kinds.append(kind)
+            self.operands.append(operands)
+            self.labels.append(label)
+            self.constant.append(constant)
+        return 2 * node
+
+    def _all_constant(self, refs: Iterable[Ref]) -> bool:
+        return all(self.constant[ref >> 1] for ref in refs)
+
+    def input(self, name: str, constant: bool = False) -> Ref:
+        """An entry of an argument, or a parameter.
+
+        Args:
+            name: Its name in the program.
+            constant: Whether it is a parameter.
+
+        Returns:
+            A reference to it.
+        """
+        return self._node(Kind.INPUT, (), name, constant)
+
+    def number(self, value: float) -> Ref:
+        """A literal.
+
+        Args:
+            value: Its value.
+
+        Returns:
+            A reference to it.
+        """
+        ref = self._node(Kind.NUMBER, (), abs(value), True)
+        return ref ^ 1 if value < 0 else ref
+
+    def value(self, ref: Ref) -> float | None:
+        """The value of a number.
+
+        Args:
+            ref: A reference.
+
+        Returns:
+            The number with its sign, or None where the node is no number.
+        """
+        label = self.labels[ref >> 1]
+        if not isinstance(label, float):
+            return None
+        return -label if ref & 1 else label
+
+    def is_zero(self, ref: Ref) -> bool:
+        """Whether a value is zero whatever the arguments.
+
+        Args:
+            ref: A reference.
+
+        Returns:
+            True for the number zero alone.
+        """
+        return ref >> 1 == self.zero >> 1
+
+    def minus(self, ref: Ref) -> Ref:
+        """The opposite of a value; zero has none.
+
+        Args:
+            ref: A reference.
+
+        Returns:
+            A reference to the opposite.
+        """
+        return ref if self.is_zero(ref) else ref ^ 1
+
+    def sum(self, terms: Iterable[Ref]) -> Ref:
+        """A sum; like terms and numbers are put together, and constants first.
+
+        Args:
+            terms: References, signs included.
+
+        Returns:
+            A reference to the sum.
+        """
+        counts = self._coefficients(terms)
+        number = 0.0
+        constants: list[Ref] = []
+        varying: list[Ref] = []
+        for node, count in counts.items():
+            value = self.labels[node]
+            if isinstance(value, float):
+                number += count * value
+            elif count:
+                term = 2 * node ^ (count < 0)
+                if abs(count) > 1:
+                    term = self.product(self.number(float(count)), 2 * node)
+                (constants if self.constant[node] else varying).append(term)
+        if number:
+            constants.insert(0, self.number(number))
+        if varying and len(constants) > 1:
+            constants = [self._ordered_sum(constants)]
+        return self._ordered_sum(constants + varying)
+
+    @staticmethod
+    def _coefficients(terms: Iterable[Ref]) -> dict[int, int]:
+        counts: dict[int, int] = {}
+        for term in terms:
+            counts[term >> 1] = counts.get(term >> 1, 0) + (-1 if term & 1 else 1)
+        return counts
+
+    def _ordered_sum(self, terms: list[Ref]) -> Ref:
+        """The sum of terms of which no two are alike."""
+        if not terms:
+            return self.zero
+        if len(terms) == 1:
+            return terms[0]
+        terms.sort()
+        sign = terms[0] & 1
+        refs = tuple([term ^ sign for term in terms])
+        return self._node(Kind.SUM, refs, None, self._all_constant(refs)) ^ sign
+
+    def product(self, first: Ref, second: Ref) -> Ref:
+        """A product of two values; constant factors are put together first.
+
+        Args:
+            first, second: The factors.
+
+        Returns:
+            A reference to the product.
+        """
+        if self.is_zero(first) or self.is_zero(second):
+            return self.zero
+        sign = (first ^ second) & 1
+        x, y = sorted((first & ~1, second & ~1))
+        if x == self.one or y == self.one:
+            return (x if y == self.one else y) ^ sign
+        p, q = self.labels[x >> 1], self.labels[y >> 1]
+        if isinstance(p, float) and isinstance(q, float):
+            return self.number(p * q) ^ sign
+        if self.constant[y >> 1] and (not self.constant[x >> 1] or isinstance(q, float)):
+            x, y = y, x
+        return self._product_in_order(x, y) ^ sign
+
+    def _product_in_order(self, x: Ref, y: Ref) -> Ref:
+        """The product of two values without signs, a constant first, and a number before others."""
+        constant = self.constant[x >> 1]
+        if constant and self.kinds[y >> 1] is Kind.PRODUCT:
+            factor, rest = self.operands[y >> 1]
+            # k·(k'·t) is (k·k')·t, and 2·(3·k) is 6·k.
+            merges = not self.constant[y >> 1] and self.constant[factor >> 1]
+            numbers = isinstance(self.labels[x >> 1], float) and isinstance(
+                self.labels[factor >> 1], float
+            )
+            if merges or numbers:
+                return self.product(self.product(x, factor), rest)
+        return self._node(Kind.PRODUCT, (x, y), None, constant and self.constant[y >> 1])
+
+    def products(self, factors: Sequence[Ref]) -> Ref:
+        """A product of any number of values.
+
+        Args:
+            factors: References.
+
+        Returns:
+            A reference to their product, or one where there are none.
+        """
+        result = self.one
+        for factor in factors:
+            result = self.product(result, factor)
+        return result
+
+    def reciprocal(self, ref: Ref) -> Ref:
+        """One over a value.
+
+        Args:
+            ref: The value.
+
+        Returns:
+            A reference to its reciprocal.
+        """
+        value = self.value(ref)
+        if value is not None:
+            return self.number(1.0 / value)
+        node = ref & ~1
+        return self._node(Kind.RECIPROCAL, (node,), None, self.constant[ref >> 1]) ^ (ref & 1)
+
+    def call(self, function: str, ref: Ref) -> Ref:
+        """A function of one value.
+
+        Args:
+            function: One of those that `program.nodes.Call` knows.
+            ref: Its argument.
+
+        Returns:
+            A reference to what it gives.
+        """
+        constant = self.constant[ref >> 1]
+        if function in ODD:
+            return self._node(Kind.CALL, (ref & ~1,), function, constant) ^ (ref & 1)
+        argument = ref & ~1 if function in EVEN else ref
+        return self._node(Kind.CALL, (argument,), function, constant)
+
+    def remade(self, node: int, operands: Sequence[Ref]) -> Ref:
+        """The same operation on other operands.
+
+        Args:
+            node: A node with operands.
+            operands: As many references.
+
+        Returns:
+            A reference to the operation on them.
+        """
+        kind, label = self.kinds[node], self.labels[node]
+        if kind is Kind.SUM:
+            return self.sum(operands)
+        if kind is Kind.PRODUCT:
+            return self.products(operands)
+        if kind is Kind.RECIPROCAL:
+            return self.reciprocal(operands[0])
+        return self.call(str(label), operands[0])
+
+    def reached(self, refs: Iterable[Ref]) -> list[int]:
+        """Nodes that some values are made of.
+
+        Args:
+            refs: The values.
+
+        Returns:
+            Their nodes and all nodes that those are made of, in ascending order.
+        """
+        found: set[int] = set()
+        stack = [ref >> 1 for ref in refs]
+        while stack:
+            node = stack.pop()
+            if node not in found:
+                found.add(node)
+                stack.extend([ref >> 1 for ref in self.operands[node]])
+        return sorted(found)
+
+    def reached_varying(self, refs: Iterable[Ref]) -> list[int]:
+        """Nodes that a function computes: those reached that are not constant.
+
+        Args:
+            refs: What the function returns.
+
+        Returns:
+            Their numbers in ascending order, inputs included.
+        """
+        found: set[int] = set()
+        stack = [ref >> 1 for ref in refs]
+        constant, operands = self.constant, self.operands
+        while stack:
+            node = stack.pop()
+            if node not in found and not constant[node]:
+                found.add(node)
+                stack.extend([ref >> 1 for ref in operands[node]])
+        return sorted(found)
+
+    def uses(self, nodes: Iterable[int], outputs: Iterable[Ref]) -> Counter[int]:
+        """How often each node is used.
+
+        Args:
+            nodes: The nodes that use others.
+            outputs: What is returned, which counts as two uses: it must not be computed twice.
+
+        Returns:
+            Uses by node.
+        """
+        counts: Counter[int] = Counter()
+        for node in nodes:
+            for ref in self.operands[node]:
+                counts[ref >> 1] += 1
+        for node in {ref >> 1 for ref in outputs}:
+            counts[node] += 2
+        return counts

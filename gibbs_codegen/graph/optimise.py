@@ -1,0 +1,66 @@
+"""Shortening a function: passes are applied as long as one of them saves operations."""
+
+from __future__ import annotations
+
+from collections.abc import MutableMapping, Sequence
+
+from gibbs_codegen.graph.factoring import factored
+from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.pair_sharing import shared
+from gibbs_codegen.graph.polarity import sign_changes
+
+# More rounds have never saved an operation.
+_MOST_ROUNDS = 4
+
+
+def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
+    """Operations that a function takes, as the emitted program counts them.
+
+    Args:
+        graph: The graph.
+        outputs: What the function returns.
+
+    Returns:
+        All operations but the sine–cosine pairs and arctangents.
+    """
+    count = sign_changes(graph, outputs)
+    for node in graph.reached_varying(outputs):
+        kind = graph.kinds[node]
+        if kind in (Kind.SUM, Kind.PRODUCT):
+            count += len(graph.operands[node]) - 1
+        elif kind is Kind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
+            count += 1
+    return count
+
+
+def optimised(
+    graph: Graph,
+    outputs: Sequence[Ref],
+    origins: MutableMapping[int, int],
+    share_pairs: bool = True,
+) -> list[Ref]:
+    """Shorten a function.
+
+    Args:
+        graph: The graph.
+        outputs: What the function returns.
+        origins: Of each node that a pass has made, the one in whose place it stands; added to.
+        share_pairs: Whether to share pairs of terms, which may hide that blocks of statements
+            repeat from link to link.
+
+    Returns:
+        The same values, in the same order.
+    """
+    best, least = list(outputs), operations(graph, outputs)
+    present = best
+    passes = (factored, shared) if share_pairs else (factored,)
+    for _ in range(_MOST_ROUNDS):
+        before = least
+        for apply in passes:
+            present = apply(graph, present, origins)
+            count = operations(graph, present)
+            if count < least:
+                best, least = present, count
+        if least == before:
+            break
+    return best

@@ -1,0 +1,91 @@
+"""Rebuilding a function, as the passes that shorten it do: its sums are replaced, oldest first."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import MutableMapping, Sequence
+
+from gibbs_codegen.graph.graph import Graph, Kind, Ref
+
+
+class Rebuilding(ABC):
+    """A function that is rebuilt. Nodes are made in the order of those that they replace."""
+
+    def __init__(self, graph: Graph, outputs: Sequence[Ref]) -> None:
+        self.graph = graph
+        self.outputs = outputs
+        self.nodes = graph.reached_varying(outputs)
+        self.uses = graph.uses(self.nodes, outputs)
+        self._new: dict[int, Ref] = {}
+
+    @abstractmethod
+    def sum(self, node: int) -> Ref:
+        """What is computed in the place of a sum.
+
+        Args:
+            node: The sum.
+
+        Returns:
+            The same value, made of what its operands have become.
+        """
+
+    def rebuilt(self, origins: MutableMapping[int, int]) -> list[Ref]:
+        """Rebuild the function.
+
+        Args:
+            origins: Of each node that a pass has made, the one in whose place it stands; added to.
+
+        Returns:
+            What the outputs have become.
+        """
+        graph, new = self.graph, self._new
+        for node in self.nodes:
+            size = len(graph)
+            ref = self.sum(node) if graph.kinds[node] is Kind.SUM else self.remade(node)
+            if ref != 2 * node:
+                new[node] = ref
+                for made in range(size, len(graph)):
+                    origins[made] = origins.get(node, node)
+        return [self.new(output) for output in self.outputs]
+
+    def new(self, ref: Ref) -> Ref:
+        """What a value has become.
+
+        Args:
+            ref: A value of the function as it was.
+
+        Returns:
+            The value that stands for it now.
+        """
+        found = self._new.get(ref >> 1)
+        if found is None:
+            return ref
+        return self.graph.minus(found) if ref & 1 else found
+
+    def remade(self, node: int) -> Ref:
+        """The same operation on what its operands have become.
+
+        Args:
+            node: A node.
+
+        Returns:
+            The operation, the node itself where no operand has changed.
+        """
+        operands = self.graph.operands[node]
+        if self._new.keys().isdisjoint([operand >> 1 for operand in operands]):
+            return 2 * node
+        return self.graph.remade(node, [self.new(operand) for operand in operands])
+
+    def single(self, ref: Ref, kind: Kind) -> bool:
+        """Whether a value is an operation of a kind that varies and is used once.
+
+        Args:
+            ref: The value.
+            kind: The kind.
+
+        Returns:
+            Whether it can be taken apart where it is used.
+        """
+        node = ref >> 1
+        graph = self.graph
+        return self.uses[node] == 1 and graph.kinds[node] is kind and not graph.constant[node]

@@ -1,0 +1,261 @@
+"""The rows of the table that are generated on request only: derivatives of the other functions.
+
+Derivatives are those of a displacement in the tangent space: `_dq` belongs to the function that
+takes a displacement d to f(integrate(q, d)), at d = 0. It has a column for each of VELOCITIES.
+"""
+
+from __future__ import annotations
+
+from gibbs_codegen.interface.rows import Output, Row
+
+_FORCE = Output("force", "v", "N m or N", "inverse_dynamics", "{forces}")
+_ACCELERATION = Output(
+    "acceleration", "v", "rad/s^2 or m/s^2", "forward_dynamics", "{accelerations}"
+)
+_INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
+_BY_Q = ", each by a displacement [rad] or [m] along each of VELOCITIES"
+_BY_V = ", each by each of VELOCITIES"
+_BY_U = ", each by each of INPUTS"
+_WEIGHTED = "[{unit}], with w without units"
+_TANGENT = (
+    "Derivatives by q are those by a displacement in the tangent space, which integrate applies."
+)
+
+
+def _hessian(name: str, rows: str, columns: str, unit: str) -> Output:
+    """A block of second derivatives of inverse dynamics.
+
+    Args:
+        name: Of the output.
+        rows, columns: By what they are derivatives, in words.
+        unit: Of its entries.
+
+    Returns:
+        The output.
+    """
+    entries = f"[{unit}], with w without units; rows by {rows}, columns by {columns}"
+    return Output(name, "vv", unit, f"inverse_dynamics_{name}", entries)
+
+
+DERIVATIVES = (
+    Row(
+        "inverse_dynamics_derivatives",
+        "qva",
+        (
+            _FORCE,
+            Output("force_dq", "vv", "N m or N", "inverse_dynamics_dq", "{forces}" + _BY_Q),
+            Output("force_dv", "vv", "N m s or N s", "inverse_dynamics_dv", "{forces}" + _BY_V),
+            Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS),
+        ),
+        "Generalised forces M a - R, and their derivatives by q, v and a, the last being M.",
+        "eqs. 4-6, differentiated",
+        _TANGENT,
+        on_request=True,
+    ),
+    Row(
+        "forward_dynamics_derivatives",
+        "qvu",
+        (
+            _ACCELERATION,
+            Output(
+                "acceleration_dq",
+                "vv",
+                "rad/s^2 or m/s^2",
+                "forward_dynamics_dq",
+                "{accelerations}" + _BY_Q,
+            ),
+            Output(
+                "acceleration_dv", "vv", "1/s", "forward_dynamics_dv", "{accelerations}" + _BY_V
+            ),
+            Output(
+                "acceleration_du",
+                "vu",
+                "rad/s^2 or m/s^2, by N or N m",
+                "forward_dynamics_du",
+                "{accelerations}" + _BY_U,
+            ),
+        ),
+        "Accelerations a of M a = R + B u, and their derivatives by q, v and u.",
+        "eq. 19, solved for the free coordinates and differentiated",
+        _TANGENT,
+        on_request=True,
+    ),
+    Row(
+        "inverse_dynamics_jvp",
+        ("q", "v", "a", "q_dot", "v_dot", "a_dot"),
+        (Output("force_dot", "v", "N m or N", "inverse_dynamics_jvp", "{forces}"),),
+        "Derivative of the generalised forces M a - R along a direction of q, v and a.",
+        "eqs. 4-6, differentiated",
+        "It is force_dq q_dot + force_dv v_dot + M a_dot, without these matrices. With the rates "
+        "of q, v and a for the direction it is the rate of the forces.",
+        on_request=True,
+    ),
+    Row(
+        "forward_dynamics_jvp",
+        ("q", "v", "u", "q_dot", "v_dot", "u_dot"),
+        (
+            Output(
+                "acceleration_dot",
+                "v",
+                "rad/s^2 or m/s^2",
+                "forward_dynamics_jvp",
+                "{accelerations}",
+            ),
+        ),
+        "Derivative of the accelerations a of M a = R + B u along a direction of q, v and u.",
+        "eq. 19, solved for the free coordinates and differentiated",
+        "It is acceleration_dq q_dot + acceleration_dv v_dot + acceleration_du u_dot, without "
+        "these matrices.",
+        on_request=True,
+    ),
+    Row(
+        "inverse_dynamics_vjp",
+        ("q", "v", "a", "w"),
+        (
+            Output("q_bar", "v", "N m or N", "inverse_dynamics_q_bar", _WEIGHTED),
+            Output("v_bar", "v", "N m s or N s", "inverse_dynamics_v_bar", _WEIGHTED),
+            Output("a_bar", "v", "kg m^2, kg or kg m", "inverse_dynamics_a_bar", _WEIGHTED),
+        ),
+        "Gradient of w^T inverse_dynamics(q, v, a) by q, v and a.",
+        "eqs. 4-6, differentiated",
+        _TANGENT,
+        on_request=True,
+    ),
+    Row(
+        "forward_dynamics_vjp",
+        ("q", "v", "u", "w"),
+        (
+            Output("q_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_q_bar", _WEIGHTED),
+            Output("v_bar", "v", "1/s", "forward_dynamics_v_bar", _WEIGHTED),
+            Output(
+                "u_bar",
+                "u",
+                "rad/s^2 or m/s^2, by N or N m",
+                "forward_dynamics_u_bar",
+                _WEIGHTED,
+            ),
+        ),
+        "Gradient of w^T forward_dynamics(q, v, u) by q, v and u.",
+        "eq. 19, solved for the free coordinates and differentiated",
+        _TANGENT,
+        on_request=True,
+    ),
+    Row(
+        "inverse_dynamics_hessian",
+        ("q", "v", "a", "w"),
+        (
+            _hessian("qq", "q", "q", "N m or N"),
+            _hessian("qv", "q", "v", "N m s or N s"),
+            _hessian("vv", "v", "v", "N m s^2 or N s^2"),
+            _hessian("qa", "q", "a", "kg m^2, kg or kg m"),
+        ),
+        "Second derivatives of w^T inverse_dynamics(q, v, a).",
+        "eqs. 4-6, differentiated twice",
+        "Those that are left out, by v and a and by a twice, are zero. " + _TANGENT + " qq and vv "
+        "are symmetric, with both triangles filled.",
+        on_request=True,
+    ),
+    Row(
+        "forward_dynamics_hessian",
+        ("q", "v", "u", "w"),
+        (
+            Output(
+                "hessian",
+                "xx",
+                "rad/s^2 or m/s^2, by two of rad or m, their rates, N and N m",
+                "forward_dynamics_hessian",
+                "[{unit}], with w without units; rows and columns by q, v and u",
+            ),
+        ),
+        "Second derivatives of w^T forward_dynamics(q, v, u) by (q, v, u).",
+        "eq. 19, solved for the free coordinates and differentiated twice",
+        _TANGENT + " The matrix is symmetric, with both triangles filled.",
+        on_request=True,
+    ),
+    Row(
+        "coriolis_matrix",
+        "qv",
+        (
+            Output(
+                "coriolis",
+                "vv",
+                "kg m^2/s, kg/s or kg m/s",
+                "coriolis_matrix",
+                "[kg m^2/s] between angles, [kg/s] between lengths, [kg m/s] between both",
+            ),
+        ),
+        "Matrix C whose product with v is the velocity terms of M a - R.",
+        "eqs. 4-6",
+        "C v = residual(q, 0) - residual(q, v), without dampers, and the rate of M less 2 C is "
+        "skew-symmetric. The same matrix as Pinocchio's computeCoriolisMatrix gives.",
+        on_request=True,
+    ),
+    Row(
+        "frame_poses_derivatives",
+        "q",
+        (
+            Output(
+                "poses",
+                "f44",
+                "1 or m",
+                "frame_poses",
+                "axes [1] and position [m], a block for each of {frames}",
+            ),
+            Output(
+                "poses_dq",
+                "f44v",
+                "1 or m",
+                "frame_poses_dq",
+                "[{unit}], by a displacement [rad] or [m] along each of VELOCITIES",
+            ),
+        ),
+        "Homogeneous transforms from the frames to the world, and their derivatives by q.",
+        "forward kinematics, differentiated",
+        _TANGENT,
+        on_request=True,
+    ),
+    Row(
+        "frame_velocities_derivatives",
+        "qv",
+        (
+            Output(
+                "velocities",
+                "f6",
+                "m/s or rad/s",
+                "frame_velocities",
+                "[m/s] in the first three, [rad/s] in the others, a row for each of {frames}",
+            ),
+            Output(
+                "velocities_dq",
+                "f6v",
+                "m/s or rad/s",
+                "frame_velocities_dq",
+                "[{unit}], by a displacement [rad] or [m] along each of VELOCITIES",
+            ),
+            Output(
+                "velocities_dv",
+                "f6v",
+                "m/rad, rad/m or 1",
+                "frame_velocities_dv",
+                "[{unit}], by each of VELOCITIES",
+            ),
+        ),
+        "Velocities of the frames, linear entries first, and their derivatives by q and v.",
+        "forward kinematics, differentiated",
+        _TANGENT + " Those by v are frame_jacobians.",
+        on_request=True,
+    ),
+    Row(
+        "integrate_derivatives",
+        "qv",
+        (
+            Output("coordinates_dq", "vv", "1, rad/m or m/rad", "integrated_dq"),
+            Output("coordinates_dv", "vv", "1, rad/m or m/rad", "integrated_dv"),
+        ),
+        "Derivatives of integrate(q, v) by q and v, in the tangent spaces at q and at the result.",
+        "sums, or the exponential map of SE(3) for a quaternion with its position",
+        "The same as Pinocchio's dIntegrate. A displacement d of q moves the result by "
+        "coordinates_dq d, one of v by coordinates_dv d.",
+        on_request=True,
+    ),
+)

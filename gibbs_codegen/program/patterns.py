@@ -1,0 +1,83 @@
+"""Patterns: which entries of the matrices that derivatives are can be other than zero."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.nodes import Number, Output
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """The entries of a matrix that are not zero at every state, column by column.
+
+    Blocks of an array of more than two axes are one below the other, as one matrix; `width` is the
+    number of its columns, `size` that of all its entries.
+    """
+
+    rows: tuple[int, ...]
+    columns: tuple[int, ...]
+    width: int
+    size: int
+
+
+def matrices(model: Model) -> dict[str, list[str]]:
+    """Which outputs of the functions that were asked for are matrices.
+
+    Args:
+        model: The derived robot.
+
+    Returns:
+        Names of the matrices of each function that has any.
+    """
+    found = {
+        signature.name: [
+            output.name
+            for output, shape in zip(
+                FUNCTIONS[signature.name].outputs, signature.shapes, strict=True
+            )
+            if len(shape) > 1
+        ]
+        for signature in model.signatures
+        if signature.name in model.derivatives
+    }
+    return {function: names for function, names in found.items() if names}
+
+
+def patterns(model: Model) -> dict[str, Pattern]:
+    """The patterns of all matrices that are derivatives, from the program's own zeros.
+
+    Args:
+        model: The derived robot.
+
+    Returns:
+        Patterns by the names of the outputs. Functions that share a name of one share the pattern,
+        which has the entries of all of them.
+    """
+    places: dict[str, set[tuple[int, int]]] = {}
+    shapes: dict[str, tuple[int, ...]] = {}
+    for function, names in matrices(model).items():
+        outputs = model.program.function(function).outputs
+        for described, output in zip(FUNCTIONS[function].outputs, outputs, strict=True):
+            if described.name in names:
+                places.setdefault(described.name, set()).update(_nonzeros(output))
+                shapes[described.name] = output.shape
+    return {
+        name: Pattern(
+            tuple(row for _, row in sorted(found)),
+            tuple(column for column, _ in sorted(found)),
+            shapes[name][-1],
+            math.prod(shapes[name]),
+        )
+        for name, found in places.items()
+    }
+
+
+def _nonzeros(output: Output) -> set[tuple[int, int]]:
+    """Column and row of each entry that is not zero at every state."""
+    width = output.shape[-1]
+    zero = Number(0.0)
+    return {(i % width, i // width) for i, e in enumerate(output.entries) if e != zero}

@@ -1,0 +1,120 @@
+"""Derivatives without their zeros in C: patterns, and functions that write the other entries.
+
+These functions call those that write whole matrices, and pick entries from them: what little time
+that takes is less than a second copy of very long functions would cost in the caches and in flash.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from dataclasses import dataclass
+
+from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.patterns import Pattern, matrices, patterns
+from gibbs_codegen.targets.c.arrays import local_arrays, read_arrays, written_arrays
+from gibbs_codegen.targets.c.statements import WIDTH, call
+from gibbs_codegen.targets.documentation import sparse_doxygen
+
+Lines = list[str]
+
+
+@dataclass(frozen=True)
+class PatternText:
+    """A pattern: the macro for its length, and its rows and columns as what stands in braces.
+
+    Without entries the arrays still have `room` for one, since C has none of no length.
+    """
+
+    name: str
+    macro: str
+    length: int
+    room: int
+    rows: Lines
+    columns: Lines
+
+
+@dataclass(frozen=True)
+class SparseText:
+    """What the C templates are given of a function that writes the entries of patterns."""
+
+    public_name: str
+    documentation: Lines
+    parameters: Lines
+    declared: Lines
+    body: Lines
+
+
+def pattern_texts(model: Model) -> list[PatternText]:
+    """The patterns of a module.
+
+    Args:
+        model: The derived robot.
+
+    Returns:
+        What the templates are given of each.
+    """
+    return [
+        PatternText(
+            name,
+            f"{model.robot.name}_{name}_nonzeros".upper(),
+            len(pattern.rows),
+            max(len(pattern.rows), 1),
+            _integers(pattern.rows or (0,)),
+            _integers(pattern.columns or (0,)),
+        )
+        for name, pattern in patterns(model).items()
+    ]
+
+
+def sparse_texts(model: Model) -> list[SparseText]:
+    """The functions of a module that write the entries of patterns.
+
+    Args:
+        model: The derived robot.
+
+    Returns:
+        What the templates are given of each.
+    """
+    found, with_matrices = patterns(model), matrices(model)
+    return [
+        _sparse_text(model, signature, {name: found[name] for name in names})
+        for signature in model.signatures
+        if (names := with_matrices.get(signature.name))
+    ]
+
+
+def _sparse_text(model: Model, signature: Signature, of_matrices: dict[str, Pattern]) -> SparseText:
+    """One function that writes the entries of patterns.
+
+    Args:
+        model: The derived robot.
+        signature: Of the function that writes whole matrices.
+        of_matrices: The patterns of its matrices, by their names.
+
+    Returns:
+        What the templates are given.
+    """
+    prefix = f"{model.robot.name}_"
+    outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
+    whole = {name: f"whole_{name}" for name in of_matrices}
+    body = [local_arrays([whole[name]], str(of_matrices[name].size or 1)) for name in whole]
+    written = [whole.get(name, name) for name in outputs]
+    body += call(prefix + signature.name, ["constants", *signature.arguments, *written])
+    for name, pattern in of_matrices.items():
+        at = f"{prefix}{name}_rows", f"{prefix}{name}_columns"
+        places = [str(len(pattern.rows)), *at, str(pattern.width)]
+        body += call("gather", [*places, whole[name], name])
+    inputs, real = signature.arguments, f"{prefix}real"
+    return SparseText(
+        public_name=f"{prefix}{signature.name}_sparse",
+        documentation=sparse_doxygen(signature, {n: len(p.rows) for n, p in of_matrices.items()}),
+        parameters=read_arrays(inputs) + written_arrays(outputs),
+        declared=read_arrays(inputs, real, "") + written_arrays(outputs, real, ""),
+        body=body,
+    )
+
+
+def _integers(numbers: tuple[int, ...]) -> Lines:
+    """Integers as they stand in braces."""
+    return textwrap.wrap(" ".join(f"{number}," for number in numbers), WIDTH - 4)

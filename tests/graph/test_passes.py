@@ -1,0 +1,87 @@
+"""What holds for every pass: values are what they were, and the same is made in every run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, MutableMapping, Sequence
+
+import pytest
+from support.random_graphs import random_function, values
+
+from gibbs_codegen.graph.factoring import factored
+from gibbs_codegen.graph.graph import Graph, Ref
+from gibbs_codegen.graph.optimise import operations, optimised
+from gibbs_codegen.graph.pair_sharing import shared
+
+Pass = Callable[[Graph, Sequence[Ref], MutableMapping[int, int]], list[Ref]]
+PASSES: list[Pass] = [factored, shared, optimised]
+
+
+@pytest.mark.parametrize("shorten", PASSES)
+@pytest.mark.parametrize("seed", range(40))
+def test_values_are_what_they_were(shorten: Pass, seed: int) -> None:
+    graph, outputs, inputs = random_function(seed)
+    before = values(graph, outputs, inputs)
+    after = values(graph, shorten(graph, outputs, {}), inputs)
+    # Sums cancel: what rounding leaves is measured by the largest that is added.
+    assert after == pytest.approx(before, rel=1e-12, abs=1e-12 * max(map(abs, before), default=1))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_functions_never_get_longer(seed: int) -> None:
+    graph, outputs, _ = random_function(seed)
+    before = operations(graph, outputs)
+    assert operations(graph, optimised(graph, outputs, {})) <= before
+    assert operations(graph, optimised(graph, outputs, {}, share_pairs=False)) <= before
+
+
+def test_functions_get_much_shorter_where_there_is_much_to_share() -> None:
+    before = after = 0
+    for seed in range(10):
+        graph, outputs, _ = random_function(seed)
+        before += operations(graph, outputs)
+        after += operations(graph, optimised(graph, outputs, {}))
+    assert after < 0.9 * before
+
+
+@pytest.mark.parametrize("shorten", PASSES)
+def test_the_same_is_made_in_every_run(shorten: Pass) -> None:
+    made = []
+    for _ in range(2):
+        graph, outputs, _ = random_function(seed=3)
+        made.append((shorten(graph, outputs, {}), graph.kinds, graph.operands, graph.labels))
+    assert made[0] == made[1]
+
+
+@pytest.mark.parametrize("shorten", PASSES)
+def test_what_is_short_stays_the_same(shorten: Pass) -> None:
+    graph = Graph()
+    x, y, z = (graph.input(name) for name in "xyz")
+    outputs = [graph.sum([graph.product(x, y), z]), graph.call("cos", graph.sum([x, z]))]
+    size = len(graph)
+    assert shorten(graph, outputs, {}) == outputs
+    assert len(graph) == size
+
+
+@pytest.mark.parametrize("shorten", PASSES)
+def test_what_parameters_alone_determine_is_left_as_it_is(shorten: Pass) -> None:
+    graph = Graph()
+    a, b, c, d = (graph.input(name, constant=True) for name in "abcd")
+    twice = graph.sum([graph.product(a, b), graph.product(a, c)])
+    outputs = [twice, graph.sum([twice, d]), graph.sum([graph.product(a, b), d])]
+    assert shorten(graph, outputs, {}) == outputs
+
+
+@pytest.mark.parametrize("shorten", [factored, shared])
+def test_what_replaces_a_sum_is_known_to(shorten: Pass) -> None:
+    graph = Graph()
+    x, y, z, w = (graph.input(name) for name in "xyzw")
+    if shorten is factored:
+        given = graph.sum([graph.product(x, y), graph.product(x, z)])
+    else:
+        given = graph.sum([x, y, z])
+    outputs = [graph.call("sin", given), graph.sum([x, y, w])]
+    origins: dict[int, int] = {}
+    sine, _ = shorten(graph, outputs, origins)
+    (argument,) = graph.operands[sine >> 1]
+    assert argument != given
+    assert (origins[argument >> 1], origins[sine >> 1]) == (given >> 1, outputs[0] >> 1)

@@ -1,0 +1,85 @@
+"""Signs are chosen so that few have to be changed."""
+
+from __future__ import annotations
+
+import pytest
+from support.random_graphs import random_function
+
+from gibbs_codegen.graph.graph import Graph, Kind, Ref, opposite
+from gibbs_codegen.graph.polarity import polarity, sign_changes
+
+
+def test_a_sum_that_is_only_needed_with_a_minus_sign_is_computed_with_it() -> None:
+    graph = Graph()
+    x, y = (graph.input(name) for name in "xy")
+    difference = graph.sum([x, opposite(y)])
+    assert polarity(graph, [opposite(difference)]) == {difference >> 1}
+    assert sign_changes(graph, [opposite(difference)]) == 0
+
+
+def test_what_all_signs_are_minus_in_costs_one_more() -> None:
+    graph = Graph()
+    x, y = (graph.input(name) for name in "xy")
+    total = opposite(graph.sum([x, y]))
+    assert sign_changes(graph, [total]) == 1
+    assert sign_changes(graph, [opposite(x)]) == 1
+    assert sign_changes(graph, [opposite(graph.product(x, y))]) == 1
+    assert sign_changes(graph, [graph.number(-2.0)]) == 0
+
+
+def test_products_and_odd_functions_pass_signs_on() -> None:
+    """−z·sin(x − y)/(x − w) takes no change of sign."""
+    graph = Graph()
+    x, y, z, w = (graph.input(name) for name in "xyzw")
+    first, second = graph.sum([x, opposite(y)]), graph.sum([x, opposite(w)])
+    quotient = graph.product(graph.call("sin", first), graph.reciprocal(second))
+    output = opposite(graph.product(z, quotient))
+    assert sign_changes(graph, [output]) == 0
+    assert output >> 1 in polarity(graph, [output])
+
+
+def test_a_square_has_no_sign_and_a_root_needs_its_own() -> None:
+    graph = Graph()
+    x, y = (graph.input(name) for name in "xy")
+    difference = graph.sum([x, opposite(y)])
+    square = opposite(graph.product(difference, difference))
+    assert sign_changes(graph, [square]) == 1
+    root = graph.call("sqrt", difference)
+    assert polarity(graph, [root, difference]) == set()
+    assert sign_changes(graph, [graph.call("sqrt", opposite(graph.product(x, y)))]) == 1
+
+
+def test_a_sum_needed_with_both_signs_costs_one() -> None:
+    graph = Graph()
+    x, y = (graph.input(name) for name in "xy")
+    difference = graph.sum([x, opposite(y)])
+    assert sign_changes(graph, [difference, opposite(difference)]) == 1
+
+
+def changes(graph: Graph, outputs: list[Ref], negated: set[int]) -> int:
+    """Sign changes with given signs, counted from what they mean."""
+
+    def minus(ref: Ref) -> bool:
+        return bool(ref & 1) != (ref >> 1 in negated)
+
+    count = 0
+    for node in graph.reached_varying(outputs):
+        operands, kind = graph.operands[node], graph.kinds[node]
+        if kind is Kind.SUM:
+            count += all(minus(ref) != (node in negated) for ref in operands)
+        elif graph.labels[node] == "sqrt":
+            count += minus(operands[0])
+        elif graph.labels[node] != "cos" and operands:
+            assert (node in negated) == (sum(minus(ref) for ref in operands) % 2 == 1)
+    return count + sum(minus(ref) for ref in set(outputs) if graph.value(ref) is None)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_changes_are_those_that_the_signs_bring(seed: int) -> None:
+    graph, outputs, _ = random_function(seed)
+    negated = polarity(graph, outputs)
+    constant = [node for node in negated if graph.constant[node]]
+    assert not constant
+    found = sign_changes(graph, outputs)
+    assert found == changes(graph, outputs, negated)
+    assert found <= changes(graph, outputs, set())
