@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from types import ModuleType
-
 import numpy as np
 import pytest
 from support.comparison import assert_close, states
@@ -23,13 +21,12 @@ ARGUMENTS = {
     "inverse_dynamics_derivatives": "qva",
     "forward_dynamics_derivatives": "qvu",
     "coriolis_matrix": "qv",
-    "integrate_derivatives": "qv",
 }
 
 
-def compare_derivatives(robot: Robot, module: ModuleType, count: int = 2) -> None:
+def compare_derivatives(robot: Robot, count: int = 2) -> None:
     """Functions of ARGUMENTS, evaluated as a batch, against the oracle state by state."""
-    oracle = DerivativeOracle(robot)
+    oracle, module = DerivativeOracle(robot), module_with_derivatives(robot, *ARGUMENTS)
     at = dict(zip("qvau", states(robot, module, count), strict=True))
     for name, letters in ARGUMENTS.items():
         ours = getattr(module, name)(*(at[letter] for letter in letters))
@@ -49,8 +46,7 @@ def _compare_outputs(name: str, ours: tuple[Array, ...] | Array, theirs: tuple, 
 
 @pytest.mark.parametrize(("number", "attitude"), tree_cases())
 def test_random_trees(number: int, attitude: str) -> None:
-    robot = random_tree(number, attitude)
-    compare_derivatives(robot, module_with_derivatives(robot, *ARGUMENTS))
+    compare_derivatives(random_tree(number, attitude))
 
 
 @pytest.mark.parametrize(
@@ -62,5 +58,4 @@ def test_random_trees(number: int, attitude: str) -> None:
     ],
 )
 def test_robots_that_ship(name: str) -> None:
-    robot = read_robot(name)[0]
-    compare_derivatives(robot, module_with_derivatives(robot, *ARGUMENTS), count=20)
+    compare_derivatives(read_robot(name)[0], count=20)

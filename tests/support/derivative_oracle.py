@@ -77,9 +77,9 @@ class DerivativeOracle(Oracle):
         )
 
     def derivatives_by_forces(self, q: Array, v: Array, forces: Array) -> Derivatives:
-        """The same under generalised forces, of a robot whose joints have nothing that acts in them.
+        """The same under generalised forces, which stay as they are while q changes.
 
-        The forces stay as they are while q changes; the last derivative is by them.
+        The last derivative is by the forces. What acts in joints is left out.
         """
         state = self.configuration(q), self.spread(v), self.spread(forces)
         pin.computeABADerivatives(self.model, self.data, *state)

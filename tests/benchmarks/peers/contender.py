@@ -2,9 +2,9 @@
 
 `function(q, v, tau, first, second)` takes five pointers to doubles. For the mass matrix and
 residual it leaves the matrix in `first` and the residual, or minus it, in `second`; for forward
-dynamics the accelerations in `first`; for derivatives all arrays in `first`, one after the other. A contender of
-width 8 takes eight states a call, each entry eight times in a row, from memory that starts at a
-multiple of 64 bytes.
+dynamics the accelerations in `first`; for derivatives a vector and three matrices in `first`, one
+after the other. A contender of width 8 takes eight states a call, each entry eight times in a row,
+from memory that starts at a multiple of 64 bytes.
 """
 
 from __future__ import annotations

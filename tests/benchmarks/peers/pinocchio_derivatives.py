@@ -1,4 +1,4 @@
-"""Pinocchio's derivatives in C++ as contenders, on a free-flyer and in the project's coordinates."""
+"""Pinocchio's derivatives in C++ as contenders, on a free-flyer and in our coordinates."""
 
 from __future__ import annotations
 

@@ -30,8 +30,10 @@ def headers() -> list[str]:
 
 
 def ways(tree: Tree) -> list[tuple[str, bool, Any]]:
-    """A free-flyer, and other coordinates if the robot's are others: what it is called, whether it
-    is the free-flyer, and the layout."""
+    """A free-flyer, and the robot's own coordinates if they are others.
+
+    Each is what it is called, whether it is the free-flyer, and the layout.
+    """
     found = [("Pinocchio, free-flyer", True, tree.layout if tree.quaternion else free_flyer)]
     if not tree.quaternion:
         found.append(("Pinocchio, our coordinates", False, tree.layout))
