@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import MutableMapping, Sequence
 
 from gibbs_codegen.graph.factoring import factored
@@ -23,14 +24,7 @@ def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
     Returns:
         All operations but the sine–cosine pairs and arctangents.
     """
-    count = sign_changes(graph, outputs)
-    for node in graph.reached_varying(outputs):
-        kind = graph.kinds[node]
-        if kind in (Kind.SUM, Kind.PRODUCT):
-            count += len(graph.operands[node]) - 1
-        elif kind is Kind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
-            count += 1
-    return count
+    return _without_signs(graph, outputs) + sign_changes(graph, outputs)
 
 
 def optimised(
@@ -51,16 +45,38 @@ def optimised(
     Returns:
         The same values, in the same order.
     """
-    best, least = list(outputs), operations(graph, outputs)
-    present = best
+    present = list(outputs)
+    found = [(_without_signs(graph, present), present)]
     passes = (factored, shared) if share_pairs else (factored,)
     for _ in range(_MOST_ROUNDS):
-        before = least
+        least = min(count for count, _ in found)
         for apply in passes:
             present = apply(graph, present, origins)
-            count = operations(graph, present)
-            if count < least:
-                best, least = present, count
-        if least == before:
+            found.append((_without_signs(graph, present), present))
+        if min(count for count, _ in found) == least:
             break
+    return _shortest(graph, found)
+
+
+def _without_signs(graph: Graph, outputs: Sequence[Ref]) -> int:
+    count = 0
+    for node in graph.reached_varying(outputs):
+        kind = graph.kinds[node]
+        if kind in (Kind.SUM, Kind.PRODUCT):
+            count += len(graph.operands[node]) - 1
+        elif kind is Kind.RECIPROCAL or graph.labels[node] in ("sqrt", "sign"):
+            count += 1
+    return count
+
+
+def _shortest(graph: Graph, found: list[tuple[int, list[Ref]]]) -> list[Ref]:
+    """Of functions with their operations without signs, the first of the shortest with signs."""
+    best: list[Ref] = []
+    least = sys.maxsize
+    for count, outputs in sorted(found, key=lambda f: f[0]):
+        if count >= least:  # Signs, which take long to choose, can only add to this.
+            break
+        total = count + sign_changes(graph, outputs)
+        if total < least:
+            best, least = outputs, total
     return best

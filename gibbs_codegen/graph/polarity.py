@@ -1,15 +1,13 @@
 """Signs: which values a function computes with the opposite sign, so that few signs are changed.
 
-    s = x + y
-    out = [−s, w − s]
+    s = x − y
+    out = [−s, z − s]
 
-is best computed as s' = −x − y only where x or y is at hand as −x or −y. A sum costs an operation
-more where all its terms come with a minus sign. A product, a reciprocal or an odd function has its
-sign from its operands, at no cost. A square root and an output need their operand with its own
-sign, and inputs and constants are given with theirs. So only sums have a choice: a bit each. A
-choice costs an operation for each *condition* that it breaks: in a list of signs, that of a sum's
-terms or that of an output alone, there must be a plus. Bits are changed one after another as long
-as that breaks less.
+takes no change of sign if s is computed as y − x. A sum costs an operation more where all its terms
+come with a minus sign; so does an output that comes with the wrong one. A product, a reciprocal or
+an odd function has its sign from its operands, at no cost; a square root needs its operand with its
+own sign; inputs and constants are given with theirs. So sums have a choice, and sines and cosines,
+whose sign may be worth changing once and for all.
 """
 
 from __future__ import annotations
@@ -17,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gibbs_codegen.graph.graph import EVEN, Graph, Kind, Ref
+from gibbs_codegen.graph.sign_search import Conditions
 
 
 def polarity(graph: Graph, outputs: Sequence[Ref]) -> set[int]:
@@ -27,9 +26,15 @@ def polarity(graph: Graph, outputs: Sequence[Ref]) -> set[int]:
         outputs: What the function returns.
 
     Returns:
-        Nodes that are computed with the opposite sign: sums, and what has its sign from them.
+        Nodes that are computed with the opposite sign, what has its sign from others included.
     """
-    return _Signs(graph, outputs).negated()
+    signs = _Signs(graph, outputs)
+    changed = signs.conditions.changed
+    return {
+        node
+        for node, choices in signs.choices.items()
+        if sum([choice in changed for choice in choices]) % 2 == 1
+    }
 
 
 def sign_changes(graph: Graph, outputs: Sequence[Ref]) -> int:
@@ -42,103 +47,48 @@ def sign_changes(graph: Graph, outputs: Sequence[Ref]) -> int:
     Returns:
         Their number.
     """
-    return _Signs(graph, outputs).broken()
+    return len(_Signs(graph, outputs).conditions.broken())
 
 
 class _Signs:
-    """Conditions, each a list of signs, 1 for minus, and how many of them are minus."""
+    """The signs of a function. A choice has the number of the node whose sign it is."""
 
     def __init__(self, graph: Graph, outputs: Sequence[Ref]) -> None:
         self._graph = graph
-        # Sums of which the sign of a node is the product, where there are any.
-        self._bits: dict[int, tuple[int, ...]] = {}
-        self._conditions: list[list[int]] = []
-        self._minus: list[int] = []
-        # Of each sum, the conditions that its sign is found in, and the places in each.
-        self._places: dict[int, list[tuple[int, list[int]]]] = {}
+        self.conditions = Conditions()
+        # What the sign of a node depends on, where it depends on anything.
+        self.choices: dict[int, tuple[int, ...]] = {}
         for node in graph.reached_varying(outputs):
-            self._read(node)
+            if graph.operands[node]:
+                self._read(node)
         for output in dict.fromkeys(outputs):
             if graph.value(output) is None:
-                self._require((output,))
-        self._changed: set[int] = set()
-        self._search()
-
-    def negated(self) -> set[int]:
-        """Nodes that are computed with the opposite sign."""
-        changed = self._changed
-        return {
-            node
-            for node, bits in self._bits.items()
-            if sum([bit in changed for bit in bits]) % 2 == 1
-        }
-
-    def broken(self) -> int:
-        """Number of conditions in which every sign is minus."""
-        return sum(map(self._is_broken, range(len(self._conditions))))
-
-    def _is_broken(self, condition: int) -> bool:
-        return self._minus[condition] == len(self._conditions[condition])
+                self._require([output])
+        self.conditions.search()
 
     def _read(self, node: int) -> None:
-        graph, bits = self._graph, self._bits
-        kind, operands = graph.kinds[node], graph.operands[node]
-        if kind is Kind.SUM:
-            bits[node] = (node,)
-            self._places[node] = []
-            self._require(operands, node)
-        elif kind is Kind.PRODUCT:
-            first, second = (bits.get(ref >> 1, ()) for ref in operands)
-            # A sum that is found in both has no say.
-            product = first + second
-            if first and second:
-                product = tuple([bit for bit in product if (bit in first) != (bit in second)])
-            if product:
-                bits[node] = product
-        elif kind is Kind.CALL and graph.labels[node] == "sqrt":
+        """Find what the sign of a node depends on, and what the node requires."""
+        graph, choices = self._graph, self.choices
+        kind, operands, label = graph.kinds[node], graph.operands[node], graph.labels[node]
+        if kind is Kind.PRODUCT:
+            first, second = (choices.get(ref >> 1, ()) for ref in operands)
+            # What changes both factors changes nothing.
+            both = set(first).intersection(second)
+            found = tuple([choice for choice in first + second if choice not in both])
+        elif kind is Kind.SUM or label in ("sin", "cos"):
+            found = (node,)
+            self._require([graph.one] if label in EVEN else operands, found)
+        elif label == "sqrt":
+            found = ()
             self._require(operands)
-        elif operands and graph.labels[node] not in EVEN and operands[0] >> 1 in bits:
-            bits[node] = bits[operands[0] >> 1]
+        else:
+            found = choices.get(operands[0] >> 1, ())
+        if found:
+            choices[node] = found
 
-    def _require(self, refs: Sequence[Ref], chosen: int | None = None) -> None:
-        """One of these values, or with a choice one of their opposites, has to have a plus."""
-        number = len(self._conditions)
-        places: dict[int, list[int]] = {}
-        for i, ref in enumerate(refs):
-            for bit in self._bits.get(ref >> 1, ()):
-                places.setdefault(bit, []).append(i)
-        if chosen is not None:
-            places[chosen] = list(range(len(refs)))
-        for bit, where in places.items():
-            self._places[bit].append((number, where))
-        signs = [ref & 1 for ref in refs]
-        self._conditions.append(signs)
-        self._minus.append(sum(signs))
-
-    def _search(self) -> None:
-        """Change signs, those of the youngest sums first, until no single change helps."""
-        bits = sorted(self._places, reverse=True)
-        helped = True
-        while helped:
-            helped = False
-            for bit in bits:
-                if self._gain(bit) > 0:
-                    self._change(bit)
-                    helped = True
-
-    def _gain(self, bit: int) -> int:
-        """How many conditions fewer are broken where the sign of a sum is changed."""
-        gain = 0
-        for condition, places in self._places[bit]:
-            signs, minus = self._conditions[condition], self._minus[condition]
-            after = minus + len(places) - 2 * sum([signs[i] for i in places])
-            gain += (minus == len(signs)) - (after == len(signs))
-        return gain
-
-    def _change(self, bit: int) -> None:
-        self._changed ^= {bit}
-        for condition, places in self._places[bit]:
-            signs = self._conditions[condition]
-            for i in places:
-                signs[i] ^= 1
-            self._minus[condition] = sum(signs)
+    def _require(self, refs: Sequence[Ref], own: tuple[int, ...] = ()) -> None:
+        """One of some values must come with a plus, all of them changed by a choice of its own."""
+        choices = self.choices
+        self.conditions.add(
+            [ref & 1 for ref in refs], [own + choices.get(ref >> 1, ()) for ref in refs]
+        )

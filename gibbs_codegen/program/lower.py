@@ -14,13 +14,18 @@ function takes from the graph of the tape the nodes that its outputs need, in th
 from __future__ import annotations
 
 from collections import ChainMap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 
 import sympy as sp
 
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
+from gibbs_codegen.graph.optimise import operations as graph_operations
+from gibbs_codegen.graph.optimise import optimised
+from gibbs_codegen.graph.order import in_order
+from gibbs_codegen.graph.polarity import polarity
 from gibbs_codegen.program.inlining import inline_single_uses, substituted
 from gibbs_codegen.program.nodes import (
     Call,
@@ -35,7 +40,6 @@ from gibbs_codegen.program.nodes import (
     Statement,
     Sum,
 )
-from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.symbolic.tape import WORDS_OF_CONSTANTS, Tape
 
 
@@ -105,7 +109,7 @@ def lower(
 
 
 def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
-    """Operations that a function with certain entries takes.
+    """Operations that a function with certain entries takes, before it is shortened.
 
     Args:
         tape: The tape, or its graph.
@@ -114,10 +118,8 @@ def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
     Returns:
         All operations but the sine–cosine pairs.
     """
-    piece = Slice("", (), (((len(entries),), tuple(entries)),))
-    draft = _Lowering(_graph_of(tape)).draft(piece)
-    nodes = (*(s.value for s in draft.statements), *dict.fromkeys(draft.outputs[0].entries))
-    return count_operations(nodes).total
+    imported = _graph_of(tape)
+    return graph_operations(imported.graph, [imported.ref(entry) for entry in entries])
 
 
 def _graph_of(tape: Tape | ImportedTape) -> ImportedTape:
@@ -146,21 +148,21 @@ class _Lowering:
     def draft(self, piece: Slice) -> _Draft:
         """Lower one slice, with what is used once written where it is used."""
         graph = self.graph
-        refs = [[self._ref(entry) for entry in entries] for _, entries in piece.outputs]
-        roots = [ref for entries in refs for ref in entries]
-        order = graph.reached_varying(roots)
-        negated = local_signs(graph, order)
-        computed = [node for node in order if graph.operands[node]]
-        words = self._words_of(computed, piece.groups)
+        origins: dict[int, int] = {}
+        given = [self._ref(entry) for _, entries in piece.outputs for entry in entries]
+        refs = optimised(graph, given, origins)
+        negated = polarity(graph, refs)
+        computed = [node for node in in_order(graph, refs, origins) if graph.operands[node]]
+        words = self._words_of(computed, piece.groups, origins)
         statements = [
             Statement(self.name(node), self.value(node, negated), words[node]) for node in computed
         ]
+        terms = iter([self._term(ref, negated) for ref in refs])
         outputs = [
-            Output(shape, tuple(self._term(ref, negated) for ref in entries))
-            for (shape, _), entries in zip(piece.outputs, refs, strict=True)
+            Output(shape, tuple(islice(terms, len(entries)))) for shape, entries in piece.outputs
         ]
         read = [ref >> 1 for node in computed for ref in graph.operands[node]]
-        read.extend(ref >> 1 for ref in roots)
+        read.extend(ref >> 1 for ref in refs)
         constants = {n for n in read if graph.constant[n] and graph.kinds[n] is not Kind.NUMBER}
         return _Draft(piece, constants, inline_single_uses(statements, outputs), outputs)
 
@@ -174,7 +176,7 @@ class _Lowering:
         Returns:
             The statements.
         """
-        words = self._words_of(nodes, {})
+        words = self._words_of(nodes, {}, {})
         statements = [
             Statement(
                 self.name(node),
@@ -194,18 +196,21 @@ class _Lowering:
     def _ref(self, entry: sp.Expr | Ref) -> Ref:
         return entry if isinstance(entry, int) else self._imported.ref(entry)
 
-    def _words_of(self, nodes: Sequence[int], groups: Mapping[sp.Symbol, str]) -> dict[int, str]:
+    def _words_of(
+        self, nodes: Sequence[int], groups: Mapping[sp.Symbol, str], origins: Mapping[int, int]
+    ) -> dict[int, str]:
         """Words of the group of each node; what has none belongs to its first user's group."""
         said = ChainMap(self._imported.words(groups), self.words)
         inherited: dict[int, str] = {}
         for node in reversed(nodes):
-            own = said.get(node) or self._imported.said(node) or inherited.get(node, "")
+            origin = origins.get(node, node)
+            own = said.get(origin) or self._imported.said(origin) or inherited.get(node, "")
             inherited[node] = own
             for ref in self.graph.operands[node]:
                 inherited[ref >> 1] = own
         return {node: inherited[node] for node in nodes}
 
-    def value(self, node: int, negated: Iterable[int]) -> Node:
+    def value(self, node: int, negated: Collection[int]) -> Node:
         """The right-hand side of a node."""
         graph, kind = self.graph, self.graph.kinds[node]
         signed = [self._signed(ref, negated) for ref in graph.operands[node]]
@@ -234,10 +239,10 @@ class _Lowering:
             case unknown:
                 raise ValueError(f"no program has a function {unknown!r}")
 
-    def _term(self, ref: Ref, negated: Iterable[int]) -> Node:
+    def _term(self, ref: Ref, negated: Collection[int]) -> Node:
         return _with_sign(*self._signed(ref, negated))
 
-    def _signed(self, ref: Ref, negated: Iterable[int]) -> tuple[int, Node]:
+    def _signed(self, ref: Ref, negated: Collection[int]) -> tuple[int, Node]:
         """The sign of a value against what is computed for its node, and that."""
         node, graph = ref >> 1, self.graph
         value = graph.value(ref)
@@ -246,7 +251,7 @@ class _Lowering:
         flipped = (ref & 1) ^ self._is_negated(node, negated)
         return (-1 if flipped else 1), Name(self.name(node))
 
-    def _is_negated(self, node: int, negated: Iterable[int]) -> bool:
+    def _is_negated(self, node: int, negated: Collection[int]) -> bool:
         if not self.graph.constant[node]:
             return node in negated
         if node not in self._constants_negated:
@@ -266,11 +271,6 @@ def _is_mostly_negative(graph: Graph, node: int) -> bool:
         return False
     refs = graph.operands[node]
     return 2 * sum(ref & 1 for ref in refs) > len(refs)
-
-
-def local_signs(graph: Graph, nodes: Iterable[int]) -> frozenset[int]:
-    """Placeholder."""
-    return frozenset(node for node in nodes if _is_mostly_negative(graph, node))
 
 
 def _renamed(

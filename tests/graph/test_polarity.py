@@ -56,6 +56,25 @@ def test_a_sum_needed_with_both_signs_costs_one() -> None:
     assert sign_changes(graph, [difference, opposite(difference)]) == 1
 
 
+def test_the_sign_of_a_cosine_may_be_changed_for_all_that_use_it() -> None:
+    """Three outputs −y·cos x, −z·cos x and −w·cos x take one change of sign."""
+    graph = Graph()
+    cosine = graph.call("cos", graph.input("x"))
+    outputs = [opposite(graph.product(cosine, graph.input(name))) for name in "yzw"]
+    assert sign_changes(graph, outputs) == 1
+    assert polarity(graph, outputs) == {cosine >> 1, *(output >> 1 for output in outputs)}
+
+
+def test_what_a_change_breaks_is_mended_by_the_next() -> None:
+    """−(s + t) with s = x − y and t = z + w: neither −s − t nor y − x alone helps, but both do."""
+    graph = Graph()
+    x, y, z, w = (graph.input(name) for name in "xyzw")
+    s, t = graph.sum([x, opposite(y)]), graph.sum([z, w])
+    total = graph.sum([s, t])
+    assert sign_changes(graph, [opposite(total), t]) == 0
+    assert polarity(graph, [opposite(total), t]) == {total >> 1, s >> 1}
+
+
 def changes(graph: Graph, outputs: list[Ref], negated: set[int]) -> int:
     """Sign changes with given signs, counted from what they mean."""
 
@@ -69,7 +88,10 @@ def changes(graph: Graph, outputs: list[Ref], negated: set[int]) -> int:
             count += all(minus(ref) != (node in negated) for ref in operands)
         elif graph.labels[node] == "sqrt":
             count += minus(operands[0])
-        elif graph.labels[node] != "cos" and operands:
+        elif graph.labels[node] in ("sin", "cos"):
+            odd = graph.labels[node] == "sin" and minus(operands[0])
+            count += (node in negated) != odd
+        elif operands:
             assert (node in negated) == (sum(minus(ref) for ref in operands) % 2 == 1)
     return count + sum(minus(ref) for ref in set(outputs) if graph.value(ref) is None)
 

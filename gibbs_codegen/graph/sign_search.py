@@ -1,0 +1,141 @@
+"""The search for signs: choices, each of which changes signs in some conditions.
+
+A condition is a list of signs of which one at least must be plus; it is broken where all are
+minus. Breaking one costs an operation. To find the best of 2ⁿ choices takes too long, so one choice
+after another is changed as long as less is broken. Then every condition that is still broken is
+mended by changing a choice that it depends on; where this breaks others, these are mended next.
+A few dozen such steps are tried, and taken back where they do not help in the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+# How often all that is broken is gone through, how many conditions are visited from one, and how
+# many choices are changed before they are taken back. More of each has saved nothing.
+_ROUNDS, _VISITED, _STEPS = 3, 100, 20
+
+
+class Conditions:
+    """Conditions, and the choices that their signs depend on. Choices are numbers."""
+
+    def __init__(self) -> None:
+        # Signs are 1 for minus.
+        self._signs: list[list[int]] = []
+        self._plus: list[int] = []
+        self._choices: list[list[int]] = []
+        # Of each choice, the conditions that depend on it, and the places of signs there.
+        self._places: dict[int, list[tuple[int, list[int]]]] = {}
+        self.changed: set[int] = set()
+
+    def add(self, signs: Sequence[int], choices: Iterable[Iterable[int]]) -> None:
+        """Add a condition.
+
+        Args:
+            signs: Signs as they are if nothing is changed, 1 for minus.
+            choices: Of each sign, what changes it; each choice once.
+        """
+        places: dict[int, list[int]] = {}
+        for i, found in enumerate(choices):
+            for choice in found:
+                places.setdefault(choice, []).append(i)
+        for choice, where in places.items():
+            self._places.setdefault(choice, []).append((len(self._signs), where))
+        self._choices.append(list(places))
+        self._signs.append(list(signs))
+        self._plus.append(len(signs) - sum(signs))
+
+    def broken(self) -> list[int]:
+        """Find the conditions of which every sign is minus.
+
+        Returns:
+            Their numbers.
+        """
+        return [condition for condition, plus in enumerate(self._plus) if plus == 0]
+
+    def search(self) -> None:
+        """Change choices, the greatest numbers first, until no way is found to break less."""
+        for choice in sorted(self._places, reverse=True):
+            if self._gain(choice) > 0:
+                self._change(choice)
+        for _ in range(_ROUNDS):
+            helped = False
+            for mend in (self._pass_on, self._mend_greedily):
+                for condition in self.broken():
+                    if self._is_broken(condition):
+                        helped |= mend(condition, {condition})
+            if not helped:
+                return
+
+    def _is_broken(self, condition: int) -> bool:
+        return self._plus[condition] == 0
+
+    def _broken_near(self, choice: int) -> list[int]:
+        return [condition for condition, _ in self._places[choice] if self._is_broken(condition)]
+
+    def _gain(self, choice: int) -> int:
+        """How many conditions fewer are broken where a choice is changed."""
+        gain = 0
+        for condition, places in self._places[choice]:
+            plus = self._plus[condition]
+            if plus <= len(places):  # Or else it is not broken, and will not be.
+                signs = self._signs[condition]
+                after = plus - len(places) + 2 * sum([signs[i] for i in places])
+                gain += (plus == 0) - (after == 0)
+        return gain
+
+    def _change(self, choice: int) -> None:
+        self.changed ^= {choice}
+        for condition, places in self._places[choice]:
+            signs = self._signs[condition]
+            for i in places:
+                signs[i] ^= 1
+            self._plus[condition] = signs.count(0)
+
+    def _pass_on(self, condition: int, visited: set[int]) -> bool:
+        """Mend a condition though that breaks another, which is mended in the same way."""
+        for choice in self._choices[condition]:
+            before = self._broken_near(choice)
+            self._change(choice)
+            after = self._broken_near(choice)
+            if len(after) < len(before):
+                return True
+            broken = [other for other in after if other not in before]
+            if len(after) == len(before) and len(broken) == 1 and len(visited) < _VISITED:
+                (other,) = broken
+                if other not in visited:
+                    visited.add(other)
+                    if self._pass_on(other, visited):
+                        return True
+            self._change(choice)
+        return False
+
+    def _mend_greedily(self, condition: int, _: set[int]) -> bool:
+        """Mend a condition though that breaks others, and then as many of those as can be."""
+        return any(self._chain(choice) for choice in self._choices[condition])
+
+    def _chain(self, choice: int) -> bool:
+        """Change a choice, then those that mend most of what it broke; keep what helped most."""
+        changed: list[int] = []
+        gain = best = kept = 0
+        broken: dict[int, None] = {}
+        for _ in range(_STEPS):
+            gain += self._gain(choice)
+            self._change(choice)
+            changed.append(choice)
+            if gain > best:
+                best, kept = gain, len(changed)
+            for condition, _places in self._places[choice]:
+                if self._is_broken(condition):
+                    broken[condition] = None
+                else:
+                    broken.pop(condition, None)
+            near = dict.fromkeys(
+                c for other in broken for c in self._choices[other] if c not in changed
+            )
+            if not near:
+                break
+            choice = max(near, key=self._gain)
+        for choice in changed[kept:]:
+            self._change(choice)
+        return kept > 0
