@@ -30,7 +30,8 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
 from c_times import Times, draw, in_rounds, machine, print_tables  # noqa: E402
 from family import benchmark_robot  # noqa: E402
-from our_derivatives import NAMES, compile_seconds, operations, our_derivatives  # noqa: E402
+from operation_counts import derivative_counts  # noqa: E402
+from our_derivatives import NAMES, compile_seconds, our_derivatives  # noqa: E402
 from peers.casadi_derivatives import casadi_derivatives  # noqa: E402
 from peers.derivatives import DERIVATIVE_TASKS  # noqa: E402
 from peers.peers import CHECKED_STATES, STATES, agreement, random_states  # noqa: E402
@@ -62,7 +63,7 @@ def print_sizes(robots: dict[str, Robot], folder: Path, console: Console) -> Non
     for column in ("robot", *DERIVATIVE_TASKS, "gcc, s"):
         table.add_column(column, justify="right")
     for name, robot in robots.items():
-        counted = operations(robot, *NAMES.values())
+        counted = derivative_counts(robot, *NAMES.values())
         totals = [str(counted[called].total) for called in NAMES.values()]
         table.add_row(name, *totals, f"{compile_seconds(robot, folder):.1f}")
     console.print(table)

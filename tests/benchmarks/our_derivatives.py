@@ -1,4 +1,4 @@
-"""The project's own derivatives in C as contenders; their operations, and gcc's time for them."""
+"""The project's own derivatives in C as contenders, and the time that gcc takes for them."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from peers.contender import LANES, Array, Contender, Results, States
 from peers.derivatives import FORWARD, INVERSE, DerivativeContender, by_oracle
 
 from gibbs_codegen.derivation.derive import derive
-from gibbs_codegen.interface import FUNCTIONS
-from gibbs_codegen.program.operations import Operations, count_operations
 from gibbs_codegen.robot.model import Robot
 
 NAMES = {INVERSE: "inverse_dynamics_derivatives", FORWARD: "forward_dynamics_derivatives"}
@@ -74,16 +72,6 @@ def our_derivatives(robot: Robot, folder: Path) -> list[Contender]:
         for task in NAMES
         for name, width in ((ONE, 1), (BATCH, LANES))
     ]
-
-
-def operations(robot: Robot, *names: str) -> dict[str, Operations]:
-    """Operations of functions that are generated on request, or of all, one state."""
-    chosen = names or tuple(row.name for row in FUNCTIONS.values() if row.on_request)
-    program = derive(robot, derivatives=names or True).program
-    made = {one.name for one in program.functions}
-    return {
-        name: count_operations(program.function(name).nodes()) for name in chosen if name in made
-    }
 
 
 def compile_seconds(robot: Robot, folder: Path) -> float:
