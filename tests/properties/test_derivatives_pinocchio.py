@@ -8,7 +8,7 @@ from support.comparison import assert_close, states
 from support.derivative_oracle import Array, DerivativeOracle
 from support.emitted import module_with_derivatives
 from support.random_robots import random_tree
-from support.tree_cases import tree_cases
+from support.tree_cases import QUICK_TREES, tree_cases
 
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.file import read_robot
@@ -47,6 +47,21 @@ def _compare_outputs(name: str, ours: tuple[Array, ...] | Array, theirs: tuple, 
 @pytest.mark.parametrize(("number", "attitude"), tree_cases())
 def test_random_trees(number: int, attitude: str) -> None:
     compare_derivatives(random_tree(number, attitude))
+
+
+@pytest.mark.parametrize(("number", "attitude"), QUICK_TREES)
+def test_derivatives_of_integrate(number: int, attitude: str) -> None:
+    """For displacements of any size, also where series take over from sines."""
+    robot = random_tree(number, attitude)
+    module, oracle = (
+        module_with_derivatives(robot, "integrate_derivatives"),
+        DerivativeOracle(robot),
+    )
+    q, v, _, _ = (rows[0] for rows in states(robot, module, 1))
+    for size in (0.0, 1e-160, 1e-9, 1e-5, 1e-3, 0.1, 1.0, 3.0):
+        ours = [one[None] for one in module.integrate_derivatives(q, size * v)]
+        theirs = oracle.integrate_derivatives(q, size * v)
+        _compare_outputs("integrate_derivatives", tuple(ours), theirs, 0)
 
 
 @pytest.mark.parametrize(
