@@ -139,7 +139,7 @@ def draw(measured: dict[str, Times], file: str, tasks: Sequence[str] = TASKS) ->
             texts = [f"{h:.0f}" if h >= 100 else f"{h:.3g}" for h in heights]
             panel.bar_label(bars, texts, fontsize=7, rotation=90, padding=2)
         panel.set_yscale("log")
-        panel.set_xticks(range(len(measured)), list(measured))
+        panel.set_xticks(range(len(measured)), [name.replace(", ", "\n") for name in measured])
         panel.set_title(task)
         panel.grid(axis="y", which="major", alpha=0.4)
         panel.set_axisbelow(True)

@@ -33,7 +33,7 @@ def counts(robot: Robot) -> dict[str, Operations]:
 
 def derivative_counts(robot: Robot, *names: str) -> dict[str, Operations]:
     """Operations of functions that are generated on request: of these, or of all that there are."""
-    model = derive(robot, derivatives=names or True)
+    model = derive(robot, derivatives=names or "all")
     program = model.program
     return {name: count_operations(program.function(name).nodes()) for name in model.derivatives}
 

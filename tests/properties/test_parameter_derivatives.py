@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.comparison import assert_close, states
-from support.complex_step import Array, parameter_derivative
+from support.complex_kernels import Array, parameter_derivative
 from support.derivative_oracle import DerivativeOracle
 from support.emitted import module_with_derivatives
 from support.random_robots import random_tree

@@ -25,7 +25,7 @@ def emitted_module(robot: Robot, keep_zeros: bool = False) -> ModuleType:
 
 def module_with_derivatives(robot: Robot, *names: str) -> ModuleType:
     """The same with the derivatives of these names, or with all."""
-    return module_of(derive(robot, derivatives=names or True))
+    return module_of(derive(robot, derivatives=names or "all"))
 
 
 def module_of(model: Model) -> ModuleType:
