@@ -50,6 +50,8 @@ def _frame_velocities_dv(systems: Systems) -> Array:
 DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "inverse_dynamics_dq": lambda s: s.inverse_derivatives.force_dq,
     "inverse_dynamics_dv": lambda s: s.inverse_derivatives.force_dv,
+    # By the recursion whose derivatives these are, which need not be the shorter one.
+    "differentiated_dynamics": lambda s: s.forward_derivatives.acceleration,
     "forward_dynamics_dq": lambda s: s.forward_derivatives.acceleration_dq,
     "forward_dynamics_dv": lambda s: s.forward_derivatives.acceleration_dv,
     "forward_dynamics_du": lambda s: s.forward_derivatives.acceleration_du,

@@ -73,7 +73,7 @@ class Systems:
 
     @cached_property
     def forward_derivatives(self) -> ForwardDynamicsDerivatives:
-        """a of M a = R + B u with its derivatives by q, v and u, in one pass."""
+        """Accelerations of M a = R + B u with their derivatives by q, v and u, in one pass."""
         return forward_dynamics_derivatives(self.symbolic)
 
     @cached_property

@@ -10,7 +10,7 @@ from gibbs_codegen.interface.rows import Output, Row
 
 _FORCE = Output("force", "v", "N m or N", "inverse_dynamics", "{forces}")
 _ACCELERATION = Output(
-    "acceleration", "v", "rad/s^2 or m/s^2", "forward_dynamics", "{accelerations}"
+    "acceleration", "v", "rad/s^2 or m/s^2", "differentiated_dynamics", "{accelerations}"
 )
 _INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
 _BY_Q = ", by a displacement in rad or m along each of VELOCITIES"
