@@ -195,6 +195,14 @@ class GenericDerivatives:
         return matrix
 
     def _across(self, row: Sequence[Ref], turn: Sequence[Ref], k: int) -> list[Ref]:
-        """The two terms of row · (turn × e_k)."""
+        """The terms of row · (turn × e_k).
+
+        Args:
+            row, turn: Two vectors by their components.
+            k: Number of the axis.
+
+        Returns:
+            The two terms that are not zero.
+        """
         graph, i, j = self.imported.graph, (k + 1) % 3, (k + 2) % 3
         return [graph.product(row[i], turn[j]), graph.minus(graph.product(row[j], turn[i]))]
