@@ -51,7 +51,8 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
     rates, accelerations = (
         places.split(values)[0] for values in (state.rates, state.accelerations)
     )
-    of_base = root.derivatives(tape, rates, accelerations, state.gravity)
+    with tape.group("motion per unit of attitude and position"):
+        of_base = root.derivatives(tape, rates, accelerations, state.gravity)
     with tape.group("mass matrix of attitude and position"):
         mass_block = root.mass_block(tape, moving.composite)
     block_dq, block_dv = of_base.blocks(tape, moving.bodies[0], mass_block)
