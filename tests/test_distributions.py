@@ -26,8 +26,8 @@ SDIST = f"{STEM}.tar.gz"
 # All of a wheel but the modules, which are those of the layers.
 DATA = """
     py.typed
-    emitted/blocks.c emitted/column_major.c emitted/platform.c emitted/sine_cosine.c
-    emitted/sine_cosine_kernel.c emitted/support.c
+    emitted/blocks.c emitted/column_major.c emitted/gather.c emitted/platform.c
+    emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
     runtime/native/caller.c runtime/native/rk4.c runtime/native/rows.c
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml

@@ -67,6 +67,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for word in words:  # Before Python 3.13 argparse makes an empty list of such a value.
         if re.fullmatch(r"--[a-z-]+=--", word):
             parser.error(f"{word}: -- is not a value; write ./-- for a path of that name")
+    # Names are joined to the option, so that a word after it is no name.
+    words = ["--derivatives=" if word == "--derivatives" else word for word in words]
     options = parser.parse_args(words)
     try:
         code: int = options.command(options)

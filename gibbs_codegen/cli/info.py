@@ -20,6 +20,9 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
     )
     robot_argument.add_robot(info)
     info.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    robot_argument.add_derivatives(
+        info, "count the operations of {which}, too; of a module, those that it has are counted"
+    )
     info.set_defaults(command=_info)
 
 
@@ -29,8 +32,9 @@ def _info(options: argparse.Namespace) -> int:
     robot, _ = robot_argument.chosen_robot(options)
     from gibbs_codegen.derivation.derive import derive
 
+    derivatives = options.derivatives or robot_argument.derivatives_of(options.robot)
     with terminal.progress() as progress:
-        model = derive(robot, progress=progress)
+        model = derive(robot, progress=progress, derivatives=derivatives)
     from rich.console import Console
 
     from gibbs_codegen.cli.info_report import print_report, report

@@ -6,13 +6,12 @@ import argparse
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gibbs_codegen.errors import UsageError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from gibbs_codegen.program.model import Progress
     from gibbs_codegen.robot.model import Robot
 
@@ -60,9 +59,12 @@ def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
         nargs="?",
         const=True,
         default=False,
-        type=lambda names: names.split(","),
+        type=lambda names: names.split(",") if names else True,
         metavar="NAME,...",
-        help=meaning.format(which="the derivatives of that name, or without a name all of them"),
+        help=meaning.format(
+            which="the derivatives of those names, or without a name all but the Hessians, which "
+            "are long; the name all stands for every one"
+        ),
     )
 
 
@@ -164,6 +166,31 @@ def find_robot(word: str) -> tuple[Robot, str]:
         raise UsageError(told) from None
 
 
+def derivatives_of(word: str | None) -> tuple[str, ...]:
+    """The derivatives that a module has.
+
+    Args:
+        word: A word that names a robot, or None.
+
+    Returns:
+        Names of functions; none where the word names no module, as of `find_robot`.
+    """
+    import re
+
+    from gibbs_codegen.robot.file import shipped_robots
+    from gibbs_codegen.runtime.load import find_module
+
+    if word is None or word in shipped_robots() or os.path.isfile(word):
+        return ()
+    try:
+        source = find_module(Path(word)) / "numpy_module.py"
+        # It is read, not run: nothing else of a module is.
+        listed = re.search(r"^DERIVATIVES = \((.*?)^\)", source.read_text("utf-8"), re.M | re.S)
+    except (UsageError, OSError, UnicodeDecodeError):
+        return ()
+    return tuple(re.findall(r'"(\w+)"', listed[1])) if listed else ()
+
+
 @contextmanager
 def found_module(
     word: str, progress: AbstractContextManager[Progress]
@@ -180,8 +207,6 @@ def found_module(
     Yields:
         The folder of the module, and whether it is kept.
     """
-    from pathlib import Path
-
     if os.path.isdir(word) or os.path.isdir(os.path.join("generated", word)):
         from gibbs_codegen.runtime.load import find_module
 

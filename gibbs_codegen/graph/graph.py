@@ -165,7 +165,7 @@ class Graph:
         return ref if self.is_zero(ref) else ref ^ 1
 
     def sum(self, terms: Iterable[Ref]) -> Ref:
-        """A sum; like terms and numbers are put together, and constants first.
+        """A sum; like terms are put together, and so are constants.
 
         Args:
             terms: References, signs included.

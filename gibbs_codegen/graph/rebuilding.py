@@ -44,8 +44,9 @@ class Rebuilding(ABC):
             ref = self.sum(node) if graph.kinds[node] is Kind.SUM else self.remade(node)
             if ref != 2 * node:
                 new[node] = ref
-                for made in range(size, len(graph)):
-                    origins[made] = origins.get(node, node)
+                # The younger may be there already, made for another function.
+                for made in (*range(size, len(graph)), max(ref >> 1, node)):
+                    origins.setdefault(made, origins.get(node, node))
         return [self.new(output) for output in self.outputs]
 
     def new(self, ref: Ref) -> Ref:

@@ -1,19 +1,18 @@
 """The search for signs: choices, each of which changes signs in some conditions.
 
-A condition is a list of signs of which one at least must be plus; it is broken where all are
-minus. Breaking one costs an operation. To find the best of 2ⁿ choices takes too long, so one choice
-after another is changed as long as less is broken. Then every condition that is still broken is
-mended by changing a choice that it depends on; where this breaks others, these are mended next.
-A few dozen such steps are tried, and taken back where they do not help in the end.
+A condition is a list of signs of which one at least must be plus. It is broken where all are minus,
+and that costs an operation. To find the best of 2ⁿ choices takes too long. So one choice after
+another is changed as long as less is broken; then each condition that still is broken is mended,
+though that breaks others, which are mended next, and what did not help in the end is taken back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 
-# How often all that is broken is gone through, how many conditions are visited from one, and how
-# many choices are changed before they are taken back. More of each has saved nothing.
-_ROUNDS, _VISITED, _STEPS = 3, 100, 20
+# How often all that is broken is gone through; how many conditions are visited from one, or choices
+# changed, before that is taken back; and on how many conditions a choice may bear to mend others.
+_ROUNDS, _VISITED, _STEPS, _MOST_PLACES = 3, 100, 200, 50
 
 
 class Conditions:
@@ -114,28 +113,38 @@ class Conditions:
         """Mend a condition though that breaks others, and then as many of those as can be."""
         return any(self._chain(choice) for choice in self._choices[condition])
 
-    def _chain(self, choice: int) -> bool:
-        """Change a choice, then those that mend most of what it broke; keep what helped most."""
-        changed: list[int] = []
+    def _chain(self, choice: int | None) -> bool:
+        """Change a choice, then those that mend what was broken; keep the part that helps most."""
+        changed: dict[int, None] = {}
         gain = best = kept = 0
         broken: dict[int, None] = {}
-        for _ in range(_STEPS):
+        for steps_left in range(_STEPS, 0, -1):
+            if choice is None or gain < -steps_left:  # There is nothing to mend, or too much.
+                break
             gain += self._gain(choice)
             self._change(choice)
-            changed.append(choice)
+            changed[choice] = None
             if gain > best:
                 best, kept = gain, len(changed)
-            for condition, _places in self._places[choice]:
+            for condition, _ in self._places[choice]:
                 if self._is_broken(condition):
                     broken[condition] = None
                 else:
                     broken.pop(condition, None)
-            near = dict.fromkeys(
-                c for other in broken for c in self._choices[other] if c not in changed
-            )
-            if not near:
-                break
-            choice = max(near, key=self._gain)
-        for choice in changed[kept:]:
+            choice = self._best_near(broken, changed)
+        for choice in list(changed)[kept:]:
             self._change(choice)
         return kept > 0
+
+    def _best_near(self, broken: dict[int, None], changed: Container[int]) -> int | None:
+        """The choice that helps most in what was last broken, of those not changed before."""
+        while broken:
+            condition, _ = broken.popitem()
+            near = [
+                choice
+                for choice in self._choices[condition]
+                if choice not in changed and len(self._places[choice]) <= _MOST_PLACES
+            ]
+            if near:
+                return max(near, key=self._gain)
+        return None

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.numpy import target as numpy_target
@@ -107,7 +108,9 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     if set(targets) != set(TARGETS):
         command += "".join(f" --target {name}" for name in targets)
     if model.derivatives:
-        command += f" --derivatives={','.join(model.derivatives)}"
+        every = {row.name for row in FUNCTIONS.values() if row.on_request}
+        chosen = "" if every == {*model.derivatives} else f"={','.join(model.derivatives)}"
+        command += f" --derivatives{chosen}"
     return [
         f"{HEADER_START} {__version__}; do not edit.",
         f"Robot: {model.robot.name}",

@@ -83,3 +83,14 @@ def test_numbers_are_told_from_what_is_not_finite(library) -> None:
         assert call(c.finite_number, np.array([value], real)) == 1
     for value in (math.inf, -math.inf, math.nan, -math.nan):
         assert call(c.finite_number, np.array([value], real)) == 0
+
+
+def test_entries_are_gathered_from_rows_and_columns(library) -> None:
+    functions, real = library
+    matrix = np.arange(12, dtype=real).reshape(4, 3)
+    rows, columns = np.array([[0, 3, 1], [0, 0, 2]], dtype=np.intc)
+    entries = np.full(4, -1, dtype=real)
+    width, count = ctypes.c_int(3), ctypes.c_int(3)
+    pointers = [ctypes.c_void_p(x.ctypes.data) for x in (rows, columns, matrix, entries)]
+    functions.gathered(count, *pointers[:2], width, *pointers[2:])
+    assert entries.tolist() == [0, 9, 5, -1]

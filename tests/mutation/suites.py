@@ -29,16 +29,17 @@ DERIVATION = (
 COMBINE = ("derivation.hybrid", "derivation.held_links")
 EMISSION = (
     *_in("program", "nodes operations lower inlining trigonometry steps repeated_blocks loops"),
-    *_in("program", "live_ranges rows scratch"),
+    *_in("program", "live_ranges rows scratch patterns"),
     *_in("targets", "printers documentation registry verbatim"),
-    *_in("targets.c", "target function sections statements arrays"),
+    *_in("targets.c", "target function sections sparse statements arrays"),
     *_in("targets.numpy", "target statements"),
     "emitted.evaluation",
 )
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
     *("c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja"),
-    *("blocks.c", "column_major.c", "platform.c", "sine_cosine.c", "sine_cosine_kernel.c"),
+    *("blocks.c", "column_major.c", "gather.c", "platform.c"),
+    *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
 GROUPS = {
     "derivation": DERIVATION,
@@ -146,9 +147,12 @@ _QUICK = {
     "program.loops": _QUICK_LOOPS,
     "program.repeated_blocks": _QUICK_LOOPS,
     "program.scratch": _QUICK_LOOPS,
+    "program.patterns": ("tests/interface/test_on_request.py",),
+    "targets.c.sparse": ("tests/targets/test_sparse.py",),
     "c_casadi.c.jinja": _QUICK_CASADI,
     "blocks.c": _QUICK_BLOCKS,
     "column_major.c": ("tests/emitted/test_blocks.py", *_QUICK_CASADI),
+    "gather.c": _QUICK_BLOCKS,
     "platform.c": _QUICK_BLOCKS,
     "sine_cosine.c": _QUICK_SINE,
     "sine_cosine_kernel.c": _QUICK_SINE,
@@ -179,6 +183,8 @@ _REST = {
     "program.loops": _LOOPS,
     "program.repeated_blocks": _LOOPS,
     "program.scratch": _LOOPS,
+    "program.patterns": ("tests/targets/test_sparse.py",),
+    "targets.c.sparse": ("tests/targets/test_c_source.py",),
     "targets.printers": (_EMITTED, _SHIPPED, *_IN_C),
     "targets.verbatim": (_EMITTED, "tests/targets/test_c_source.py"),
     "targets.numpy.target": _IN_NUMPY,
@@ -195,6 +201,7 @@ _REST = {
     "column_major.c": ("tests/runtime/test_c_backend.py", "tests/targets/test_c_source.py"),
     "c_source.c.jinja": _IN_C,
     "blocks.c": _IN_C,
+    "gather.c": ("tests/targets/test_sparse.py",),
     "platform.c": _IN_C,
     "sine_cosine.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),
     "sine_cosine_kernel.c": (*_IN_C, "tests/emitted/test_sine_cosine.py"),

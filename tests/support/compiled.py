@@ -85,9 +85,11 @@ class Emitted:
         return module_signatures(self.module)
 
 
-def emit(robot: Robot, folder: Path, text: str = "") -> Emitted:
+def emit(
+    robot: Robot, folder: Path, text: str = "", derivatives: bool | Sequence[str] = False
+) -> Emitted:
     """Derive a robot, write its module to a new folder, and import it."""
-    model = derive(robot)
+    model = derive(robot, derivatives=derivatives)
     folder.mkdir()
     for name, content in render_module(model, text, TARGETS).items():
         (folder / name).write_text(content, encoding="utf-8")

@@ -18,11 +18,44 @@ import sympy as sp
 
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.unit_motions import Column, MovingBody
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import Matrix, Rotation, Vector, Wrench
 
 Values = Sequence[sp.Expr]
+
+
+class BaseDerivatives(Protocol):
+    """How forces depend on the coordinates and velocities of the base, in one state of motion.
+
+    By coordinates they are derivatives in the tangent space: by the displacements of
+    `Root.integrated`.
+    """
+
+    def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
+        """How the force on a joint depends on the base.
+
+        Args:
+            joint: Its column, about the origin, in the root's group frame.
+
+        Returns:
+            Derivatives by each displacement of the base, and by each of its velocities.
+        """
+        ...
+
+    def blocks(self, tape: Scalars, body: MovingBody, mass_block: Matrix) -> tuple[Matrix, Matrix]:
+        """How the forces on the base depend on the base.
+
+        Args:
+            body: The whole robot about the origin, in the root's group frame, its mass and its
+                inertia force without those of the root's own mass.
+            mass_block: The base's block of the mass matrix.
+
+        Returns:
+            Rows of the forces along the base's velocities, columns as of `row`.
+        """
+        ...
 
 
 class Root(Protocol):
@@ -112,6 +145,20 @@ class Root(Protocol):
 
         Returns:
             Rows and columns of the base's velocities.
+        """
+        ...
+
+    def derivatives(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> BaseDerivatives:
+        """How forces depend on the base's coordinates and velocities.
+
+        Args:
+            rates, accelerations: The base's velocities, and their rates.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            What makes the derivatives in this state of motion.
         """
         ...
 

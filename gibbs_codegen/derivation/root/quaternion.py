@@ -25,6 +25,7 @@ from gibbs_codegen.derivation.root.pose import (
     upward,
 )
 from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.root.quaternion_derivatives import QuaternionDerivatives
 from gibbs_codegen.robot.layout import QUATERNION, Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -157,6 +158,22 @@ class QuaternionRoot:
                 block[i][j] = wrench.moment[j]
                 block[i][3 + j] = block[3 + j][i] = wrench.force[j]
         return block
+
+    def derivatives(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> QuaternionDerivatives:
+        """How forces depend on the base's attitude and velocities.
+
+        Args:
+            rates: ω and the origin's velocity.
+            accelerations: Not used.
+            gravity: Gravity (m/s²).
+
+        Returns:
+            What makes the derivatives in this state of motion.
+        """
+        up = upward(tape, self.attitude, gravity)
+        return QuaternionDerivatives(_vector(rates[:3]), _vector(rates[3:]), up)
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector.

@@ -16,6 +16,8 @@ import sympy as sp
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.root.tait_bryan_derivatives import TaitBryanDerivatives
+from gibbs_codegen.derivation.unit_motions import UnitMotion
 from gibbs_codegen.robot.layout import Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
@@ -103,9 +105,24 @@ class TaitBryanRoot:
         Returns:
             The motion in the frame's own axes.
         """
+        return self._motion_after(tape, self._outer, rates, accelerations, gravity)
+
+    def _motion_after(
+        self, tape: Scalars, count: int, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> Motion:
+        """Motion of a frame that is turned by the first rotations.
+
+        Args:
+            count: How many of the three.
+            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            The motion in the frame's own axes.
+        """
         x, y, z = self.origin_acceleration(tape, rates, accelerations, gravity)
         omega, omega_dot, acceleration = ZERO, ZERO, (x, y, tape.let(z))
-        for i in range(self._outer):
+        for i in range(count):
             back, axis = self.rotations[i].inverse, self.axes[i]
             omega = back.vector(tape, omega)
             gain = scale(tape, rates[i], cross(tape, omega, axis_vector(axis)))
@@ -160,6 +177,29 @@ class TaitBryanRoot:
             if i < self._outer:
                 wrench = wrench.rotated(tape, self.rotations[i])
         return (*rows, *wrench.force)
+
+    def derivatives(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> TaitBryanDerivatives:
+        """How forces depend on the angles and their rates.
+
+        Args:
+            rates, accelerations: Those of θ₋₁, θ₀, θ₁, x, y, z.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            What makes the derivatives in this state of motion.
+        """
+        # Of the first two angles the frame between, and of the third the one between it and them.
+        frames = [
+            self._motion_after(tape, count, rates, accelerations, gravity) for count in (1, 1, 2)
+        ]
+        first, second, third = (
+            UnitMotion.turning(tape, axis, motion, ZERO)
+            for axis, motion in zip(self.axes, frames, strict=True)
+        )
+        inner = self.rotations[2 : self._outer]
+        return TaitBryanDerivatives(self.axes, self.rotations, inner, (first, second, third))
 
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector.

@@ -1,0 +1,56 @@
+"""The graph by hand: the same value is the same node, and signs, numbers and constants are free."""
+
+from __future__ import annotations
+
+from gibbs_codegen.graph.graph import Graph, Kind, node_of, opposite
+
+
+def test_the_same_operation_is_the_same_node() -> None:
+    graph = Graph()
+    x, y = graph.input("x"), graph.input("y")
+    assert graph.sum([x, y]) == graph.sum([y, x])
+    assert graph.product(x, y) == graph.product(y, x)
+    difference = graph.sum([x, opposite(y)])
+    assert graph.sum([y, opposite(x)]) == opposite(difference)
+    assert graph.product(opposite(x), y) == opposite(graph.product(x, y))
+    assert graph.call("sin", opposite(x)) == opposite(graph.call("sin", x))
+    assert graph.call("cos", opposite(x)) == graph.call("cos", x)
+    assert graph.call("sqrt", opposite(x)) != graph.call("sqrt", x)
+
+
+def test_zeros_ones_and_like_terms_are_folded() -> None:
+    graph = Graph()
+    x, y = graph.input("x"), graph.input("y")
+    assert graph.product(x, graph.zero) == graph.zero
+    assert graph.product(x, graph.number(-1.0)) == opposite(x)
+    assert graph.sum([x, y, opposite(x)]) == y
+    assert graph.sum([x, x, x]) == graph.product(graph.number(3.0), x)
+    assert graph.sum([graph.number(2.0), graph.number(-2.0)]) == graph.zero
+    assert graph.minus(graph.zero) == graph.zero
+    assert graph.value(graph.reciprocal(graph.number(-4.0))) == -0.25
+    assert graph.value(x) is None
+
+
+def test_constants_are_put_together_first() -> None:
+    graph = Graph()
+    k, m = (graph.input(name, constant=True) for name in "km")
+    x, y = graph.input("x"), graph.input("y")
+    together = graph.product(k, graph.product(m, x))
+    assert together == graph.product(graph.product(k, m), x)
+    total = graph.sum([x, k, y, m])
+    assert graph.operands[node_of(total)] == (x, y, graph.sum([k, m]))
+    twice = graph.product(graph.number(2.0), graph.product(graph.number(3.0), k))
+    assert twice == graph.product(graph.number(6.0), k)
+
+
+def test_what_a_function_reaches() -> None:
+    graph = Graph()
+    k, x, y = graph.input("k", constant=True), graph.input("x"), graph.input("y")
+    square = graph.product(k, k)
+    entry = graph.sum([graph.product(square, x), k])
+    assert graph.reached([entry]) == sorted(map(node_of, (k, x, square, entry - 2, entry)))
+    assert node_of(square) not in graph.reached_varying([entry])
+    assert node_of(y) not in graph.reached([entry])
+    assert graph.uses(graph.reached([entry]), [entry])[node_of(k)] == 3
+    assert graph.kinds[node_of(entry)] is Kind.SUM
+    assert graph.remade(node_of(entry), [x, y]) == graph.sum([x, y])

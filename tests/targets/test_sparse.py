@@ -1,0 +1,152 @@
+"""Derivatives in C: all that there are compile, agree with NumPy, and have forms without zeros."""
+
+from __future__ import annotations
+
+import ctypes
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import on_request
+from support.compiled import Emitted, Library, build, compile_only, emit
+from support.tools import run
+
+from gibbs_codegen.interface import FUNCTIONS, Signature
+from gibbs_codegen.robot.family import paper_family
+
+ATTITUDES = ("xyz", "quaternion")
+
+
+@pytest.fixture(scope="module", params=ATTITUDES)
+def emitted(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Emitted]:
+    """A robot with every function that is generated on request."""
+    robot = paper_family(3, 1)
+    robot = replace(robot, base=replace(robot.base, attitude=request.param))
+    with pytest.MonkeyPatch.context() as patch:
+        on_request.add(patch)
+        yield emit(robot, tmp_path_factory.mktemp("sparse") / "module", derivatives=True)
+
+
+def on_demand(emitted: Emitted) -> list[Signature]:
+    return [s for s in emitted.signatures() if FUNCTIONS[s.name].on_request]
+
+
+def matrices(signature: Signature) -> list[str]:
+    """Names of the outputs that are matrices; "" for the others."""
+    outputs = FUNCTIONS[signature.name].outputs
+    pairs = zip(outputs, signature.shapes, strict=True)
+    return [output.name if len(shape) > 1 else "" for output, shape in pairs]
+
+
+def test_they_are_described(emitted: Emitted) -> None:
+    header, said = emitted.text(".h"), " ".join(emitted.text(".h").replace("\n *", " ").split())
+    for signature in on_demand(emitted):
+        row = FUNCTIONS[signature.name]
+        assert f"\n * @brief {row.summary}\n" in header
+        # Lines are broken after hyphens.
+        assert row.details.replace("- ", "-") in said.replace("- ", "-")
+        assert row.summary in str(getattr(emitted.module, row.name).__doc__)
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang", "g++"])
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_they_compile_silently(
+    compiler: str, precision: str, emitted: Emitted, tmp_path: Path
+) -> None:
+    options = ["-O0", *([emitted.single] if precision == "single" else [])]
+    assert len(compile_only(compiler, options, emitted.sources, tmp_path)) == 2
+
+
+@pytest.mark.parametrize("real", [np.float64, np.float32])
+def test_forms_without_zeros_have_the_entries_of_the_patterns(
+    real: type[np.floating], emitted: Emitted, tmp_path: Path
+) -> None:
+    options = ["-O1", *([emitted.single] if real is np.float32 else [])]
+    library = Library(emitted, tmp_path / "library.so", "gcc", options, real)
+    rng = np.random.default_rng(2)
+    compared = set()
+    for signature in on_demand(emitted):
+        found = matrices(signature)
+        if not any(found):
+            assert f"{signature.name}_sparse" not in emitted.text(".h")
+            continue
+        rows = [rng.uniform(-1, 1, (3, *shape)) for shape in signature.argument_shapes]
+        whole = library.one(signature, rows)
+        patterns = [emitted.module.PATTERNS.get(name) for name in found]
+        shapes = [
+            (len(pattern[0]),) if name else shape
+            for name, pattern, shape in zip(found, patterns, signature.shapes, strict=True)
+        ]
+        sparse = replace(signature, name=f"{signature.name}_sparse", shapes=tuple(shapes))
+        for name, pattern, dense, entries in zip(
+            found, patterns, whole, library.one(sparse, rows), strict=True
+        ):
+            if name:
+                compared.add(name)
+                dense = dense.reshape(3, -1, dense.shape[-1])
+                assert np.count_nonzero(dense) == np.count_nonzero(dense[(..., *pattern)])
+                dense = dense[(..., *pattern)]
+            np.testing.assert_array_equal(entries, dense)
+    assert compared == {*emitted.module.PATTERNS}
+
+
+def test_patterns_in_c_are_those_of_python(emitted: Emitted, tmp_path: Path) -> None:
+    flags = ["-shared", "-fPIC", "-O0"]
+    path = build("gcc", flags, emitted.sources[:1], tmp_path / "library.so")
+    library, header = ctypes.CDLL(str(path)), emitted.text(".h")
+    assert emitted.module.PATTERNS["moved_dq"] == ((), ())
+    for name, pattern in emitted.module.PATTERNS.items():
+        length = len(pattern[0])
+        macro = f"{emitted.name}_{name}_nonzeros".upper()
+        assert re.search(rf"#define {macro} {length}\n", header)
+        for kind, places in zip(("rows", "columns"), pattern, strict=True):
+            symbol = f"{emitted.name}_{name}_{kind}"
+            assert re.search(rf"extern const int\n    {symbol}\[{max(length, 1)}\];", header)
+            assert tuple((ctypes.c_int * length).in_dll(library, symbol)) == places
+
+
+def test_functions_equal_numpy(emitted: Emitted, tmp_path: Path) -> None:
+    library = Library(emitted, tmp_path / "library.so", "gcc", ["-O1"])
+    rng = np.random.default_rng(3)
+    for signature in on_demand(emitted):
+        rows = [rng.uniform(-1, 1, (9, *shape)) for shape in signature.argument_shapes]
+        if not rows:
+            continue
+        expected = getattr(emitted.module, signature.name)(*rows)
+        expected = expected if isinstance(expected, tuple) else (expected,)
+        for form in (library.one(signature, rows), library.batch(signature, rows, np.nan)):
+            for ours, theirs in zip(form, expected, strict=True):
+                size = np.abs(theirs).max(initial=1.0)
+                np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-10 * size)
+
+
+def test_a_program_may_use_them(emitted: Emitted, tmp_path: Path) -> None:
+    size = len(emitted.module.VELOCITIES)
+    prefix = emitted.name
+    text = f"""
+#include "{prefix}.h"
+#include <stdio.h>
+int main(void)
+{{
+    double q[{prefix.upper()}_COORDINATES] = {{0}}, v[{size}] = {{0}}, h = 0.5, moved[{size}];
+    double by_v[{prefix.upper()}_MOVED_DV_NONZEROS], by_q[1], blocks[2];
+    {prefix}_stretched_sparse(
+        &{prefix}_default_constants, q, v, &h, moved, by_v, by_q, blocks);
+    for (int i = 0; i < {prefix.upper()}_MOVED_DV_NONZEROS; ++i) {{
+        printf("%d %d %g\\n", {prefix}_moved_dv_rows[i], {prefix}_moved_dv_columns[i], by_v[i]);
+    }}
+    return 0;
+}}
+"""
+    (tmp_path / "program.c").write_text(text)
+    sources = [str(tmp_path / "program.c"), *emitted.sources[:1]]
+    program = build("gcc", [f"-I{emitted.folder}"], sources, tmp_path / "program")
+    lines = run([program]).splitlines()
+    assert lines[0] == "0 0 0.5"
+    assert f"{size - 1} 1 1" in lines
+    assert len(lines) == size + 2
