@@ -186,10 +186,13 @@ def test_of_equally_safe_thrusts_the_least_are_taken(shipped: Load) -> None:
 def test_idle_thrusts_of_rotors_on_links_load_joints(tmp_path: Path) -> None:
     """Thrusts that produce no wrench together bend the boom that carries two of them."""
     body = "mass = 1\ninertia = [0.1, 0.1, 0.1, 0, 0, 0]\n"
-    text = f'name = "boom"\n[base]\n{body}[[link]]\nname = "boom"\naxis = "y"\n{body}'
+    text = (
+        f'name = "boom"\n[base]\n{body}[[link]]\nname = "boom"\naxis = "y"\nxyz = [0, 0, 0]\n{body}'
+    )
     places = [(0.3, 0.3), (0.3, -0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, 0.2), (0.3, -0.2)]
-    for k, (x, y) in enumerate(places):
-        on, most = ("base" if k < 4 else "boom"), 6.0 - 0.6 * k
+    greatest = (7.0, 6.5, 9.0, 9.0, 3.0, 2.6)
+    for k, ((x, y), most) in enumerate(zip(places, greatest, strict=True)):
+        on = "base" if k < 4 else "boom"
         text += f'[[rotor]]\non = "{on}"\nposition = [{x}, {y}, 0]\nlimits = [0, {most}]\n'
     (tmp_path / "boom.toml").write_text(text)
     module = load(generate(tmp_path / "boom.toml", tmp_path, verify=False))
