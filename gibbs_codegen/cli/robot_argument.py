@@ -61,7 +61,10 @@ def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
         default=False,
         type=lambda names: names.split(",") if names else True,
         metavar="NAME,...",
-        help=meaning.format(which="the derivatives of that name, or without a name all of them"),
+        help=meaning.format(
+            which="the derivatives of those names, or without a name all but the Hessians, which "
+            "are long; the name all stands for every one"
+        ),
     )
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from gibbs_codegen.derivation.group_passage import GroupPassage
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.tape import Scalars
@@ -90,7 +91,7 @@ def with_armatures(
 def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
     """Columns of the mass matrix for the joints after the root.
 
-    From the leaves inwards, a few joints at a time, every column is passed in over them before the
+    From the leaves inwards, a few groups at a time, every column is passed in over them before the
     next few, so that the same statements follow one another once a column.
 
     Args:
@@ -99,26 +100,36 @@ def joint_space_inertia(tape: Scalars, tree: SegmentTree) -> JointSpaceInertia:
     Returns:
         The columns at the root and the joints' entries.
     """
-    last = tree.joints
     inertias: dict[int, Inertia] = {}
     columns: dict[int, Wrench] = {}
     entries: dict[tuple[int, int], sp.Expr] = {}
     inward = composites_inward(tape, tree)
-    for end in range(last, -1, -_JOINTS_AT_ONCE):
-        start = max(end - _JOINTS_AT_ONCE + 1, 0)
-        inertias.update(next(inward) for _ in range(start, end + 1))
-        for k in range(max(start, 1), last + 1):
-            path = tree.path(k)
-            way = [j for j in path if start <= j <= end]
-            nearest = tree.segments[min(filter(None, way), default=path[-2])].joint_name
+    for leads in _few_groups(tree):
+        while leads[-1] not in inertias:
+            inertias.update([next(inward)])
+        for k in range(max(leads[-1], 1), len(tree.segments)):
+            way = [lead for lead in leads if lead in tree.path(k)]
+            nearest = tree.segments[min(way, default=0)].joint_name or "the base"
             with tape.group(f"mass matrix, columns of the joints carried in to {nearest}"):
-                for j in way:
-                    if j == k:
+                for lead in way:
+                    if k not in columns:
                         columns[k] = inertias[k].response(tape, tree.segments[k].direction)
-                    else:
-                        child = path[path.index(j) - 1]
-                        column = tree.passed_in(tape, child, columns[k])
-                        columns[k] = tree.to_group_frame(tape, j, column)
-                    if j > 0:
-                        entries[j - 1, k - 1] = tree.segments[j].row(columns[k])
-    return JointSpaceInertia(inertias[0], [columns[k] for k in range(1, last + 1)], entries)
+                    passage = GroupPassage.of(tape, tree, k, lead)
+                    along, columns[k] = passage.passed_in(tape, columns[k])
+                    for j, wrench in zip(passage.way, along, strict=True):
+                        if j > 0:
+                            entries[j - 1, k - 1] = tree.segments[j].row(wrench)
+    return JointSpaceInertia(inertias[0], [columns[k] for k in range(1, tree.joints + 1)], entries)
+
+
+def _few_groups(tree: SegmentTree) -> Iterator[list[int]]:
+    """The leads of the groups, the last first, those of a few joints at a time."""
+    leads: list[int] = []
+    joints = 0
+    for k in range(tree.joints, -1, -1):
+        joints += 1
+        if tree.segments[k].starts_group:
+            leads.append(k)
+            if joints >= _JOINTS_AT_ONCE or k == 0:
+                yield leads
+                leads, joints = [], 0

@@ -10,6 +10,8 @@ from gibbs_codegen.derivation.forward_kinematics import (
     frame_velocities,
 )
 from gibbs_codegen.derivation.frames import mounted_frames
+from gibbs_codegen.derivation.parameter_derivatives import parameter_gradient, parameter_jacobian
+from gibbs_codegen.derivation.regressor import base_parameters, regressor
 from gibbs_codegen.derivation.systems import Array, Systems
 from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 from gibbs_codegen.graph.differentiate import Matrix
@@ -46,11 +48,13 @@ def _frame_velocities_dv(systems: Systems) -> Array:
 
 
 DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
-    "inverse_dynamics_dq": lambda s: s.generic.jacobian(s.inverse_dynamics, "q"),
-    "inverse_dynamics_dv": lambda s: s.generic.jacobian(s.inverse_dynamics, "v"),
-    "forward_dynamics_dq": lambda s: s.generic.jacobian(s.dynamics[1], "q"),
-    "forward_dynamics_dv": lambda s: s.generic.jacobian(s.dynamics[1], "v"),
-    "forward_dynamics_du": lambda s: s.generic.jacobian(s.dynamics[1], "u"),
+    "inverse_dynamics_dq": lambda s: s.inverse_derivatives.force_dq,
+    "inverse_dynamics_dv": lambda s: s.inverse_derivatives.force_dv,
+    # By the recursion whose derivatives these are, which need not be the shorter one.
+    "differentiated_dynamics": lambda s: s.forward_derivatives.acceleration,
+    "forward_dynamics_dq": lambda s: s.forward_derivatives.acceleration_dq,
+    "forward_dynamics_dv": lambda s: s.forward_derivatives.acceleration_dv,
+    "forward_dynamics_du": lambda s: s.forward_derivatives.acceleration_du,
     "inverse_dynamics_jvp": lambda s: s.generic.jvp(s.inverse_dynamics, "qva"),
     "forward_dynamics_jvp": lambda s: s.generic.jvp(s.dynamics[1], "qvu"),
     "inverse_dynamics_q_bar": lambda s: s.inverse_gradient[0],
@@ -65,6 +69,10 @@ DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "inverse_dynamics_qa": lambda s: s.generic.jacobian(s.inverse_gradient[0], "a"),
     "forward_dynamics_hessian": lambda s: s.generic.hessian(s.dynamics[1], "qvu"),
     "coriolis_matrix": _coriolis_matrix,
+    "regressor": regressor,
+    "base_parameters": base_parameters,
+    "inverse_dynamics_dp": parameter_jacobian,
+    "forward_dynamics_p_bar": parameter_gradient,
     "frame_poses_dq": _frame_poses_dq,
     "frame_velocities_dq": _frame_velocities_dq,
     "frame_velocities_dv": _frame_velocities_dv,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import sympy as sp
 
@@ -120,11 +120,15 @@ def _slices(
     progress("hybrid system")
     hybrid = hybrid_system(symbolic, reduced)
     systems = Systems(imported.tape, imported, symbolic, reduced, hybrid)
-    slices = []
-    for signature in signatures(module_lists(symbolic.robot), derivatives):
-        progress(signature.name.replace("_", " "))
-        slices.append(_slice(systems, signature))
-    return slices
+    lists: dict[str, Collection[str]] = {**module_lists(symbolic.robot, derivatives)}
+    for on_request in (False, True):
+        if on_request:  # Their shapes depend on which parameters the others have.
+            lists["PARAMETERS"] = systems.parameters
+        for signature in signatures(lists, derivatives):
+            if FUNCTIONS[signature.name].on_request is on_request:
+                progress(signature.name.replace("_", " "))
+                systems.functions[signature.name] = _slice(systems, signature)
+    return [systems.functions[signature.name] for signature in signatures(lists, derivatives)]
 
 
 def _slice(systems: Systems, signature: Signature) -> Slice:

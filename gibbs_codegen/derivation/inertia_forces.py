@@ -81,6 +81,26 @@ def _passed_out(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Mot
     return motion.displaced(tape, axis_vector(2, segment.d))
 
 
+def before_joints(
+    tape: Scalars, tree: SegmentTree, root_motion: Motion, motions: Sequence[Motion]
+) -> list[Motion]:
+    """Motion of every segment before its joint moves it, of which `outward` has made the motions.
+
+    Args:
+        tree: The tree.
+        root_motion: Motion of the root's group frame, in its own axes.
+        motions: That of each segment, in its working frame.
+
+    Returns:
+        A motion for each segment, in its group frame.
+    """
+    before = [root_motion]
+    for k, segment in enumerate(tree.segments[1:], start=1):
+        with tape.group(f"motion of {segment.name}"):
+            before.append(_passed_out(tape, tree, k, motions[segment.parent]))
+    return before
+
+
 def link_wrench(tape: Scalars, tree: SegmentTree, k: int, motion: Motion) -> Wrench:
     """𝒮 and ℛ of segment k (eq. 6).
 

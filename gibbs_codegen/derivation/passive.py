@@ -13,7 +13,15 @@ from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.symbolic.tape import Scalars
 
 
-def _joints(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
+def passive_symbols(symbolic: SymbolicRobot) -> list[PassiveSymbols]:
+    """What acts on each joint by itself.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        The symbols of each joint that moves.
+    """
     return [symbolic.parameters.link(i).passive for i in symbolic.robot.moving]
 
 
@@ -26,7 +34,7 @@ def armatures(symbolic: SymbolicRobot) -> list[sp.Expr]:
     Returns:
         One for each joint that moves (kg m² or kg).
     """
-    return [joint.armature for joint in _joints(symbolic)]
+    return [joint.armature for joint in passive_symbols(symbolic)]
 
 
 def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
@@ -43,7 +51,7 @@ def passive_forces(symbolic: SymbolicRobot) -> list[sp.Expr]:
     _, v = symbolic.places.split(symbolic.v)
     forces = []
     with tape.group("forces of dampers and springs"):
-        for joint, angle, rate in zip(_joints(symbolic), q, v, strict=True):
+        for joint, angle, rate in zip(passive_symbols(symbolic), q, v, strict=True):
             spring = tape.let(joint.stiffness * _stretch(tape, joint, angle))
             forces.append(tape.let(-tape.let(joint.damping * rate) - spring))
     return forces
@@ -88,7 +96,7 @@ def spring_energy(symbolic: SymbolicRobot) -> list[sp.Expr]:
     tape = symbolic.tape
     q = symbolic.coordinates.values()
     terms = []
-    for joint, angle in zip(_joints(symbolic), q, strict=True):
+    for joint, angle in zip(passive_symbols(symbolic), q, strict=True):
         stretch = _stretch(tape, joint, angle)
         terms.append(tape.let(joint.stiffness * tape.let(stretch * stretch) / 2))
     return terms
@@ -104,6 +112,6 @@ def _squares(symbolic: SymbolicRobot, rates: list[sp.Expr]) -> list[sp.Expr]:
     tape = symbolic.tape
     return [
         tape.let(joint.armature * tape.let(rate * rate) / 2)
-        for joint, rate in zip(_joints(symbolic), rates, strict=True)
+        for joint, rate in zip(passive_symbols(symbolic), rates, strict=True)
         if joint.armature != 0
     ]

@@ -33,6 +33,7 @@ from gibbs_codegen.symbolic.vectors import (
     Vector,
     Wrench,
     Z,
+    add,
     axis_vector,
     moved,
 )
@@ -222,6 +223,21 @@ class SegmentTree:
             return [offset, segment.twist, segment.step, segment.turn]
         with tape.group(f"step from {parent.name} to {segment.name}"):
             return [offset, parent.rotation.vector(tape, segment.step)]
+
+    def step_in_group(self, tape: Scalars, k: int) -> Vector:
+        """The step to a segment from its parent in the same group.
+
+        Args:
+            k: Index of the segment, which does not start a group.
+
+        Returns:
+            From the parent's joint to joint k (m), in the group frame.
+        """
+        segment = self.segments[k]
+        parent = self.segments[segment.parent]
+        with tape.group(f"step from {parent.name} to {segment.name}"):
+            step = parent.rotation.vector(tape, segment.step)
+            return add(tape, step, axis_vector(Z, segment.d))
 
     def passed_in(self, tape: Scalars, k: int, item: Moved) -> Moved:
         """Pass a wrench or an inertia of segment k on to its parent.

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeAlias
 
 import sympy as sp
 
 from gibbs_codegen.derivation.forward_dynamics import Dynamics, shorter_dynamics
+from gibbs_codegen.derivation.forward_dynamics_derivatives import (
+    ForwardDynamicsDerivatives,
+    forward_dynamics_derivatives,
+)
 from gibbs_codegen.derivation.generic_derivatives import GenericDerivatives
 from gibbs_codegen.derivation.hybrid import LinearSystem
-from gibbs_codegen.derivation.passive import armatures, passive_forces
+from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
+from gibbs_codegen.derivation.inverse_dynamics_derivatives import (
+    InverseDynamicsDerivatives,
+    inverse_dynamics_derivatives,
+)
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 from gibbs_codegen.graph.from_tape import ImportedTape
 from gibbs_codegen.graph.graph import Ref
+from gibbs_codegen.program.lower import Slice
 from gibbs_codegen.symbolic.tape import Tape
 
 # A scalar on the tape or its graph, a vector, a matrix by rows, or several matrices.
@@ -25,13 +33,28 @@ Array: TypeAlias = sp.Expr | Ref | Sequence["Array"]
 
 @dataclass(frozen=True)
 class Systems:
-    """A robot on its tape, with M a = R + B u and the hybrid system, which others build on."""
+    """A robot on its tape, with M a = R + B u and the hybrid system, which others build on.
+
+    `functions` has those derived so far: first all that every module has, then those on request.
+    """
 
     tape: Tape
     imported: ImportedTape
     symbolic: SymbolicRobot
     reduced: LinearSystem
     hybrid: LinearSystem
+    functions: dict[str, Slice] = field(default_factory=dict)
+
+    @cached_property
+    def parameters(self) -> dict[str, Ref]:
+        """Parameters that functions depend on, by name; derivatives depend on no others."""
+        arrays = [array for piece in self.functions.values() for array in piece.outputs]
+        refs = self.generic.refs([entry for _, entries in arrays for entry in entries])
+        read = {*self.imported.graph.reached(refs)}
+        every = {
+            name: self.imported.ref(sp.Symbol(name)) for name in self.symbolic.parameters.defaults
+        }
+        return {name: ref for name, ref in every.items() if ref >> 1 in read}
 
     @cached_property
     def dynamics(self) -> tuple[Dynamics, list[sp.Expr]]:
@@ -41,17 +64,17 @@ class Systems:
     @cached_property
     def inverse_dynamics(self) -> list[sp.Expr]:
         """M a − R = ∂S/∂θ̈ at the given accelerations."""
-        symbolic, tape = self.symbolic, self.tape
-        forces = generalised_inertia_forces(
-            tape, symbolic.root, symbolic.reduced_tree, symbolic.state
-        )
-        base, joints = symbolic.places.split(forces)
-        _, accelerations = symbolic.places.split(symbolic.a)
-        passive = passive_forces(symbolic)
-        given = zip(joints, armatures(symbolic), accelerations, passive, strict=True)
-        with tape.group("forces of the joints with their armature, dampers and springs"):
-            own = [tape.let(force + m * a - passive) for force, m, a, passive in given]
-        return symbolic.places.joined(base, own)
+        return inverse_dynamics(self.symbolic)
+
+    @cached_property
+    def inverse_derivatives(self) -> InverseDynamicsDerivatives:
+        """M a − R with its derivatives by q, v and a, in one pass."""
+        return inverse_dynamics_derivatives(self.symbolic)
+
+    @cached_property
+    def forward_derivatives(self) -> ForwardDynamicsDerivatives:
+        """Accelerations of M a = R + B u with their derivatives by q, v and u, in one pass."""
+        return forward_dynamics_derivatives(self.symbolic)
 
     @cached_property
     def generic(self) -> GenericDerivatives:

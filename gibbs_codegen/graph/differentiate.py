@@ -5,7 +5,7 @@
 Forward, as above, a derivative passes from the inputs to the outputs: one pass a direction.
 Backward, a weighted sum of all outputs is differentiated by every node that it is made of: one
 pass gives its derivatives by all inputs. What is made is made of nodes again, so it can be
-differentiated once more.
+differentiated once more. Any nodes can be the inputs: what they are made of does not move.
 """
 
 from __future__ import annotations
@@ -98,11 +98,12 @@ def _pushed(
 ) -> list[list[Ref]]:
     """Derivatives of the outputs, a list for each direction."""
     order = graph.reached(outputs)
-    moving = {node for direction in directions for node in direction}
+    inputs = {node for direction in directions for node in direction}
+    moving = set(inputs)
     steps: list[tuple[int, list[tuple[int, Ref]]]] = []
     for node in order:
         inner = [ref >> 1 for ref in graph.operands[node]]
-        if any(operand in moving for operand in inner):
+        if node not in inputs and any(operand in moving for operand in inner):
             moving.add(node)
             kept = [(m, partial) for m, partial in partials(graph, node) if m in moving]
             steps.append((node, kept))
@@ -138,7 +139,8 @@ def vjp(
         One derivative for each input.
     """
     order = graph.reached(outputs)
-    active = {ref >> 1 for ref in inputs}
+    ends = {ref >> 1 for ref in inputs}
+    active = set(ends)
     for node in order:
         if any((ref >> 1) in active for ref in graph.operands[node]):
             active.add(node)
@@ -151,7 +153,7 @@ def vjp(
         if node not in received or node not in active:
             continue
         adjoint = adjoints[node] = graph.sum(received[node])
-        if graph.is_zero(adjoint):
+        if node in ends or graph.is_zero(adjoint):
             continue
         for operand, partial in partials(graph, node):
             if operand in active:

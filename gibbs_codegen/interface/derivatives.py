@@ -10,7 +10,7 @@ from gibbs_codegen.interface.rows import Output, Row
 
 _FORCE = Output("force", "v", "N m or N", "inverse_dynamics", "{forces}")
 _ACCELERATION = Output(
-    "acceleration", "v", "rad/s^2 or m/s^2", "forward_dynamics", "{accelerations}"
+    "acceleration", "v", "rad/s^2 or m/s^2", "differentiated_dynamics", "{accelerations}"
 )
 _INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
 BY_Q = ", by a displacement in rad or m along each of VELOCITIES"
@@ -163,6 +163,7 @@ DERIVATIVES = (
         "Those that are left out, by v and a and by a twice, are zero. " + TANGENT + " qq and vv "
         "are symmetric, with both triangles filled.",
         on_request=True,
+        is_long=True,
     ),
     Row(
         "forward_dynamics_hessian",
@@ -180,6 +181,7 @@ DERIVATIVES = (
         "eq. 19, solved for the free coordinates and differentiated twice",
         TANGENT + " The matrix is symmetric, with both triangles filled.",
         on_request=True,
+        is_long=True,
     ),
     Row(
         "coriolis_matrix",

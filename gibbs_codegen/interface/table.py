@@ -15,6 +15,7 @@ from __future__ import annotations
 from gibbs_codegen.interface.derivatives import DERIVATIVES
 from gibbs_codegen.interface.kinematic_derivatives import KINEMATIC_DERIVATIVES
 from gibbs_codegen.interface.kinematics import KINEMATICS
+from gibbs_codegen.interface.parameters import PARAMETERS
 from gibbs_codegen.interface.rows import Argument, Output, Row
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold.
@@ -222,5 +223,5 @@ _ROWS = (
         "the joint's input less armature, damper and spring.",
     ),
 )
-_EVERY = (*_ROWS, *KINEMATICS, *DERIVATIVES, *KINEMATIC_DERIVATIVES)
+_EVERY = (*_ROWS, *KINEMATICS, *DERIVATIVES, *KINEMATIC_DERIVATIVES, *PARAMETERS)
 FUNCTIONS: dict[str, Row] = {row.name: row for row in _EVERY}

@@ -37,7 +37,7 @@ class Model:
     def lists(self) -> dict[str, Collection[str]]:
         """What its module lists, by the names of the constants."""
         own = {"PARAMETERS": self.defaults, "DERIVATIVES": self.derivatives}
-        return {**module_lists(self.robot), **own}
+        return {**module_lists(self.robot, self.derivatives), **own}
 
     @property
     def signatures(self) -> list[Signature]:

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
+from gibbs_codegen.interface import FUNCTIONS, LISTS
+from gibbs_codegen.robot.base_parameters import base_parameters
 from gibbs_codegen.robot.coordinates import frame_names, hybrid_coordinates, inputs, points
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.names import default_prefix, identifier
 
 
-def module_lists(robot: Robot) -> dict[str, tuple[str, ...]]:
+def module_lists(robot: Robot, derivatives: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
     """Names of all that arguments and results of the functions have entries or rows for.
 
     Args:
         robot: The robot.
+        derivatives: Names of the functions generated on request that the module has.
 
     Returns:
-        Names in order, by the constant that has them.
+        Names in order, by the constant that has them; the base parameters where a function has
+        entries for them.
     """
     layout = layout_of(robot)
-    return {
+    lists = {
         "COORDINATES": layout.q.names,
         "VELOCITIES": layout.v.names,
         "HYBRID_COORDINATES": tuple(c.name for c in hybrid_coordinates(robot)),
@@ -27,6 +33,10 @@ def module_lists(robot: Robot) -> dict[str, tuple[str, ...]]:
         "FRAMES": frame_names(robot),
         "BODIES": body_names(robot),
     }
+    outputs = [output for name in derivatives for output in FUNCTIONS[name].outputs]
+    if any(LISTS.get(letter) == "BASE_PARAMETERS" for o in outputs for letter in o.shape):
+        lists["BASE_PARAMETERS"] = tuple(entry.name for entry in base_parameters(robot))
+    return lists
 
 
 def body_names(robot: Robot) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.program.operations import count_operations
 from gibbs_codegen.program.stack import stack_bytes
 from gibbs_codegen.program.trigonometry import GatheredFunction
+from gibbs_codegen.robot.base_parameters import base_parameters
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
     constraint_torque,
@@ -204,6 +205,7 @@ def _entry_lists(robot: Robot) -> dict[str, str]:
         "points": ", ".join(points(robot)),
         "frames": ", ".join(frame_names(robot)),
         "bodies": ", ".join(body_names(robot)),
+        "base_parameters": _units(base_parameters(robot)),
     }
 
 

@@ -40,7 +40,7 @@ def compare_contents(module: ModuleType, robot: Robot) -> list[Comparison]:
         "ATTITUDE": robot.base.attitude,
         "COORDINATE_UNITS": layout.q.units,
         "VELOCITY_UNITS": layout.v.units,
-        **module_lists(robot),
+        **module_lists(robot, getattr(module, "DERIVATIVES", ())),
     }
     rows = [_alike(name, getattr(module, name, None), value) for name, value in expected.items()]
     faults = _parameter_faults(getattr(module, "PARAMETERS", None), robot)

@@ -29,7 +29,7 @@ def emitted(
     robot = replace(robot, base=replace(robot.base, attitude=request.param))
     with pytest.MonkeyPatch.context() as patch:
         on_request.add(patch)
-        yield emit(robot, tmp_path_factory.mktemp("sparse") / "module", derivatives=True)
+        yield emit(robot, tmp_path_factory.mktemp("sparse") / "module", derivatives="all")
 
 
 def on_demand(emitted: Emitted) -> list[Signature]:

@@ -11,18 +11,52 @@ Values of the base are those of attitude and then of position, without the joint
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import sympy as sp
 
+from gibbs_codegen.derivation.acceleration_column import AccelerationColumn
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.motion import Acceleration, Motion
+from gibbs_codegen.derivation.unit_motions import Column, MovingBody
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import Matrix, Rotation, Vector, Wrench
 
 Values = Sequence[sp.Expr]
+
+
+class BaseDerivatives(Protocol):
+    """How forces depend on the coordinates and velocities of the base, in one state of motion.
+
+    By coordinates they are derivatives in the tangent space: by the displacements of
+    `Root.integrated`.
+    """
+
+    def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
+        """How the force on a joint depends on the base.
+
+        Args:
+            joint: Its column, about the origin, in the root's group frame.
+
+        Returns:
+            Derivatives by each displacement of the base, and by each of its velocities.
+        """
+        ...
+
+    def blocks(self, tape: Scalars, body: MovingBody, mass_block: Matrix) -> tuple[Matrix, Matrix]:
+        """How the forces on the base depend on the base.
+
+        Args:
+            body: The whole robot about the origin, in the root's group frame, its mass and its
+                inertia force without those of the root's own mass.
+            mass_block: The base's block of the mass matrix.
+
+        Returns:
+            Rows of the forces along the base's velocities, columns as of `row`.
+        """
+        ...
 
 
 class Root(Protocol):
@@ -115,6 +149,20 @@ class Root(Protocol):
         """
         ...
 
+    def derivatives(
+        self, tape: Scalars, rates: Values, accelerations: Values, gravity: sp.Expr
+    ) -> BaseDerivatives:
+        """How forces depend on the base's coordinates and velocities.
+
+        Args:
+            rates, accelerations: The base's velocities, and their rates.
+            gravity: Gravity (m/s²), included as an upward acceleration.
+
+        Returns:
+            What makes the derivatives in this state of motion.
+        """
+        ...
+
     def world(self, tape: Scalars, vector: Vector) -> Vector:
         """World components of a vector.
 
@@ -187,5 +235,43 @@ class Root(Protocol):
 
         Returns:
             The displacement, one entry for each velocity of the base.
+        """
+        ...
+
+    def acceleration_rows(
+        self, tape: Scalars, turns: Sequence[Rotation]
+    ) -> Callable[[Acceleration], Values]:
+        """How changes of the base's motion change the rates of its velocities.
+
+        Args:
+            turns: Rotations from the frame of the changes to the group frame.
+
+        Returns:
+            A linear function of an acceleration in that frame: of the origin, and what the rates of
+            the velocities add to the angular acceleration.
+        """
+        ...
+
+    def state_columns(
+        self,
+        tape: Scalars,
+        turning: Sequence[AccelerationColumn],
+        linear: Vector,
+        rates: Values,
+        accelerations: Values,
+        gravity: sp.Expr,
+    ) -> tuple[list[Values], list[Values]]:
+        """Derivatives of all accelerations by attitude and position, and by the velocities.
+
+        Args:
+            turning: Columns for a change of each component of the angular velocity ω of the base,
+                with the acceleration of the origin and dω/dt.
+            linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
+            rates, accelerations: The base's velocities, and their rates.
+            gravity: Gravity (m/s²).
+
+        Returns:
+            Columns in the tangent space of the base's coordinates, and for each of its velocities;
+            first come the rows of the base, then those of the joints.
         """
         ...

@@ -127,8 +127,9 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
 
 
 def _sizes(model: Model) -> list[tuple[str, int]]:
-    listed = {name: len(names) for name, names in module_lists(model.robot).items()}
-    return [*listed.items(), ("PARAMETERS", len(model.defaults))]
+    listed = module_lists(model.robot, model.derivatives)
+    sizes = [(name, len(names)) for name, names in listed.items()]
+    return [*sizes, ("PARAMETERS", len(model.defaults))]
 
 
 def _parameters(model: Model, printer: InfixPrinter) -> list[ParameterText]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gibbs_codegen.interface import DATA, Signature
+from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, names_in
 from gibbs_codegen.program.patterns import patterns
@@ -110,7 +110,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     robot, program = model.robot, model.program
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
-    listed = module_lists(robot) | {"DERIVATIVES": model.derivatives}
+    listed = module_lists(robot, model.derivatives) | {"DERIVATIVES": model.derivatives}
     functions = [
         _function_text(model, function, signature, statements)
         for function, signature in zip(program.functions, model.signatures, strict=True)
@@ -121,7 +121,8 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         PatternText(matrix, integers(pattern.rows), integers(pattern.columns))
         for matrix, pattern in patterns(model).items()
     ]
-    data = [*DATA, *(["PATTERNS"] if found else [])]
+    on_request = [name for name in DATA_ON_REQUEST if name in constants]
+    data = [*DATA, *on_request, *(["PATTERNS"] if found else [])]
     return ModuleText(
         header=header,
         name=robot.name,
@@ -129,7 +130,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         attitude=robot.base.attitude,
         attitude_lines=attitude_lines(robot),
         entry_lines=entry_lines(state_tables(robot) | {"Inputs u, in order": driven}),
-        lists={name: constants[name] for name in DATA if name in constants},
+        lists={name: constants[name] for name in (*DATA, *on_request) if name in constants},
         patterns=found,
         parameters=[
             ParameterText(name, printer.number(value), model.units[name])

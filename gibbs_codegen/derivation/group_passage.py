@@ -1,0 +1,170 @@
+"""Wrenches passed in over a whole group of parallel joints at once, to its lead.
+
+The lead of a group is its first segment; all share its group frame. What the joints on the way need
+of a wrench is its component along them: of its moment, that about z alone. So that one is shifted
+from joint to joint, and the other two once, to the lead, which saves their shift along the step
+into the group as well.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.symbolic.quick import times
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import (
+    ZERO,
+    Rotation,
+    Transform,
+    Vector,
+    Wrench,
+    X,
+    Y,
+    Z,
+    add,
+    axis_vector,
+    moved,
+)
+
+
+@dataclass(frozen=True)
+class GroupPassage:
+    """The way of wrenches through a group to its lead, and into it where they come from another.
+
+    `way` are the segments from the one at whose joint the wrenches come in to the lead, and `arms`
+    the steps from each to the one before it, in the group frame (m). They come in by `outside`, by
+    a shift along `entry` (m) of the moment about z alone, and by `inside`. Then `whole` is the step
+    from the lead to what the moments about x and y are about, in the group frame (m).
+    """
+
+    way: tuple[int, ...]
+    arms: tuple[Vector, ...]
+    whole: Vector
+    outside: Transform = ()
+    entry: Vector = ZERO
+    inside: Transform = ()
+
+    @classmethod
+    def of(cls, tape: Scalars, tree: SegmentTree, k: int, lead: int) -> GroupPassage:
+        """The way of what begins at a joint through one of the groups that carry it.
+
+        Args:
+            tree: The tree.
+            k: Index of the joint's segment.
+            lead: The lead of the group.
+
+        Returns:
+            The way from joint k, or from the lead of the group before.
+        """
+        path = tree.path(k)
+        carried = path[: path.index(lead)]
+        before = [j for j in carried if tree.segments[j].starts_group]
+        if before:
+            return cls.entering(tape, tree, before[-1])
+        return cls.starting(tape, tree, k)
+
+    @classmethod
+    def starting(cls, tape: Scalars, tree: SegmentTree, k: int) -> GroupPassage:
+        """The way from a joint of the group.
+
+        Args:
+            tree: The tree.
+            k: Index of the segment whose joint it is.
+
+        Returns:
+            The way of wrenches about that joint, in the group frame.
+        """
+        way, arms = [k], []
+        while not (segment := tree.segments[way[-1]]).starts_group:
+            arms.append(tree.step_in_group(tape, way[-1]))
+            way.append(segment.parent)
+        whole = ZERO
+        for arm in reversed(arms):
+            whole = add(tape, whole, arm)
+        return cls(tuple(way), tuple(arms), whole)
+
+    @classmethod
+    def entering(cls, tape: Scalars, tree: SegmentTree, k: int) -> GroupPassage:
+        """The way from the lead of another group, which this one carries.
+
+        Args:
+            tree: The tree.
+            k: Index of the lead, 1 or more.
+
+        Returns:
+            The way of wrenches about that lead, in its group frame.
+        """
+        segment = tree.segments[k]
+        rotation = tree.segments[segment.parent].rotation
+        own = cls.starting(tape, tree, segment.parent)
+        if len(own.way) == 1:  # The lead itself, to which every moment has to be shifted now.
+            return replace(own, outside=(*tree.transform_in(tape, k), rotation))
+        with tape.group(f"step from {tree.segments[segment.parent].name} to {segment.name}"):
+            offset = segment.twist.vector(tape, axis_vector(Z, segment.d))
+            entry = add(tape, segment.step, offset)
+            across = rotation.vector(tape, segment.turn.vector(tape, entry))
+            whole = add(tape, own.whole, across)
+        return replace(
+            own,
+            whole=whole,
+            outside=(segment.twist,),
+            entry=entry,
+            inside=(segment.turn, rotation),
+        )
+
+    def turned(self, tape: Scalars, vector: Vector) -> Vector:
+        """A vector in the group frame.
+
+        Args:
+            vector: Its components where the way begins.
+
+        Returns:
+            Its components in the group frame.
+        """
+        for step in (*self.outside, *self.inside):
+            if isinstance(step, Rotation):
+                vector = step.vector(tape, vector)
+        return vector
+
+    def passed_in(self, tape: Scalars, wrench: Wrench) -> tuple[list[Wrench], Wrench]:
+        """Pass a wrench in to the lead.
+
+        Args:
+            wrench: About the joint and in the frame that the way begins with.
+
+        Returns:
+            For each segment of the way the wrench whose force, and whose moment about z, are those
+            about its joint; and the wrench about the lead. All are in the group frame.
+        """
+        wrench = moved(tape, wrench, self.outside)
+        about_z = _moment(tape, wrench, Z, self.entry)
+        wrench = moved(tape, _with_z(wrench, about_z), self.inside)
+        along = [wrench]
+        for arm in self.arms:
+            along.append(_with_z(wrench, _moment(tape, along[-1], Z, arm)))
+        x, y = (_moment(tape, wrench, axis, self.whole) for axis in (X, Y))
+        return along, Wrench(wrench.force, (x, y, along[-1].moment[Z]))
+
+
+def _with_z(wrench: Wrench, moment: sp.Expr) -> Wrench:
+    x, y, _ = wrench.moment
+    return Wrench(wrench.force, (x, y, moment))
+
+
+def _moment(tape: Scalars, wrench: Wrench, axis: int, arm: Vector) -> sp.Expr:
+    """One component of the moment about another point.
+
+    Args:
+        wrench: The wrench.
+        axis: X, Y or Z.
+        arm: The old point from the new one (m), in the same frame.
+
+    Returns:
+        The moment (N m).
+    """
+    p, q = (axis + 1) % 3, (axis + 2) % 3
+    lever = times(arm[p], wrench.force[q]) - times(arm[q], wrench.force[p])
+    return tape.let(wrench.moment[axis] + lever)

@@ -1,0 +1,133 @@
+"""Derivatives of inverse dynamics by coordinates and velocities, with M and the forces themselves.
+
+    ∂τ/∂q,  ∂τ/∂v,  M  and  τ  of  τ = M a − R
+
+in one pass. Derivatives by q are in the tangent space: of δ ↦ τ(q ⊕ δ) at zero, which with
+Tait–Bryan angles are the partial derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
+from gibbs_codegen.derivation.joint_derivatives import Entries, MovingTree, joint_derivatives
+from gibbs_codegen.derivation.passive import passive_symbols
+from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.derivation.tree_dynamics import tree_motions
+from gibbs_codegen.robot.layout import Places
+from gibbs_codegen.symbolic.vectors import Matrix, zeros
+
+
+@dataclass(frozen=True)
+class InverseDynamicsDerivatives:
+    """τ (N m or N), ∂τ/∂q, ∂τ/∂v and M; rows and columns in the order of v."""
+
+    force: list[sp.Expr]
+    force_dq: Matrix
+    force_dv: Matrix
+    mass_matrix: Matrix
+
+
+def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDerivatives:
+    """Derivatives of inverse dynamics, from the moments of all subtrees.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        The forces, their derivatives and M; columns of the position in ∂τ/∂q are zero.
+    """
+    tape, root, places = symbolic.tape, symbolic.root, symbolic.places
+    force = inverse_dynamics(symbolic)
+    moving = _moving_tree(symbolic)
+    joints = joint_derivatives(tape, moving)
+    columns = [joints.columns[k] for k in range(1, symbolic.joints + 1)]
+    state = symbolic.state
+    rates, accelerations = (
+        places.split(values)[0] for values in (state.rates, state.accelerations)
+    )
+    of_base = root.derivatives(tape, rates, accelerations, state.gravity)
+    with tape.group("mass matrix of attitude and position"):
+        mass_block = root.mass_block(tape, moving.composite)
+    block_dq, block_dv = of_base.blocks(tape, moving.bodies[0], mass_block)
+    rows = [of_base.row(tape, column) for column in columns]
+    with tape.group("columns of the joints, on attitude and position"):
+        mass, by_rate, by_angle = (
+            [root.rows(tape, wrench) for wrench in wrenches]
+            for wrenches in (
+                [column.mass for column in columns],
+                [column.rate for column in columns],
+                [column.angle for column in columns],
+            )
+        )
+    mirrored = {(j, i): entry for (i, j), entry in joints.mass.items()}
+    matrices = (
+        _assembled(places, block_dq, by_angle, [dq for dq, _ in rows], joints.by_angle),
+        _assembled(places, block_dv, by_rate, [dv for _, dv in rows], joints.by_rate),
+        _assembled(places, mass_block, mass, mass, joints.mass | mirrored),
+    )
+    _add_passive(symbolic, matrices)
+    return InverseDynamicsDerivatives(force, *matrices)
+
+
+def _moving_tree(symbolic: SymbolicRobot) -> MovingTree:
+    """The reduced tree in the motion that the state says."""
+    tape, root, tree, state = (
+        symbolic.tape,
+        symbolic.root,
+        symbolic.reduced_tree,
+        symbolic.state,
+    )
+    rates, joint_rates = symbolic.places.split(state.rates)
+    accelerations, _ = symbolic.places.split(state.accelerations)
+    motions = tree_motions(tape, root, tree, state)
+    root_motion = root.frame_motion(tape, rates, accelerations, state.gravity)
+    spins = [root.segment_spin(rates), *joint_rates]
+    return MovingTree.of(tape, tree, root_motion, motions, spins)
+
+
+def _assembled(
+    places: Places,
+    block: Matrix,
+    columns: Sequence[Values],
+    rows: Sequence[Values],
+    entries: Entries,
+) -> Matrix:
+    """A matrix of the base and the joints.
+
+    Args:
+        places: Places of both in v.
+        block: Of the base by itself.
+        columns: Entries on the base, for each joint's column.
+        rows: Entries in the base's columns, for each joint's row.
+        entries: Between joints, by their segments.
+
+    Returns:
+        The matrix, rows and columns in the order of v.
+    """
+    base, joints = places.base, places.joint_places
+    matrix = zeros(places.size, places.size)
+    for i, own in zip(base, block, strict=True):
+        for j, entry in zip(base, own, strict=True):
+            matrix[i][j] = entry
+    for joint, column, row in zip(joints, columns, rows, strict=True):
+        for place, above, beside in zip(base, column, row, strict=True):
+            matrix[place][joint], matrix[joint][place] = above, beside
+    for (i, j), entry in entries.items():
+        matrix[joints[i - 1]][joints[j - 1]] = entry
+    return matrix
+
+
+def _add_passive(symbolic: SymbolicRobot, matrices: tuple[Matrix, Matrix, Matrix]) -> None:
+    """Add springs, dampers and armature to the diagonals of ∂τ/∂q, ∂τ/∂v and M."""
+    tape = symbolic.tape
+    with tape.group("diagonals with the springs, dampers and armature of the joints"):
+        for place, own in zip(symbolic.places.joint_places, passive_symbols(symbolic), strict=True):
+            parts = (own.stiffness, own.damping, own.armature)
+            for matrix, part in zip(matrices, parts, strict=True):
+                matrix[place][place] = tape.let(matrix[place][place] + part)

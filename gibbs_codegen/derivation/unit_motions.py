@@ -1,0 +1,277 @@
+"""What one coordinate does to all that it moves: motions, and the wrenches that they take.
+
+Per unit of a coordinate the points that it moves are displaced by ξ = l + e×ρ, with ρ from one of
+them. Along the motion of the robot, with ẋ against the origin and gravity in ẍ,
+
+    2ξ̇ = 2ė×ρ + 2e×ẋ + l₁,    ξ̈ = ë×ρ + 2ė×ẋ + e×ẍ + l₂.
+
+The force on coordinate i is ∫ξ_i·ẍ dm. So of what both i and j move, M_ij is ∫ξ_i·ξ_j dm, and the
+derivatives by v_j and q_j are ∫ξ_i·2ξ̇_j dm and ∫ξ_i·ξ̈_j + (∂ξ_i/∂q_j)·ẍ dm. Where j is carried by
+i, these are the moments along i of three wrenches that j takes. Where j carries i, they are dot
+products with what j's motion consists of, since ∂ξ_i/∂q_j = e_j×ξ_i cancels e_j×ẍ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.moments import Moments
+from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.symbolic.quick import times
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import (
+    ZERO,
+    Rotation,
+    Vector,
+    Wrench,
+    Z,
+    add,
+    axis_vector,
+    cross,
+    minus,
+    moved,
+    scale,
+)
+
+
+@dataclass(frozen=True)
+class UnitMotion:
+    """e, 2ė and ë, and l, l₁ and l₂ about a point; all in one frame."""
+
+    axis: Vector
+    rate: Vector
+    twice_rate: Vector
+    acceleration: Vector
+    linear: Vector
+    linear_rate: Vector
+    linear_acceleration: Vector
+
+    @classmethod
+    def turning(cls, tape: Scalars, axis: int, motion: Motion, velocity: Vector) -> UnitMotion:
+        """A turn about an axis of a frame that moves.
+
+        Args:
+            axis: X, Y or Z.
+            motion: Motion of the frame.
+            velocity: 2V, twice the velocity of its origin, in the frame (m/s).
+
+        Returns:
+            The unit motion about the frame's origin, in the frame.
+        """
+        direction = axis_vector(axis)
+        rate = cross(tape, motion.omega, direction)
+        falling = cross(tape, motion.acceleration, direction)
+        return cls(
+            axis=direction,
+            rate=rate,
+            twice_rate=scale(tape, sp.Integer(2), rate),
+            acceleration=motion.gradient[axis],
+            linear=ZERO,
+            linear_rate=cross(tape, velocity, direction),
+            linear_acceleration=add(tape, falling, cross(tape, velocity, rate)),
+        )
+
+    @classmethod
+    def sliding(cls, tape: Scalars, motion: Motion) -> UnitMotion:
+        """A displacement along z of a frame that moves.
+
+        Args:
+            motion: Motion of the frame.
+
+        Returns:
+            The unit motion about any point, in the frame.
+        """
+        direction = axis_vector(Z)
+        rate = scale(tape, sp.Integer(2), cross(tape, motion.omega, direction))
+        return cls(ZERO, ZERO, ZERO, ZERO, direction, rate, motion.gradient[2])
+
+    def about(self, tape: Scalars, arm: Vector) -> UnitMotion:
+        """The same motion by its linear parts about another point.
+
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+
+        Returns:
+            The motion about the new point.
+        """
+        linear, rate, acceleration = (
+            add(tape, part, minus(cross(tape, turning, arm)))
+            for part, turning in (
+                (self.linear, self.axis),
+                (self.linear_rate, self.twice_rate),
+                (self.linear_acceleration, self.acceleration),
+            )
+        )
+        return replace(self, linear=linear, linear_rate=rate, linear_acceleration=acceleration)
+
+
+STILL = UnitMotion(*[ZERO] * 7)
+
+
+@dataclass(frozen=True)
+class MovingBody:
+    """A body, or several as one, about a point: inertia, moments of velocity, inertia forces."""
+
+    inertia: Inertia
+    moments: Moments
+    wrench: Wrench
+
+    def turned(self, tape: Scalars, rotations: Sequence[Rotation]) -> MovingBody:
+        """The body in another frame.
+
+        Args:
+            rotations: Take components in this frame to those in the other, one after the other.
+
+        Returns:
+            The body in the other frame.
+        """
+        return MovingBody(
+            moved(tape, self.inertia, rotations),
+            moved(tape, self.moments, rotations),
+            moved(tape, self.wrench, rotations),
+        )
+
+
+@dataclass(frozen=True)
+class Column:
+    """The wrenches that a coordinate takes, and what its row of the derivatives needs.
+
+    `mass` is ∫ξ, `rate` ∫2ξ̇ and `angle` ∫ξ̈, with the moment of ẍ on the displaced points: columns
+    of M and of the derivatives by v and by q. `couple` is 2∫ẋ×ξ.
+    """
+
+    mass: Wrench
+    rate: Wrench
+    angle: Wrench
+    couple: Vector
+
+    def turned(self, tape: Scalars, rotations: Sequence[Rotation]) -> Column:
+        """The column in another frame.
+
+        Args:
+            rotations: Take components in this frame to those in the other, one after the other.
+
+        Returns:
+            The column in the other frame.
+        """
+        mass, rate, angle = (
+            moved(tape, wrench, rotations) for wrench in (self.mass, self.rate, self.angle)
+        )
+        couple = self.couple
+        for rotation in rotations:
+            couple = rotation.vector(tape, couple)
+        return Column(mass, rate, angle, couple)
+
+    def by_angle(self, tape: Scalars, motion: UnitMotion) -> sp.Expr:
+        """How the force on this coordinate depends on a coordinate that carries it.
+
+        Args:
+            motion: That of the carrying coordinate, about the column's point and in its frame.
+
+        Returns:
+            The derivative.
+        """
+        turning = tape.let(
+            dot_products((motion.acceleration, self.mass.moment), (motion.rate, self.couple))
+        )
+        return tape.let(turning + dot_products((motion.linear_acceleration, self.mass.force)))
+
+    def by_rate(self, tape: Scalars, motion: UnitMotion) -> sp.Expr:
+        """How the force on this coordinate depends on the rate of one that carries it.
+
+        Args:
+            motion: As of `by_angle`.
+
+        Returns:
+            The derivative.
+        """
+        turning = tape.let(
+            dot_products((motion.twice_rate, self.mass.moment), (motion.axis, self.couple))
+        )
+        return tape.let(turning + dot_products((motion.linear_rate, self.mass.force)))
+
+
+def column(tape: Scalars, motion: UnitMotion, body: MovingBody) -> Column:
+    """The wrenches that a coordinate takes.
+
+    Args:
+        motion: What it does to the body that it moves.
+        body: That body, about the same point and in the same frame.
+
+    Returns:
+        The column about that point, in that frame.
+    """
+    inertia, moments, wrench = body.inertia, body.moments, body.wrench
+    second = tuple(tuple(inertia.entry(i, j) for j in range(3)) for i in range(3))
+    rows, columns = moments.rows, tuple(zip(*moments.rows, strict=True))
+
+    def taken(turning: Vector, linear: Vector, *others: Wrench) -> Wrench:
+        force = (cross(tape, turning, inertia.moment), scale(tape, inertia.mass, linear))
+        moment = (_rest(tape, second, turning), cross(tape, inertia.moment, linear))
+        return Wrench(
+            add(tape, *force, *(other.force for other in others)),
+            add(tape, *moment, *(other.moment for other in others)),
+        )
+
+    def moving(turning: Vector) -> Wrench:
+        return Wrench(cross(tape, turning, moments.momentum), _rest(tape, rows, turning))
+
+    displaced = Wrench(
+        cross(tape, motion.axis, wrench.force),
+        add(
+            tape, cross(tape, motion.axis, wrench.moment), cross(tape, motion.linear, wrench.force)
+        ),
+    )
+    return Column(
+        mass=taken(motion.axis, motion.linear),
+        rate=taken(motion.twice_rate, motion.linear_rate, moving(motion.axis)),
+        angle=taken(
+            motion.acceleration, motion.linear_acceleration, moving(motion.rate), displaced
+        ),
+        couple=add(
+            tape,
+            _rest(tape, columns, motion.axis),
+            cross(tape, moments.momentum, motion.linear),
+        ),
+    )
+
+
+def dot_products(*pairs: tuple[Vector, Vector]) -> sp.Expr:
+    """A sum of scalar products, without a name on a tape.
+
+    Args:
+        pairs: Two vectors each, in one frame.
+
+    Returns:
+        The sum.
+    """
+    return sp.Add(*(times(p, q) for a, b in pairs for p, q in zip(a, b, strict=True)))
+
+
+def _rest(tape: Scalars, rows: Sequence[Sequence[sp.Expr]], vector: Vector) -> Vector:
+    """(tr X·1 − Xᵀ) applied to a vector.
+
+    Args:
+        rows: Rows of X.
+        vector: The vector, in the same frame.
+
+    Returns:
+        The product in that frame.
+    """
+    entries = []
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        diagonal = tape.let(rows[j][j] + rows[k][k]) if vector[i] != 0 else sp.S.Zero
+        entries.append(
+            tape.let(
+                times(diagonal, vector[i])
+                - times(rows[j][i], vector[j])
+                - times(rows[k][i], vector[k])
+            )
+        )
+    x, y, z = entries
+    return (x, y, z)

@@ -1,0 +1,240 @@
+"""Derivatives of inverse dynamics by moments, against exact ones of the same equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+import pytest
+import sympy as sp
+from benchmarks.family import benchmark_robot, two_arms
+from support.complex_program import complex_step
+from support.random_robots import random_robot, random_tree
+
+from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
+from gibbs_codegen.derivation.inverse_dynamics_derivatives import inverse_dynamics_derivatives
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
+from gibbs_codegen.program.lower import Slice, lower, operations
+from gibbs_codegen.program.nodes import Number, Program
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.layout import Places, layout_of
+from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Attitude, Robot
+from gibbs_codegen.symbolic.tape import Tape
+from gibbs_codegen.symbolic.vectors import Matrix
+
+OUTPUTS = ("force", "force_dq", "force_dv", "mass_matrix")
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A robot's derivatives and its inverse dynamics as a program, with values to put in."""
+
+    robot: Robot
+    program: Program
+    parameters: dict[str, float]
+    places: Places
+
+    @classmethod
+    def of(cls, robot: Robot) -> Derived:
+        """Derive both on one tape."""
+        tape = Tape()
+        symbolic = SymbolicRobot.of(robot, tape)
+        found = inverse_dynamics_derivatives(symbolic)
+        size = symbolic.places.size
+        outputs = [
+            ((size,), tuple(found.force)),
+            *(
+                ((size, size), flat(matrix))
+                for matrix in (found.force_dq, found.force_dv, found.mass_matrix)
+            ),
+        ]
+        forces = ((size,), tuple(inverse_dynamics(symbolic)))
+        arguments = ("q", "v", "a")
+        inputs = {
+            letter: tuple(symbol.name for symbol in getattr(symbolic, letter))
+            for letter in arguments
+        }
+        defaults = symbolic.parameters.defaults
+        program = lower(
+            tape,
+            inputs,
+            tuple(defaults),
+            [
+                Slice("derivatives", arguments, tuple(outputs)),
+                Slice("inverse_dynamics", arguments, (forces,)),
+            ],
+        )
+        parameters = {name: defaults[name] for name in program.parameters}
+        return cls(robot, program, parameters, symbolic.places)
+
+    def state(self, seed: int) -> dict[str, np.ndarray]:
+        """A random state, its quaternion of unit length."""
+        rng = np.random.default_rng(seed)
+        state = {name: rng.uniform(-1.0, 1.0, len(self.program.inputs[name])) for name in "qva"}
+        layout = layout_of(self.robot)
+        if layout.is_quaternion:
+            attitude = state["q"][layout.q.attitude]
+            state["q"][layout.q.attitude] = attitude / np.linalg.norm(attitude)
+        return state
+
+    def forces(self, state: dict[str, np.ndarray]) -> np.ndarray:
+        """Inverse dynamics."""
+        return np.array(self.program.evaluate("inverse_dynamics", self.parameters, state)[0])
+
+    def found(self, state: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """What the recursion gives."""
+        outputs = self.program.evaluate("derivatives", self.parameters, state)
+        size = self.places.size
+        found = {name: np.array(output) for name, output in zip(OUTPUTS, outputs, strict=True)}
+        return {
+            name: array if name == "force" else array.reshape(size, size)
+            for name, array in found.items()
+        }
+
+    def exact(self, state: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The same by complex steps of the inverse dynamics."""
+        directions = {"q": self.displacements(state["q"]), "v": np.eye(self.places.size)}
+        directions["a"] = directions["v"]
+        exact = {
+            name: complex_step(
+                self.program, "inverse_dynamics", self.parameters, state, {name: along}
+            )
+            for name, along in directions.items()
+        }
+        entries = (self.forces(state), exact["q"], exact["v"], exact["a"])
+        return dict(zip(OUTPUTS, entries, strict=True))
+
+    def displacements(self, q: np.ndarray) -> np.ndarray:
+        """Rates of the coordinates per unit of each velocity."""
+        layout = layout_of(self.robot)
+        if not layout.is_quaternion:
+            return np.eye(self.places.size)
+        rates = np.zeros((layout.q.size, self.places.size))
+        rates[layout.q.joints, self.places.joints] = np.eye(len(self.robot.moving))
+        x, y, z, w = q[layout.q.attitude]
+        rates[layout.q.attitude, self.places.attitude] = 0.5 * np.array(
+            [[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]
+        )
+        return rates
+
+
+def slow(seed: int) -> object:
+    return pytest.param(seed, marks=pytest.mark.slow)
+
+
+def flat(matrix: Matrix) -> tuple[sp.Expr, ...]:
+    return tuple(entry for row in matrix for entry in row)
+
+
+def compare(robot: Robot) -> Derived:
+    derived = Derived.of(robot)
+    state = derived.state(len(robot.links))
+    found, exact = derived.found(state), derived.exact(state)
+    for name in OUTPUTS:
+        scale = np.abs(exact[name]).max() + 1.0
+        np.testing.assert_allclose(
+            found[name] / scale, exact[name] / scale, atol=1e-12, err_msg=name
+        )
+    np.testing.assert_array_equal(found["mass_matrix"], found["mass_matrix"].T)
+    assert not found["force_dq"][:, derived.places.position].any()
+    return derived
+
+
+@pytest.mark.parametrize("attitude", ["xyz", "quaternion"])
+def test_the_benchmark_family(attitude: str) -> None:
+    compare(benchmark_robot(3, attitude=attitude))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_arms(seed: int) -> None:
+    """All origins of a base of rods, all orders of angles, both joints, twists and offsets."""
+    robot = random_robot(seed, 3, seed)
+    base = replace(robot.base, attitude=SEQUENCES[seed], origin=ROD_ORIGINS[seed % 2])
+    compare(replace(robot, base=base))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, *(slow(seed) for seed in range(4, 40))])
+def test_random_trees(seed: int) -> None:
+    """Branches, joints placed by poses, springs, dampers and armature, and both roots."""
+    compare(random_tree(seed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["octorotor_7link", "hydrus", "dual_arm", "hextilt_flying_arm_5"])
+def test_robots_that_ship(name: str) -> None:
+    """Among them joints whose axes are twisted against the base's, with offsets along them."""
+    compare(read_robot(name)[0])
+
+
+def test_no_entry_between_two_arms_is_computed() -> None:
+    derived = compare(two_arms(2))
+    function, size = derived.program.function("derivatives"), derived.places.size
+    for output in function.outputs[1:]:
+        between = [(i, j) for i in (6, 7) for j in (8, 9)]
+        entries = {output.entries[size * i + j] for p in between for i, j in (p, p[::-1])}
+        assert entries == {Number(0.0)}
+
+
+@pytest.mark.parametrize("attitude", ["zxy", "quaternion"])
+def test_central_differences(attitude: str) -> None:
+    """Displacements of the coordinates are those that the function `integrate` makes."""
+    robot = random_robot(4, 3, 2)
+    derived = Derived.of(replace(robot, base=replace(robot.base, attitude=attitude)))
+    program = derive(derived.robot).program
+    state = derived.state(0)
+    for name, found in (("q", "force_dq"), ("v", "force_dv")):
+        for j, along in enumerate(np.eye(derived.places.size)):
+            forces = []
+            for step in (1e-5, -1e-5):
+                moved = dict(state)
+                if name == "q":
+                    given = {"q": state["q"], "v": along * step}
+                    (q,) = program.evaluate("integrate", derived.parameters, given)
+                    moved["q"] = np.array(q)
+                else:
+                    moved["v"] = state["v"] + along * step
+                forces.append(derived.forces(moved))
+            slope = (forces[0] - forces[1]) / 2e-5
+            np.testing.assert_allclose(derived.found(state)[found][:, j], slope, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_helmholtz(seed: int) -> None:
+    """∂τ/∂v and its transpose make 2 dM/dt, where the velocities are rates of coordinates."""
+    robot = random_tree(10 + seed, "tait_bryan")
+    undamped = tuple(
+        replace(link, passive=replace(link.passive, damping=0.0)) for link in robot.links
+    )
+    derived = Derived.of(replace(robot, links=undamped))
+    state, size = derived.state(seed), derived.places.size
+    along = {"q": state["v"][:, np.newaxis]}
+    rate = complex_step(
+        derived.program, "derivatives", derived.parameters, state, along, output=3
+    ).reshape(size, size)
+    by_rate = derived.found(state)["force_dv"]
+    np.testing.assert_allclose(by_rate + by_rate.T, 2 * rate, atol=1e-11 * np.abs(rate).max())
+
+
+def derivative_operations(links: int, attitude: Attitude) -> int:
+    symbolic = SymbolicRobot.of(benchmark_robot(links, attitude=attitude), tape := Tape())
+    found = inverse_dynamics_derivatives(symbolic)
+    matrices = (found.force_dq, found.force_dv, found.mass_matrix)
+    return operations(tape, [*found.force, *chain.from_iterable(map(flat, matrices))])
+
+
+@pytest.mark.parametrize(
+    ("links", "attitude", "reached"),
+    [
+        (3, "xyz", 1108),
+        (3, "quaternion", 931),
+        (7, "xyz", 3388),
+        (7, "quaternion", 3105),
+        pytest.param(30, "xyz", 33534, marks=pytest.mark.slow),
+        pytest.param(30, "quaternion", 32680, marks=pytest.mark.slow),
+    ],
+)
+def test_operations(links: int, attitude: Attitude, reached: int) -> None:
+    """Counted before the passes over the graph, after which 1100, 3400 and 33500 are allowed."""
+    assert derivative_operations(links, attitude) == reached
