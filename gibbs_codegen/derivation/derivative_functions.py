@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from gibbs_codegen.derivation.coriolis import coriolis_matrix
 from gibbs_codegen.derivation.forward_kinematics import (
     frame_jacobians,
     frame_poses,
@@ -13,20 +14,19 @@ from gibbs_codegen.derivation.frames import mounted_frames
 from gibbs_codegen.derivation.parameter_derivatives import parameter_gradient, parameter_jacobian
 from gibbs_codegen.derivation.regressor import base_parameters, regressor
 from gibbs_codegen.derivation.systems import Array, Systems
-from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 from gibbs_codegen.graph.differentiate import Matrix
 
 
-def _coriolis_matrix(systems: Systems) -> Matrix:
-    symbolic = systems.symbolic
-    velocity_terms = generalised_inertia_forces(
-        systems.tape, symbolic.root, symbolic.reduced_tree, symbolic.state.unaccelerated
-    )
-    return systems.generic.coriolis_matrix(velocity_terms, systems.reduced.matrix)
-
-
 def _block(systems: Systems, rows: str, columns: str) -> Matrix:
-    """A block of the second derivatives of inverse dynamics by q and v."""
+    """A block of the second derivatives of inverse dynamics.
+
+    Args:
+        systems: What it is derived from.
+        rows, columns: "q" or "v".
+
+    Returns:
+        The derivatives by the one and the other.
+    """
     size = len(systems.symbolic.v)
     place = {"q": slice(0, size), "v": slice(size, 2 * size)}
     return [row[place[columns]] for row in systems.inverse_hessian[place[rows]]]
@@ -68,7 +68,7 @@ DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "inverse_dynamics_vv": lambda s: _block(s, "v", "v"),
     "inverse_dynamics_qa": lambda s: s.generic.jacobian(s.inverse_gradient[0], "a"),
     "forward_dynamics_hessian": lambda s: s.generic.hessian(s.dynamics[1], "qvu"),
-    "coriolis_matrix": _coriolis_matrix,
+    "coriolis_matrix": lambda s: coriolis_matrix(s.symbolic),
     "regressor": regressor,
     "base_parameters": base_parameters,
     "inverse_dynamics_dp": parameter_jacobian,

@@ -34,6 +34,15 @@ class BaseDerivatives(Protocol):
     `Root.integrated`.
     """
 
+    def coriolis(self, tape: Scalars) -> BaseDerivatives:
+        """The same, but for derivatives by the velocities.
+
+        Returns:
+            What makes of these, row by row, twice the matrix C of the velocity terms C v for which
+            Ṁ − 2C is skew-symmetric: ∫ξ_i·2ξ̇_j dm, as between joints.
+        """
+        ...
+
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
         """How the force on a joint depends on the base.
 
