@@ -24,6 +24,13 @@ from gibbs_codegen.version import __version__ as __version__
 os.environ.setdefault("SYMPY_CACHE_SIZE", "100000")
 
 if TYPE_CHECKING:
+    from gibbs_codegen.analysis.linear_model import linearise as linearise
+    from gibbs_codegen.analysis.reach import ReachableWrenches as ReachableWrenches
+    from gibbs_codegen.analysis.reach import reachable_wrenches as reachable_wrenches
+    from gibbs_codegen.analysis.regulator import Regulator as Regulator
+    from gibbs_codegen.analysis.regulator import lqr as lqr
+    from gibbs_codegen.analysis.trim import Trim as Trim
+    from gibbs_codegen.analysis.trim import trim as trim
     from gibbs_codegen.derivation.derive import derive as derive
     from gibbs_codegen.equations.chain_equation import ChainEquation as ChainEquation
     from gibbs_codegen.equations.closed_form import chain_closed_form as chain_closed_form
@@ -35,6 +42,7 @@ if TYPE_CHECKING:
     from gibbs_codegen.figures.coupling import coupling_figure as coupling_figure
     from gibbs_codegen.figures.coupling import hybrid_pattern_figure as hybrid_pattern_figure
     from gibbs_codegen.figures.machine import machine_figure as machine_figure
+    from gibbs_codegen.figures.reach import reachable_wrenches_figure as reachable_wrenches_figure
     from gibbs_codegen.figures.results import write_results as write_results
     from gibbs_codegen.pipeline import generate as generate
     from gibbs_codegen.robot.family import paper_family as paper_family
@@ -52,7 +60,10 @@ if TYPE_CHECKING:
 _LAZY = {
     "ChainEquation": "equations.chain_equation",
     "Flight": "simulator.flight",
+    "ReachableWrenches": "analysis.reach",
+    "Regulator": "analysis.regulator",
     "Scenario": "scenario.scenario",
+    "Trim": "analysis.trim",
     "Verification": "verification.verify",
     "as_latex": "equations.layout",
     "as_markdown": "equations.layout",
@@ -64,14 +75,19 @@ _LAZY = {
     "derive": "derivation.derive",
     "generate": "pipeline",
     "hybrid_pattern_figure": "figures.coupling",
+    "linearise": "analysis.linear_model",
     "load": "runtime.load",
+    "lqr": "analysis.regulator",
     "machine_figure": "figures.machine",
     "paper_family": "robot.family",
     "parse_robot": "robot.file",
+    "reachable_wrenches": "analysis.reach",
+    "reachable_wrenches_figure": "figures.reach",
     "read_flight": "simulator.flight",
     "read_robot": "robot.file",
     "read_scenario": "scenario.file",
     "simulate": "simulator.simulation",
+    "trim": "analysis.trim",
     "verify": "verification.modules",
     "write_results": "figures.results",
 }

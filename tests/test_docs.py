@@ -20,6 +20,7 @@ from support.tools import run, tool
 from gibbs_codegen import generate
 from gibbs_codegen.cli.app import argument_parser
 from gibbs_codegen.files.table import Table
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.tables import RobotTable
 from gibbs_codegen.runtime.load import load
@@ -91,7 +92,7 @@ def test_the_step_that_is_shown_is_of_the_fourth_order(
 
 def test_c_program(tmp_path: Path) -> None:
     """The C lines compile as the body of a program, and it computes something."""
-    assert pages_with("c") == ["docs/c-and-firmware.md"]
+    assert pages_with("c") == ["docs/c-and-firmware.md", "docs/derivatives.md"]
     one, wrench, quaternion, other, batch = blocks("docs/c-and-firmware.md", "c")
     generate("quadrotor", tmp_path)
     header, _, turning = quaternion.partition("\n\n")
@@ -110,6 +111,21 @@ def test_c_program(tmp_path: Path) -> None:
     sources = [tmp_path / "program.c", folder / "hexarotor_3link.c", other_folder / "quadrotor.c"]
     program = tmp_path / "program"
     run([tool("cc"), "-O1", f"-I{folder}", f"-I{other_folder}", *sources, "-o", program, "-lm"])
+    run([program])
+
+
+def test_c_program_with_derivatives(tmp_path: Path) -> None:
+    """Gravity turns with the base: the acceleration along x by the angle about y is g."""
+    generate("quadrotor", tmp_path, derivatives="forward_dynamics_derivatives")
+    (text,) = blocks("docs/derivatives.md", "c")
+    header, _, body = text.partition("\n\n")
+    state = ["double q[7] = {0, 0, 0, 0, 0, 0, 1}, v[6] = {0}, u[4] = {0};"]
+    checked = "return !(jacobian[QUADROTOR_V_VX][QUADROTOR_V_WY] == 9.81);"
+    lines = [header, "int main(void)", "{", *state, "double jacobian[6][6] = {{0}};", body, checked]
+    (tmp_path / "program.c").write_text("\n".join([*lines, "}"]), encoding="utf-8")
+    sources = [tmp_path / "program.c", tmp_path / "quadrotor" / "quadrotor.c"]
+    program = tmp_path / "program"
+    run([tool("cc"), "-O1", f"-I{tmp_path / 'quadrotor'}", *sources, "-o", program, "-lm"])
     run([program])
 
 
@@ -181,6 +197,8 @@ def test_every_emitted_function_is_listed() -> None:
     assert len(names) > 16
     for name in names:
         assert re.search(rf"[`.]{name}\(", PAGES["docs/generated-module.md"]), name
+    for row in FUNCTIONS.values():
+        assert row.on_request == (f"`{row.name}(" in PAGES["docs/derivatives.md"]), row.name
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -402,10 +402,12 @@ const Constants
     R(2.1199999999999991e-07),
     R(0.12500572400000001),
     R(1.2719999999999994e-06),
+    R(0.5),
     R(4.5),
     R(3.0),
     R(4.5),
     R(3.0),
+    R(6.0),
     R(13.5),
     R(36.0),
     R(4.2399999999999983e-07),
@@ -416,6 +418,7 @@ const Constants
     R(8.9999980920000002),
     -R(35.999998091999998),
     -R(2.25),
+    R(2.5439999999999989e-06),
     R(88.290000000000006),
     R(0.25),
     R(0.4330127018922193),
@@ -423,11 +426,10 @@ const Constants
     -R(0.24999999999999994),
     R(0.75),
     R(0.125),
-    R(0.5),
     R(0.0625),
     R(0.10825317547305482),
-    R(0.010418097666666667),
-    R(0.031250476999999999),
+    R(0.010418097666666671),
+    R(0.031250476999999992),
     R(0.018041369723940593),
     R(0.041668574666666666),
     R(0.010418574666666666),
@@ -435,14 +437,18 @@ const Constants
     R(0.041668574666666666),
     R(0.10416857466666667),
     R(0.49999999999999994),
-    R(0.12500699600000001),
+    R(0.25001144800000002),
     R(3.9998168403872447),
     R(7.9995522810579329),
     R(0.1111111111111111),
+    R(0.5),
     R(6.3599999999999971e-07),
     R(4.5),
     R(2.1199999999999991e-07),
     R(8.9999980920000002),
+    R(0.12500742000000001),
+    R(9.8100000000000005),
+    R(44.145000000000003),
 };
 
 int hexarotor_3link_init_constants(
@@ -473,10 +479,9 @@ int hexarotor_3link_init_constants(
     const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
     const STEPWISE real k4 = base_arm_section_inertia_zz - k1;
     const STEPWISE real k5 = k3 + k4;
-    const STEPWISE real k6 = R(0.5) * k5;
-    const STEPWISE real k7 = R(0.33333333333333331) * base_arm_length * base_arm_length *
-        base_arm_length * base_arm_mass_per_length;
-    const STEPWISE real k8 = k6 + k7;
+    const STEPWISE real k6 = base_arm_length * base_arm_length;
+    const STEPWISE real k7 = base_arm_mass_per_length * base_arm_length * k6;
+    const STEPWISE real k8 = R(0.5) * k5 + R(0.33333333333333331) * k7;
     const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
     const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
     const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
@@ -496,124 +501,119 @@ int hexarotor_3link_init_constants(
     const STEPWISE real k23 = link2_section_inertia_yy - k22;
     const STEPWISE real k24 = link2_section_inertia_zz - k21;
     const STEPWISE real k25 = k23 + k24;
-    const STEPWISE real k26 = R(0.5) * k25;
-    const STEPWISE real k27 = R(0.33333333333333331) * link2_length * link2_length * link2_length *
-        link2_mass_per_length;
-    const STEPWISE real k28 = k26 + k27;
-    const STEPWISE real k29 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k30 = link2_section_inertia_yy - k29;
-    const STEPWISE real k31 = link2_section_inertia_zz - k30;
-    const STEPWISE real k32 = link2_section_inertia_xx - k29;
-    const STEPWISE real k33 = k31 + k32;
-    const STEPWISE real k34 = R(0.5) * k33;
-    const STEPWISE real k35 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k36 = link2_section_inertia_zz + k35;
-    const STEPWISE real k37 = link2_section_inertia_xx - k36;
-    const STEPWISE real k38 = link2_section_inertia_yy + k35;
-    const STEPWISE real k39 = k37 + k38;
-    const STEPWISE real k40 = R(0.5) * k39;
+    const STEPWISE real k26 = link2_length * link2_length;
+    const STEPWISE real k27 = R(0.5) * k25 + R(0.33333333333333331) * link2_mass_per_length *
+        link2_length * k26;
+    const STEPWISE real k28 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k29 = link2_section_inertia_yy - k28;
+    const STEPWISE real k30 = link2_section_inertia_zz - k29;
+    const STEPWISE real k31 = link2_section_inertia_xx - k28;
+    const STEPWISE real k32 = k30 + k31;
+    const STEPWISE real k33 = R(0.5) * k32;
+    const STEPWISE real k34 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k35 = link2_section_inertia_zz + k34;
+    const STEPWISE real k36 = link2_section_inertia_xx - k35;
+    const STEPWISE real k37 = link2_section_inertia_yy + k34;
+    const STEPWISE real k38 = k36 + k37;
+    const STEPWISE real k39 = R(0.5) * k38;
 
     /* second moments of link3 */
-    const STEPWISE real k41 = link3_section_inertia_xx - link3_section_inertia_yy;
-    const STEPWISE real k42 = link3_section_inertia_xx - k41;
-    const STEPWISE real k43 = link3_section_inertia_yy - k42;
-    const STEPWISE real k44 = link3_section_inertia_zz - k41;
-    const STEPWISE real k45 = k43 + k44;
-    const STEPWISE real k46 = R(0.5) * k45;
-    const STEPWISE real k47 = R(0.33333333333333331) * link3_length * link3_length * link3_length *
-        link3_mass_per_length;
-    const STEPWISE real k48 = k46 + k47;
-    const STEPWISE real k49 = link3_section_inertia_yy - link3_section_inertia_zz;
-    const STEPWISE real k50 = link3_section_inertia_yy - k49;
-    const STEPWISE real k51 = link3_section_inertia_zz - k50;
-    const STEPWISE real k52 = link3_section_inertia_xx - k49;
-    const STEPWISE real k53 = k51 + k52;
-    const STEPWISE real k54 = R(0.5) * k53;
-    const STEPWISE real k55 = link3_section_inertia_xx - link3_section_inertia_zz;
-    const STEPWISE real k56 = link3_section_inertia_zz + k55;
-    const STEPWISE real k57 = link3_section_inertia_xx - k56;
-    const STEPWISE real k58 = link3_section_inertia_yy + k55;
-    const STEPWISE real k59 = k57 + k58;
-    const STEPWISE real k60 = R(0.5) * k59;
+    const STEPWISE real k40 = link3_section_inertia_xx - link3_section_inertia_yy;
+    const STEPWISE real k41 = link3_section_inertia_xx - k40;
+    const STEPWISE real k42 = link3_section_inertia_yy - k41;
+    const STEPWISE real k43 = link3_section_inertia_zz - k40;
+    const STEPWISE real k44 = k42 + k43;
+    const STEPWISE real k45 = link3_length * link3_length;
+    const STEPWISE real k46 = R(0.5) * k44 + R(0.33333333333333331) * link3_mass_per_length *
+        link3_length * k45;
+    const STEPWISE real k47 = link3_section_inertia_yy - link3_section_inertia_zz;
+    const STEPWISE real k48 = link3_section_inertia_yy - k47;
+    const STEPWISE real k49 = link3_section_inertia_zz - k48;
+    const STEPWISE real k50 = link3_section_inertia_xx - k47;
+    const STEPWISE real k51 = k49 + k50;
+    const STEPWISE real k52 = R(0.5) * k51;
+    const STEPWISE real k53 = link3_section_inertia_xx - link3_section_inertia_zz;
+    const STEPWISE real k54 = link3_section_inertia_zz + k53;
+    const STEPWISE real k55 = link3_section_inertia_xx - k54;
+    const STEPWISE real k56 = link3_section_inertia_yy + k53;
+    const STEPWISE real k57 = k55 + k56;
+    const STEPWISE real k58 = R(0.5) * k57;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k61 = R(6.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
-    const STEPWISE real k62 = R(3.0) * k8;
-    const STEPWISE real k63 = R(3.0) * k14;
-    const STEPWISE real k64 = R(6.0) * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length;
-    const STEPWISE real k65 = k62 + k63 + k64;
-    const STEPWISE real k66 = k62 + k63;
-    const STEPWISE real k67 = R(6.0) * k20;
-    const STEPWISE real k68 = R(6.0) * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k59 = base_arm_mass_per_length * k6;
+    const STEPWISE real k60 = R(3.0) * k8;
+    const STEPWISE real k61 = R(1.5) * k13;
+    const STEPWISE real k62 = k60 + k61 + R(6.0) * k7;
+    const STEPWISE real k63 = k60 + k61;
+    const STEPWISE real k64 = R(3.0) * k19;
+    const STEPWISE real k65 = base_arm_length * base_arm_mass_per_length;
 
     /* inertias of the links */
-    const STEPWISE real k69 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
-    const STEPWISE real k70 = link2_length * link2_mass_per_length;
-    const STEPWISE real k71 = R(0.5) * link3_length * link3_length * link3_mass_per_length;
-    const STEPWISE real k72 = link3_length * link3_mass_per_length;
+    const STEPWISE real k66 = R(0.5) * link2_mass_per_length * k26;
+    const STEPWISE real k67 = link2_length * link2_mass_per_length;
+    const STEPWISE real k68 = R(0.5) * link3_mass_per_length * k45;
+    const STEPWISE real k69 = link3_length * link3_mass_per_length;
 
     /* inertia of link 2, with that of link 3 which joint 9 does not move */
-    const STEPWISE real k73 = link2_length * k72;
-    const STEPWISE real k74 = link2_length * k73;
-    const STEPWISE real k75 = k70 + k72;
-    const STEPWISE real k76 = k69 + k73;
-    const STEPWISE real k77 = k28 + k74;
-    const STEPWISE real k78 = k40 + k60;
+    const STEPWISE real k70 = link2_length * k69;
+    const STEPWISE real k71 = R(2.0) * link2_length;
+    const STEPWISE real k72 = k67 + k69;
+    const STEPWISE real k73 = k66 + k70;
+    const STEPWISE real k74 = k27 + link2_length * k70;
+    const STEPWISE real k75 = k39 + k58;
 
     /* inertia of the base, with that of link 1 which joint 7 does not move */
-    const STEPWISE real k79 = base_arm_length * k75;
-    const STEPWISE real k80 = R(2.0) * base_arm_length;
-    const STEPWISE real k81 = base_arm_length * k79;
-    const STEPWISE real k82 = k68 + k75;
-    const STEPWISE real k83 = k61 + k79;
-    const STEPWISE real k84 = k65 + k81;
+    const STEPWISE real k76 = base_arm_length * k72;
+    const STEPWISE real k77 = R(2.0) * base_arm_length;
+    const STEPWISE real k78 = R(6.0) * k65 + k72;
+    const STEPWISE real k79 = R(6.0) * k59 + k76;
+    const STEPWISE real k80 = k62 + base_arm_length * k76;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k85 = k48 - k54;
-    const STEPWISE real k86 = k34 - k77;
-    const STEPWISE real k87 = k66 - k84;
-    const STEPWISE real k88 = gravity * k82;
-    const STEPWISE real k89 = R(0.5) * base_arm_length;
-    const STEPWISE real k90 = R(0.8660254037844386) * base_arm_length;
-    const STEPWISE real k91 = base_arm_length - k89;
-    const STEPWISE real k92 = R(0.5) * k91;
-    const STEPWISE real k93 = R(0.8660254037844386) * k90;
-    const STEPWISE real k94 = k92 - k93;
-    const STEPWISE real k95 = base_arm_length + k89;
+    const STEPWISE real k81 = k46 - k52;
+    const STEPWISE real k82 = k33 - k74;
+    const STEPWISE real k83 = k63 - k80;
+    const STEPWISE real k84 = R(6.0) * k19;
+    const STEPWISE real k85 = gravity * k78;
+    const STEPWISE real k86 = R(0.5) * base_arm_length;
+    const STEPWISE real k87 = R(0.8660254037844386) * base_arm_length;
+    const STEPWISE real k88 = base_arm_length - k86;
+    const STEPWISE real k89 = R(0.74999999999999989) * base_arm_length;
+    const STEPWISE real k90 = R(0.5) * k88 - k89;
+    const STEPWISE real k91 = base_arm_length + k86;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k96 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
-    const STEPWISE real k97 = base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k92 = R(0.5) * k59;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k98 = R(0.5) * k96;
-    const STEPWISE real k99 = R(0.8660254037844386) * k96;
-    const STEPWISE real k100 = k8 - k14;
-    const STEPWISE real k101 = R(0.8660254037844386) * k100;
-    const STEPWISE real k102 = R(0.8660254037844386) * k101;
-    const STEPWISE real k103 = k8 - k102;
-    const STEPWISE real k104 = k14 + k102;
-    const STEPWISE real k105 = R(0.5) * k101;
-    const STEPWISE real k106 = k103 + k104;
-    const STEPWISE real k107 = base_arm_length * k98;
-    const STEPWISE real k108 = k106 - k107;
-    const STEPWISE real k109 = k106 + k107;
-    const STEPWISE real k110 = k8 + k14;
-    const STEPWISE real k111 = base_arm_length * k96;
-    const STEPWISE real k112 = k110 + k111;
-    const STEPWISE real k113 = R(0.5) * k89;
-    const STEPWISE real k114 = k93 + k113;
-    const STEPWISE real k115 = k66 + k67;
-    const STEPWISE real k116 = R(2.0) * k66;
-    const STEPWISE real k117 = R(1.0) / k116;
-    const STEPWISE real k118 = R(1.0) / k115;
-    const STEPWISE real k119 = R(1.0) / k82;
-    const STEPWISE real k120 = R(0.5) * k67;
-    const STEPWISE real k121 = R(0.5) * k82;
-    const STEPWISE real k122 = R(0.5) * k78;
-    const STEPWISE real k123 = k28 - k34;
-    int good = k82 > R(0.0);
+    const STEPWISE real k93 = R(0.25) * k59;
+    const STEPWISE real k94 = R(0.4330127018922193) * k59;
+    const STEPWISE real k95 = k8 - k14;
+    const STEPWISE real k96 = R(0.74999999999999989) * k95;
+    const STEPWISE real k97 = k8 - k96;
+    const STEPWISE real k98 = k14 + k96;
+    const STEPWISE real k99 = R(0.4330127018922193) * k95;
+    const STEPWISE real k100 = k97 + k98;
+    const STEPWISE real k101 = base_arm_length * k93;
+    const STEPWISE real k102 = k100 - k101;
+    const STEPWISE real k103 = k100 + k101;
+    const STEPWISE real k104 = k8 + k14;
+    const STEPWISE real k105 = k104 + base_arm_length * k92;
+    const STEPWISE real k106 = k89 + R(0.25) * base_arm_length;
+    const STEPWISE real k107 = k63 + k64;
+    const STEPWISE real k108 = R(2.0) * k63;
+    const STEPWISE real k109 = R(1.0) / k108;
+    const STEPWISE real k110 = R(1.0) / k107;
+    const STEPWISE real k111 = R(1.0) / k78;
+    const STEPWISE real k112 = k68 * k111;
+    const STEPWISE real k113 = R(1.5) * k19;
+    const STEPWISE real k114 = R(0.5) * k78;
+    const STEPWISE real k115 = R(0.5) * k75;
+    const STEPWISE real k116 = k27 - k33;
+    const STEPWISE real k117 = k75 + k107;
+    const STEPWISE real k118 = k85 * k111;
+    const STEPWISE real k119 = k85 * k112;
+    int good = k78 > R(0.0);
     for (int i = 0; i < 16; ++i) {
         good &= is_finite(parameters[i]);
     }
@@ -629,40 +629,52 @@ int hexarotor_3link_init_constants(
     good &= is_finite(k20);
     constants->link2_length = link2_length;
     good &= is_finite(link2_length);
-    constants->k28 = k28;
-    good &= is_finite(k28);
-    constants->k34 = k34;
-    good &= is_finite(k34);
-    constants->k40 = k40;
-    good &= is_finite(k40);
+    constants->k27 = k27;
+    good &= is_finite(k27);
+    constants->k33 = k33;
+    good &= is_finite(k33);
+    constants->k39 = k39;
+    good &= is_finite(k39);
     constants->link3_length = link3_length;
     good &= is_finite(link3_length);
-    constants->k48 = k48;
-    good &= is_finite(k48);
-    constants->k54 = k54;
-    good &= is_finite(k54);
-    constants->k60 = k60;
-    good &= is_finite(k60);
+    constants->k46 = k46;
+    good &= is_finite(k46);
+    constants->k52 = k52;
+    good &= is_finite(k52);
+    constants->k58 = k58;
+    good &= is_finite(k58);
+    constants->k63 = k63;
+    good &= is_finite(k63);
+    constants->k64 = k64;
+    good &= is_finite(k64);
+    constants->k65 = k65;
+    good &= is_finite(k65);
     constants->k66 = k66;
     good &= is_finite(k66);
     constants->k67 = k67;
     good &= is_finite(k67);
+    constants->k68 = k68;
+    good &= is_finite(k68);
     constants->k69 = k69;
     good &= is_finite(k69);
-    constants->k70 = k70;
-    good &= is_finite(k70);
     constants->k71 = k71;
     good &= is_finite(k71);
-    constants->k72 = k72;
-    good &= is_finite(k72);
-    constants->k76 = k76;
-    good &= is_finite(k76);
+    constants->k73 = k73;
+    good &= is_finite(k73);
+    constants->k74 = k74;
+    good &= is_finite(k74);
+    constants->k75 = k75;
+    good &= is_finite(k75);
     constants->k77 = k77;
     good &= is_finite(k77);
     constants->k78 = k78;
     good &= is_finite(k78);
+    constants->k79 = k79;
+    good &= is_finite(k79);
     constants->k80 = k80;
     good &= is_finite(k80);
+    constants->k81 = k81;
+    good &= is_finite(k81);
     constants->k82 = k82;
     good &= is_finite(k82);
     constants->k83 = k83;
@@ -677,24 +689,26 @@ int hexarotor_3link_init_constants(
     good &= is_finite(k87);
     constants->k88 = k88;
     good &= is_finite(k88);
-    constants->k89 = k89;
-    good &= is_finite(k89);
     constants->k90 = k90;
     good &= is_finite(k90);
     constants->k91 = k91;
     good &= is_finite(k91);
+    constants->k92 = k92;
+    good &= is_finite(k92);
+    constants->k93 = k93;
+    good &= is_finite(k93);
     constants->k94 = k94;
     good &= is_finite(k94);
-    constants->k95 = k95;
-    good &= is_finite(k95);
-    constants->k96 = k96;
-    good &= is_finite(k96);
     constants->k97 = k97;
     good &= is_finite(k97);
     constants->k98 = k98;
     good &= is_finite(k98);
     constants->k99 = k99;
     good &= is_finite(k99);
+    constants->k100 = k100;
+    good &= is_finite(k100);
+    constants->k102 = k102;
+    good &= is_finite(k102);
     constants->k103 = k103;
     good &= is_finite(k103);
     constants->k104 = k104;
@@ -709,26 +723,24 @@ int hexarotor_3link_init_constants(
     good &= is_finite(k109);
     constants->k110 = k110;
     good &= is_finite(k110);
+    constants->k111 = k111;
+    good &= is_finite(k111);
     constants->k112 = k112;
     good &= is_finite(k112);
+    constants->k113 = k113;
+    good &= is_finite(k113);
     constants->k114 = k114;
     good &= is_finite(k114);
     constants->k115 = k115;
     good &= is_finite(k115);
+    constants->k116 = k116;
+    good &= is_finite(k116);
     constants->k117 = k117;
     good &= is_finite(k117);
     constants->k118 = k118;
     good &= is_finite(k118);
     constants->k119 = k119;
     good &= is_finite(k119);
-    constants->k120 = k120;
-    good &= is_finite(k120);
-    constants->k121 = k121;
-    good &= is_finite(k121);
-    constants->k122 = k122;
-    good &= is_finite(k122);
-    constants->k123 = k123;
-    good &= is_finite(k123);
     return !good;
 }
 
@@ -775,22 +787,25 @@ static INLINE void mass_matrix_and_residual_lane(
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
     const real k71 = constants->k71;
-    const real k76 = constants->k76;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
     const real k77 = constants->k77;
     const real k78 = constants->k78;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
     const real k82 = constants->k82;
     const real k83 = constants->k83;
     const real k84 = constants->k84;
     const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k88 = constants->k88;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -815,315 +830,316 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[39 * stride] = R(0.0);
     mass_matrix[48 * stride] = R(0.0);
     mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k82;
+    mass_matrix[60 * stride] = k78;
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
     mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k82;
+    mass_matrix[70 * stride] = k78;
     mass_matrix[71 * stride] = R(0.0);
     mass_matrix[78 * stride] = R(0.0);
     mass_matrix[79 * stride] = R(0.0);
-    mass_matrix[80 * stride] = k82;
+    mass_matrix[80 * stride] = k78;
 
     /* motion of the base */
-    const real t15 = s1 * gravity;
-    const real t16 = c1 * gravity;
+    const real t15 = gravity * s1;
+    const real t16 = gravity * c1;
     const real t17 = v_theta_m1 * s2;
     const real t18 = v_theta_m1 * c2;
-    const real t19 = v_theta_0 * t18;
-    const real t20 = c2 * t16;
-    const real t21 = s2 * t16;
-    const real t22 = t17 * t18;
-    const real t23 = R(2.0) * t19;
-    const real t24 = R(2.0) * v_theta_0 * t17;
-    const real t25 = v_theta_1 + t17;
-    const real t26 = t25 * t25;
-    const real t27 = v_theta_0 * v_theta_0 + t26;
-    const real t28 = t22 - R(2.0) * t25 * t18;
-    const real t29 = t18 * t18 + t26;
-    const real t30 = t24 - R(2.0) * t25 * v_theta_0;
+    const real t19 = v_theta_0 * t17;
+    const real t20 = v_theta_0 * t18;
+    const real t21 = c2 * t16;
+    const real t22 = s2 * t16;
+    const real t23 = t17 * t18;
+    const real t24 = R(2.0) * t20;
+    const real t25 = R(2.0) * t19;
+    const real t26 = v_theta_1 + t17;
+    const real t27 = t26 * t26;
+    const real t28 = v_theta_0 * v_theta_0 + t27;
+    const real t29 = t23 - R(2.0) * t26 * t18;
+    const real t30 = t18 * t18 + t27;
+    const real t31 = t25 - R(2.0) * t26 * v_theta_0;
 
     /* motion of link 1 */
-    const real t31 = c3 * t27;
-    const real t32 = c3 * t23 - s3 * t29;
-    const real t33 = c3 * t28 + s3 * t30;
-    const real t34 = t21 + base_arm_length * t31;
-    const real t35 = t15 + base_arm_length * t32;
-    const real t36 = t20 - base_arm_length * t33;
-    const real t37 = v_theta_7 + t25;
-    const real t38 = t24 - v_theta_0 * t37;
-    const real t39 = t22 - t18 * t37;
-    const real t40 = t37 * t37;
-    const real t41 = c4 * t18 + v_theta_0 * s4;
-    const real t42 = v_theta_0 * c4 - s4 * t18;
-    const real t43 = s4 * t38 + c4 * t39;
-    const real t44 = s4 * t35 - c4 * t34;
-    const real t45 = s4 * t34 + c4 * t35;
-    const real t46 = t41 * t41;
-    const real t47 = t37 * t41;
-    const real t48 = t43 - t47;
-    const real t49 = t19 - t41 * t42;
-    const real t50 = s4 * t39 + t37 * t42 - c4 * t38;
-    const real t51 = t43 + t47;
+    const real t32 = c3 * t28;
+    const real t33 = c3 * t24 - s3 * t30;
+    const real t34 = c3 * t29 + s3 * t31;
+    const real t35 = t22 + base_arm_length * t32;
+    const real t36 = t15 + base_arm_length * t33;
+    const real t37 = t21 - base_arm_length * t34;
+    const real t38 = v_theta_7 + t26;
+    const real t39 = t25 - v_theta_0 * t38;
+    const real t40 = t23 - t18 * t38;
+    const real t41 = t38 * t38;
+    const real t42 = c4 * t18 + v_theta_0 * s4;
+    const real t43 = v_theta_0 * c4 - s4 * t18;
+    const real t44 = s4 * t39 + c4 * t40;
+    const real t45 = s4 * t36 - c4 * t35;
+    const real t46 = s4 * t35 + c4 * t36;
+    const real t47 = t42 * t42;
+    const real t48 = t38 * t42;
+    const real t49 = t44 - t48;
+    const real t50 = t20 - t42 * t43;
+    const real t51 = s4 * t40 + t38 * t43 - c4 * t39;
+    const real t52 = t44 + t48;
 
     /* motion of link 2 */
-    const real t52 = v_theta_8 - t42;
-    const real t53 = t52 * t52;
-    const real t54 = t40 + t53;
-    const real t55 = R(2.0) * t41;
-    const real t56 = t49 - t52 * t55;
-    const real t57 = t46 + t53;
-    const real t58 = R(2.0) * t37;
-    const real t59 = t50 + t52 * t58;
+    const real t53 = v_theta_8 - t43;
+    const real t54 = t53 * t53;
+    const real t55 = t41 + t54;
+    const real t56 = R(2.0) * t42;
+    const real t57 = t50 - t53 * t56;
+    const real t58 = t47 + t54;
+    const real t59 = R(2.0) * t38;
+    const real t60 = t51 + t53 * t59;
 
     /* motion of link 3 */
-    const real t60 = s5 * t51 - c5 * t54;
-    const real t61 = c5 * t48 + s5 * t57;
-    const real t62 = s5 * t59 - c5 * t56;
-    const real t63 = t45 - link2_length * t62;
-    const real t64 = v_theta_9 + t52;
-    const real t65 = t64 * t64;
-    const real t66 = t40 + t65;
-    const real t67 = t49 - t55 * t64;
-    const real t68 = t46 + t65;
-    const real t69 = t50 + t58 * t64;
+    const real t61 = s5 * t52 - c5 * t55;
+    const real t62 = c5 * t49 + s5 * t58;
+    const real t63 = s5 * t60 - c5 * t57;
+    const real t64 = t46 - link2_length * t63;
+    const real t65 = v_theta_9 + t53;
+    const real t66 = t65 * t65;
+    const real t67 = t41 + t66;
+    const real t68 = t50 - t56 * t65;
+    const real t69 = t47 + t66;
+    const real t70 = t51 + t59 * t65;
 
     /* inertia of link 3, turned by the joints */
-    const real t70 = k71 * c6;
-    const real t71 = k71 * s6;
-    const real t72 = s6 * k85;
-    const real t73 = s6 * t72;
-    const real t74 = k48 - t73;
-    const real t75 = k54 + t73;
-    const real t76 = c6 * t72;
+    const real t71 = k68 * c6;
+    const real t72 = k68 * s6;
+    const real t73 = k81 * s6;
+    const real t74 = s6 * t73;
+    const real t75 = k46 - t74;
+    const real t76 = k52 + t74;
+    const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t77 = t63 * t71 + t67 * t76 - t69 * t75;
-    const real t78 = t63 * t70 + t67 * t74 - t69 * t76;
-    const real t79 = (t36 - link2_length * t61) * t70;
-    const real t80 = t76 * (t66 - t68);
-    const real t81 = (t44 + link2_length * t60) * t71;
-    const real t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80;
-    residual[5 * stride] = t82;
-    const real t83 = k71 * (s6 * t51 - c6 * t66);
-    const real t84 = k71 * (c6 * t48 + s6 * t68);
-    const real t85 = k71 * (s6 * t69 - c6 * t67);
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77;
+    const real t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71;
+    const real t81 = t77 * (t67 - t69);
+    const real t82 = (t45 + link2_length * t61) * t72;
+    const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
+    residual[5 * stride] = t83;
+    const real t84 = k68 * (s6 * t52 - c6 * t67);
+    const real t85 = k68 * (c6 * t49 + s6 * t69);
+    const real t86 = k68 * (s6 * t70 - c6 * t68);
 
     /* step from link 2 to link 3 */
-    const real t86 = link2_length * c5;
-    const real t87 = link2_length * s5;
+    const real t87 = link2_length * c5;
+    const real t88 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t88 = c5 * k76;
-    const real t89 = s5 * k76;
-    const real t90 = s5 * k86;
-    const real t91 = s5 * t90;
-    const real t92 = k77 + t91;
-    const real t93 = k34 - t91;
-    const real t94 = c5 * t90;
+    const real t89 = k73 * c5;
+    const real t90 = k73 * s5;
+    const real t91 = k82 * s5;
+    const real t92 = s5 * t91;
+    const real t93 = k74 + t92;
+    const real t94 = k33 - t92;
+    const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t95 = t56 * t94 + t59 * t93 - t45 * t89;
-    const real t96 = t45 * t88 + t56 * t92 + t59 * t94;
-    const real t97 = t36 * t88;
-    const real t98 = t51 * t93;
-    const real t99 = t94 * (t54 - t57);
-    const real t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97;
-    const real t101 = t83 + k76 * t60;
-    const real t102 = t84 + k76 * t61;
-    const real t103 = t85 + k76 * t62;
-    const real t104 = t82 + t83 * t87 + t84 * t86 + t100;
-    residual[4 * stride] = t104;
+    const real t96 = t57 * t95 + t60 * t94 - t46 * t90;
+    const real t97 = t46 * t89 + t57 * t93 + t60 * t95;
+    const real t98 = t49 * t93;
+    const real t99 = t52 * t94;
+    const real t100 = t95 * (t55 - t58);
+    const real t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
+    const real t102 = t84 + k73 * t61;
+    const real t103 = t85 + k73 * t62;
+    const real t104 = t86 + k73 * t63;
+    const real t105 = t83 + t84 * t88 + t85 * t87 - t101;
+    residual[4 * stride] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t105 = t77 - t85 * t87 - t95 - k78 * t50;
-    const real t106 = t78 + t96 + k78 * t49 - t85 * t86;
-    residual[3 * stride] = -t106;
-    const real t107 = c4 * t101 + s4 * t103;
-    const real t108 = s4 * t101 - c4 * t103;
+    const real t106 = t78 + t86 * t88 + t96 + k75 * t51;
+    const real t107 = t86 * t87 - t79 - t97 - k75 * t50;
+    residual[3 * stride] = t107;
+    const real t108 = c4 * t102 + s4 * t104;
+    const real t109 = c4 * t104 - s4 * t102;
 
     /* step from the base to link 1 */
-    const real t109 = c3 * base_arm_length;
-    const real t110 = s3 * base_arm_length;
+    const real t110 = base_arm_length * c3;
+    const real t111 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t111 = c3 * k83;
-    const real t112 = s3 * k83;
-    const real t113 = s3 * k87;
-    const real t114 = s3 * t113;
-    const real t115 = k84 + t114;
-    const real t116 = k66 - t114;
-    const real t117 = c3 * t113;
+    const real t112 = k79 * c3;
+    const real t113 = k79 * s3;
+    const real t114 = k83 * s3;
+    const real t115 = s3 * t114;
+    const real t116 = k80 + t115;
+    const real t117 = k63 - t115;
+    const real t118 = c3 * t114;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t118 = t30 * t116;
-    const real t119 = t20 * t112 + t28 * t117 - k67 * t24 - t118;
-    const real t120 = t30 * t117;
-    const real t121 = k67 * t22 + t28 * t115 - t20 * t111 - t120;
-    const real t122 = t117 * (t27 - t29);
-    const real t123 = t21 * t112 + t23 * t115 + t15 * t111 - t122;
-    const real t124 = t107 - k83 * t31;
-    const real t125 = t108 + k83 * t32;
-    const real t126 = t102 + k83 * t33;
-    const real t127 = s4 * t104 + c4 * t105 + t102 * t110 - t119;
-    const real t128 = c4 * t104 + t102 * t109 + t121 - s4 * t105;
-    residual[1 * stride] = -t128;
-    const real t129 = t106 + t108 * t109 + t123 - t107 * t110;
-    residual[2 * stride] = -t129;
+    const real t119 = t31 * t117;
+    const real t120 = t21 * t113 + t29 * t118 - k84 * t19 - t119;
+    const real t121 = t29 * t116;
+    const real t122 = t21 * t112 + t31 * t118 - k64 * t23 - t121;
+    const real t123 = t118 * (t28 - t30);
+    const real t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123;
+    const real t125 = k79 * t32 - t108;
+    const real t126 = t109 - k79 * t33;
+    const real t127 = t103 + k79 * t34;
+    const real t128 = c4 * t106 + t120 - s4 * t105 - t103 * t111;
+    const real t129 = t122 - c4 * t105 - s4 * t106 - t103 * t110;
+    residual[1 * stride] = t129;
+    const real t130 = t107 + t109 * t110 + t108 * t111 - t124;
+    residual[2 * stride] = t130;
 
     /* inertia forces on attitude and position */
-    const real t130 = c2 * t126 + s2 * t124;
-    const real t131 = c2 * t124 - s2 * t126;
-    residual[6 * stride] = -t131;
-    const real t132 = s2 * t129 - c2 * t127;
-    residual[0 * stride] = -t132;
-    const real t133 = c1 * t125 + s1 * t130;
-    residual[7 * stride] = -t133;
-    const real t134 = s1 * t125 + k88 - c1 * t130;
-    residual[8 * stride] = -t134;
+    const real t131 = s2 * t125 - c2 * t127;
+    const real t132 = c2 * t125 + s2 * t127;
+    residual[6 * stride] = t132;
+    const real t133 = s2 * t130 - c2 * t128;
+    residual[0 * stride] = t133;
+    const real t134 = c1 * t126 + s1 * t131;
+    residual[7 * stride] = t134;
+    const real t135 = s1 * t126 - c1 * t131 - k85;
+    residual[8 * stride] = t135;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t135 = t70 + t88;
     const real t136 = t71 + t89;
-    const real t137 = t92 + t74 + R(2.0) * t70 * t86;
-    const real t138 = t93 + t75 + R(2.0) * t71 * t87;
-    const real t139 = t94 - t76 - t70 * t87 - t71 * t86;
+    const real t137 = t72 + t90;
+    const real t138 = t93 + t75 + t71 * k71 * c5;
+    const real t139 = t94 + t76 + t72 * k71 * s5;
+    const real t140 = t95 - t77 - t71 * t88 - t72 * t87;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t140 = c4 * t135;
-    const real t141 = s4 * t135;
-    const real t142 = c4 * t139;
-    const real t143 = s4 * t139;
-    mass_matrix[12 * stride] = t143;
-    mass_matrix[28 * stride] = t143;
-    const real t144 = s4 * (k78 - t137);
-    const real t145 = s4 * t144;
-    const real t146 = t137 + t145;
-    const real t147 = k78 - t145;
+    const real t141 = c4 * t136;
+    const real t142 = s4 * t136;
+    const real t143 = c4 * t140;
+    const real t144 = s4 * t140;
+    mass_matrix[12 * stride] = t144;
+    mass_matrix[28 * stride] = t144;
+    const real t145 = s4 * (k75 - t138);
+    const real t146 = s4 * t145;
+    const real t147 = t138 + t146;
+    const real t148 = k75 - t146;
 
     /* composite inertia of the base and links 1 to 3 */
-    const real t148 = t142 - t109 * t136;
-    const real t149 = t143 - t110 * t136;
-    mass_matrix[11 * stride] = t149;
-    mass_matrix[19 * stride] = t149;
-    const real t150 = t111 + t140;
+    const real t149 = t143 - t110 * t137;
+    const real t150 = t144 - t111 * t137;
+    mass_matrix[11 * stride] = t150;
+    mass_matrix[19 * stride] = t150;
     const real t151 = t112 + t141;
-    const real t152 = t115 + t146 + R(2.0) * t140 * t109;
-    const real t153 = t116 + t147 + R(2.0) * t141 * t110;
-    const real t154 = k67 + t138;
-    const real t155 = t117 + c4 * t144 - t109 * t141 - t110 * t140;
+    const real t152 = t113 + t142;
+    const real t153 = t116 + t147 + t141 * k77 * c3;
+    const real t154 = t117 + t148 + t142 * k77 * s3;
+    const real t155 = k64 + t139;
+    const real t156 = t118 + c4 * t145 - t110 * t142 - t111 * t141;
 
     /* mass matrix, columns of the joints carried in to joint 7 */
-    const real t156 = t146 + t147;
-    mass_matrix[30 * stride] = t156;
-    const real t157 = t156 + t109 * t140 + t110 * t141;
-    mass_matrix[21 * stride] = t157;
-    mass_matrix[29 * stride] = t157;
-    const real t158 = t137 + t138;
-    mass_matrix[40 * stride] = t158;
-    const real t159 = c4 * t136;
-    const real t160 = s4 * t136;
-    const real t161 = c4 * t158 + t109 * t135;
-    mass_matrix[13 * stride] = -t161;
-    mass_matrix[37 * stride] = -t161;
-    const real t162 = t110 * t159 - t109 * t160;
-    mass_matrix[22 * stride] = t162;
-    mass_matrix[38 * stride] = t162;
-    const real t163 = t74 + t75;
-    mass_matrix[50 * stride] = t163;
-    const real t164 = t163 + t70 * t86 + t71 * t87;
-    mass_matrix[41 * stride] = t164;
-    mass_matrix[49 * stride] = t164;
-    const real t165 = c4 * t71;
-    const real t166 = s4 * t71;
-    const real t167 = c4 * t164 + t70 * t109;
-    mass_matrix[14 * stride] = -t167;
-    mass_matrix[46 * stride] = -t167;
-    const real t168 = t110 * t165 - t109 * t166;
-    mass_matrix[23 * stride] = t168;
-    mass_matrix[47 * stride] = t168;
+    const real t157 = t147 + t148;
+    mass_matrix[30 * stride] = t157;
+    const real t158 = t157 + t110 * t141 + t111 * t142;
+    mass_matrix[21 * stride] = t158;
+    mass_matrix[29 * stride] = t158;
+    const real t159 = t138 + t139;
+    mass_matrix[40 * stride] = t159;
+    const real t160 = c4 * t137;
+    const real t161 = s4 * t137;
+    const real t162 = c4 * t159 + t110 * t136;
+    mass_matrix[13 * stride] = -t162;
+    mass_matrix[37 * stride] = -t162;
+    const real t163 = t111 * t160 - t110 * t161;
+    mass_matrix[22 * stride] = t163;
+    mass_matrix[38 * stride] = t163;
+    const real t164 = t75 + t76;
+    mass_matrix[50 * stride] = t164;
+    const real t165 = t164 + t71 * t87 + t72 * t88;
+    mass_matrix[41 * stride] = t165;
+    mass_matrix[49 * stride] = t165;
+    const real t166 = c4 * t72;
+    const real t167 = s4 * t72;
+    const real t168 = c4 * t165 + t71 * t110;
+    mass_matrix[14 * stride] = -t168;
+    mass_matrix[46 * stride] = -t168;
+    const real t169 = t111 * t166 - t110 * t167;
+    mass_matrix[23 * stride] = t169;
+    mass_matrix[47 * stride] = t169;
 
     /* mass matrix of attitude and position */
-    const real t169 = t152 + t153;
-    mass_matrix[20 * stride] = t169;
-    const real t170 = s2 * t151;
-    const real t171 = c2 * t151;
-    mass_matrix[24 * stride] = -t171;
-    mass_matrix[56 * stride] = -t171;
-    const real t172 = c2 * t148 + s2 * t169;
-    mass_matrix[2 * stride] = t172;
-    mass_matrix[18 * stride] = t172;
-    const real t173 = c1 * t150 - s1 * t170;
-    mass_matrix[25 * stride] = t173;
-    mass_matrix[65 * stride] = t173;
-    const real t174 = c1 * t170 + s1 * t150;
-    mass_matrix[26 * stride] = t174;
-    mass_matrix[74 * stride] = t174;
-    const real t175 = t152 + t154;
-    mass_matrix[10 * stride] = t175;
-    const real t176 = c2 * t155 + s2 * t149;
-    mass_matrix[1 * stride] = t176;
-    mass_matrix[9 * stride] = t176;
-    const real t177 = c2 * t136 - s2 * t150;
-    mass_matrix[15 * stride] = t177;
-    mass_matrix[55 * stride] = t177;
-    const real t178 = c2 * t150 + s2 * t136;
-    const real t179 = s2 * (R(2.0) * c2 * t148 + s2 * (t152 - t154));
-    const real t180 = s1 * t178;
-    mass_matrix[16 * stride] = t180;
-    mass_matrix[64 * stride] = t180;
-    const real t181 = c1 * t178;
-    mass_matrix[17 * stride] = -t181;
-    mass_matrix[73 * stride] = -t181;
-    const real t182 = t153 + t154 + t179;
-    mass_matrix[0 * stride] = t182;
-    const real t183 = c1 * t151 - s1 * t177;
-    mass_matrix[8 * stride] = t183;
-    mass_matrix[72 * stride] = t183;
-    const real t184 = c1 * t177 + s1 * t151;
-    mass_matrix[7 * stride] = -t184;
-    mass_matrix[63 * stride] = -t184;
+    const real t170 = t153 + t154;
+    mass_matrix[20 * stride] = t170;
+    const real t171 = s2 * t152;
+    const real t172 = c2 * t152;
+    mass_matrix[24 * stride] = -t172;
+    mass_matrix[56 * stride] = -t172;
+    const real t173 = c2 * t149 + s2 * t170;
+    mass_matrix[2 * stride] = t173;
+    mass_matrix[18 * stride] = t173;
+    const real t174 = c1 * t151 - s1 * t171;
+    mass_matrix[25 * stride] = t174;
+    mass_matrix[65 * stride] = t174;
+    const real t175 = c1 * t171 + s1 * t151;
+    mass_matrix[26 * stride] = t175;
+    mass_matrix[74 * stride] = t175;
+    const real t176 = t153 + t155;
+    mass_matrix[10 * stride] = t176;
+    const real t177 = c2 * t156 + s2 * t150;
+    mass_matrix[1 * stride] = t177;
+    mass_matrix[9 * stride] = t177;
+    const real t178 = c2 * t137 - s2 * t151;
+    mass_matrix[15 * stride] = t178;
+    mass_matrix[55 * stride] = t178;
+    const real t179 = c2 * t151 + s2 * t137;
+    const real t180 = s2 * (R(2.0) * c2 * t149 + s2 * (t153 - t155));
+    const real t181 = s1 * t179;
+    mass_matrix[16 * stride] = t181;
+    mass_matrix[64 * stride] = t181;
+    const real t182 = c1 * t179;
+    mass_matrix[17 * stride] = -t182;
+    mass_matrix[73 * stride] = -t182;
+    const real t183 = t154 + t155 + t180;
+    mass_matrix[0 * stride] = t183;
+    const real t184 = c1 * t152 - s1 * t178;
+    mass_matrix[8 * stride] = t184;
+    mass_matrix[72 * stride] = t184;
+    const real t185 = c1 * t178 + s1 * t152;
+    mass_matrix[7 * stride] = -t185;
+    mass_matrix[63 * stride] = -t185;
 
     /* mass matrix between the joints and attitude and position */
-    const real t185 = s2 * t141;
-    const real t186 = c2 * t141;
-    mass_matrix[33 * stride] = -t186;
-    mass_matrix[57 * stride] = -t186;
-    const real t187 = c2 * t142 + s2 * t157;
-    mass_matrix[3 * stride] = t187;
-    mass_matrix[27 * stride] = t187;
-    const real t188 = c1 * t140 - s1 * t185;
-    mass_matrix[34 * stride] = t188;
-    mass_matrix[66 * stride] = t188;
-    const real t189 = c1 * t185 + s1 * t140;
-    mass_matrix[35 * stride] = t189;
-    mass_matrix[75 * stride] = t189;
-    const real t190 = c2 * t135 + s2 * t159;
-    const real t191 = s2 * t135 - c2 * t159;
-    mass_matrix[42 * stride] = t191;
-    mass_matrix[58 * stride] = t191;
-    const real t192 = c2 * (s4 * t158 + t110 * t135) + s2 * t162;
-    mass_matrix[4 * stride] = t192;
-    mass_matrix[36 * stride] = t192;
-    const real t193 = c1 * t160 + s1 * t190;
-    mass_matrix[43 * stride] = -t193;
-    mass_matrix[67 * stride] = -t193;
-    const real t194 = c1 * t190 - s1 * t160;
-    mass_matrix[44 * stride] = t194;
-    mass_matrix[76 * stride] = t194;
-    const real t195 = c2 * t70 + s2 * t165;
-    const real t196 = s2 * t70 - c2 * t165;
-    mass_matrix[51 * stride] = t196;
-    mass_matrix[59 * stride] = t196;
-    const real t197 = c2 * (s4 * t164 + t70 * t110) + s2 * t168;
-    mass_matrix[5 * stride] = t197;
-    mass_matrix[45 * stride] = t197;
-    const real t198 = c1 * t166 + s1 * t195;
-    mass_matrix[52 * stride] = -t198;
-    mass_matrix[68 * stride] = -t198;
-    const real t199 = c1 * t195 - s1 * t166;
-    mass_matrix[53 * stride] = t199;
-    mass_matrix[77 * stride] = t199;
+    const real t186 = s2 * t142;
+    const real t187 = c2 * t142;
+    mass_matrix[33 * stride] = -t187;
+    mass_matrix[57 * stride] = -t187;
+    const real t188 = c2 * t143 + s2 * t158;
+    mass_matrix[3 * stride] = t188;
+    mass_matrix[27 * stride] = t188;
+    const real t189 = c1 * t141 - s1 * t186;
+    mass_matrix[34 * stride] = t189;
+    mass_matrix[66 * stride] = t189;
+    const real t190 = c1 * t186 + s1 * t141;
+    mass_matrix[35 * stride] = t190;
+    mass_matrix[75 * stride] = t190;
+    const real t191 = c2 * t136 + s2 * t160;
+    const real t192 = s2 * t136 - c2 * t160;
+    mass_matrix[42 * stride] = t192;
+    mass_matrix[58 * stride] = t192;
+    const real t193 = c2 * (s4 * t159 + t111 * t136) + s2 * t163;
+    mass_matrix[4 * stride] = t193;
+    mass_matrix[36 * stride] = t193;
+    const real t194 = c1 * t161 + s1 * t191;
+    mass_matrix[43 * stride] = -t194;
+    mass_matrix[67 * stride] = -t194;
+    const real t195 = c1 * t191 - s1 * t161;
+    mass_matrix[44 * stride] = t195;
+    mass_matrix[76 * stride] = t195;
+    const real t196 = c2 * t71 + s2 * t166;
+    const real t197 = s2 * t71 - c2 * t166;
+    mass_matrix[51 * stride] = t197;
+    mass_matrix[59 * stride] = t197;
+    const real t198 = c2 * (s4 * t165 + t71 * t111) + s2 * t169;
+    mass_matrix[5 * stride] = t198;
+    mass_matrix[45 * stride] = t198;
+    const real t199 = c1 * t167 + s1 * t196;
+    mass_matrix[52 * stride] = -t199;
+    mass_matrix[68 * stride] = -t199;
+    const real t200 = c1 * t196 - s1 * t167;
+    mass_matrix[53 * stride] = t200;
+    mass_matrix[77 * stride] = t200;
 }
 
 void
@@ -1221,7 +1237,7 @@ static INLINE void mass_matrix_angles(
     const real theta_9 = q[5 * stride];
 
     /* angles and places of the joints */
-    const real t7 = theta_1 + theta_7;
+    const real t7 = -theta_1 - theta_7;
     const real t12 = theta_8 + theta_9;
     angle[0 * stride] = theta_m1;
     angle[1 * stride] = theta_0;
@@ -1242,21 +1258,23 @@ static INLINE void mass_matrix_lane(
     (void)q;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
     const real k71 = constants->k71;
-    const real k76 = constants->k76;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
     const real k77 = constants->k77;
     const real k78 = constants->k78;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
     const real k82 = constants->k82;
     const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1275,47 +1293,50 @@ static INLINE void mass_matrix_lane(
     mass_matrix[39 * stride] = R(0.0);
     mass_matrix[48 * stride] = R(0.0);
     mass_matrix[54 * stride] = R(0.0);
-    mass_matrix[60 * stride] = k82;
+    mass_matrix[60 * stride] = k78;
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
     mass_matrix[69 * stride] = R(0.0);
-    mass_matrix[70 * stride] = k82;
+    mass_matrix[70 * stride] = k78;
     mass_matrix[71 * stride] = R(0.0);
     mass_matrix[78 * stride] = R(0.0);
     mass_matrix[79 * stride] = R(0.0);
-    mass_matrix[80 * stride] = k82;
+    mass_matrix[80 * stride] = k78;
+
+    /* attitude */
+    const real t1 = -c1;
 
     /* inertia of link 3, turned by the joints */
-    const real t15 = k71 * c6;
-    const real t16 = k71 * s6;
-    const real t17 = s6 * k85;
+    const real t15 = k68 * c6;
+    const real t16 = k68 * s6;
+    const real t17 = k81 * s6;
     const real t18 = s6 * t17;
-    const real t19 = k48 - t18;
-    const real t20 = k54 + t18;
+    const real t19 = k46 - t18;
+    const real t20 = k52 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5;
     const real t22 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t23 = s5 * k86;
+    const real t23 = k82 * s5;
     const real t24 = s5 * t23;
 
     /* step from the base to link 1 */
-    const real t25 = c3 * base_arm_length;
-    const real t26 = s3 * base_arm_length;
+    const real t25 = base_arm_length * c3;
+    const real t26 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t27 = s3 * k87;
+    const real t27 = k83 * s3;
     const real t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
     const real t29 = c6 * t17 + t15 * t22 + t16 * t21;
-    const real t30 = t15 + c5 * k76;
-    const real t31 = t16 + s5 * k76;
-    const real t32 = k77 + t24 + t19 + R(2.0) * t15 * t21;
-    const real t33 = k34 + t20 + R(2.0) * t16 * t22 - t24;
-    const real t34 = c5 * t23 - t29;
+    const real t30 = t15 + k73 * c5;
+    const real t31 = t16 + k73 * s5;
+    const real t32 = k74 + t24 + t19 + t15 * k71 * c5;
+    const real t33 = k33 + t20 + t16 * k71 * s5 - t24;
+    const real t34 = t29 - c5 * t23;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30;
@@ -1324,27 +1345,27 @@ static INLINE void mass_matrix_lane(
     const real t38 = s4 * t34;
     mass_matrix[12 * stride] = t38;
     mass_matrix[28 * stride] = t38;
-    const real t39 = s4 * (k78 - t32);
+    const real t39 = s4 * (k75 - t32);
     const real t40 = s4 * t39;
     const real t41 = t32 + t40;
-    const real t42 = k78 - t40;
+    const real t42 = k75 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
-    const real t43 = t25 * t36 + t26 * t35 - c4 * t39;
-    const real t44 = t37 - t25 * t31;
+    const real t43 = t25 * t36 - c4 * t39 - t26 * t35;
+    const real t44 = t37 + t25 * t31;
     const real t45 = t38 - t26 * t31;
     mass_matrix[11 * stride] = t45;
     mass_matrix[19 * stride] = t45;
-    const real t46 = c3 * k83 + t35;
-    const real t47 = s3 * k83 + t36;
-    const real t48 = k84 + t28 + t41 + R(2.0) * t35 * t25;
-    const real t49 = k66 + t42 + R(2.0) * t36 * t26 - t28;
-    const real t50 = k67 + t33;
+    const real t46 = k79 * c3 + t35;
+    const real t47 = t36 - k79 * s3;
+    const real t48 = k80 + t28 + t41 + t35 * k77 * c3;
+    const real t49 = k63 + t42 - t28 - t36 * k77 * s3;
+    const real t50 = k64 + t33;
 
     /* mass matrix, columns of the joints carried in to joint 7 */
     const real t51 = t41 + t42;
     mass_matrix[30 * stride] = t51;
-    const real t52 = t51 + t25 * t35 + t26 * t36;
+    const real t52 = t51 + t25 * t35 - t26 * t36;
     mass_matrix[21 * stride] = t52;
     mass_matrix[29 * stride] = t52;
     const real t53 = t32 + t33;
@@ -1354,7 +1375,7 @@ static INLINE void mass_matrix_lane(
     const real t56 = c4 * t53 + t25 * t30;
     mass_matrix[13 * stride] = -t56;
     mass_matrix[37 * stride] = -t56;
-    const real t57 = t26 * t54 - t25 * t55;
+    const real t57 = t26 * t54 + t25 * t55;
     mass_matrix[22 * stride] = t57;
     mass_matrix[38 * stride] = t57;
     const real t58 = t19 + t20;
@@ -1367,7 +1388,7 @@ static INLINE void mass_matrix_lane(
     const real t62 = c4 * t59 + t15 * t25;
     mass_matrix[14 * stride] = -t62;
     mass_matrix[46 * stride] = -t62;
-    const real t63 = t26 * t60 - t25 * t61;
+    const real t63 = t26 * t60 + t25 * t61;
     mass_matrix[23 * stride] = t63;
     mass_matrix[47 * stride] = t63;
 
@@ -1376,80 +1397,80 @@ static INLINE void mass_matrix_lane(
     mass_matrix[20 * stride] = t64;
     const real t65 = s2 * t47;
     const real t66 = c2 * t47;
-    mass_matrix[24 * stride] = -t66;
-    mass_matrix[56 * stride] = -t66;
-    const real t67 = c2 * t44 + s2 * t64;
+    mass_matrix[24 * stride] = t66;
+    mass_matrix[56 * stride] = t66;
+    const real t67 = s2 * t64 - c2 * t44;
     mass_matrix[2 * stride] = t67;
     mass_matrix[18 * stride] = t67;
-    const real t68 = c1 * t46 - s1 * t65;
+    const real t68 = s1 * t65 - t1 * t46;
     mass_matrix[25 * stride] = t68;
     mass_matrix[65 * stride] = t68;
-    const real t69 = c1 * t65 + s1 * t46;
+    const real t69 = t1 * t65 + s1 * t46;
     mass_matrix[26 * stride] = t69;
     mass_matrix[74 * stride] = t69;
     const real t70 = t48 + t50;
     mass_matrix[10 * stride] = t70;
-    const real t71 = c2 * (c3 * t27 - t43) + s2 * t45;
+    const real t71 = c2 * (c3 * t27 + t43) + s2 * t45;
     mass_matrix[1 * stride] = t71;
     mass_matrix[9 * stride] = t71;
     const real t72 = c2 * t31 - s2 * t46;
     mass_matrix[15 * stride] = t72;
     mass_matrix[55 * stride] = t72;
     const real t73 = c2 * t46 + s2 * t31;
-    const real t74 = s2 * (R(2.0) * c2 * t44 + s2 * (t48 - t50));
+    const real t74 = s2 * (s2 * (t48 - t50) - R(2.0) * c2 * t44);
     const real t75 = s1 * t73;
     mass_matrix[16 * stride] = t75;
     mass_matrix[64 * stride] = t75;
-    const real t76 = c1 * t73;
-    mass_matrix[17 * stride] = -t76;
-    mass_matrix[73 * stride] = -t76;
+    const real t76 = t1 * t73;
+    mass_matrix[17 * stride] = t76;
+    mass_matrix[73 * stride] = t76;
     const real t77 = t49 + t50 + t74;
     mass_matrix[0 * stride] = t77;
-    const real t78 = c1 * t47 - s1 * t72;
+    const real t78 = t1 * t47 - s1 * t72;
     mass_matrix[8 * stride] = t78;
     mass_matrix[72 * stride] = t78;
-    const real t79 = c1 * t72 + s1 * t47;
-    mass_matrix[7 * stride] = -t79;
-    mass_matrix[63 * stride] = -t79;
+    const real t79 = t1 * t72 + s1 * t47;
+    mass_matrix[7 * stride] = t79;
+    mass_matrix[63 * stride] = t79;
 
     /* mass matrix between the joints and attitude and position */
     const real t80 = s2 * t36;
     const real t81 = c2 * t36;
-    mass_matrix[33 * stride] = -t81;
-    mass_matrix[57 * stride] = -t81;
-    const real t82 = c2 * t37 + s2 * t52;
+    mass_matrix[33 * stride] = t81;
+    mass_matrix[57 * stride] = t81;
+    const real t82 = s2 * t52 - c2 * t37;
     mass_matrix[3 * stride] = t82;
     mass_matrix[27 * stride] = t82;
-    const real t83 = c1 * t35 - s1 * t80;
+    const real t83 = s1 * t80 - t1 * t35;
     mass_matrix[34 * stride] = t83;
     mass_matrix[66 * stride] = t83;
-    const real t84 = c1 * t80 + s1 * t35;
+    const real t84 = t1 * t80 + s1 * t35;
     mass_matrix[35 * stride] = t84;
     mass_matrix[75 * stride] = t84;
     const real t85 = c2 * t30 + s2 * t54;
     const real t86 = s2 * t30 - c2 * t54;
     mass_matrix[42 * stride] = t86;
     mass_matrix[58 * stride] = t86;
-    const real t87 = c2 * (s4 * t53 + t26 * t30) + s2 * t57;
+    const real t87 = c2 * (t26 * t30 - s4 * t53) + s2 * t57;
     mass_matrix[4 * stride] = t87;
     mass_matrix[36 * stride] = t87;
-    const real t88 = c1 * t55 + s1 * t85;
+    const real t88 = t1 * t55 + s1 * t85;
     mass_matrix[43 * stride] = -t88;
     mass_matrix[67 * stride] = -t88;
-    const real t89 = c1 * t85 - s1 * t55;
+    const real t89 = s1 * t55 - t1 * t85;
     mass_matrix[44 * stride] = t89;
     mass_matrix[76 * stride] = t89;
     const real t90 = c2 * t15 + s2 * t60;
     const real t91 = s2 * t15 - c2 * t60;
     mass_matrix[51 * stride] = t91;
     mass_matrix[59 * stride] = t91;
-    const real t92 = c2 * (s4 * t59 + t15 * t26) + s2 * t63;
+    const real t92 = c2 * (t15 * t26 - s4 * t59) + s2 * t63;
     mass_matrix[5 * stride] = t92;
     mass_matrix[45 * stride] = t92;
-    const real t93 = c1 * t61 + s1 * t90;
+    const real t93 = t1 * t61 + s1 * t90;
     mass_matrix[52 * stride] = -t93;
     mass_matrix[68 * stride] = -t93;
-    const real t94 = c1 * t90 - s1 * t61;
+    const real t94 = s1 * t61 - t1 * t90;
     mass_matrix[53 * stride] = t94;
     mass_matrix[77 * stride] = t94;
 }
@@ -1557,21 +1578,22 @@ static INLINE void residual_lane(
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
-    const real k78 = constants->k78;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
+    const real k82 = constants->k82;
     const real k83 = constants->k83;
     const real k84 = constants->k84;
     const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k88 = constants->k88;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1592,160 +1614,161 @@ static INLINE void residual_lane(
     const real c6 = cosine[5 * stride];
 
     /* motion of the base */
-    const real t15 = s1 * gravity;
-    const real t16 = c1 * gravity;
+    const real t15 = gravity * s1;
+    const real t16 = gravity * c1;
     const real t17 = v_theta_m1 * s2;
     const real t18 = v_theta_m1 * c2;
-    const real t19 = v_theta_0 * t18;
-    const real t20 = c2 * t16;
-    const real t21 = s2 * t16;
-    const real t22 = t17 * t18;
-    const real t23 = R(2.0) * t19;
-    const real t24 = R(2.0) * v_theta_0 * t17;
-    const real t25 = v_theta_1 + t17;
-    const real t26 = t25 * t25;
-    const real t27 = v_theta_0 * v_theta_0 + t26;
-    const real t28 = t22 - R(2.0) * t25 * t18;
-    const real t29 = t18 * t18 + t26;
-    const real t30 = t24 - R(2.0) * t25 * v_theta_0;
+    const real t19 = v_theta_0 * t17;
+    const real t20 = v_theta_0 * t18;
+    const real t21 = c2 * t16;
+    const real t22 = s2 * t16;
+    const real t23 = t17 * t18;
+    const real t24 = R(2.0) * t20;
+    const real t25 = R(2.0) * t19;
+    const real t26 = v_theta_1 + t17;
+    const real t27 = t26 * t26;
+    const real t28 = v_theta_0 * v_theta_0 + t27;
+    const real t29 = t23 - R(2.0) * t26 * t18;
+    const real t30 = t18 * t18 + t27;
+    const real t31 = t25 - R(2.0) * t26 * v_theta_0;
 
     /* motion of link 1 */
-    const real t31 = c3 * t27;
-    const real t32 = c3 * t23 - s3 * t29;
-    const real t33 = c3 * t28 + s3 * t30;
-    const real t34 = t21 + base_arm_length * t31;
-    const real t35 = t15 + base_arm_length * t32;
-    const real t36 = t20 - base_arm_length * t33;
-    const real t37 = v_theta_7 + t25;
-    const real t38 = t24 - v_theta_0 * t37;
-    const real t39 = t22 - t18 * t37;
-    const real t40 = t37 * t37;
-    const real t41 = c4 * t18 + v_theta_0 * s4;
-    const real t42 = v_theta_0 * c4 - s4 * t18;
-    const real t43 = s4 * t38 + c4 * t39;
-    const real t44 = s4 * t35 - c4 * t34;
-    const real t45 = s4 * t34 + c4 * t35;
-    const real t46 = t41 * t41;
-    const real t47 = t37 * t41;
-    const real t48 = t43 - t47;
-    const real t49 = t19 - t41 * t42;
-    const real t50 = s4 * t39 + t37 * t42 - c4 * t38;
-    const real t51 = t43 + t47;
+    const real t32 = c3 * t28;
+    const real t33 = c3 * t24 - s3 * t30;
+    const real t34 = c3 * t29 + s3 * t31;
+    const real t35 = t22 + base_arm_length * t32;
+    const real t36 = t15 + base_arm_length * t33;
+    const real t37 = t21 - base_arm_length * t34;
+    const real t38 = v_theta_7 + t26;
+    const real t39 = t25 - v_theta_0 * t38;
+    const real t40 = t23 - t18 * t38;
+    const real t41 = t38 * t38;
+    const real t42 = c4 * t18 + v_theta_0 * s4;
+    const real t43 = v_theta_0 * c4 - s4 * t18;
+    const real t44 = s4 * t39 + c4 * t40;
+    const real t45 = s4 * t36 - c4 * t35;
+    const real t46 = s4 * t35 + c4 * t36;
+    const real t47 = t42 * t42;
+    const real t48 = t38 * t42;
+    const real t49 = t44 - t48;
+    const real t50 = t20 - t42 * t43;
+    const real t51 = s4 * t40 + t38 * t43 - c4 * t39;
+    const real t52 = t44 + t48;
 
     /* motion of link 2 */
-    const real t52 = v_theta_8 - t42;
-    const real t53 = t52 * t52;
-    const real t54 = t40 + t53;
-    const real t55 = R(2.0) * t41;
-    const real t56 = t49 - t52 * t55;
-    const real t57 = t46 + t53;
-    const real t58 = R(2.0) * t37;
-    const real t59 = t50 + t52 * t58;
+    const real t53 = v_theta_8 - t43;
+    const real t54 = t53 * t53;
+    const real t55 = t41 + t54;
+    const real t56 = R(2.0) * t42;
+    const real t57 = t50 - t53 * t56;
+    const real t58 = t47 + t54;
+    const real t59 = R(2.0) * t38;
+    const real t60 = t51 + t53 * t59;
 
     /* motion of link 3 */
-    const real t60 = s5 * t51 - c5 * t54;
-    const real t61 = c5 * t48 + s5 * t57;
-    const real t62 = s5 * t59 - c5 * t56;
-    const real t63 = t45 - link2_length * t62;
-    const real t64 = v_theta_9 + t52;
-    const real t65 = t64 * t64;
-    const real t66 = t40 + t65;
-    const real t67 = t49 - t55 * t64;
-    const real t68 = t46 + t65;
-    const real t69 = t50 + t58 * t64;
+    const real t61 = s5 * t52 - c5 * t55;
+    const real t62 = c5 * t49 + s5 * t58;
+    const real t63 = s5 * t60 - c5 * t57;
+    const real t64 = t46 - link2_length * t63;
+    const real t65 = v_theta_9 + t53;
+    const real t66 = t65 * t65;
+    const real t67 = t41 + t66;
+    const real t68 = t50 - t56 * t65;
+    const real t69 = t47 + t66;
+    const real t70 = t51 + t59 * t65;
 
     /* inertia of link 3, turned by the joints */
-    const real t70 = k71 * c6;
-    const real t71 = k71 * s6;
-    const real t72 = s6 * k85;
-    const real t73 = s6 * t72;
-    const real t74 = k48 - t73;
-    const real t75 = k54 + t73;
-    const real t76 = c6 * t72;
+    const real t71 = k68 * c6;
+    const real t72 = k68 * s6;
+    const real t73 = k81 * s6;
+    const real t74 = s6 * t73;
+    const real t75 = k46 - t74;
+    const real t76 = k52 + t74;
+    const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t77 = t63 * t71 + t67 * t76 - t69 * t75;
-    const real t78 = t63 * t70 + t67 * t74 - t69 * t76;
-    const real t79 = (t36 - link2_length * t61) * t70;
-    const real t80 = t76 * (t66 - t68);
-    const real t81 = (t44 + link2_length * t60) * t71;
-    const real t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80;
-    residual[5 * stride] = t82;
-    const real t83 = k71 * (s6 * t51 - c6 * t66);
-    const real t84 = k71 * (c6 * t48 + s6 * t68);
-    const real t85 = k71 * (s6 * t69 - c6 * t67);
+    const real t78 = t70 * t76 - t64 * t72 - t68 * t77;
+    const real t79 = t64 * t71 + t68 * t75 - t70 * t77;
+    const real t80 = (t37 - link2_length * t62) * t71;
+    const real t81 = t77 * (t67 - t69);
+    const real t82 = (t45 + link2_length * t61) * t72;
+    const real t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81;
+    residual[5 * stride] = t83;
+    const real t84 = k68 * (s6 * t52 - c6 * t67);
+    const real t85 = k68 * (c6 * t49 + s6 * t69);
+    const real t86 = k68 * (s6 * t70 - c6 * t68);
 
     /* step from link 2 to link 3 */
-    const real t86 = link2_length * c5;
-    const real t87 = link2_length * s5;
+    const real t87 = link2_length * c5;
+    const real t88 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t88 = c5 * k76;
-    const real t89 = s5 * k76;
-    const real t90 = s5 * k86;
-    const real t91 = s5 * t90;
-    const real t92 = k77 + t91;
-    const real t93 = k34 - t91;
-    const real t94 = c5 * t90;
+    const real t89 = k73 * c5;
+    const real t90 = k73 * s5;
+    const real t91 = k82 * s5;
+    const real t92 = s5 * t91;
+    const real t93 = k74 + t92;
+    const real t94 = k33 - t92;
+    const real t95 = c5 * t91;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t95 = t56 * t94 + t59 * t93 - t45 * t89;
-    const real t96 = t45 * t88 + t56 * t92 + t59 * t94;
-    const real t97 = t36 * t88;
-    const real t98 = t51 * t93;
-    const real t99 = t94 * (t54 - t57);
-    const real t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97;
-    const real t101 = t83 + k76 * t60;
-    const real t102 = t84 + k76 * t61;
-    const real t103 = t85 + k76 * t62;
-    const real t104 = t82 + t83 * t87 + t84 * t86 + t100;
-    residual[4 * stride] = t104;
+    const real t96 = t57 * t95 + t60 * t94 - t46 * t90;
+    const real t97 = t46 * t89 + t57 * t93 + t60 * t95;
+    const real t98 = t49 * t93;
+    const real t99 = t52 * t94;
+    const real t100 = t95 * (t55 - t58);
+    const real t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100;
+    const real t102 = t84 + k73 * t61;
+    const real t103 = t85 + k73 * t62;
+    const real t104 = t86 + k73 * t63;
+    const real t105 = t83 + t84 * t88 + t85 * t87 - t101;
+    residual[4 * stride] = t105;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t105 = t77 - t85 * t87 - t95 - k78 * t50;
-    const real t106 = t78 + t96 + k78 * t49 - t85 * t86;
-    residual[3 * stride] = -t106;
-    const real t107 = c4 * t101 + s4 * t103;
-    const real t108 = s4 * t101 - c4 * t103;
+    const real t106 = t78 + t86 * t88 + t96 + k75 * t51;
+    const real t107 = t86 * t87 - t79 - t97 - k75 * t50;
+    residual[3 * stride] = t107;
+    const real t108 = c4 * t102 + s4 * t104;
+    const real t109 = c4 * t104 - s4 * t102;
 
     /* step from the base to link 1 */
-    const real t109 = c3 * base_arm_length;
-    const real t110 = s3 * base_arm_length;
+    const real t110 = base_arm_length * c3;
+    const real t111 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t111 = c3 * k83;
-    const real t112 = s3 * k83;
-    const real t113 = s3 * k87;
-    const real t114 = s3 * t113;
-    const real t115 = k84 + t114;
-    const real t116 = c3 * t113;
+    const real t112 = k79 * c3;
+    const real t113 = k79 * s3;
+    const real t114 = k83 * s3;
+    const real t115 = s3 * t114;
+    const real t116 = k80 + t115;
+    const real t117 = c3 * t114;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t117 = t30 * (k66 - t114);
-    const real t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117;
-    const real t119 = t30 * t116;
-    const real t120 = k67 * t22 + t28 * t115 - t20 * t111 - t119;
-    const real t121 = t116 * (t27 - t29);
-    const real t122 = t21 * t112 + t23 * t115 + t15 * t111 - t121;
-    const real t123 = t107 - k83 * t31;
-    const real t124 = t108 + k83 * t32;
-    const real t125 = t102 + k83 * t33;
-    const real t126 = s4 * t104 + c4 * t105 + t102 * t110 - t118;
-    const real t127 = c4 * t104 + t102 * t109 + t120 - s4 * t105;
-    residual[1 * stride] = -t127;
-    const real t128 = t106 + t108 * t109 + t122 - t107 * t110;
-    residual[2 * stride] = -t128;
+    const real t118 = t31 * (k63 - t115);
+    const real t119 = t21 * t113 + t29 * t117 - k84 * t19 - t118;
+    const real t120 = t29 * t116;
+    const real t121 = t21 * t112 + t31 * t117 - k64 * t23 - t120;
+    const real t122 = t117 * (t28 - t30);
+    const real t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122;
+    const real t124 = k79 * t32 - t108;
+    const real t125 = t109 - k79 * t33;
+    const real t126 = t103 + k79 * t34;
+    const real t127 = c4 * t106 + t119 - s4 * t105 - t103 * t111;
+    const real t128 = t121 - c4 * t105 - s4 * t106 - t103 * t110;
+    residual[1 * stride] = t128;
+    const real t129 = t107 + t109 * t110 + t108 * t111 - t123;
+    residual[2 * stride] = t129;
 
     /* inertia forces on attitude and position */
-    const real t129 = c2 * t125 + s2 * t123;
-    const real t130 = c2 * t123 - s2 * t125;
-    residual[6 * stride] = -t130;
-    const real t131 = s2 * t128 - c2 * t126;
-    residual[0 * stride] = -t131;
-    const real t132 = c1 * t124 + s1 * t129;
-    residual[7 * stride] = -t132;
-    const real t133 = s1 * t124 + k88 - c1 * t129;
-    residual[8 * stride] = -t133;
+    const real t130 = s2 * t124 - c2 * t126;
+    const real t131 = c2 * t124 + s2 * t126;
+    residual[6 * stride] = t131;
+    const real t132 = s2 * t129 - c2 * t127;
+    residual[0 * stride] = t132;
+    const real t133 = c1 * t125 + s1 * t130;
+    residual[7 * stride] = t133;
+    const real t134 = s1 * t125 - c1 * t130 - k85;
+    residual[8 * stride] = t134;
 }
 
 void
@@ -1846,19 +1869,19 @@ static INLINE void input_matrix_lane(
     const int stride)
 {
     (void)q;
-    const real k80 = constants->k80;
+    const real k77 = constants->k77;
+    const real k87 = constants->k87;
     const real k90 = constants->k90;
-    const real k94 = constants->k94;
-    const real k95 = constants->k95;
+    const real k91 = constants->k91;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride];
     const real s3 = sine[2 * stride];
     const real c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k94;
-    input_matrix[21 * stride] = k80;
-    input_matrix[23 * stride] = -k94;
+    input_matrix[19 * stride] = -k90;
+    input_matrix[21 * stride] = k77;
+    input_matrix[23 * stride] = -k90;
     input_matrix[33 * stride] = R(1.0);
     input_matrix[43 * stride] = R(1.0);
     input_matrix[53 * stride] = R(1.0);
@@ -1882,23 +1905,23 @@ static INLINE void input_matrix_lane(
     const real t11 = t9 + t10;
     const real t12 = R(0.5) * c3;
     const real t13 = R(0.8660254037844386) * s3;
-    const real t14 = t12 - t13;
+    const real t14 = t13 - t12;
     const real t15 = s2 * t11;
     const real t16 = c2 * t11;
     input_matrix[55 * stride] = t16;
-    const real t17 = s2 * k94;
+    const real t17 = k90 * s2;
     input_matrix[1 * stride] = -t17;
     input_matrix[5 * stride] = -t17;
-    const real t18 = s1 * t15 - c1 * t14;
+    const real t18 = s1 * t15 + c1 * t14;
     input_matrix[64 * stride] = t18;
-    const real t19 = c1 * t15 + s1 * t14;
-    input_matrix[73 * stride] = -t19;
+    const real t19 = s1 * t14 - c1 * t15;
+    input_matrix[73 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = s3 * k95;
-    const real t21 = c3 * k90;
-    const real t22 = s3 * k90;
-    const real t23 = c3 * k95;
+    const real t20 = k91 * s3;
+    const real t21 = k87 * c3;
+    const real t22 = k87 * s3;
+    const real t23 = k91 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
@@ -1908,7 +1931,7 @@ static INLINE void input_matrix_lane(
     const real t26 = s2 * s3;
     const real t27 = c2 * s3;
     input_matrix[57 * stride] = -t27;
-    const real t28 = s2 * k80;
+    const real t28 = k77 * s2;
     input_matrix[3 * stride] = t28;
     const real t29 = c1 * c3 - s1 * t26;
     input_matrix[66 * stride] = t29;
@@ -2044,24 +2067,26 @@ static INLINE void forward_dynamics_lane(
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
     const real k78 = constants->k78;
+    const real k81 = constants->k81;
     const real k82 = constants->k82;
-    const real k85 = constants->k85;
+    const real k84 = constants->k84;
     const real k86 = constants->k86;
-    const real k89 = constants->k89;
-    const real k90 = constants->k90;
-    const real k114 = constants->k114;
-    const real k115 = constants->k115;
+    const real k87 = constants->k87;
+    const real k106 = constants->k106;
+    const real k108 = constants->k108;
+    const real k109 = constants->k109;
+    const real k110 = constants->k110;
     const real k117 = constants->k117;
-    const real k118 = constants->k118;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2093,209 +2118,235 @@ static INLINE void forward_dynamics_lane(
     /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t16;
-    const real t18 = t15 * t16;
-    const real t19 = R(2.0) * v_theta_0 * t15;
-    const real t20 = v_theta_1 + t15;
-    const real t21 = v_theta_0 * t20;
-    const real t22 = t16 * t20;
-    const real t23 = t20 * t20;
+    const real t17 = v_theta_0 * t15;
+    const real t18 = v_theta_0 * t16;
+    const real t19 = t15 * t16;
+    const real t20 = R(2.0) * t17;
+    const real t21 = v_theta_1 + t15;
+    const real t22 = t21 * t21;
 
     /* motion of link 1 */
-    const real t24 = v_theta_7 + t20;
-    const real t25 = t19 - v_theta_0 * t24;
-    const real t26 = t18 - t16 * t24;
-    const real t27 = t24 * t24;
-    const real t28 = c4 * t16 + v_theta_0 * s4;
-    const real t29 = v_theta_0 * c4 - s4 * t16;
-    const real t30 = s4 * t25 + c4 * t26;
-    const real t31 = t28 * t28;
-    const real t32 = t24 * t28;
-    const real t33 = t30 - t32;
-    const real t34 = t17 - t28 * t29;
-    const real t35 = s4 * t26 + t24 * t29 - c4 * t25;
-    const real t36 = t30 + t32;
+    const real t23 = v_theta_7 + t21;
+    const real t24 = t20 - v_theta_0 * t23;
+    const real t25 = t19 - t16 * t23;
+    const real t26 = t23 * t23;
+    const real t27 = c4 * t16 + v_theta_0 * s4;
+    const real t28 = v_theta_0 * c4 - s4 * t16;
+    const real t29 = s4 * t24 + c4 * t25;
+    const real t30 = t27 * t27;
+    const real t31 = t23 * t27;
+    const real t32 = t29 - t31;
+    const real t33 = t18 - t27 * t28;
+    const real t34 = s4 * t25 + t23 * t28 - c4 * t24;
+    const real t35 = t29 + t31;
 
     /* motion of link 2 */
-    const real t37 = v_theta_8 - t29;
-    const real t38 = t37 * t37;
-    const real t39 = t27 + t38;
-    const real t40 = R(2.0) * t28;
-    const real t41 = t34 - t37 * t40;
-    const real t42 = t31 + t38;
-    const real t43 = R(2.0) * t24;
-    const real t44 = t35 + t37 * t43;
+    const real t36 = v_theta_8 - t28;
+    const real t37 = t36 * t36;
+    const real t38 = t26 + t37;
+    const real t39 = R(2.0) * t27;
+    const real t40 = t33 - t36 * t39;
+    const real t41 = t30 + t37;
+    const real t42 = R(2.0) * t23;
+    const real t43 = t36 * t42 + t34;
 
     /* motion of link 3 */
-    const real t45 = s5 * t36 - c5 * t39;
-    const real t46 = c5 * t33 + s5 * t42;
-    const real t47 = s5 * t44 - c5 * t41;
-    const real t48 = link2_length * t47;
-    const real t49 = v_theta_9 + t37;
-    const real t50 = t49 * t49;
-    const real t51 = t27 + t50;
-    const real t52 = t34 - t40 * t49;
-    const real t53 = t31 + t50;
-    const real t54 = t35 + t43 * t49;
+    const real t44 = s5 * t35 - c5 * t38;
+    const real t45 = c5 * t32 + s5 * t41;
+    const real t46 = c5 * t40 - s5 * t43;
+    const real t47 = link2_length * t46;
+    const real t48 = v_theta_9 + t36;
+    const real t49 = t48 * t48;
+    const real t50 = t26 + t49;
+    const real t51 = t33 - t39 * t48;
+    const real t52 = t30 + t49;
+    const real t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t55 = k71 * c6;
-    const real t56 = k71 * s6;
-    const real t57 = s6 * k85;
-    const real t58 = s6 * t57;
-    const real t59 = k48 - t58;
-    const real t60 = k54 + t58;
-    const real t61 = c6 * t57;
+    const real t54 = k68 * c6;
+    const real t55 = k68 * s6;
+    const real t56 = k81 * s6;
+    const real t57 = s6 * t56;
+    const real t58 = k46 - t57;
+    const real t59 = k52 + t57;
+    const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t62 = t61 * (t51 - t53);
-    const real t63 = k71 * (s6 * t54 - c6 * t52);
+    const real t61 = t59 * t53;
+    const real t62 = t51 * t60;
+    const real t63 = t51 * t58;
+    const real t64 = t60 * t53;
+    const real t65 = t60 * (t50 - t52);
+    const real t66 = k68 * (c6 * t51 - s6 * t53);
 
     /* step from link 2 to link 3 */
-    const real t64 = link2_length * c5;
-    const real t65 = link2_length * s5;
+    const real t67 = link2_length * c5;
+    const real t68 = link2_length * s5;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t69 = t68 * t66;
+    const real t70 = t67 * t66;
 
     /* inertia of link 2, turned by the joints */
-    const real t66 = c5 * k76;
-    const real t67 = s5 * k76;
-    const real t68 = s5 * k86;
-    const real t69 = s5 * t68;
-    const real t70 = k77 + t69;
-    const real t71 = k34 - t69;
-    const real t72 = c5 * t68;
+    const real t71 = k73 * c5;
+    const real t72 = k73 * s5;
+    const real t73 = k82 * s5;
+    const real t74 = s5 * t73;
+    const real t75 = k74 + t74;
+    const real t76 = k33 - t74;
+    const real t77 = c5 * t73;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t73 = t55 + t66;
-    const real t74 = t72 - t61 - t55 * t65 - t56 * t64;
-
-    /* force and moment of all thrusts */
-    const real t75 = F_3 * k90 - F_5 * k90;
-    const real t76 = F_1 * base_arm_length - F_3 * k89 - F_5 * k89;
-    const real t77 = R(0.8660254037844386) * F_2 - R(0.8660254037844386) * F_6;
-    const real t78 = F_4 - R(0.5) * F_2 - R(0.5) * F_6;
-    const real t79 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114;
-
-    /* articulated inertia and load of link 3, about joint 9 */
-    const real t80 = t54 * t60 + t48 * t56 - t52 * t61;
-    const real t81 = t54 * t61 + t48 * t55 - t52 * t59;
-    const real t82 = link2_length * t45 * t56;
-    const real t83 = link2_length * t46 * t55;
-    const real t84 = t33 * t59 + t36 * t60 + t82 + t83 - t62;
-
-    /* equation of joint 9, its acceleration eliminated */
-    const real t85 = R(1.0) / (t59 + t60);
-    const real t86 = t85 * (tau_9 + t84);
-    const real t87 = t56 * t85;
-    const real t88 = t55 * t85;
-    const real t89 = k71 * (s6 * t36 - c6 * t51) - t56 * t86;
-    const real t90 = k71 * (c6 * t33 + s6 * t53) - t55 * t86;
-    const real t91 = t56 * t87;
-    const real t92 = t55 * t88;
-    const real t93 = t55 * t87;
-
-    /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t94 = t65 * t91 + t64 * t93;
-    const real t95 = t65 * t93 + t64 * t92;
-    const real t96 = t33 * t70 + t36 * t71 + t72 * (t39 - t42);
-    const real t97 = t67 - t94;
-    const real t98 = t66 - t95;
-    const real t99 = t63 * t65 + t80 + t41 * t72 + t44 * t71;
-    const real t100 = t63 * t64 + t81 - t41 * t70 - t44 * t72;
-
-    /* equation of joint 8, its acceleration eliminated */
-    const real t101 = R(1.0) / (t64 * t95 + t65 * t94 - t70 - t71);
-    const real t102 = tau_8 + t64 * t90 + t65 * t89 + t96 - tau_9;
-    const real t103 = t101 * t102;
-    const real t104 = t97 * t101;
-    const real t105 = t98 * t101;
-    const real t106 = k76 * t45 + t89 + t97 * t103;
-    const real t107 = k76 * t46 + t90 + t98 * t103;
-    const real t108 = t93 - t98 * t104;
+    const real t78 = t40 * t77;
+    const real t79 = t76 * t43;
+    const real t80 = t40 * t75;
+    const real t81 = t77 * t43;
+    const real t82 = t32 * t75;
+    const real t83 = t35 * t76;
+    const real t84 = t77 * (t38 - t41);
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t109 = k78 + t71 + t60 + R(2.0) * t56 * t65;
+    const real t85 = k75 * t34;
+    const real t86 = k75 * t33;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t87 = t54 + t71;
+    const real t88 = t60 + t54 * t68 + t55 * t67 - t77;
+
+    /* force and moment of all thrusts */
+    const real t89 = k87 * (F_3 - F_5);
+    const real t90 = F_3 + F_5;
+    const real t91 = base_arm_length * F_1 - k86 * t90;
+    const real t92 = R(0.8660254037844386) * (F_2 - F_6);
+    const real t93 = F_2 + F_6;
+    const real t94 = F_4 - R(0.5) * t93;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t95 = t55 * t47;
+    const real t96 = t54 * t47;
+
+    /* equation of joint 9, its acceleration eliminated */
+    const real t97 = R(1.0) / (t58 + t59);
+    const real t98 = link2_length * (t44 * t55 + t45 * t54);
+    const real t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65;
+    const real t100 = t97 * t99;
+    const real t101 = t55 * t97;
+    const real t102 = t54 * t97;
+    const real t103 = k68 * (s6 * t35 - c6 * t50) - t55 * t100;
+    const real t104 = k68 * (c6 * t32 + s6 * t52) - t54 * t100;
+    const real t105 = t55 * t101;
+    const real t106 = t54 * t102;
+    const real t107 = t54 * t101;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t108 = t68 * t105 + t67 * t107;
+    const real t109 = t68 * t107 + t67 * t106;
+    const real t110 = R(2.0) * t55 * t68;
+    const real t111 = t67 * t104;
+    const real t112 = t68 * t103;
+    const real t113 = t72 - t108;
+    const real t114 = t71 - t109;
+
+    /* equation of joint 8, its acceleration eliminated */
+    const real t115 = R(1.0) / (t75 + t76 - t67 * t109 - t68 * t108);
+    const real t116 = tau_8 + t82 + t83 + t84 + t111 + t112 - tau_9;
+    const real t117 = t115 * t116;
+    const real t118 = t113 * t115;
+    const real t119 = t114 * t115;
+    const real t120 = t113 * t117;
+    const real t121 = t107 + t114 * t118;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t110 = R(1.0) / (k78 + t70 + t59 + R(2.0) * t55 * t64);
-    const real t111 = t110 * (tau_7 + t100 - k78 * t34);
-    const real t112 = t73 * t110;
-    const real t113 = t74 * t110;
-    const real t114 = t63 + k76 * t47 - t73 * t111;
-    const real t115 = k78 * t35 + t99 + t74 * t111;
-    const real t116 = t56 + t67 + t74 * t112;
+    const real t122 = R(1.0) / (k75 + t58 + t75 + R(2.0) * t54 * t67);
+    const real t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96;
+    const real t124 = t122 * t123;
+    const real t125 = t87 * t122;
+    const real t126 = t88 * t122;
+    const real t127 = t87 * t124;
+    const real t128 = t88 * t124;
+    const real t129 = t55 + t72 - t88 * t125;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t117 = c3 * t77 - s3 * t78;
-    const real t118 = c3 * t78 + s3 * t77;
-    const real t119 = k67 * t19 + k66 * (t19 - R(2.0) * t20 * v_theta_0);
-    const real t120 = k67 * t18 + k66 * (t18 - R(2.0) * t20 * t16);
-    const real t121 = c3 * t75 + s3 * t76 - t119;
-    const real t122 = c3 * t76 - s3 * t75 - t120;
-    const real t123 = F_5 + F_1 + F_3 + t107;
-    const real t124 = t115 + c4 * t121 - s4 * t122;
+    const real t130 = c3 * t92 - s3 * t94;
+    const real t131 = c3 * t94 + s3 * t92;
+    const real t132 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
+    const real t133 = k63 * (t19 - R(2.0) * t21 * t16);
+    const real t134 = k84 * t17 + t132 - c3 * t89 - s3 * t91;
+    const real t135 = k64 * t19 + t133 + s3 * t89 - c3 * t91;
+    const real t136 = c4 * t130;
+    const real t137 = s4 * t131;
+    const real t138 = c4 * t131;
+    const real t139 = s4 * t130;
+    const real t140 = s4 * t135;
+    const real t141 = c4 * t134;
+    const real t142 = F_1 + k73 * t45 + t90 + t104 - t114 * t117;
+    const real t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140;
+    const real t144 = base_arm_length * F_4 + k106 * t93 - tau_7 - k108 * t18;
 
     /* acceleration of the base, by LDL^T */
-    const real t125 = R(1.0) / (t109 + k115 - t74 * t113);
-    const real t126 = t116 * t125;
-    const real t127 = t114 + c4 * t118 - s4 * t117 - t124 * t126;
-    const real t128 = R(1.0) / (k82 - t73 * t112 - t116 * t126);
-    const real t129 = R(1.0) / (k82 + t98 * t105 - t92);
-    const real t130 = t108 * t129;
-    const real t131 = t106 + t123 * t130 - c4 * t117 - s4 * t118;
-    const real t132 = R(1.0) / (k82 + t97 * t104 - t91 - t108 * t130);
-    const real t133 = t131 * t132;
-    const real t134 = t130 * t133 + t123 * t129;
-    const real t135 = t127 * t128;
-    const real t136 = t126 * t135 - t124 * t125;
-    const real t137 = (tau_8 + s4 * t121 + c4 * t122) * k118;
-    const real t138 = (tau_7 + R(2.0) * k66 * t17 - t79) * k117;
+    const real t145 = R(1.0) / (t59 + t76 + t110 + k117 - t88 * t126);
+    const real t146 = t129 * t145;
+    const real t147 = t143 * t146;
+    const real t148 = t66 + k73 * t46 + t127 + t139 - t138 - t147;
+    const real t149 = R(1.0) / (k78 - t87 * t125 - t129 * t146);
+    const real t150 = R(1.0) / (k78 - t106 - t114 * t119);
+    const real t151 = t121 * t150;
+    const real t152 = t151 * t142;
+    const real t153 = k73 * t44 + t103 + t152 - t120 - t136 - t137;
+    const real t154 = R(1.0) / (k78 - t105 - t113 * t118 - t121 * t151);
+    const real t155 = t154 * t153;
+    const real t156 = t151 * t155 + t150 * t142;
+    const real t157 = t148 * t149;
+    const real t158 = t143 * t145 - t146 * t157;
+    const real t159 = k110 * (tau_8 - s4 * t134 - c4 * t135);
+    const real t160 = k109 * t144;
 
     /* acceleration of joint 7 */
-    const real t139 = t138 + t111 - t112 * t135 - t113 * t136;
-    acceleration[3 * stride] = t139;
+    const real t161 = t124 + t125 * t157 + t126 * t158 - t160;
+    acceleration[3 * stride] = t161;
 
     /* acceleration of joint 8 */
-    const real t140 = t104 * t133 + t105 * t134 - t103;
-    const real t141 = t137 + t140;
-    acceleration[4 * stride] = t141;
+    const real t162 = t117 - t118 * t155 - t119 * t156;
+    const real t163 = t159 + t162;
+    acceleration[4 * stride] = t163;
 
     /* acceleration of joint 9 */
-    const real t142 = t88 * (t134 + t64 * t140);
-    const real t143 = t140 + t87 * (t133 + t65 * t140) + t142 - t86;
-    acceleration[5 * stride] = -t143;
+    const real t164 = t102 * (t156 + t67 * t162);
+    const real t165 = t100 - t162 - t101 * (t155 + t68 * t162) - t164;
+    acceleration[5 * stride] = t165;
 
     /* acceleration of the base */
-    const real t144 = c4 * t136 - s4 * t137;
-    const real t145 = s4 * t136 + c4 * t137;
-    acceleration[1 * stride] = t145;
+    const real t166 = c4 * t158 - s4 * t159;
+    const real t167 = s4 * t158 + c4 * t159;
+    acceleration[1 * stride] = t167;
 
     /* acceleration of the origin from that of the base centre */
-    const real t146 = t17 - t138;
-    const real t147 = c3 * (v_theta_0 * v_theta_0 + t23) - s3 * (t17 - t146);
-    const real t148 = s3 * (t16 * t16 + t23) - c3 * (t17 + t146);
-    const real t149 = s3 * (t21 + t21 + t144 - t19);
-    const real t150 = base_arm_length * (c3 * (t22 + t22 - t18 - t145) + t149);
-    const real t151 = c4 * t133 + s4 * t135 - base_arm_length * t147;
-    const real t152 = c4 * t135 + base_arm_length * t148 - s4 * t133;
-    const real t153 = t134 - t150;
+    const real t168 = t18 + t160;
+    const real t169 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t168);
+    const real t170 = s3 * (t16 * t16 + t22) - c3 * (t18 + t168);
+    const real t171 = s3 * (t20 - t166 - R(2.0) * v_theta_0 * t21);
+    const real t172 = c3 * (t19 + t167 - R(2.0) * t16 * t21) + t171;
+    const real t173 = s4 * t157 + base_arm_length * t169 - c4 * t155;
+    const real t174 = base_arm_length * t170 - c4 * t157 - s4 * t155;
+    const real t175 = base_arm_length * t172 + t156;
 
     /* acceleration of the origin, in world axes */
-    const real t154 = s2 * t151 + c2 * t153;
-    const real t155 = s2 * t153 - c2 * t151;
-    acceleration[6 * stride] = t155;
-    const real t156 = c1 * t152 - s1 * t154;
-    acceleration[7 * stride] = t156;
+    const real t176 = c2 * t175 - s2 * t173;
+    const real t177 = s2 * t175 + c2 * t173;
+    acceleration[6 * stride] = t177;
+    const real t178 = c1 * t174 - s1 * t176;
+    acceleration[7 * stride] = t178;
 
     /* accelerations of the attitude angles */
-    const real t157 = R(1.0) / c2;
-    const real t158 = t144 * t157;
-    acceleration[0 * stride] = t158;
-    const real t159 = t138 + s2 * t158;
-    acceleration[2 * stride] = -t159;
+    const real t179 = R(1.0) / c2;
+    const real t180 = t179 * t166;
+    acceleration[0 * stride] = t180;
+    const real t181 = t160 - s2 * t180;
+    acceleration[2 * stride] = t181;
 
     /* acceleration of the origin, in world axes */
-    const real t160 = gravity - c1 * t154 - s1 * t152;
-    acceleration[8 * stride] = -t160;
+    const real t182 = c1 * t176 + s1 * t174 - gravity;
+    acceleration[8 * stride] = t182;
 }
 
 void
@@ -2427,21 +2478,21 @@ static INLINE void inverse_dynamics_lane(
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
     const real k78 = constants->k78;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
     const real k82 = constants->k82;
     const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2503,12 +2554,12 @@ static INLINE void inverse_dynamics_lane(
     const real t38 = t27 + t36;
 
     /* inertia of link 3, turned by the joints */
-    const real t39 = k71 * c6;
-    const real t40 = k71 * s6;
-    const real t41 = s6 * k85;
+    const real t39 = k68 * c6;
+    const real t40 = k68 * s6;
+    const real t41 = k81 * s6;
     const real t42 = s6 * t41;
-    const real t43 = k48 - t42;
-    const real t44 = k54 + t42;
+    const real t43 = k46 - t42;
+    const real t44 = k52 + t42;
     const real t45 = c6 * t41;
 
     /* inertia forces of link 3, about joint 9 */
@@ -2519,28 +2570,28 @@ static INLINE void inverse_dynamics_lane(
     const real t48 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t49 = c5 * k76;
-    const real t50 = s5 * k76;
-    const real t51 = s5 * k86;
+    const real t49 = k73 * c5;
+    const real t50 = k73 * s5;
+    const real t51 = k82 * s5;
     const real t52 = s5 * t51;
-    const real t53 = k77 + t52;
-    const real t54 = k34 - t52;
+    const real t53 = k74 + t52;
+    const real t54 = k33 - t52;
     const real t55 = c5 * t51;
 
     /* inertia forces of links 2 and 3, about joint 8 */
     const real t56 = t55 * (t31 - t33);
 
     /* step from the base to link 1 */
-    const real t57 = c3 * base_arm_length;
-    const real t58 = s3 * base_arm_length;
+    const real t57 = base_arm_length * c3;
+    const real t58 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t59 = c3 * k83;
-    const real t60 = s3 * k83;
-    const real t61 = s3 * k87;
+    const real t59 = k79 * c3;
+    const real t60 = k79 * s3;
+    const real t61 = k83 * s3;
     const real t62 = s3 * t61;
-    const real t63 = k84 + t62;
-    const real t64 = k66 - t62;
+    const real t63 = k80 + t62;
+    const real t64 = k63 - t62;
     const real t65 = c3 * t61;
 
     /* inertia forces of the base and links 1 to 3 */
@@ -2594,61 +2645,61 @@ static INLINE void inverse_dynamics_lane(
 
     /* inertia forces of link 3, about joint 9 */
     const real t105 = t45 * t102 + t44 * t104 - t40 * t99;
-    const real t106 = t43 * t102 + t45 * t104 - t39 * t99;
+    const real t106 = t39 * t99 - t43 * t102 - t45 * t104;
     const real t107 = t39 * (t84 - link2_length * t97);
     const real t108 = t40 * (t87 - link2_length * t96);
     const real t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103;
     force[5 * stride] = t109;
-    const real t110 = k71 * (c6 * t37 - s6 * t103);
-    const real t111 = k71 * (s6 * t38 - c6 * t101);
-    const real t112 = k71 * (c6 * t102 + s6 * t104);
+    const real t110 = k68 * (c6 * t37 - s6 * t103);
+    const real t111 = k68 * (s6 * t38 - c6 * t101);
+    const real t112 = k68 * (c6 * t102 + s6 * t104);
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t113 = t50 * t88 + t55 * t93 - t54 * t95;
+    const real t113 = t54 * t95 - t50 * t88 - t55 * t93;
     const real t114 = t49 * t88 + t55 * t95 - t53 * t93;
     const real t115 = t49 * t84;
     const real t116 = t53 * t92;
     const real t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116;
-    const real t118 = t110 + k76 * t96;
-    const real t119 = t111 + k76 * t97;
-    const real t120 = t112 + k76 * t98;
+    const real t118 = t110 + k73 * t96;
+    const real t119 = t111 + k73 * t97;
+    const real t120 = t112 + k73 * t98;
     const real t121 = t109 + t48 * t110 - t47 * t111 - t117;
     force[4 * stride] = t121;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t122 = t105 + t48 * t112 + k78 * t90 - t113;
-    const real t123 = t106 + t47 * t112 + k78 * t89 - t114;
-    force[3 * stride] = -t123;
+    const real t122 = t105 + t48 * t112 + t113 + k75 * t90;
+    const real t123 = t106 + t114 - t47 * t112 - k75 * t89;
+    force[3 * stride] = t123;
     const real t124 = s4 * t120 - c4 * t118;
     const real t125 = s4 * t118 + c4 * t120;
 
     /* inertia forces of the base and links 1 to 3 */
     const real t126 = t65 * t76;
-    const real t127 = t60 * t70 + t64 * t78 - k67 * t73 - t126;
+    const real t127 = t60 * t70 + t64 * t78 - k64 * t73 - t126;
     const real t128 = t63 * t76;
-    const real t129 = k67 * t72 + t65 * t78 - t59 * t70 - t128;
+    const real t129 = k64 * t72 + t65 * t78 - t59 * t70 - t128;
     const real t130 = t59 * t68;
     const real t131 = t63 * t75;
     const real t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131;
-    const real t133 = t124 - k83 * t79;
-    const real t134 = t125 + k83 * t80;
-    const real t135 = t119 - k83 * t81;
+    const real t133 = t124 - k79 * t79;
+    const real t134 = t125 + k79 * t80;
+    const real t135 = t119 - k79 * t81;
     const real t136 = s4 * t121 + c4 * t122 + t127 - t58 * t119;
     const real t137 = s4 * t122 + t57 * t119 + t129 - c4 * t121;
     force[1 * stride] = t137;
-    const real t138 = t123 + t58 * t124 + t57 * t125 + t132;
-    force[2 * stride] = -t138;
+    const real t138 = t123 - t58 * t124 - t57 * t125 - t132;
+    force[2 * stride] = t138;
 
     /* inertia forces on attitude and position */
     const real t139 = s2 * t133 + c2 * t135;
-    const real t140 = c2 * t136 - s2 * t138;
+    const real t140 = c2 * t136 + s2 * t138;
     force[0 * stride] = t140;
-    const real t141 = c2 * t133 + a_x * k82 - s2 * t135;
+    const real t141 = c2 * t133 + k78 * a_x - s2 * t135;
     force[6 * stride] = t141;
-    const real t142 = s1 * t139 + a_y * k82 - c1 * t134;
+    const real t142 = s1 * t139 + k78 * a_y - c1 * t134;
     force[7 * stride] = t142;
-    const real t143 = c1 * t139 + s1 * t134 - k82 * t67;
-    force[8 * stride] = -t143;
+    const real t143 = k78 * t67 - c1 * t139 - s1 * t134;
+    force[8 * stride] = t143;
 }
 
 void
@@ -2773,29 +2824,31 @@ static INLINE void hybrid_mass_matrix_lane(
     (void)q;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
     const real k71 = constants->k71;
-    const real k76 = constants->k76;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
     const real k77 = constants->k77;
     const real k78 = constants->k78;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
     const real k82 = constants->k82;
     const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k96 = constants->k96;
-    const real k98 = constants->k98;
-    const real k99 = constants->k99;
-    const real k106 = constants->k106;
-    const real k108 = constants->k108;
-    const real k109 = constants->k109;
-    const real k110 = constants->k110;
-    const real k112 = constants->k112;
+    const real k92 = constants->k92;
+    const real k93 = constants->k93;
+    const real k94 = constants->k94;
+    const real k100 = constants->k100;
+    const real k102 = constants->k102;
+    const real k103 = constants->k103;
+    const real k104 = constants->k104;
+    const real k105 = constants->k105;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2808,66 +2861,70 @@ static INLINE void hybrid_mass_matrix_lane(
     const real c5 = cosine[4 * stride];
     const real s6 = sine[5 * stride];
     const real c6 = cosine[5 * stride];
-    mass_matrix[41 * stride] = k108;
-    mass_matrix[42 * stride] = k109;
-    mass_matrix[43 * stride] = k112;
-    mass_matrix[44 * stride] = k109;
-    mass_matrix[45 * stride] = k108;
-    mass_matrix[59 * stride] = k108;
-    mass_matrix[60 * stride] = k106;
+    mass_matrix[41 * stride] = k102;
+    mass_matrix[42 * stride] = k103;
+    mass_matrix[43 * stride] = k105;
+    mass_matrix[44 * stride] = k103;
+    mass_matrix[45 * stride] = k102;
+    mass_matrix[59 * stride] = k102;
+    mass_matrix[60 * stride] = k100;
     mass_matrix[71 * stride] = -R(1.0);
-    mass_matrix[78 * stride] = k109;
-    mass_matrix[80 * stride] = k106;
+    mass_matrix[78 * stride] = k103;
+    mass_matrix[80 * stride] = k100;
     mass_matrix[91 * stride] = -R(1.0);
-    mass_matrix[97 * stride] = k112;
-    mass_matrix[100 * stride] = k110;
+    mass_matrix[97 * stride] = k105;
+    mass_matrix[100 * stride] = k104;
     mass_matrix[111 * stride] = -R(1.0);
-    mass_matrix[116 * stride] = k109;
-    mass_matrix[120 * stride] = k106;
+    mass_matrix[116 * stride] = k103;
+    mass_matrix[120 * stride] = k100;
     mass_matrix[131 * stride] = -R(1.0);
-    mass_matrix[135 * stride] = k108;
-    mass_matrix[140 * stride] = k106;
+    mass_matrix[135 * stride] = k102;
+    mass_matrix[140 * stride] = k100;
     mass_matrix[151 * stride] = -R(1.0);
-    mass_matrix[220 * stride] = k82;
-    mass_matrix[240 * stride] = k82;
-    mass_matrix[260 * stride] = k82;
+    mass_matrix[220 * stride] = k78;
+    mass_matrix[240 * stride] = k78;
+    mass_matrix[260 * stride] = k78;
     mass_matrix[269 * stride] = R(1.0);
     mass_matrix[289 * stride] = R(1.0);
     mass_matrix[309 * stride] = R(1.0);
     mass_matrix[329 * stride] = R(1.0);
     mass_matrix[349 * stride] = R(1.0);
 
+    /* attitude */
+    const real t2 = -s1;
+    const real t3 = -c2;
+
     /* inertia of link 3, turned by the joints */
-    const real t15 = k71 * c6;
-    const real t16 = k71 * s6;
-    const real t17 = s6 * k85;
+    const real t15 = k68 * c6;
+    const real t16 = k68 * s6;
+    const real t17 = k81 * s6;
     const real t18 = s6 * t17;
-    const real t19 = k48 - t18;
-    const real t20 = k54 + t18;
+    const real t19 = k46 - t18;
+    const real t20 = k52 + t18;
 
     /* step from link 2 to link 3 */
     const real t21 = link2_length * c5;
     const real t22 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t23 = s5 * k86;
+    const real t23 = k82 * s5;
     const real t24 = s5 * t23;
 
     /* step from the base to link 1 */
-    const real t25 = c3 * base_arm_length;
-    const real t26 = s3 * base_arm_length;
+    const real t25 = base_arm_length * c3;
+    const real t26 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t27 = s3 * k87;
+    const real t27 = k83 * s3;
     const real t28 = s3 * t27;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t29 = c6 * t17 + t15 * t22 + t16 * t21;
-    const real t30 = t15 + c5 * k76;
-    const real t31 = t16 + s5 * k76;
-    const real t32 = k77 + t24 + t19 + R(2.0) * t15 * t21;
-    const real t33 = k34 + t20 + R(2.0) * t16 * t22 - t24;
-    const real t34 = c5 * t23 - t29;
+    const real t29 = t16 * t21;
+    const real t30 = t15 + k73 * c5;
+    const real t31 = t16 + k73 * s5;
+    const real t32 = k74 + t19 + t24 + t15 * k71 * c5;
+    const real t33 = k33 + t20 + t16 * k71 * s5 - t24;
+    const real t34 = c5 * t23 - c6 * t17 - t15 * t22 - t29;
 
     /* composite inertia of links 1 to 3, about joint 7 */
     const real t35 = c4 * t30;
@@ -2876,213 +2933,214 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t38 = s4 * t34;
     mass_matrix[27 * stride] = t38;
     mass_matrix[153 * stride] = t38;
-    const real t39 = s4 * (k78 - t32);
+    const real t39 = s4 * (k75 - t32);
     const real t40 = s4 * t39;
     const real t41 = t32 + t40;
-    const real t42 = k78 - t40;
+    const real t42 = k75 - t40;
 
     /* composite inertia of the base and links 1 to 3 */
-    const real t43 = t25 * t36 + t26 * t35 - c4 * t39;
-    const real t44 = t37 - t25 * t31;
+    const real t43 = t26 * t35;
+    const real t44 = t25 * t31 - t37;
     const real t45 = t38 - t26 * t31;
     mass_matrix[21 * stride] = t45;
     mass_matrix[39 * stride] = t45;
-    const real t46 = c3 * k83 + t35;
-    const real t47 = s3 * k83 + t36;
-    const real t48 = k84 + t28 + t41 + R(2.0) * t35 * t25;
-    const real t49 = k66 + t42 + R(2.0) * t36 * t26 - t28;
-    const real t50 = k67 + t33;
+    const real t46 = k79 * c3 + t35;
+    const real t47 = k79 * s3 + t36;
+    const real t48 = k80 + t28 + t35 * k77 * c3 + t41;
+    const real t49 = k63 + t36 * k77 * s3 + t42 - t28;
+    const real t50 = k64 + t33;
+    const real t51 = c3 * t27 + c4 * t39 - t25 * t36 - t43;
 
     /* mass matrix, columns of the joints carried in to joint 7 */
-    const real t51 = t41 + t42;
-    mass_matrix[160 * stride] = t51;
-    const real t52 = t51 + t25 * t35 + t26 * t36;
-    mass_matrix[46 * stride] = t52;
-    mass_matrix[154 * stride] = t52;
-    const real t53 = t32 + t33;
-    mass_matrix[180 * stride] = t53;
-    const real t54 = c4 * t31;
-    const real t55 = s4 * t31;
-    const real t56 = c4 * t53 + t25 * t30;
-    mass_matrix[28 * stride] = -t56;
-    mass_matrix[172 * stride] = -t56;
-    const real t57 = t26 * t54 - t25 * t55;
-    mass_matrix[47 * stride] = t57;
-    mass_matrix[173 * stride] = t57;
-    const real t58 = t19 + t20;
-    mass_matrix[200 * stride] = t58;
-    const real t59 = t58 + t15 * t21 + t16 * t22;
-    mass_matrix[181 * stride] = t59;
-    mass_matrix[199 * stride] = t59;
-    const real t60 = c4 * t16;
-    const real t61 = s4 * t16;
-    const real t62 = c4 * t59 + t15 * t25;
-    mass_matrix[29 * stride] = -t62;
-    mass_matrix[191 * stride] = -t62;
-    const real t63 = t26 * t60 - t25 * t61;
-    mass_matrix[48 * stride] = t63;
-    mass_matrix[192 * stride] = t63;
+    const real t52 = t41 + t42;
+    mass_matrix[160 * stride] = t52;
+    const real t53 = t25 * t35 + t26 * t36 + t52;
+    mass_matrix[46 * stride] = t53;
+    mass_matrix[154 * stride] = t53;
+    const real t54 = t32 + t33;
+    mass_matrix[180 * stride] = t54;
+    const real t55 = c4 * t31;
+    const real t56 = s4 * t31;
+    const real t57 = t25 * t30 + c4 * t54;
+    mass_matrix[28 * stride] = -t57;
+    mass_matrix[172 * stride] = -t57;
+    const real t58 = t26 * t55 - t25 * t56;
+    mass_matrix[47 * stride] = t58;
+    mass_matrix[173 * stride] = t58;
+    const real t59 = t19 + t20;
+    mass_matrix[200 * stride] = t59;
+    const real t60 = t59 + t15 * t21 + t16 * t22;
+    mass_matrix[181 * stride] = t60;
+    mass_matrix[199 * stride] = t60;
+    const real t61 = c4 * t16;
+    const real t62 = s4 * t16;
+    const real t63 = c4 * t60 + t15 * t25;
+    mass_matrix[29 * stride] = -t63;
+    mass_matrix[191 * stride] = -t63;
+    const real t64 = t26 * t61 - t25 * t62;
+    mass_matrix[48 * stride] = t64;
+    mass_matrix[192 * stride] = t64;
 
     /* mass matrix of attitude and position */
-    const real t64 = t48 + t49;
-    mass_matrix[40 * stride] = t64;
-    const real t65 = s2 * t47;
-    const real t66 = c2 * t47;
-    mass_matrix[49 * stride] = -t66;
-    mass_matrix[211 * stride] = -t66;
-    const real t67 = c2 * t44 + s2 * t64;
-    mass_matrix[2 * stride] = t67;
-    mass_matrix[38 * stride] = t67;
-    const real t68 = c1 * t46 - s1 * t65;
-    mass_matrix[50 * stride] = t68;
-    mass_matrix[230 * stride] = t68;
-    const real t69 = c1 * t65 + s1 * t46;
-    mass_matrix[51 * stride] = t69;
-    mass_matrix[249 * stride] = t69;
-    const real t70 = t48 + t50;
-    mass_matrix[20 * stride] = t70;
-    const real t71 = c2 * (c3 * t27 - t43) + s2 * t45;
-    mass_matrix[1 * stride] = t71;
-    mass_matrix[19 * stride] = t71;
-    const real t72 = c2 * t31 - s2 * t46;
-    mass_matrix[30 * stride] = t72;
-    mass_matrix[210 * stride] = t72;
-    const real t73 = c2 * t46 + s2 * t31;
-    const real t74 = s2 * (R(2.0) * c2 * t44 + s2 * (t48 - t50));
-    const real t75 = s1 * t73;
-    mass_matrix[31 * stride] = t75;
-    mass_matrix[229 * stride] = t75;
-    const real t76 = c1 * t73;
-    mass_matrix[32 * stride] = -t76;
-    mass_matrix[248 * stride] = -t76;
-    const real t77 = t49 + t50 + t74;
-    mass_matrix[0 * stride] = t77;
-    const real t78 = c1 * t47 - s1 * t72;
-    mass_matrix[13 * stride] = t78;
-    mass_matrix[247 * stride] = t78;
-    const real t79 = c1 * t72 + s1 * t47;
-    mass_matrix[12 * stride] = -t79;
-    mass_matrix[228 * stride] = -t79;
+    const real t65 = t48 + t49;
+    mass_matrix[40 * stride] = t65;
+    const real t66 = s2 * t47;
+    const real t67 = t3 * t47;
+    mass_matrix[49 * stride] = t67;
+    mass_matrix[211 * stride] = t67;
+    const real t68 = t3 * t44 + s2 * t65;
+    mass_matrix[2 * stride] = t68;
+    mass_matrix[38 * stride] = t68;
+    const real t69 = c1 * t46 + t2 * t66;
+    mass_matrix[50 * stride] = t69;
+    mass_matrix[230 * stride] = t69;
+    const real t70 = c1 * t66 - t2 * t46;
+    mass_matrix[51 * stride] = t70;
+    mass_matrix[249 * stride] = t70;
+    const real t71 = t48 + t50;
+    mass_matrix[20 * stride] = t71;
+    const real t72 = s2 * t45 - t3 * t51;
+    mass_matrix[1 * stride] = t72;
+    mass_matrix[19 * stride] = t72;
+    const real t73 = -t3 * t31 - s2 * t46;
+    mass_matrix[30 * stride] = t73;
+    mass_matrix[210 * stride] = t73;
+    const real t74 = t3 * t46 - s2 * t31;
+    const real t75 = s2 * (R(2.0) * t3 * t44 + s2 * (t48 - t50));
+    const real t76 = t2 * t74;
+    mass_matrix[31 * stride] = t76;
+    mass_matrix[229 * stride] = t76;
+    const real t77 = c1 * t74;
+    mass_matrix[32 * stride] = t77;
+    mass_matrix[248 * stride] = t77;
+    const real t78 = t49 + t50 + t75;
+    mass_matrix[0 * stride] = t78;
+    const real t79 = c1 * t47 + t2 * t73;
+    mass_matrix[13 * stride] = t79;
+    mass_matrix[247 * stride] = t79;
+    const real t80 = t2 * t47 - c1 * t73;
+    mass_matrix[12 * stride] = t80;
+    mass_matrix[228 * stride] = t80;
 
     /* mass matrix between the joints and attitude and position */
-    const real t80 = s2 * t36;
-    const real t81 = c2 * t36;
-    mass_matrix[163 * stride] = -t81;
-    mass_matrix[217 * stride] = -t81;
-    const real t82 = c2 * t37 + s2 * t52;
-    mass_matrix[8 * stride] = t82;
-    mass_matrix[152 * stride] = t82;
-    const real t83 = c1 * t35 - s1 * t80;
-    mass_matrix[164 * stride] = t83;
-    mass_matrix[236 * stride] = t83;
-    const real t84 = c1 * t80 + s1 * t35;
-    mass_matrix[165 * stride] = t84;
-    mass_matrix[255 * stride] = t84;
-    const real t85 = c2 * t30 + s2 * t54;
-    const real t86 = s2 * t30 - c2 * t54;
-    mass_matrix[182 * stride] = t86;
-    mass_matrix[218 * stride] = t86;
-    const real t87 = c2 * (s4 * t53 + t26 * t30) + s2 * t57;
-    mass_matrix[9 * stride] = t87;
-    mass_matrix[171 * stride] = t87;
-    const real t88 = c1 * t55 + s1 * t85;
-    mass_matrix[183 * stride] = -t88;
-    mass_matrix[237 * stride] = -t88;
-    const real t89 = c1 * t85 - s1 * t55;
-    mass_matrix[184 * stride] = t89;
-    mass_matrix[256 * stride] = t89;
-    const real t90 = c2 * t15 + s2 * t60;
-    const real t91 = s2 * t15 - c2 * t60;
-    mass_matrix[201 * stride] = t91;
-    mass_matrix[219 * stride] = t91;
-    const real t92 = c2 * (s4 * t59 + t15 * t26) + s2 * t63;
-    mass_matrix[10 * stride] = t92;
-    mass_matrix[190 * stride] = t92;
-    const real t93 = c1 * t61 + s1 * t90;
-    mass_matrix[202 * stride] = -t93;
-    mass_matrix[238 * stride] = -t93;
-    const real t94 = c1 * t90 - s1 * t61;
-    mass_matrix[203 * stride] = t94;
-    mass_matrix[257 * stride] = t94;
+    const real t81 = s2 * t36;
+    const real t82 = t3 * t36;
+    mass_matrix[163 * stride] = t82;
+    mass_matrix[217 * stride] = t82;
+    const real t83 = s2 * t53 - t3 * t37;
+    mass_matrix[8 * stride] = t83;
+    mass_matrix[152 * stride] = t83;
+    const real t84 = c1 * t35 + t2 * t81;
+    mass_matrix[164 * stride] = t84;
+    mass_matrix[236 * stride] = t84;
+    const real t85 = c1 * t81 - t2 * t35;
+    mass_matrix[165 * stride] = t85;
+    mass_matrix[255 * stride] = t85;
+    const real t86 = s2 * t55 - t3 * t30;
+    const real t87 = s2 * t30 + t3 * t55;
+    mass_matrix[182 * stride] = t87;
+    mass_matrix[218 * stride] = t87;
+    const real t88 = s2 * t58 - t3 * (t26 * t30 + s4 * t54);
+    mass_matrix[9 * stride] = t88;
+    mass_matrix[171 * stride] = t88;
+    const real t89 = t2 * t86 - c1 * t56;
+    mass_matrix[183 * stride] = t89;
+    mass_matrix[237 * stride] = t89;
+    const real t90 = c1 * t86 + t2 * t56;
+    mass_matrix[184 * stride] = t90;
+    mass_matrix[256 * stride] = t90;
+    const real t91 = s2 * t61 - t3 * t15;
+    const real t92 = s2 * t15 + t3 * t61;
+    mass_matrix[201 * stride] = t92;
+    mass_matrix[219 * stride] = t92;
+    const real t93 = s2 * t64 - t3 * (s4 * t60 + t15 * t26);
+    mass_matrix[10 * stride] = t93;
+    mass_matrix[190 * stride] = t93;
+    const real t94 = t2 * t91 - c1 * t62;
+    mass_matrix[202 * stride] = t94;
+    mass_matrix[238 * stride] = t94;
+    const real t95 = c1 * t91 + t2 * t62;
+    mass_matrix[203 * stride] = t95;
+    mass_matrix[257 * stride] = t95;
 
     /* composite inertia of the base and base arm 2 */
-    const real t95 = s3 * k99;
-    const real t96 = c3 * k99;
+    const real t96 = k94 * s3;
+    const real t97 = k94 * c3;
 
     /* mass matrix, columns of the joints carried in to joint 2 */
-    const real t97 = s3 * k98;
-    const real t98 = t96 + t97;
-    const real t99 = c3 * k98;
-    const real t100 = t95 - t99;
+    const real t98 = k93 * s3;
+    const real t99 = t97 + t98;
+    const real t100 = k93 * c3;
+    const real t101 = t96 - t100;
 
     /* mass matrix, column of joint 2 */
-    const real t101 = s2 * t98;
-    const real t102 = c2 * t98;
-    mass_matrix[68 * stride] = t102;
-    mass_matrix[125 * stride] = -t102;
-    mass_matrix[212 * stride] = t102;
-    mass_matrix[215 * stride] = -t102;
-    const real t103 = s2 * k108;
-    mass_matrix[3 * stride] = t103;
-    mass_matrix[7 * stride] = t103;
-    mass_matrix[57 * stride] = t103;
-    mass_matrix[133 * stride] = t103;
-    const real t104 = c1 * t100 + s1 * t101;
-    mass_matrix[69 * stride] = t104;
-    mass_matrix[126 * stride] = -t104;
-    mass_matrix[231 * stride] = t104;
-    mass_matrix[234 * stride] = -t104;
-    const real t105 = s1 * t100 - c1 * t101;
-    mass_matrix[70 * stride] = t105;
-    mass_matrix[127 * stride] = -t105;
-    mass_matrix[250 * stride] = t105;
-    mass_matrix[253 * stride] = -t105;
+    const real t102 = s2 * t99;
+    const real t103 = t3 * t99;
+    mass_matrix[68 * stride] = -t103;
+    mass_matrix[125 * stride] = t103;
+    mass_matrix[212 * stride] = -t103;
+    mass_matrix[215 * stride] = t103;
+    const real t104 = k102 * s2;
+    mass_matrix[3 * stride] = t104;
+    mass_matrix[7 * stride] = t104;
+    mass_matrix[57 * stride] = t104;
+    mass_matrix[133 * stride] = t104;
+    const real t105 = c1 * t101 - t2 * t102;
+    mass_matrix[69 * stride] = t105;
+    mass_matrix[126 * stride] = -t105;
+    mass_matrix[231 * stride] = t105;
+    mass_matrix[234 * stride] = -t105;
+    const real t106 = t2 * t101 + c1 * t102;
+    mass_matrix[70 * stride] = -t106;
+    mass_matrix[127 * stride] = t106;
+    mass_matrix[250 * stride] = -t106;
+    mass_matrix[253 * stride] = t106;
 
     /* mass matrix, columns of the joints carried in to joint 3 */
-    const real t106 = t96 - t97;
-    const real t107 = t95 + t99;
+    const real t107 = t97 - t98;
+    const real t108 = t96 + t100;
 
     /* mass matrix, column of joint 3 */
-    const real t108 = s2 * t106;
-    const real t109 = c2 * t106;
-    mass_matrix[87 * stride] = t109;
-    mass_matrix[144 * stride] = -t109;
-    mass_matrix[213 * stride] = t109;
-    mass_matrix[216 * stride] = -t109;
-    const real t110 = s2 * k109;
-    mass_matrix[4 * stride] = t110;
-    mass_matrix[6 * stride] = t110;
-    mass_matrix[76 * stride] = t110;
-    mass_matrix[114 * stride] = t110;
-    const real t111 = c1 * t107 + s1 * t108;
-    mass_matrix[88 * stride] = t111;
-    mass_matrix[145 * stride] = -t111;
-    mass_matrix[232 * stride] = t111;
-    mass_matrix[235 * stride] = -t111;
-    const real t112 = s1 * t107 - c1 * t108;
-    mass_matrix[89 * stride] = t112;
-    mass_matrix[146 * stride] = -t112;
-    mass_matrix[251 * stride] = t112;
-    mass_matrix[254 * stride] = -t112;
+    const real t109 = s2 * t107;
+    const real t110 = t3 * t107;
+    mass_matrix[87 * stride] = -t110;
+    mass_matrix[144 * stride] = t110;
+    mass_matrix[213 * stride] = -t110;
+    mass_matrix[216 * stride] = t110;
+    const real t111 = k103 * s2;
+    mass_matrix[4 * stride] = t111;
+    mass_matrix[6 * stride] = t111;
+    mass_matrix[76 * stride] = t111;
+    mass_matrix[114 * stride] = t111;
+    const real t112 = c1 * t108 - t2 * t109;
+    mass_matrix[88 * stride] = t112;
+    mass_matrix[145 * stride] = -t112;
+    mass_matrix[232 * stride] = t112;
+    mass_matrix[235 * stride] = -t112;
+    const real t113 = t2 * t108 + c1 * t109;
+    mass_matrix[89 * stride] = -t113;
+    mass_matrix[146 * stride] = t113;
+    mass_matrix[251 * stride] = -t113;
+    mass_matrix[254 * stride] = t113;
 
     /* mass matrix, columns of the joints carried in to joint 4 */
-    const real t113 = s3 * k96;
-    const real t114 = c3 * k96;
+    const real t114 = k92 * s3;
+    const real t115 = k92 * c3;
 
     /* mass matrix, column of joint 4 */
-    const real t115 = s2 * t113;
-    const real t116 = c2 * t113;
-    mass_matrix[106 * stride] = -t116;
-    mass_matrix[214 * stride] = -t116;
-    const real t117 = s2 * k112;
-    mass_matrix[5 * stride] = t117;
-    mass_matrix[95 * stride] = t117;
-    const real t118 = c1 * t114 - s1 * t115;
-    mass_matrix[107 * stride] = t118;
-    mass_matrix[233 * stride] = t118;
-    const real t119 = c1 * t115 + s1 * t114;
-    mass_matrix[108 * stride] = t119;
-    mass_matrix[252 * stride] = t119;
+    const real t116 = s2 * t114;
+    const real t117 = t3 * t114;
+    mass_matrix[106 * stride] = t117;
+    mass_matrix[214 * stride] = t117;
+    const real t118 = k105 * s2;
+    mass_matrix[5 * stride] = t118;
+    mass_matrix[95 * stride] = t118;
+    const real t119 = c1 * t115 + t2 * t116;
+    mass_matrix[107 * stride] = t119;
+    mass_matrix[233 * stride] = t119;
+    const real t120 = c1 * t116 - t2 * t115;
+    mass_matrix[108 * stride] = t120;
+    mass_matrix[252 * stride] = t120;
 }
 
 void
@@ -3196,27 +3254,28 @@ static INLINE void hybrid_residual_lane(
     const real k8 = constants->k8;
     const real k14 = constants->k14;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
-    const real k78 = constants->k78;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
+    const real k82 = constants->k82;
     const real k83 = constants->k83;
     const real k84 = constants->k84;
     const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k88 = constants->k88;
-    const real k96 = constants->k96;
+    const real k92 = constants->k92;
+    const real k93 = constants->k93;
+    const real k94 = constants->k94;
+    const real k97 = constants->k97;
     const real k98 = constants->k98;
     const real k99 = constants->k99;
-    const real k103 = constants->k103;
-    const real k104 = constants->k104;
-    const real k105 = constants->k105;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3242,196 +3301,233 @@ static INLINE void hybrid_residual_lane(
     residual[18 * stride] = R(0.0);
 
     /* motion of the base */
-    const real t15 = s1 * gravity;
-    const real t16 = c1 * gravity;
+    const real t15 = gravity * s1;
+    const real t16 = gravity * c1;
     const real t17 = v_theta_m1 * s2;
     const real t18 = v_theta_m1 * c2;
-    const real t19 = v_theta_0 * t18;
-    const real t20 = c2 * t16;
-    const real t21 = s2 * t16;
-    const real t22 = t17 * t18;
-    const real t23 = R(2.0) * t19;
-    const real t24 = R(2.0) * v_theta_0 * t17;
-    const real t25 = v_theta_1 + t17;
-    const real t26 = t25 * t25;
-    const real t27 = v_theta_0 * v_theta_0 + t26;
-    const real t28 = t22 - R(2.0) * t25 * t18;
-    const real t29 = t18 * t18 + t26;
-    const real t30 = t24 - R(2.0) * t25 * v_theta_0;
+    const real t19 = v_theta_0 * t17;
+    const real t20 = v_theta_0 * t18;
+    const real t21 = c2 * t16;
+    const real t22 = s2 * t16;
+    const real t23 = t17 * t18;
+    const real t24 = R(2.0) * t20;
+    const real t25 = R(2.0) * t19;
+    const real t26 = v_theta_1 + t17;
+    const real t27 = t26 * t26;
+    const real t28 = v_theta_0 * v_theta_0 + t27;
+    const real t29 = t23 - R(2.0) * t26 * t18;
+    const real t30 = t18 * t18 + t27;
+    const real t31 = t25 - R(2.0) * t26 * v_theta_0;
 
     /* motion of link 1 */
-    const real t31 = c3 * t27;
-    const real t32 = c3 * t23 - s3 * t29;
-    const real t33 = c3 * t28 + s3 * t30;
-    const real t34 = t21 + base_arm_length * t31;
-    const real t35 = t15 + base_arm_length * t32;
-    const real t36 = t20 - base_arm_length * t33;
-    const real t37 = v_theta_7 + t25;
-    const real t38 = t24 - v_theta_0 * t37;
-    const real t39 = t22 - t18 * t37;
-    const real t40 = t37 * t37;
-    const real t41 = c4 * t18 + v_theta_0 * s4;
-    const real t42 = v_theta_0 * c4 - s4 * t18;
-    const real t43 = s4 * t38 + c4 * t39;
-    const real t44 = s4 * t35 - c4 * t34;
-    const real t45 = s4 * t34 + c4 * t35;
-    const real t46 = t41 * t41;
-    const real t47 = t37 * t41;
-    const real t48 = t43 - t47;
-    const real t49 = t19 - t41 * t42;
-    const real t50 = s4 * t39 + t37 * t42 - c4 * t38;
-    const real t51 = t43 + t47;
+    const real t32 = c3 * t28;
+    const real t33 = s3 * t30 - c3 * t24;
+    const real t34 = c3 * t29 + s3 * t31;
+    const real t35 = t22 + base_arm_length * t32;
+    const real t36 = t15 - base_arm_length * t33;
+    const real t37 = t21 - base_arm_length * t34;
+    const real t38 = v_theta_7 + t26;
+    const real t39 = t25 - v_theta_0 * t38;
+    const real t40 = t23 - t18 * t38;
+    const real t41 = t38 * t38;
+    const real t42 = c4 * t18 + v_theta_0 * s4;
+    const real t43 = v_theta_0 * c4 - s4 * t18;
+    const real t44 = s4 * t39 + c4 * t40;
+    const real t45 = s4 * t36 - c4 * t35;
+    const real t46 = s4 * t35 + c4 * t36;
+    const real t47 = t42 * t42;
+    const real t48 = t38 * t42;
+    const real t49 = t44 - t48;
+    const real t50 = t20 - t42 * t43;
+    const real t51 = s4 * t40 + t38 * t43 - c4 * t39;
+    const real t52 = t44 + t48;
 
     /* motion of link 2 */
-    const real t52 = v_theta_8 - t42;
-    const real t53 = t52 * t52;
-    const real t54 = t40 + t53;
-    const real t55 = R(2.0) * t41;
-    const real t56 = t49 - t52 * t55;
-    const real t57 = t46 + t53;
-    const real t58 = R(2.0) * t37;
-    const real t59 = t50 + t52 * t58;
+    const real t53 = v_theta_8 - t43;
+    const real t54 = t53 * t53;
+    const real t55 = t41 + t54;
+    const real t56 = R(2.0) * t42;
+    const real t57 = t50 - t53 * t56;
+    const real t58 = t47 + t54;
+    const real t59 = R(2.0) * t38;
+    const real t60 = t53 * t59 + t51;
 
     /* motion of link 3 */
-    const real t60 = s5 * t51 - c5 * t54;
-    const real t61 = c5 * t48 + s5 * t57;
-    const real t62 = s5 * t59 - c5 * t56;
-    const real t63 = t45 - link2_length * t62;
-    const real t64 = v_theta_9 + t52;
-    const real t65 = t64 * t64;
-    const real t66 = t40 + t65;
-    const real t67 = t49 - t55 * t64;
-    const real t68 = t46 + t65;
-    const real t69 = t50 + t58 * t64;
+    const real t61 = s5 * t52 - c5 * t55;
+    const real t62 = c5 * t49 + s5 * t58;
+    const real t63 = c5 * t57 - s5 * t60;
+    const real t64 = t46 + link2_length * t63;
+    const real t65 = v_theta_9 + t53;
+    const real t66 = t65 * t65;
+    const real t67 = t41 + t66;
+    const real t68 = t50 - t56 * t65;
+    const real t69 = t47 + t66;
+    const real t70 = t59 * t65 + t51;
 
     /* inertia of link 3, turned by the joints */
-    const real t70 = k71 * c6;
-    const real t71 = k71 * s6;
-    const real t72 = s6 * k85;
-    const real t73 = s6 * t72;
-    const real t74 = k48 - t73;
-    const real t75 = k54 + t73;
-    const real t76 = c6 * t72;
+    const real t71 = k68 * c6;
+    const real t72 = k68 * s6;
+    const real t73 = k81 * s6;
+    const real t74 = s6 * t73;
+    const real t75 = k46 - t74;
+    const real t76 = k52 + t74;
+    const real t77 = c6 * t73;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t77 = t63 * t71 + t67 * t76 - t69 * t75;
-    const real t78 = t63 * t70 + t67 * t74 - t69 * t76;
-    const real t79 = (t36 - link2_length * t61) * t70;
-    const real t80 = t76 * (t66 - t68);
-    const real t81 = (t44 + link2_length * t60) * t71;
-    const real t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80;
-    residual[10 * stride] = t82;
-    const real t83 = k71 * (s6 * t51 - c6 * t66);
-    const real t84 = k71 * (c6 * t48 + s6 * t68);
-    const real t85 = k71 * (s6 * t69 - c6 * t67);
+    const real t78 = t76 * t70;
+    const real t79 = t72 * t64;
+    const real t80 = t68 * t77;
+    const real t81 = t71 * t64;
+    const real t82 = t68 * t75;
+    const real t83 = t77 * t70;
+    const real t84 = (t37 - link2_length * t62) * t71;
+    const real t85 = t77 * (t67 - t69);
+    const real t86 = (t45 + link2_length * t61) * t72;
+    const real t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85;
+    residual[10 * stride] = t87;
+    const real t88 = k68 * (s6 * t52 - c6 * t67);
+    const real t89 = k68 * (c6 * t49 + s6 * t69);
+    const real t90 = k68 * (c6 * t68 - s6 * t70);
 
     /* step from link 2 to link 3 */
-    const real t86 = link2_length * c5;
-    const real t87 = link2_length * s5;
-
-    /* inertia of link 2, turned by the joints */
-    const real t88 = c5 * k76;
-    const real t89 = s5 * k76;
-    const real t90 = s5 * k86;
-    const real t91 = s5 * t90;
-    const real t92 = k77 + t91;
-    const real t93 = k34 - t91;
-    const real t94 = c5 * t90;
+    const real t91 = link2_length * c5;
+    const real t92 = link2_length * s5;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t95 = t56 * t94 + t59 * t93 - t45 * t89;
-    const real t96 = t45 * t88 + t56 * t92 + t59 * t94;
-    const real t97 = t36 * t88;
-    const real t98 = t51 * t93;
-    const real t99 = t94 * (t54 - t57);
-    const real t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97;
-    const real t101 = t83 + k76 * t60;
-    const real t102 = t84 + k76 * t61;
-    const real t103 = t85 + k76 * t62;
-    const real t104 = t82 + t83 * t87 + t84 * t86 + t100;
-    residual[9 * stride] = t104;
+    const real t93 = t92 * t90;
+    const real t94 = t91 * t90;
+    const real t95 = t88 * t92;
+    const real t96 = t89 * t91;
+
+    /* inertia of link 2, turned by the joints */
+    const real t97 = k73 * c5;
+    const real t98 = k73 * s5;
+    const real t99 = k82 * s5;
+    const real t100 = s5 * t99;
+    const real t101 = k74 + t100;
+    const real t102 = k33 - t100;
+    const real t103 = c5 * t99;
+
+    /* inertia forces of links 2 and 3, about joint 8 */
+    const real t104 = t57 * t103;
+    const real t105 = t102 * t60;
+    const real t106 = t46 * t98;
+    const real t107 = t46 * t97;
+    const real t108 = t57 * t101;
+    const real t109 = t103 * t60;
+    const real t110 = t37 * t97;
+    const real t111 = t45 * t98;
+    const real t112 = t49 * t101;
+    const real t113 = t52 * t102;
+    const real t114 = t103 * (t55 - t58);
+    const real t115 = t88 + k73 * t61;
+    const real t116 = t89 + k73 * t62;
+    const real t117 = t90 + k73 * t63;
+    const real t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110;
+    residual[9 * stride] = t118;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t105 = t77 - t85 * t87 - t95 - k78 * t50;
-    const real t106 = t78 + t96 + k78 * t49 - t85 * t86;
-    residual[8 * stride] = -t106;
-    const real t107 = c4 * t101 + s4 * t103;
-    const real t108 = s4 * t101 - c4 * t103;
+    const real t119 = k75 * t51;
+    const real t120 = k75 * t50;
+    const real t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119;
+    const real t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109;
+    residual[8 * stride] = t122;
+    const real t123 = c4 * t115 - s4 * t117;
+    const real t124 = s4 * t115 + c4 * t117;
+    const real t125 = s4 * t118;
+    const real t126 = c4 * t121;
+    const real t127 = c4 * t118;
+    const real t128 = s4 * t121;
 
     /* step from the base to link 1 */
-    const real t109 = c3 * base_arm_length;
-    const real t110 = s3 * base_arm_length;
-
-    /* inertia of the base, turned by the joints */
-    const real t111 = c3 * k83;
-    const real t112 = s3 * k83;
-    const real t113 = s3 * k87;
-    const real t114 = s3 * t113;
-    const real t115 = k84 + t114;
-    const real t116 = c3 * t113;
+    const real t129 = base_arm_length * c3;
+    const real t130 = base_arm_length * s3;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t117 = t30 * (k66 - t114);
-    const real t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117;
-    const real t119 = t30 * t116;
-    const real t120 = k67 * t22 + t28 * t115 - t20 * t111 - t119;
-    const real t121 = t116 * (t27 - t29);
-    const real t122 = t21 * t112 + t23 * t115 + t15 * t111 - t121;
-    const real t123 = t107 - k83 * t31;
-    const real t124 = t108 + k83 * t32;
-    const real t125 = t102 + k83 * t33;
-    const real t126 = s4 * t104 + c4 * t105 + t102 * t110 - t118;
-    const real t127 = c4 * t104 + t102 * t109 + t120 - s4 * t105;
-    residual[1 * stride] = -t127;
-    const real t128 = t106 + t108 * t109 + t122 - t107 * t110;
-    residual[2 * stride] = -t128;
+    const real t131 = t116 * t130;
+    const real t132 = t116 * t129;
+    const real t133 = t129 * t124;
+    const real t134 = t130 * t123;
+
+    /* inertia of the base, turned by the joints */
+    const real t135 = k79 * c3;
+    const real t136 = k79 * s3;
+    const real t137 = k83 * s3;
+    const real t138 = s3 * t137;
+    const real t139 = k80 + t138;
+    const real t140 = c3 * t137;
+
+    /* inertia forces of the base and links 1 to 3 */
+    const real t141 = t21 * t136;
+    const real t142 = t29 * t140;
+    const real t143 = k84 * t19;
+    const real t144 = t31 * (k63 - t138);
+    const real t145 = k64 * t23;
+    const real t146 = t29 * t139;
+    const real t147 = t21 * t135;
+    const real t148 = t31 * t140;
+    const real t149 = t22 * t136;
+    const real t150 = t24 * t139;
+    const real t151 = t15 * t135;
+    const real t152 = t140 * (t28 - t30);
+    const real t153 = k79 * t32 - t123;
+    const real t154 = k79 * t33 - t124;
+    const real t155 = t116 + k79 * t34;
+    const real t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142;
+    const real t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127;
+    residual[1 * stride] = t157;
+    const real t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133;
+    residual[2 * stride] = t158;
 
     /* inertia forces on attitude and position */
-    const real t129 = c2 * t125 + s2 * t123;
-    const real t130 = c2 * t123 - s2 * t125;
-    residual[11 * stride] = -t130;
-    const real t131 = s2 * t128 - c2 * t126;
-    residual[0 * stride] = -t131;
-    const real t132 = c1 * t124 + s1 * t129;
-    residual[12 * stride] = -t132;
-    const real t133 = s1 * t124 + k88 - c1 * t129;
-    residual[13 * stride] = -t133;
+    const real t159 = c2 * t155 - s2 * t153;
+    const real t160 = s2 * t155 + c2 * t153;
+    residual[11 * stride] = t160;
+    const real t161 = s2 * t158 + c2 * t156;
+    residual[0 * stride] = t161;
+    const real t162 = c1 * t154 - s1 * t159;
+    residual[12 * stride] = t162;
+    const real t163 = s1 * t154 + c1 * t159 - k85;
+    residual[13 * stride] = t163;
 
     /* motion of the base */
-    const real t134 = c3 * t18 + v_theta_0 * s3;
-    const real t135 = v_theta_0 * c3 - s3 * t18;
-    const real t136 = t134 * t135;
-    const real t137 = t26 + t135 * t135;
-    const real t138 = t19 + t136;
-    const real t139 = t19 - t136;
+    const real t164 = c3 * t18 + v_theta_0 * s3;
+    const real t165 = s3 * t18 - v_theta_0 * c3;
+    const real t166 = t164 * t165;
+    const real t167 = t27 + t165 * t165;
+    const real t168 = t166 - t20;
+    const real t169 = t20 + t166;
 
     /* motion of base arm 2 */
-    const real t140 = s3 * t21 + c3 * t15 + base_arm_length * t138;
+    const real t170 = s3 * t22 + c3 * t15 - base_arm_length * t168;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t141 = k99 * (s3 * t15 - c3 * t21 - base_arm_length * t137);
-    const real t142 = k103 * t138;
-    const real t143 = k104 * t139;
-    const real t144 = k105 * (t137 - t26 - t134 * t134);
-    const real t145 = k98 * t140;
-    const real t146 = t141 + t142 + t143 + t144 - t145;
-    residual[3 * stride] = -t146;
+    const real t171 = k94 * (s3 * t15 - c3 * t22 - base_arm_length * t167);
+    const real t172 = k99 * (t27 + t164 * t164 - t167);
+    const real t173 = k93 * t170;
+    const real t174 = t171 - t172;
+    const real t175 = k97 * t168 - k98 * t169;
+    const real t176 = t173 + t175;
+    const real t177 = t176 - t174;
+    residual[3 * stride] = t177;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t147 = t141 + t142 + t143 + t145 - t144;
-    residual[4 * stride] = -t147;
+    const real t178 = t171 + t172;
+    const real t179 = t175 - t173;
+    const real t180 = t179 - t178;
+    residual[4 * stride] = t180;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t148 = k8 * t138 + k14 * t139 + k96 * t140;
-    residual[5 * stride] = -t148;
+    const real t181 = k8 * t168 - k14 * t169 - k92 * t170;
+    residual[5 * stride] = t181;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t149 = t142 + t143 + t144 + t145 - t141;
-    residual[6 * stride] = -t149;
+    const real t182 = t178 + t179;
+    residual[6 * stride] = t182;
 
     /* inertia forces of base arm 6, about joint 6 */
-    const real t150 = t141 + t144 + t145 - t142 - t143;
-    residual[7 * stride] = t150;
+    const real t183 = t174 + t176;
+    residual[7 * stride] = t183;
 }
 
 void
@@ -3533,19 +3629,19 @@ static INLINE void hybrid_input_matrix_lane(
 {
     (void)q;
     const real base_arm_length = constants->base_arm_length;
-    const real k80 = constants->k80;
+    const real k77 = constants->k77;
+    const real k87 = constants->k87;
     const real k90 = constants->k90;
-    const real k94 = constants->k94;
-    const real k95 = constants->k95;
+    const real k91 = constants->k91;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
     const real c2 = cosine[1 * stride];
     const real s3 = sine[2 * stride];
     const real c3 = cosine[2 * stride];
-    input_matrix[19 * stride] = -k94;
-    input_matrix[21 * stride] = k80;
-    input_matrix[23 * stride] = -k94;
+    input_matrix[19 * stride] = -k90;
+    input_matrix[21 * stride] = k77;
+    input_matrix[23 * stride] = -k90;
     input_matrix[28 * stride] = base_arm_length;
     input_matrix[48 * stride] = base_arm_length;
     input_matrix[68 * stride] = base_arm_length;
@@ -3572,23 +3668,23 @@ static INLINE void hybrid_input_matrix_lane(
     const real t11 = t9 + t10;
     const real t12 = R(0.5) * c3;
     const real t13 = R(0.8660254037844386) * s3;
-    const real t14 = t12 - t13;
+    const real t14 = t13 - t12;
     const real t15 = s2 * t11;
     const real t16 = c2 * t11;
     input_matrix[100 * stride] = t16;
-    const real t17 = s2 * k94;
+    const real t17 = k90 * s2;
     input_matrix[1 * stride] = -t17;
     input_matrix[5 * stride] = -t17;
-    const real t18 = s1 * t15 - c1 * t14;
+    const real t18 = s1 * t15 + c1 * t14;
     input_matrix[109 * stride] = t18;
-    const real t19 = c1 * t15 + s1 * t14;
-    input_matrix[118 * stride] = -t19;
+    const real t19 = s1 * t14 - c1 * t15;
+    input_matrix[118 * stride] = t19;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t20 = s3 * k95;
-    const real t21 = c3 * k90;
-    const real t22 = s3 * k90;
-    const real t23 = c3 * k95;
+    const real t20 = k91 * s3;
+    const real t21 = k87 * c3;
+    const real t22 = k87 * s3;
+    const real t23 = k91 * c3;
     const real t24 = t22 + t23;
     input_matrix[11 * stride] = -t24;
     const real t25 = c2 * (t20 - t21);
@@ -3598,7 +3694,7 @@ static INLINE void hybrid_input_matrix_lane(
     const real t26 = s2 * s3;
     const real t27 = c2 * s3;
     input_matrix[102 * stride] = -t27;
-    const real t28 = s2 * k80;
+    const real t28 = k77 * s2;
     input_matrix[3 * stride] = t28;
     const real t29 = c1 * c3 - s1 * t26;
     input_matrix[111 * stride] = t29;
@@ -3728,12 +3824,12 @@ static INLINE void constraint_torques_lane(
     const real base_arm_length = constants->base_arm_length;
     const real k8 = constants->k8;
     const real k14 = constants->k14;
-    const real k96 = constants->k96;
+    const real k92 = constants->k92;
+    const real k93 = constants->k93;
+    const real k94 = constants->k94;
+    const real k97 = constants->k97;
     const real k98 = constants->k98;
     const real k99 = constants->k99;
-    const real k103 = constants->k103;
-    const real k104 = constants->k104;
-    const real k105 = constants->k105;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3762,7 +3858,7 @@ static INLINE void constraint_torques_lane(
     const real t13 = t9 + t11 * t11;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t14 = k105 * (t13 - t9 - t10 * t10);
+    const real t14 = k99 * (t9 + t10 * t10 - t13);
 
     /* motion of the base */
     const real t15 = a_z + gravity;
@@ -3776,33 +3872,36 @@ static INLINE void constraint_torques_lane(
     const real t21 = c3 * t16 + base_arm_length * t19 - s3 * t17;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t22 = k103 * t19;
-    const real t23 = k98 * t21;
-    const real t24 = k99 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
-    const real t25 = k104 * t20;
+    const real t22 = k93 * t21;
+    const real t23 = k94 * (base_arm_length * t13 - s3 * t16 - c3 * t17);
 
     /* constraint torque on base arm 2 */
-    const real t26 = t23 + t24 + t25 + F_2 * base_arm_length - t14 - t22;
-    torque[0 * stride] = -t26;
+    const real t24 = t14 + t22;
+    const real t25 = k97 * t19 - k98 * t20;
+    const real t26 = t25 - t23;
+    const real t27 = t26 - base_arm_length * F_2 - t24;
+    torque[0 * stride] = t27;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t27 = t14 + t24 + t25 - t22 - t23;
-    torque[1 * stride] = -t27;
+    const real t28 = t24 + t26;
+    torque[1 * stride] = t28;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t28 = k8 * t19 + k96 * t21 - k14 * t20;
+    const real t29 = k14 * t20;
 
     /* constraint torque on base arm 4 */
-    const real t29 = F_4 * base_arm_length - t28;
-    torque[2 * stride] = -t29;
+    const real t30 = k8 * t19 + k92 * t21 - base_arm_length * F_4 - t29;
+    torque[2 * stride] = t30;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t30 = t14 + t22 + t23 + t24 - t25;
-    torque[3 * stride] = t30;
+    const real t31 = t14 - t22;
+    const real t32 = t23 + t25;
+    const real t33 = t32 - t31;
+    torque[3 * stride] = t33;
 
     /* constraint torque on base arm 6 */
-    const real t31 = t14 + t23 + t25 + F_6 * base_arm_length - t22 - t24;
-    torque[4 * stride] = -t31;
+    const real t34 = t31 + t32 - base_arm_length * F_6;
+    torque[4 * stride] = t34;
 }
 
 void
@@ -3944,23 +4043,23 @@ static INLINE void gibbs_lane(
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
-    const real k78 = constants->k78;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
+    const real k82 = constants->k82;
     const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k120 = constants->k120;
-    const real k121 = constants->k121;
-    const real k122 = constants->k122;
+    const real k113 = constants->k113;
+    const real k114 = constants->k114;
+    const real k115 = constants->k115;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3992,222 +4091,190 @@ static INLINE void gibbs_lane(
     /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = v_theta_0 * t16;
-    const real t19 = v_theta_1 + t15;
-    const real t20 = v_theta_0 * t19;
-    const real t21 = t16 * t19;
-    const real t22 = t19 * t19;
+    const real t17 = v_theta_0 * t16;
+    const real t18 = v_theta_1 + t15;
+    const real t19 = v_theta_0 * t18;
+    const real t20 = t16 * t18;
+    const real t21 = t18 * t18;
 
     /* motion of link 1 */
-    const real t23 = v_theta_7 + t19;
-    const real t24 = c4 * t16 + v_theta_0 * s4;
-    const real t25 = v_theta_0 * c4 - s4 * t16;
-    const real t26 = t24 * t25;
-    const real t27 = t23 * t24;
-    const real t28 = t23 * t25;
+    const real t22 = v_theta_7 + t18;
+    const real t23 = c4 * t16 + v_theta_0 * s4;
+    const real t24 = v_theta_0 * c4 - s4 * t16;
+    const real t25 = t23 * t24;
+    const real t26 = t22 * t23;
+    const real t27 = t22 * t24;
 
     /* motion of link 2 */
-    const real t29 = v_theta_8 - t25;
-    const real t30 = t29 * t29;
+    const real t28 = v_theta_8 - t24;
+    const real t29 = t28 * t28;
 
     /* motion of link 3 */
-    const real t31 = v_theta_9 + t29;
+    const real t30 = v_theta_9 + t28;
 
     /* inertia of link 3, turned by the joints */
-    const real t32 = k71 * c6;
-    const real t33 = k71 * s6;
-    const real t34 = s6 * k85;
-    const real t35 = s6 * t34;
-    const real t36 = k48 - t35;
-    const real t37 = k54 + t35;
-    const real t38 = c6 * t34;
+    const real t31 = k68 * c6;
+    const real t32 = k68 * s6;
+    const real t33 = k81 * s6;
+    const real t34 = s6 * t33;
+    const real t35 = k46 - t34;
+    const real t36 = k52 + t34;
+    const real t37 = c6 * t33;
 
     /* inertia of link 2, turned by the joints */
-    const real t39 = c5 * k76;
-    const real t40 = s5 * k76;
-    const real t41 = s5 * k86;
-    const real t42 = s5 * t41;
-    const real t43 = k77 + t42;
-    const real t44 = k34 - t42;
-    const real t45 = c5 * t41;
+    const real t38 = k73 * c5;
+    const real t39 = k73 * s5;
+    const real t40 = k82 * s5;
+    const real t41 = s5 * t40;
+    const real t42 = k74 + t41;
+    const real t43 = k33 - t41;
+    const real t44 = c5 * t40;
 
     /* inertia of the base, turned by the joints */
-    const real t46 = c3 * k83;
-    const real t47 = s3 * k83;
-    const real t48 = s3 * k87;
-    const real t49 = s3 * t48;
-    const real t50 = k84 + t49;
-    const real t51 = k66 - t49;
-    const real t52 = c3 * t48;
+    const real t45 = k79 * c3;
+    const real t46 = k79 * s3;
+    const real t47 = k83 * s3;
+    const real t48 = s3 * t47;
+    const real t49 = k80 + t48;
+    const real t50 = k63 - t48;
+    const real t51 = c3 * t47;
 
     /* motion of the base */
-    const real t53 = a_z + gravity;
-    const real t54 = a_y * c1 + s1 * t53;
-    const real t55 = c1 * t53 - a_y * s1;
-    const real t56 = a_x * s2 + c2 * t55;
-    const real t57 = a_x * c2 - s2 * t55;
-    const real t58 = a_theta_0 + t15 * t16;
-    const real t59 = t17 + t17 - a_theta_m1 * c2;
-    const real t60 = a_theta_1 + t18 + a_theta_m1 * s2;
-    const real t61 = t20 - t59;
-    const real t62 = t21 - t58;
+    const real t52 = a_z + gravity;
+    const real t53 = a_y * c1 + s1 * t52;
+    const real t54 = c1 * t52 - a_y * s1;
+    const real t55 = a_x * s2 + c2 * t54;
+    const real t56 = a_x * c2 - s2 * t54;
+    const real t57 = a_theta_0 + t15 * t16;
+    const real t58 = R(2.0) * v_theta_0 * t15 - a_theta_m1 * c2;
+    const real t59 = a_theta_1 + t17 + a_theta_m1 * s2;
+    const real t60 = t19 - t58;
+    const real t61 = t20 - t57;
 
     /* motion of link 1 */
-    const real t63 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t60);
-    const real t64 = s3 * (t16 * t16 + t22) - c3 * (t18 + t60);
-    const real t65 = s3 * (R(2.0) * t19 * v_theta_0 - t59);
-    const real t66 = base_arm_length * (c3 * (R(2.0) * t19 * t16 - t58) + t65);
-    const real t67 = t57 - base_arm_length * t63;
-    const real t68 = t54 - base_arm_length * t64;
-    const real t69 = t56 + t66;
-    const real t70 = a_theta_7 + t60;
-    const real t71 = v_theta_0 * t23 - t59;
-    const real t72 = t16 * t23 - t58;
-    const real t73 = c4 * t71 - s4 * t72;
-    const real t74 = c4 * t67 + s4 * t68;
-    const real t75 = c4 * t68 - s4 * t67;
-    const real t76 = t26 - t70;
-    const real t77 = t28 + t73;
+    const real t62 = c3 * (v_theta_0 * v_theta_0 + t21) - s3 * (t17 - t59);
+    const real t63 = s3 * (t16 * t16 + t21) - c3 * (t17 + t59);
+    const real t64 = s3 * (R(2.0) * t18 * v_theta_0 - t58);
+    const real t65 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t57) + t64);
+    const real t66 = t56 - base_arm_length * t62;
+    const real t67 = t53 - base_arm_length * t63;
+    const real t68 = t55 + t65;
+    const real t69 = a_theta_7 + t59;
+    const real t70 = v_theta_0 * t22 - t58;
+    const real t71 = t16 * t22 - t57;
+    const real t72 = s4 * t71 - c4 * t70;
+    const real t73 = c4 * t66 + s4 * t67;
+    const real t74 = c4 * t67 - s4 * t66;
+    const real t75 = t25 - t69;
+    const real t76 = t27 - t72;
 
     /* motion of link 2 */
-    const real t78 = a_theta_8 + s4 * t71 + c4 * t72;
-    const real t79 = t23 * t29 + t77;
-    const real t80 = t24 * t29 + t76;
+    const real t77 = a_theta_8 + c4 * t71 + s4 * t70;
+    const real t78 = t22 * t28 + t76;
+    const real t79 = t23 * t28 + t75;
 
     /* motion of link 3 */
-    const real t81 = c5 * (t23 * t23 + t30) - s5 * (t27 - t78);
-    const real t82 = s5 * (t24 * t24 + t30) - c5 * (t27 + t78);
-    const real t83 = s5 * (R(2.0) * t29 * t23 + t77);
-    const real t84 = link2_length * (c5 * (R(2.0) * t29 * t24 + t76) + t83);
-    const real t85 = t74 - link2_length * t81;
-    const real t86 = t69 - link2_length * t82;
-    const real t87 = t75 - t84;
-    const real t88 = a_theta_9 + t78;
-    const real t89 = t23 * t31 + t77;
-    const real t90 = t24 * t31 + t76;
+    const real t80 = c5 * (t22 * t22 + t29) - s5 * (t26 - t77);
+    const real t81 = s5 * (t23 * t23 + t29) - c5 * (t26 + t77);
+    const real t82 = s5 * (R(2.0) * t28 * t22 + t76);
+    const real t83 = link2_length * (c5 * (R(2.0) * t28 * t23 + t75) + t82);
+    const real t84 = t73 - link2_length * t80;
+    const real t85 = t68 - link2_length * t81;
+    const real t86 = t74 - t83;
+    const real t87 = a_theta_9 + t77;
+    const real t88 = t22 * t30 + t76;
+    const real t89 = t23 * t30 + t75;
 
     /* Gibbs function of the base */
-    const real t91 = t61 * t61 * k120;
-    const real t92 = k120 * t62 * t62;
-    const real t93 = t54 * t54 * k121;
-    const real t94 = k121 * t56 * t56;
-    const real t95 = k121 * t57 * t57;
-    const real t96 = R(0.5) * t60 * t50 * t60;
-    const real t97 = R(0.5) * t62 * t50 * t62;
-    const real t98 = R(0.5) * t60 * t51 * t60;
-    const real t99 = R(0.5) * t61 * t51 * t61;
-    const real t100 = t60 * t46 * t54;
-    const real t101 = t61 * t47 * t56;
-    const real t102 = t62 * t46 * t56;
-    const real t103 = t16 * t52;
-    const real t104 = t60 * t16 * t103;
-    const real t105 = t54 * t16 * t16 * t47;
-    const real t106 = t54 * t19 * t19 * t47;
-    const real t107 = t60 * t47 * t57;
-    const real t108 = t57 * t19 * t19 * t46;
-    const real t109 = v_theta_0 * t46;
-    const real t110 = t57 * v_theta_0 * t109;
-    const real t111 = v_theta_0 * t52;
-    const real t112 = t60 * v_theta_0 * t111;
-    const real t113 = t62 * t52 * t61;
-    const real t114 = t56 * t19 * t16 * t46;
-    const real t115 = t62 * t19 * t16 * t50;
-    const real t116 = t54 * t16 * t109;
-    const real t117 = v_theta_0 * t47;
-    const real t118 = t57 * t16 * t117;
-    const real t119 = t60 * t16 * v_theta_0 * t50;
-    const real t120 = t56 * t19 * t117;
-    const real t121 = v_theta_0 * t51;
-    const real t122 = t61 * t19 * t121;
-    const real t123 = k67 * t21 * t62;
-    const real t124 = k67 * t20 * t61;
-    const real t125 = t61 * t19 * t103;
-    const real t126 = t60 * t16 * t121;
-    const real t127 = t62 * t19 * t111;
-    const real t128 = t91 + t92 + t93 + t94 + t95 + t96 + t97 + t98 + t99 + t100 + t101 + t102 +
-        t104 + t114 + t115 + t116 + t118 + t119 + t120 + t122 - t105 - t106 - t107 - t108 - t110 -
-        t112 - t113 - t123 - t124 - t125 - t126 - t127;
-
-    /* Gibbs function of link 1 */
-    const real t129 = k122 * t73 * t73;
-    const real t130 = k78 * t28 * t73;
-    const real t131 = k78 * t26 * t70;
-    const real t132 = t70 * t70 * k122 + t129 + t130 - t131;
+    const real t90 = t18 * t45;
+    const real t91 = v_theta_0 * t45;
+    const real t92 = v_theta_0 * t51;
+    const real t93 = v_theta_0 * t92 * t59;
+    const real t94 = v_theta_0 * t46;
 
     /* Gibbs function of link 2 */
-    const real t133 = R(0.5) * t78 * t43 * t78;
-    const real t134 = R(0.5) * t80 * t43 * t80;
-    const real t135 = R(0.5) * t78 * t44 * t78;
-    const real t136 = R(0.5) * t79 * t44 * t79;
-    const real t137 = t78 * t39 * t69;
-    const real t138 = t24 * t45;
-    const real t139 = t78 * t24 * t138;
-    const real t140 = t69 * t24 * t24 * t40;
-    const real t141 = t69 * t29 * t29 * t40;
-    const real t142 = t78 * t40 * t74;
-    const real t143 = t23 * t39;
-    const real t144 = t74 * t23 * t143;
-    const real t145 = t74 * t29 * t29 * t39;
-    const real t146 = t79 * t40 * t75;
-    const real t147 = t80 * t39 * t75;
-    const real t148 = t23 * t45;
-    const real t149 = t78 * t23 * t148;
-    const real t150 = t80 * t45 * t79;
-    const real t151 = t69 * t24 * t143;
-    const real t152 = t23 * t40;
-    const real t153 = t74 * t24 * t152;
-    const real t154 = t78 * t24 * t23 * t43;
-    const real t155 = t23 * t44;
-    const real t156 = t79 * t29 * t155;
-    const real t157 = t80 * t29 * t24 * t43;
-    const real t158 = t75 * t29 * t152;
-    const real t159 = t78 * t24 * t155;
-    const real t160 = t80 * t29 * t148;
-    const real t161 = t75 * t29 * t24 * t39;
-    const real t162 = t79 * t29 * t138;
-    const real t163 = t140 + t141 + t142 + t144 + t145 + t146 + t147 + t149 + t150 + t158 + t159 +
-        t160 + t161 + t162 - t133 - t134 - t135 - t136 - t137 - t139 - t151 - t153 - t154 - t156 -
-        t157;
+    const real t95 = t79 * t42 * t79;
+    const real t96 = t78 * t43 * t78;
+    const real t97 = t22 * t38;
+    const real t98 = t28 * t38;
+    const real t99 = t38 * t74 * t79;
+    const real t100 = t22 * t44;
+    const real t101 = t22 * t39;
 
     /* Gibbs function of link 3 */
-    const real t164 = R(0.5) * t88 * t36 * t88;
-    const real t165 = R(0.5) * t90 * t36 * t90;
-    const real t166 = R(0.5) * t88 * t37 * t88;
-    const real t167 = R(0.5) * t89 * t37 * t89;
-    const real t168 = t88 * t32 * t86;
-    const real t169 = t23 * t38;
-    const real t170 = t88 * t23 * t169;
-    const real t171 = t90 * t38 * t89;
-    const real t172 = t88 * t33 * t85;
-    const real t173 = t23 * t32;
-    const real t174 = t85 * t23 * t173;
-    const real t175 = t85 * t31 * t31 * t32;
-    const real t176 = t86 * t24 * t24 * t33;
-    const real t177 = t86 * t31 * t31 * t33;
-    const real t178 = t89 * t33 * t87;
-    const real t179 = t90 * t32 * t87;
-    const real t180 = t24 * t38;
-    const real t181 = t88 * t24 * t180;
-    const real t182 = t23 * t33;
-    const real t183 = t85 * t24 * t182;
-    const real t184 = t86 * t24 * t173;
-    const real t185 = t88 * t24 * t23 * t36;
-    const real t186 = t23 * t37;
-    const real t187 = t89 * t31 * t186;
-    const real t188 = t90 * t31 * t169;
-    const real t189 = t89 * t31 * t180;
-    const real t190 = t90 * t31 * t24 * t36;
-    const real t191 = t88 * t24 * t186;
-    const real t192 = t87 * t31 * t182;
-    const real t193 = t87 * t31 * t24 * t32;
-    const real t194 = t164 + t165 + t166 + t167 + t168 + t170 + t171 + t183 + t184 + t185 + t187 +
-        t188 + t189 + t190 - t172 - t174 - t175 - t176 - t177 - t178 - t179 - t181 - t191 - t192 -
-        t193;
+    const real t102 = t89 * t35 * t89;
+    const real t103 = t88 * t36 * t88;
+    const real t104 = t22 * t37;
+    const real t105 = t22 * t31;
+    const real t106 = t30 * t31;
+    const real t107 = t88 * t32 * t86;
+    const real t108 = t22 * t32;
 
     /* sum over the links */
-    const real t195 = t128 + t132 + t194 - t163;
-    value[0 * stride] = t195;
+    const real t109 = t97 * t68;
+    const real t110 = t101 * t73;
+    const real t111 = t28 * t42 * t79;
+    const real t112 = t98 * t74;
+    const real t113 = t108 * t84;
+    const real t114 = t105 * t85;
+    const real t115 = t30 * t35 * t89;
+    const real t116 = t106 * t86;
+    const real t117 = t61 * t18 * t49;
+    const real t118 = t51 * t61;
+    const real t119 = k64 * t19;
+    const real t120 = t28 * t39 * t68;
+    const real t121 = t100 * t79;
+    const real t122 = t30 * t32 * t85;
+    const real t123 = t104 * t89;
+    const real t124 = k64 * t20;
+    const real t125 = t45 * t55 + k113 * t61 - t18 * t92 - t124;
+    const real t126 = t61 * t125;
+    const real t127 = k114 * t56;
+    const real t128 = t18 * t90 + v_theta_0 * t91 + t46 * t59 - t127;
+    const real t129 = t56 * t128;
+    const real t130 = t104 * t87;
+    const real t131 = t97 * t73 + t100 * t77 + t105 * t84 - t130;
+    const real t132 = t22 * t131;
+    const real t133 = t18 * t18 * t46 - k114 * t53 - t45 * t59;
+    const real t134 = t53 * t133;
+    const real t135 = t55 * (t18 * t94 + k114 * t55);
+    const real t136 = k115 * (t69 * t69 + t72 * t72);
+    const real t137 = k75 * (t27 * t72 + t25 * t69);
+    const real t138 = t77 * (t38 * t68 - t39 * t73);
+    const real t139 = t78 * (t39 * t74 + t44 * t79);
+    const real t140 = t87 * (t31 * t85 - t32 * t84);
+    const real t141 = t89 * (t31 * t86 - t37 * t88);
+    const real t142 = t23 * (t39 * t68 + t32 * t85);
+    const real t143 = t59 * t59;
+    const real t144 = t49 * (t61 * t61 + t143);
+    const real t145 = t50 * (t60 * t60 + t143);
+    const real t146 = t53 * (t16 * t46 - t91);
+    const real t147 = t16 * t51 - v_theta_0 * t50;
+    const real t148 = t18 * t147;
+    const real t149 = t46 * t55 + k113 * t60 - t118 - t119 - t148;
+    const real t150 = t60 * t149;
+    const real t151 = t23 * t44 - t22 * t43;
+    const real t152 = t78 * t151;
+    const real t153 = t120 + t98 * t73 + t101 * t74 + t121 + t152;
+    const real t154 = t28 * t153;
+    const real t155 = t23 * t37 + t22 * t36;
+    const real t156 = t88 * t155;
+    const real t157 = t106 * t84 + t122 + t108 * t86 - t123 - t156;
+    const real t158 = t30 * t157;
+    const real t159 = t77 * (t22 * t42 + t151);
+    const real t160 = t87 * (t22 * t35 - t155);
+    const real t161 = t109 + t110 + t111 + t113 + t114 + t115 + t159 + t160 - t112 - t116 - t142;
+    const real t162 = t23 * t161;
+    const real t163 = t59 * (v_theta_0 * t49 + t147);
+    const real t164 = t55 * t90 + t117 + t56 * t94 + t163 - t146;
+    const real t165 = t16 * t164;
+    const real t166 = t77 * (t42 + t43) * t77;
+    const real t167 = t87 * (t35 + t36) * t87;
+    const real t168 = t95 + t96 + t102 + t103 + t144 + t145 + t166 + t167;
+    const real t169 = R(0.5) * t168;
+    const real t170 = t126 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t93 - t99 -
+        t107 - t129 - t132 - t134 - t137 - t139 - t141 - t154 - t158;
+    value[0 * stride] = t170;
 }
 
 void
@@ -4334,21 +4401,21 @@ static INLINE void kinetic_energy_lane(
     (void)q;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
+    const real k82 = constants->k82;
     const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k120 = constants->k120;
-    const real k121 = constants->k121;
-    const real k122 = constants->k122;
+    const real k113 = constants->k113;
+    const real k114 = constants->k114;
+    const real k115 = constants->k115;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4386,28 +4453,28 @@ static INLINE void kinetic_energy_lane(
     const real t20 = v_theta_9 + t19;
 
     /* inertia of link 3, turned by the joints */
-    const real t21 = k71 * c6;
-    const real t22 = k71 * s6;
-    const real t23 = s6 * k85;
+    const real t21 = k68 * c6;
+    const real t22 = k68 * s6;
+    const real t23 = k81 * s6;
     const real t24 = s6 * t23;
-    const real t25 = k48 - t24;
-    const real t26 = k54 + t24;
+    const real t25 = k46 - t24;
+    const real t26 = k52 + t24;
 
     /* inertia of link 2, turned by the joints */
-    const real t27 = c5 * k76;
-    const real t28 = s5 * k76;
-    const real t29 = s5 * k86;
+    const real t27 = k73 * c5;
+    const real t28 = k73 * s5;
+    const real t29 = k82 * s5;
     const real t30 = s5 * t29;
-    const real t31 = k77 + t30;
-    const real t32 = k34 - t30;
+    const real t31 = k74 + t30;
+    const real t32 = k33 - t30;
 
     /* inertia of the base, turned by the joints */
-    const real t33 = c3 * k83;
-    const real t34 = s3 * k83;
-    const real t35 = s3 * k87;
+    const real t33 = k79 * c3;
+    const real t34 = k79 * s3;
+    const real t35 = k83 * s3;
     const real t36 = s3 * t35;
-    const real t37 = k84 + t36;
-    const real t38 = k66 - t36;
+    const real t37 = k80 + t36;
+    const real t38 = k63 - t36;
 
     /* motion of the base */
     const real t39 = v_y * c1 + v_z * s1;
@@ -4426,53 +4493,31 @@ static INLINE void kinetic_energy_lane(
     const real t48 = t47 - link2_length * (s5 * t18 - c5 * t17);
 
     /* Gibbs function of the base */
-    const real t49 = t15 * t15 * k120;
-    const real t50 = v_theta_0 * v_theta_0 * k120;
-    const real t51 = k121 * t39 * t39;
-    const real t52 = k121 * t41 * t41;
-    const real t53 = k121 * t42 * t42;
-    const real t54 = R(0.5) * t16 * t16 * t37;
-    const real t55 = R(0.5) * v_theta_0 * v_theta_0 * t37;
-    const real t56 = R(0.5) * t15 * t15 * t38;
-    const real t57 = R(0.5) * t16 * t16 * t38;
-    const real t58 = t15 * t34 * t41;
-    const real t59 = t15 * v_theta_0 * c3 * t35;
-    const real t60 = t16 * t33 * t39;
-    const real t61 = t16 * t34 * t42;
-    const real t62 = v_theta_0 * t33 * t41;
-    const real t63 = t49 + t50 + t51 + t52 + t53 + t54 + t55 + t56 + t57 + t58 + t59 + t60 - t61 -
-        t62;
-
-    /* Gibbs function of link 1 */
-    const real t64 = t17 * t17 * k122 + t18 * t18 * k122;
-
-    /* Gibbs function of link 2 */
-    const real t65 = R(0.5) * t17 * t17 * t31;
-    const real t66 = R(0.5) * t19 * t19 * t31;
-    const real t67 = R(0.5) * t18 * t18 * t32;
-    const real t68 = R(0.5) * t19 * t19 * t32;
-    const real t69 = t18 * t17 * c5 * t29;
-    const real t70 = t17 * t27 * t47;
-    const real t71 = t19 * t27 * t45;
-    const real t72 = t18 * t28 * t47;
-    const real t73 = t19 * t28 * t46;
-    const real t74 = t65 + t66 + t67 + t68 + t69 + t70 + t71 - t72 - t73;
-
-    /* Gibbs function of link 3 */
-    const real t75 = R(0.5) * t17 * t17 * t25;
-    const real t76 = R(0.5) * t20 * t20 * t25;
-    const real t77 = R(0.5) * t18 * t18 * t26;
-    const real t78 = R(0.5) * t20 * t20 * t26;
-    const real t79 = t17 * t21 * t48;
-    const real t80 = t20 * t21 * (t45 + link2_length * c5 * t19);
-    const real t81 = t18 * t17 * c6 * t23;
-    const real t82 = t18 * t22 * t48;
-    const real t83 = t20 * t22 * (t46 - link2_length * s5 * t19);
-    const real t84 = t75 + t76 + t77 + t78 + t79 + t80 - t81 - t82 - t83;
+    const real t49 = v_theta_0 * v_theta_0 * t37;
+    const real t50 = t15 * t15 * t38;
 
     /* sum over the links */
-    const real t85 = t63 + t64 + t74 + t84;
-    energy[0 * stride] = t85;
+    const real t51 = v_theta_0 * c3 * t35 + k113 * t15 + t34 * t41;
+    const real t52 = t15 * t51;
+    const real t53 = k114 * (t39 * t39 + t41 * t41 + t42 * t42);
+    const real t54 = t18 * (k115 * t18 - t28 * t47 - t22 * t48);
+    const real t55 = v_theta_0 * (k113 * v_theta_0 - t33 * t41);
+    const real t56 = t16 * (t33 * t39 - t34 * t42);
+    const real t57 = t19 * (t27 * t45 - t28 * t46);
+    const real t58 = t22 * (t46 - link2_length * s5 * t19);
+    const real t59 = t20 * (t21 * (t45 + link2_length * c5 * t19) - t58);
+    const real t60 = t18 * (c6 * t23 - c5 * t29);
+    const real t61 = k115 * t17 + t27 * t47 + t21 * t48 - t60;
+    const real t62 = t17 * t61;
+    const real t63 = t16 * t16 * (t37 + t38);
+    const real t64 = t17 * t17 * (t25 + t31);
+    const real t65 = t18 * t18 * (t26 + t32);
+    const real t66 = t19 * (t31 + t32) * t19;
+    const real t67 = t20 * (t25 + t26) * t20;
+    const real t68 = t49 + t50 + t63 + t64 + t65 + t66 + t67;
+    const real t69 = R(0.5) * t68;
+    const real t70 = t52 + t53 + t54 + t55 + t56 + t57 + t59 + t62 + t69;
+    energy[0 * stride] = t70;
 }
 
 void
@@ -4583,10 +4628,10 @@ static INLINE void potential_energy_lane(
     const int stride)
 {
     const real gravity = constants->gravity;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k82 = constants->k82;
-    const real k83 = constants->k83;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k78 = constants->k78;
+    const real k79 = constants->k79;
     const real z = q[8 * stride];
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -4602,13 +4647,13 @@ static INLINE void potential_energy_lane(
     const real c6 = cosine[5 * stride];
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t15 = k71 * c6 + c5 * k76;
+    const real t15 = k68 * c6 + k73 * c5;
 
     /* first moment of mass above Z = 0, and its weight */
-    const real t16 = s2 * (c3 * k83 + c4 * t15);
-    const real t17 = c1 * (c2 * (k71 * s6 + s5 * k76) - t16);
-    const real t18 = t17 + s1 * (s3 * k83 + s4 * t15);
-    const real t19 = gravity * (t18 + z * k82);
+    const real t16 = s2 * (k79 * c3 + c4 * t15);
+    const real t17 = c1 * (c2 * (k68 * s6 + k73 * s5) - t16);
+    const real t18 = t17 + s1 * (k79 * s3 + s4 * t15);
+    const real t19 = gravity * (t18 + k78 * z);
     energy[0 * stride] = t19;
 }
 
@@ -4709,10 +4754,12 @@ static INLINE void gravity_forces_lane(
     const int stride)
 {
     (void)q;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k83 = constants->k83;
-    const real k88 = constants->k88;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k79 = constants->k79;
+    const real k85 = constants->k85;
+    const real k111 = constants->k111;
+    const real k118 = constants->k118;
     const real k119 = constants->k119;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -4728,52 +4775,48 @@ static INLINE void gravity_forces_lane(
     const real c6 = cosine[5 * stride];
     force[6 * stride] = R(0.0);
     force[7 * stride] = R(0.0);
-    force[8 * stride] = -k88;
-
-    /* inertia of link 3, turned by the joints */
-    const real t15 = k71 * c6;
-    const real t16 = k71 * s6;
+    force[8 * stride] = -k85;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t17 = t15 + c5 * k76;
+    const real t15 = k68 * c6 + k73 * c5;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t18 = c4 * t17;
-    const real t19 = s4 * t17;
+    const real t16 = c4 * t15;
+    const real t17 = s4 * t15;
 
     /* axes of the base */
-    const real t20 = c1 * c2;
+    const real t18 = c1 * c2;
 
     /* centre of mass from the origin */
-    const real t21 = (t16 + s5 * k76) * k119;
+    const real t19 = k111 * (k68 * s6 + k73 * s5);
 
     /* axes of the base */
-    const real t22 = c1 * s2;
+    const real t20 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
-    const real t23 = s1 * s4 - c4 * t22;
+    const real t21 = s1 * s4 - c4 * t20;
 
     /* centre of mass from the origin */
-    const real t24 = (c3 * k83 + t18) * k119;
+    const real t22 = k111 * (k79 * c3 + t16);
 
     /* columns of the base */
-    const real t25 = s2 * t21 + c2 * t24;
-    const real t26 = s1 * (c2 * t21 - s2 * t24);
-    const real t27 = c1 * (s3 * k83 + t19) * k119 - t26;
+    const real t23 = s2 * t19 + c2 * t22;
+    const real t24 = c1 * k111 * (k79 * s3 + t17);
+    const real t25 = s1 * (c2 * t19 - s2 * t22) - t24;
 
     /* weight at the centre of mass */
-    const real t28 = k88 * t27;
-    force[0 * stride] = -t28;
-    const real t29 = k88 * c1 * t25;
-    force[1 * stride] = t29;
-    const real t30 = k88 * (s1 * c2 * t25 + s2 * t27);
-    force[2 * stride] = -t30;
-    const real t31 = k88 * (t19 * k119 * t22 + s1 * t18 * k119);
-    force[3 * stride] = -t31;
-    const real t32 = k88 * (t21 * t23 - t20 * t17 * k119);
-    force[4 * stride] = t32;
-    const real t33 = k88 * (t23 * t16 * k119 - t20 * t15 * k119);
-    force[5 * stride] = t33;
+    const real t26 = k85 * t25;
+    force[0 * stride] = t26;
+    const real t27 = k85 * c1 * t23;
+    force[1 * stride] = t27;
+    const real t28 = k85 * (s2 * t25 - s1 * c2 * t23);
+    force[2 * stride] = t28;
+    const real t29 = k118 * (s1 * t16 + t17 * t20);
+    force[3 * stride] = -t29;
+    const real t30 = k85 * (t19 * t21 - t18 * k111 * t15);
+    force[4 * stride] = t30;
+    const real t31 = k119 * (s6 * t21 - c6 * t18);
+    force[5 * stride] = t31;
 }
 
 void
@@ -4909,8 +4952,8 @@ static INLINE void wrench_forces_lane(
     const real t16 = link2_length * s5;
 
     /* step from the base to link 1 */
-    const real t17 = c3 * base_arm_length;
-    const real t18 = s3 * base_arm_length;
+    const real t17 = base_arm_length * c3;
+    const real t18 = base_arm_length * s3;
 
     /* axes of the base */
     const real t19 = s1 * c2;
@@ -4952,29 +4995,29 @@ static INLINE void wrench_forces_lane(
     /* wrench on tip, in the frame of its link */
     const real t48 = W_tip_fx * t35 + W_tip_fy * t36 + W_tip_fz * t37;
     const real t49 = W_tip_fx * t38 + W_tip_fz * t40 - W_tip_fy * t39;
-    const real t50 = W_tip_fy * t33 + W_tip_fz * t34 - W_tip_fx * t32;
+    const real t50 = W_tip_fx * t32 - W_tip_fy * t33 - W_tip_fz * t34;
     const real t51 = W_tip_tx * t35 + W_tip_ty * t36 + W_tip_tz * t37;
     const real t52 = W_tip_tx * t38 + W_tip_tz * t40 - W_tip_ty * t39;
-    const real t53 = W_tip_ty * t33 + W_tip_tz * t34 - W_tip_tx * t32;
-    const real t54 = t52 + link3_length * t50;
-    const real t55 = t53 - link3_length * t49;
-    force[5 * stride] = -t55;
+    const real t53 = W_tip_tx * t32 - W_tip_ty * t33 - W_tip_tz * t34;
+    const real t54 = t52 - link3_length * t50;
+    const real t55 = t53 + link3_length * t49;
+    force[5 * stride] = t55;
 
     /* wrenches carried in to the base */
     const real t56 = c6 * t48 - s6 * t49;
     const real t57 = s6 * t48 + c6 * t49;
-    const real t58 = c6 * t51 - s6 * t54 - t16 * t50;
-    const real t59 = s6 * t51 + c6 * t54 + t15 * t50;
+    const real t58 = c6 * t51 + t16 * t50 - s6 * t54;
+    const real t59 = s6 * t51 + c6 * t54 - t15 * t50;
     force[3 * stride] = t59;
-    const real t60 = t55 + t16 * t56 - t15 * t57;
-    force[4 * stride] = -t60;
-    const real t61 = c4 * t56 - s4 * t50;
-    const real t62 = c4 * t50 + s4 * t56;
-    const real t63 = c4 * t58 + t18 * t57 - s4 * t60;
-    const real t64 = s4 * t58 + c4 * t60 - t17 * t57;
-    const real t65 = t59 + t17 * t62 - t18 * t61;
+    const real t60 = t55 + t15 * t57 - t16 * t56;
+    force[4 * stride] = t60;
+    const real t61 = c4 * t56 + s4 * t50;
+    const real t62 = c4 * t50 - s4 * t56;
+    const real t63 = c4 * t58 + s4 * t60 + t18 * t57;
+    const real t64 = s4 * t58 - c4 * t60 - t17 * t57;
+    const real t65 = t59 - t17 * t62 - t18 * t61;
     const real t66 = c3 * t41 + t61 - s3 * t42;
-    const real t67 = s3 * t41 + c3 * t42 + t62;
+    const real t67 = s3 * t41 + c3 * t42 - t62;
     const real t68 = t43 + t57;
     const real t69 = s3 * t44 + c3 * t47 + t64;
     force[1 * stride] = t69;
@@ -5112,25 +5155,27 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
+    const real k33 = constants->k33;
     const real link3_length = constants->link3_length;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
     const real k78 = constants->k78;
+    const real k81 = constants->k81;
     const real k82 = constants->k82;
-    const real k85 = constants->k85;
+    const real k84 = constants->k84;
     const real k86 = constants->k86;
-    const real k89 = constants->k89;
-    const real k90 = constants->k90;
-    const real k114 = constants->k114;
-    const real k115 = constants->k115;
+    const real k87 = constants->k87;
+    const real k106 = constants->k106;
+    const real k108 = constants->k108;
+    const real k109 = constants->k109;
+    const real k110 = constants->k110;
     const real k117 = constants->k117;
-    const real k118 = constants->k118;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -5174,277 +5219,323 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t16;
-    const real t18 = t15 * t16;
-    const real t19 = R(2.0) * v_theta_0 * t15;
-    const real t20 = v_theta_1 + t15;
-    const real t21 = v_theta_0 * t20;
-    const real t22 = t16 * t20;
-    const real t23 = t20 * t20;
+    const real t17 = v_theta_0 * t15;
+    const real t18 = v_theta_0 * t16;
+    const real t19 = t15 * t16;
+    const real t20 = R(2.0) * t17;
+    const real t21 = v_theta_1 + t15;
+    const real t22 = t21 * t21;
 
     /* motion of link 1 */
-    const real t24 = v_theta_7 + t20;
-    const real t25 = t19 - v_theta_0 * t24;
-    const real t26 = t18 - t16 * t24;
-    const real t27 = t24 * t24;
-    const real t28 = c4 * t16 + v_theta_0 * s4;
-    const real t29 = v_theta_0 * c4 - s4 * t16;
-    const real t30 = s4 * t25 + c4 * t26;
-    const real t31 = t28 * t28;
-    const real t32 = t24 * t28;
-    const real t33 = t30 - t32;
-    const real t34 = t17 - t28 * t29;
-    const real t35 = s4 * t26 + t24 * t29 - c4 * t25;
-    const real t36 = t30 + t32;
+    const real t23 = v_theta_7 + t21;
+    const real t24 = t20 - v_theta_0 * t23;
+    const real t25 = t19 - t16 * t23;
+    const real t26 = t23 * t23;
+    const real t27 = c4 * t16 + v_theta_0 * s4;
+    const real t28 = v_theta_0 * c4 - s4 * t16;
+    const real t29 = s4 * t24 + c4 * t25;
+    const real t30 = t27 * t27;
+    const real t31 = t23 * t27;
+    const real t32 = t29 - t31;
+    const real t33 = t18 - t27 * t28;
+    const real t34 = s4 * t25 + t23 * t28 - c4 * t24;
+    const real t35 = t29 + t31;
 
     /* motion of link 2 */
-    const real t37 = v_theta_8 - t29;
-    const real t38 = t37 * t37;
-    const real t39 = t27 + t38;
-    const real t40 = R(2.0) * t28;
-    const real t41 = t34 - t37 * t40;
-    const real t42 = t31 + t38;
-    const real t43 = R(2.0) * t24;
-    const real t44 = t35 + t37 * t43;
+    const real t36 = v_theta_8 - t28;
+    const real t37 = t36 * t36;
+    const real t38 = t26 + t37;
+    const real t39 = R(2.0) * t27;
+    const real t40 = t33 - t36 * t39;
+    const real t41 = t30 + t37;
+    const real t42 = R(2.0) * t23;
+    const real t43 = t36 * t42 + t34;
 
     /* motion of link 3 */
-    const real t45 = s5 * t36 - c5 * t39;
-    const real t46 = c5 * t33 + s5 * t42;
-    const real t47 = s5 * t44 - c5 * t41;
-    const real t48 = link2_length * t47;
-    const real t49 = v_theta_9 + t37;
-    const real t50 = t49 * t49;
-    const real t51 = t27 + t50;
-    const real t52 = t34 - t40 * t49;
-    const real t53 = t31 + t50;
-    const real t54 = t35 + t43 * t49;
+    const real t44 = s5 * t35 - c5 * t38;
+    const real t45 = c5 * t32 + s5 * t41;
+    const real t46 = c5 * t40 - s5 * t43;
+    const real t47 = link2_length * t46;
+    const real t48 = v_theta_9 + t36;
+    const real t49 = t48 * t48;
+    const real t50 = t26 + t49;
+    const real t51 = t33 - t39 * t48;
+    const real t52 = t30 + t49;
+    const real t53 = t42 * t48 + t34;
 
     /* inertia of link 3, turned by the joints */
-    const real t55 = k71 * c6;
-    const real t56 = k71 * s6;
-    const real t57 = s6 * k85;
-    const real t58 = s6 * t57;
-    const real t59 = k48 - t58;
-    const real t60 = k54 + t58;
-    const real t61 = c6 * t57;
+    const real t54 = k68 * c6;
+    const real t55 = k68 * s6;
+    const real t56 = k81 * s6;
+    const real t57 = s6 * t56;
+    const real t58 = k46 - t57;
+    const real t59 = k52 + t57;
+    const real t60 = c6 * t56;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t62 = t61 * (t51 - t53);
-    const real t63 = k71 * (s6 * t36 - c6 * t51);
-    const real t64 = k71 * (c6 * t33 + s6 * t53);
+    const real t61 = t59 * t53;
+    const real t62 = t51 * t60;
+    const real t63 = t51 * t58;
+    const real t64 = t60 * t53;
+    const real t65 = t60 * (t50 - t52);
+    const real t66 = t32 * t58;
+    const real t67 = t35 * t59;
+    const real t68 = k68 * (s6 * t35 - c6 * t50);
+    const real t69 = k68 * (c6 * t32 + s6 * t52);
 
     /* step from link 2 to link 3 */
-    const real t65 = link2_length * c5;
-    const real t66 = link2_length * s5;
+    const real t70 = link2_length * c5;
+    const real t71 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t67 = c5 * k76;
-    const real t68 = s5 * k76;
-    const real t69 = s5 * k86;
-    const real t70 = s5 * t69;
-    const real t71 = k77 + t70;
-    const real t72 = k34 - t70;
-    const real t73 = c5 * t69;
+    const real t72 = k73 * c5;
+    const real t73 = k73 * s5;
+    const real t74 = k82 * s5;
+    const real t75 = s5 * t74;
+    const real t76 = k74 + t75;
+    const real t77 = k33 - t75;
+    const real t78 = c5 * t74;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t74 = t55 + t67;
-    const real t75 = t73 - t61 - t55 * t66 - t56 * t65;
-
-    /* axes of the base */
-    const real t76 = s1 * c2;
-    const real t77 = c1 * c2;
-    const real t78 = c2 * s3;
-
-    /* articulated inertia and load of link 3, about joint 9 */
-    const real t79 = t54 * t60 + t48 * t56 - t52 * t61;
-    const real t80 = t54 * t61 + t48 * t55 - t52 * t59;
-    const real t81 = link2_length * t45 * t56;
-    const real t82 = link2_length * t46 * t55;
-    const real t83 = t33 * t59 + t36 * t60 + t81 + t82 - t62;
-
-    /* equation of joint 9, its acceleration eliminated */
-    const real t84 = R(1.0) / (t59 + t60);
-    const real t85 = t56 * t84;
-    const real t86 = t55 * t84;
-    const real t87 = t56 * t85;
-    const real t88 = t55 * t86;
-    const real t89 = t55 * t85;
-
-    /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t90 = t66 * t87 + t65 * t89;
-    const real t91 = t66 * t89 + t65 * t88;
-    const real t92 = t33 * t71 + t36 * t72 + t73 * (t39 - t42);
-    const real t93 = t68 - t90;
-    const real t94 = t67 - t91;
-
-    /* equation of joint 8, its acceleration eliminated */
-    const real t95 = R(1.0) / (t65 * t91 + t66 * t90 - t71 - t72);
-    const real t96 = t93 * t95;
-    const real t97 = t94 * t95;
-    const real t98 = t89 - t94 * t96;
+    const real t79 = t40 * t78;
+    const real t80 = t77 * t43;
+    const real t81 = t40 * t76;
+    const real t82 = t78 * t43;
+    const real t83 = t32 * t76;
+    const real t84 = t35 * t77;
+    const real t85 = t78 * (t38 - t41);
+    const real t86 = k73 * t45;
 
     /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t99 = k78 + t72 + t60 + R(2.0) * t56 * t66;
+    const real t87 = k75 * t34;
+    const real t88 = k75 * t33;
 
-    /* equation of joint 7, its acceleration eliminated */
-    const real t100 = R(1.0) / (k78 + t71 + t59 + R(2.0) * t55 * t65);
-    const real t101 = t74 * t100;
-    const real t102 = t75 * t100;
-    const real t103 = t56 + t68 + t75 * t101;
-
-    /* articulated inertia and load of the base and links 1 to 3 */
-    const real t104 = k67 * t19 + k66 * (t19 - R(2.0) * t20 * v_theta_0);
-    const real t105 = k67 * t18 + k66 * (t18 - R(2.0) * t20 * t16);
-
-    /* acceleration of the base, by LDL^T */
-    const real t106 = R(1.0) / (t99 + k115 - t75 * t102);
-    const real t107 = t103 * t106;
-    const real t108 = R(1.0) / (k82 - t74 * t101 - t103 * t107);
-    const real t109 = R(1.0) / (k82 + t94 * t97 - t88);
-    const real t110 = t98 * t109;
-    const real t111 = R(1.0) / (k82 + t93 * t96 - t87 - t98 * t110);
-
-    /* accelerations of the attitude angles */
-    const real t112 = R(1.0) / c2;
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t89 = t54 + t72;
+    const real t90 = t60 + t54 * t71 + t55 * t70 - t78;
 
     /* axes of the base */
-    const real t113 = s1 * s2;
-    const real t114 = c1 * s2;
-    const real t115 = c2 * c3;
-    const real t116 = c1 * s3 + c3 * t113;
-    const real t117 = s1 * s3 - c3 * t114;
-    const real t118 = c1 * c3 - s3 * t113;
-    const real t119 = s1 * c3 + s3 * t114;
+    const real t91 = s1 * c2;
+    const real t92 = c1 * c2;
+    const real t93 = c2 * s3;
+
+    /* force and moment of all thrusts */
+    const real t94 = base_arm_length * F_4;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t95 = t55 * t47;
+    const real t96 = t54 * t47;
+
+    /* equation of joint 9, its acceleration eliminated */
+    const real t97 = R(1.0) / (t58 + t59);
+    const real t98 = t55 * t97;
+    const real t99 = t54 * t97;
+    const real t100 = t55 * t98;
+    const real t101 = t54 * t99;
+    const real t102 = t54 * t98;
+
+    /* articulated inertia and load of links 2 and 3, about joint 8 */
+    const real t103 = t71 * t100 + t70 * t102;
+    const real t104 = t71 * t102 + t70 * t101;
+    const real t105 = R(2.0) * t55 * t71;
+    const real t106 = t73 - t103;
+    const real t107 = t72 - t104;
+
+    /* equation of joint 8, its acceleration eliminated */
+    const real t108 = R(1.0) / (t76 + t77 - t70 * t104 - t71 * t103);
+    const real t109 = t106 * t108;
+    const real t110 = t107 * t108;
+    const real t111 = t102 + t107 * t109;
+
+    /* equation of joint 7, its acceleration eliminated */
+    const real t112 = R(1.0) / (k75 + t58 + t76 + R(2.0) * t54 * t70);
+    const real t113 = t89 * t112;
+    const real t114 = t90 * t112;
+    const real t115 = t55 + t73 - t90 * t113;
+
+    /* articulated inertia and load of the base and links 1 to 3 */
+    const real t116 = k63 * (t20 - R(2.0) * t21 * v_theta_0);
+    const real t117 = k63 * (t19 - R(2.0) * t21 * t16);
+    const real t118 = k108 * t18;
+
+    /* acceleration of the base, by LDL^T */
+    const real t119 = R(1.0) / (t59 + t77 + t105 + k117 - t90 * t114);
+    const real t120 = t115 * t119;
+    const real t121 = R(1.0) / (k78 - t89 * t113 - t115 * t120);
+    const real t122 = R(1.0) / (k78 - t101 - t107 * t110);
+    const real t123 = t111 * t122;
+    const real t124 = R(1.0) / (k78 - t100 - t106 * t109 - t111 * t123);
+
+    /* accelerations of the attitude angles */
+    const real t125 = R(1.0) / c2;
+
+    /* axes of the base */
+    const real t126 = s1 * s2;
+    const real t127 = c1 * s2;
+    const real t128 = c2 * c3;
+    const real t129 = c1 * s3 + c3 * t126;
+    const real t130 = s1 * s3 - c3 * t127;
+    const real t131 = c1 * c3 - s3 * t126;
+    const real t132 = s1 * c3 + s3 * t127;
 
     /* joint 7 and the axes of link 1 */
-    const real t120 = c2 * c4;
-    const real t121 = c1 * s4 + c4 * t113;
-    const real t122 = s1 * s4 - c4 * t114;
-    const real t123 = c2 * s4;
-    const real t124 = c1 * c4 - s4 * t113;
-    const real t125 = s1 * c4 + s4 * t114;
+    const real t133 = c2 * c4;
+    const real t134 = c1 * s4 + c4 * t126;
+    const real t135 = s1 * s4 - c4 * t127;
+    const real t136 = c2 * s4;
+    const real t137 = c1 * c4 - s4 * t126;
+    const real t138 = s1 * c4 + s4 * t127;
 
     /* joint 9 and the axes of link 3 */
-    const real t126 = c6 * t120 + s2 * s6;
-    const real t127 = c6 * t121 - s6 * t76;
-    const real t128 = c6 * t122 + s6 * t77;
-    const real t129 = s2 * c6 - s6 * t120;
-    const real t130 = s6 * t121 + c6 * t76;
-    const real t131 = c6 * t77 - s6 * t122;
+    const real t139 = c6 * t133 + s2 * s6;
+    const real t140 = c6 * t134 - s6 * t91;
+    const real t141 = c6 * t135 + s6 * t92;
+    const real t142 = s2 * c6 - s6 * t133;
+    const real t143 = s6 * t134 + c6 * t91;
+    const real t144 = c6 * t92 - s6 * t135;
 
     /* wrench on base, in the frame of its link */
-    const real t132 = W_base_fx * t115 + W_base_fy * t116 + W_base_fz * t117;
-    const real t133 = W_base_fy * t118 + W_base_fz * t119 - W_base_fx * t78;
-    const real t134 = W_base_fx * s2 + W_base_fz * t77 - W_base_fy * t76;
-    const real t135 = W_base_tx * t115 + W_base_ty * t116 + W_base_tz * t117;
-    const real t136 = W_base_ty * t118 + W_base_tz * t119 - W_base_tx * t78;
-    const real t137 = W_base_tx * s2 + W_base_tz * t77 - W_base_ty * t76;
+    const real t145 = W_base_fx * t93;
+    const real t146 = W_base_fx * s2;
+    const real t147 = W_base_fz * t92;
+    const real t148 = W_base_fy * t91;
+    const real t149 = W_base_tz * t132;
+    const real t150 = W_base_tx * t93;
+    const real t151 = W_base_tx * s2;
+    const real t152 = W_base_tz * t92;
+    const real t153 = W_base_ty * t91;
 
     /* wrench on tip, in the frame of its link */
-    const real t138 = W_tip_fx * t126 + W_tip_fy * t127 + W_tip_fz * t128;
-    const real t139 = W_tip_fx * t129 + W_tip_fz * t131 - W_tip_fy * t130;
-    const real t140 = W_tip_fy * t124 + W_tip_fz * t125 - W_tip_fx * t123;
-    const real t141 = W_tip_tx * t126 + W_tip_ty * t127 + W_tip_tz * t128;
-    const real t142 = W_tip_tx * t129 + W_tip_tz * t131 - W_tip_ty * t130;
-    const real t143 = W_tip_ty * t124 + W_tip_tz * t125 - W_tip_tx * t123;
-    const real t144 = t142 + link3_length * t140;
-
-    /* thrusts and wrenches together */
-    const real t145 = R(0.8660254037844386) * F_2 + t132 - R(0.8660254037844386) * F_6;
-    const real t146 = F_4 + t133 - R(0.5) * F_2 - R(0.5) * F_6;
-    const real t147 = F_3 * k90 - F_5 * k90 - t135;
-    const real t148 = F_1 * base_arm_length + t136 - F_3 * k89 - F_5 * k89;
-    const real t149 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114 + t137;
+    const real t154 = W_tip_fx * t139 + W_tip_fy * t140 + W_tip_fz * t141;
+    const real t155 = W_tip_fx * t142 + W_tip_fz * t144 - W_tip_fy * t143;
+    const real t156 = W_tip_fx * t136 - W_tip_fy * t137 - W_tip_fz * t138;
+    const real t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141;
+    const real t158 = W_tip_tx * t136;
+    const real t159 = W_tip_ty * t137;
+    const real t160 = W_tip_tz * t138;
+    const real t161 = link3_length * t156;
+    const real t162 = W_tip_tx * t142 + W_tip_tz * t144 - W_tip_ty * t143 - t161;
+    const real t163 = link3_length * t155;
 
     /* articulated inertia and load of link 3, about joint 9 */
-    const real t150 = k71 * (s6 * t54 - c6 * t52) + t140;
+    const real t164 = c6 * t157;
+    const real t165 = s6 * t162;
+    const real t166 = s6 * t157;
+    const real t167 = c6 * t162;
+
+    /* thrusts and wrenches together */
+    const real t168 = R(0.8660254037844386) * (F_2 - F_6);
+    const real t169 = W_base_fx * t128 + W_base_fy * t129 + W_base_fz * t130 + t168;
+    const real t170 = F_2 + F_6;
+    const real t171 = R(0.5) * t170;
+    const real t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171;
+    const real t173 = k87 * (F_3 - F_5);
+    const real t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173;
+    const real t175 = F_3 + F_5;
+    const real t176 = k86 * t175;
+    const real t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176;
+
+    /* articulated inertia and load of link 3, about joint 9 */
+    const real t178 = t156 + k68 * (c6 * t51 - s6 * t53);
 
     /* equation of joint 9, its acceleration eliminated */
-    const real t151 = t84 * (tau_9 + t83 + link3_length * t139 - t143);
-    const real t152 = t63 + s6 * t139 - c6 * t138 - t56 * t151;
-    const real t153 = t64 + s6 * t138 + c6 * t139 - t55 * t151;
+    const real t179 = link2_length * (t44 * t55 + t45 * t54);
+    const real t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160;
+    const real t181 = t97 * t180;
+    const real t182 = t68 + s6 * t155 - c6 * t154 - t55 * t181;
+    const real t183 = t69 + s6 * t154 + c6 * t155 - t54 * t181;
 
     /* articulated inertia and load of links 2 and 3, about joint 8 */
-    const real t154 = t79 + s6 * t144 + t66 * t150 - c6 * t141;
-    const real t155 = t80 + s6 * t141 + c6 * t144 + t65 * t150;
+    const real t184 = t71 * t178;
+    const real t185 = t70 * t178;
+    const real t186 = t71 * t182;
+    const real t187 = t70 * t183;
 
     /* equation of joint 8, its acceleration eliminated */
-    const real t156 = tau_8 + t92 + t66 * t152 + t65 * t153 - tau_9;
-    const real t157 = t95 * t156;
-    const real t158 = k76 * t45 + t152 + t93 * t157;
-    const real t159 = k76 * t46 + t153 + t94 * t157;
-
-    /* articulated inertia and load of links 1 to 3, about joint 7 */
-    const real t160 = k78 * t35 + t41 * t73 + t44 * t72 + t154;
-    const real t161 = k78 * t34 + t41 * t71 + t44 * t73 - t155;
+    const real t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9;
+    const real t189 = t108 * t188;
+    const real t190 = t106 * t189;
+    const real t191 = t107 * t189;
 
     /* equation of joint 7, its acceleration eliminated */
-    const real t162 = t100 * (tau_7 - t161);
-    const real t163 = k76 * t47 + t150 - t74 * t162;
+    const real t192 = tau_7 + t166 + t64 + t167 - t63 - t81 - t88 - t82 - t96 - t185;
+    const real t193 = t112 * t192;
+    const real t194 = t89 * t193;
+    const real t195 = t90 * t193;
 
     /* articulated inertia and load of the base and links 1 to 3 */
-    const real t164 = c3 * t145 - s3 * t146;
-    const real t165 = s3 * t145 + c3 * t146;
-    const real t166 = t104 - c3 * t147 - s3 * t148;
-    const real t167 = t105 + s3 * t147 - c3 * t148;
-    const real t168 = F_5 + F_1 + F_3 + t134 + t159;
-    const real t169 = t160 + t75 * t162 + s4 * t167 - c4 * t166;
+    const real t196 = c3 * t169 - s3 * t172;
+    const real t197 = s3 * t169 + c3 * t172;
+    const real t198 = k84 * t17 + t116 + c3 * t174 - s3 * t177;
+    const real t199 = k64 * t19 + t117 - c3 * t177 - s3 * t174;
+    const real t200 = c4 * t196;
+    const real t201 = s4 * t197;
+    const real t202 = c4 * t197;
+    const real t203 = s4 * t196;
+    const real t204 = c4 * t198;
+    const real t205 = s4 * t199;
+    const real t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191;
+    const real t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205;
+    const real t208 = k106 * t170;
+    const real t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153;
 
     /* acceleration of the base, by LDL^T */
-    const real t170 = t163 + c4 * t165 - s4 * t164 - t107 * t169;
-    const real t171 = t158 + t110 * t168 - c4 * t164 - s4 * t165;
-    const real t172 = t111 * t171;
-    const real t173 = t110 * t172 + t109 * t168;
-    const real t174 = t108 * t170;
-    const real t175 = t107 * t174 - t106 * t169;
-    const real t176 = k118 * (tau_8 - s4 * t166 - c4 * t167);
-    const real t177 = k117 * (tau_7 + R(2.0) * k66 * t17 - t149);
+    const real t210 = t120 * t207;
+    const real t211 = k73 * t46 + t178 + t194 + t203 - t202 - t210;
+    const real t212 = t123 * t206;
+    const real t213 = k73 * t44 + t182 + t212 - t190 - t200 - t201;
+    const real t214 = t124 * t213;
+    const real t215 = t123 * t214 + t122 * t206;
+    const real t216 = t121 * t211;
+    const real t217 = t119 * t207 - t120 * t216;
+    const real t218 = k110 * (tau_8 - s4 * t198 - c4 * t199);
+    const real t219 = k109 * t209;
 
     /* acceleration of joint 7 */
-    const real t178 = t177 + t162 - t101 * t174 - t102 * t175;
-    acceleration[3 * stride] = t178;
+    const real t220 = t193 + t113 * t216 + t114 * t217 - t219;
+    acceleration[3 * stride] = t220;
 
     /* acceleration of joint 8 */
-    const real t179 = t96 * t172 + t97 * t173 - t157;
-    const real t180 = t176 + t179;
-    acceleration[4 * stride] = t180;
+    const real t221 = t189 - t109 * t214 - t110 * t215;
+    const real t222 = t218 + t221;
+    acceleration[4 * stride] = t222;
 
     /* acceleration of joint 9 */
-    const real t181 = t86 * (t173 + t65 * t179);
-    const real t182 = t179 + t85 * (t172 + t66 * t179) + t181 - t151;
-    acceleration[5 * stride] = -t182;
+    const real t223 = t99 * (t215 + t70 * t221);
+    const real t224 = t181 - t221 - t98 * (t214 + t71 * t221) - t223;
+    acceleration[5 * stride] = t224;
 
     /* acceleration of the base */
-    const real t183 = c4 * t175 - s4 * t176;
-    const real t184 = s4 * t175 + c4 * t176;
-    acceleration[1 * stride] = t184;
+    const real t225 = c4 * t217 - s4 * t218;
+    const real t226 = s4 * t217 + c4 * t218;
+    acceleration[1 * stride] = t226;
 
     /* acceleration of the origin from that of the base centre */
-    const real t185 = t17 - t177;
-    const real t186 = c3 * (v_theta_0 * v_theta_0 + t23) - s3 * (t17 - t185);
-    const real t187 = s3 * (t16 * t16 + t23) - c3 * (t17 + t185);
-    const real t188 = s3 * (t21 + t21 + t183 - t19);
-    const real t189 = base_arm_length * (c3 * (t22 + t22 - t18 - t184) + t188);
-    const real t190 = c4 * t172 + s4 * t174 - base_arm_length * t186;
-    const real t191 = c4 * t174 + base_arm_length * t187 - s4 * t172;
-    const real t192 = t173 - t189;
+    const real t227 = t18 + t219;
+    const real t228 = c3 * (v_theta_0 * v_theta_0 + t22) - s3 * (t18 - t227);
+    const real t229 = s3 * (t16 * t16 + t22) - c3 * (t18 + t227);
+    const real t230 = s3 * (t20 - R(2.0) * v_theta_0 * t21 - t225);
+    const real t231 = c3 * (t19 + t226 - R(2.0) * t16 * t21) + t230;
+    const real t232 = s4 * t216 + base_arm_length * t228 - c4 * t214;
+    const real t233 = base_arm_length * t229 - c4 * t216 - s4 * t214;
+    const real t234 = base_arm_length * t231 + t215;
 
     /* acceleration of the origin, in world axes */
-    const real t193 = c2 * t192 + s2 * t190;
-    const real t194 = s2 * t192 - c2 * t190;
-    acceleration[6 * stride] = t194;
-    const real t195 = c1 * t191 - s1 * t193;
-    acceleration[7 * stride] = t195;
+    const real t235 = c2 * t234 - s2 * t232;
+    const real t236 = s2 * t234 + c2 * t232;
+    acceleration[6 * stride] = t236;
+    const real t237 = c1 * t233 - s1 * t235;
+    acceleration[7 * stride] = t237;
 
     /* accelerations of the attitude angles */
-    const real t196 = t112 * t183;
-    acceleration[0 * stride] = t196;
-    const real t197 = t177 + s2 * t196;
-    acceleration[2 * stride] = -t197;
+    const real t238 = t125 * t225;
+    acceleration[0 * stride] = t238;
+    const real t239 = t219 - s2 * t238;
+    acceleration[2 * stride] = t239;
 
     /* acceleration of the origin, in world axes */
-    const real t198 = gravity - c1 * t193 - s1 * t191;
-    acceleration[8 * stride] = -t198;
+    const real t240 = c1 * t235 + s1 * t233 - gravity;
+    acceleration[8 * stride] = t240;
 }
 
 void
@@ -5594,25 +5685,25 @@ static INLINE void joint_wrenches_lane(
     const real k14 = constants->k14;
     const real k20 = constants->k20;
     const real link2_length = constants->link2_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k60 = constants->k60;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k58 = constants->k58;
+    const real k65 = constants->k65;
+    const real k66 = constants->k66;
+    const real k67 = constants->k67;
+    const real k68 = constants->k68;
     const real k69 = constants->k69;
-    const real k70 = constants->k70;
-    const real k71 = constants->k71;
-    const real k72 = constants->k72;
-    const real k85 = constants->k85;
-    const real k96 = constants->k96;
+    const real k81 = constants->k81;
+    const real k92 = constants->k92;
+    const real k93 = constants->k93;
+    const real k94 = constants->k94;
     const real k97 = constants->k97;
     const real k98 = constants->k98;
     const real k99 = constants->k99;
-    const real k103 = constants->k103;
-    const real k104 = constants->k104;
-    const real k105 = constants->k105;
-    const real k123 = constants->k123;
+    const real k116 = constants->k116;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -5649,62 +5740,64 @@ static INLINE void joint_wrenches_lane(
     /* motion of the base */
     const real t15 = v_theta_m1 * s2;
     const real t16 = v_theta_m1 * c2;
-    const real t17 = v_theta_0 * t15;
-    const real t18 = v_theta_0 * t16;
-    const real t19 = v_theta_1 + t15;
-    const real t20 = t19 * t19;
+    const real t17 = v_theta_0 * t16;
+    const real t18 = v_theta_1 + t15;
+    const real t19 = t18 * t18;
 
     /* motion of link 1 */
-    const real t21 = v_theta_7 + t19;
-    const real t22 = t21 * t21;
-    const real t23 = c4 * t16 + v_theta_0 * s4;
-    const real t24 = v_theta_0 * c4 - s4 * t16;
-    const real t25 = t23 * t23;
-    const real t26 = t21 * t23;
+    const real t20 = v_theta_7 + t18;
+    const real t21 = t20 * t20;
+    const real t22 = c4 * t16 + v_theta_0 * s4;
+    const real t23 = v_theta_0 * c4 - s4 * t16;
+    const real t24 = t22 * t22;
+    const real t25 = t20 * t22;
 
     /* motion of link 2 */
-    const real t27 = v_theta_8 - t24;
-    const real t28 = t27 * t27;
-    const real t29 = t22 + t28;
-    const real t30 = R(2.0) * t23;
-    const real t31 = t25 + t28;
-    const real t32 = R(2.0) * t21;
+    const real t26 = v_theta_8 - t23;
+    const real t27 = t26 * t26;
+    const real t28 = t21 + t27;
+    const real t29 = R(2.0) * t22;
+    const real t30 = t24 + t27;
+    const real t31 = R(2.0) * t20;
 
     /* motion of link 3 */
-    const real t33 = v_theta_9 + t27;
-    const real t34 = t33 * t33;
-    const real t35 = t22 + t34;
-    const real t36 = t25 + t34;
+    const real t32 = v_theta_9 + t26;
+    const real t33 = t32 * t32;
+    const real t34 = t21 + t33;
+    const real t35 = t24 + t33;
 
     /* inertia of link 3, turned by the joints */
-    const real t37 = k71 * c6;
-    const real t38 = k71 * s6;
-    const real t39 = s6 * k85;
-    const real t40 = s6 * t39;
-    const real t41 = k48 - t40;
-    const real t42 = k54 + t40;
-    const real t43 = c6 * t39;
+    const real t36 = k68 * c6;
+    const real t37 = k68 * s6;
+    const real t38 = k81 * s6;
+    const real t39 = s6 * t38;
+    const real t40 = k46 - t39;
+    const real t41 = k52 + t39;
+    const real t42 = c6 * t38;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t44 = t43 * (t35 - t36);
+    const real t43 = t42 * (t34 - t35);
 
     /* step from link 2 to link 3 */
-    const real t45 = link2_length * c5;
-    const real t46 = link2_length * s5;
+    const real t44 = link2_length * c5;
+    const real t45 = link2_length * s5;
 
     /* motion of the base */
-    const real t47 = c3 * t16 + v_theta_0 * s3;
-    const real t48 = v_theta_0 * c3 - s3 * t16;
-    const real t49 = t47 * t48;
-    const real t50 = t19 * t47;
-    const real t51 = t19 * t48;
-    const real t52 = t20 + t48 * t48;
-    const real t53 = t20 + t47 * t47;
+    const real t46 = c3 * t16 + v_theta_0 * s3;
+    const real t47 = v_theta_0 * c3 - s3 * t16;
+    const real t48 = t46 * t47;
+    const real t49 = t18 * t46;
+    const real t50 = t18 * t47;
+    const real t51 = t19 + t47 * t47;
+    const real t52 = t19 + t46 * t46;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t54 = k98 * t52;
-    const real t55 = k99 * t53;
-    const real t56 = k105 * (t52 - t53);
+    const real t53 = k93 * t51;
+    const real t54 = k94 * t52;
+    const real t55 = k99 * (t51 - t52);
+
+    /* wrench through joint 4 */
+    const real t56 = base_arm_length * F_4;
 
     /* motion of the base */
     const real t57 = a_z + gravity;
@@ -5713,246 +5806,267 @@ static INLINE void joint_wrenches_lane(
     const real t60 = a_x * s2 + c2 * t59;
     const real t61 = a_x * c2 - s2 * t59;
     const real t62 = a_theta_0 + t15 * t16;
-    const real t63 = t17 + t17 - a_theta_m1 * c2;
-    const real t64 = a_theta_1 + t18 + a_theta_m1 * s2;
-    const real t65 = v_theta_0 * t19 - t63;
-    const real t66 = t16 * t19 - t62;
+    const real t63 = R(2.0) * v_theta_0 * t15 - a_theta_m1 * c2;
+    const real t64 = a_theta_1 + t17 + a_theta_m1 * s2;
+    const real t65 = v_theta_0 * t18 - t63;
+    const real t66 = t16 * t18 - t62;
 
     /* motion of link 1 */
-    const real t67 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t18 - t64);
-    const real t68 = s3 * (t16 * t16 + t20) - c3 * (t18 + t64);
-    const real t69 = s3 * (R(2.0) * t19 * v_theta_0 - t63);
-    const real t70 = base_arm_length * (c3 * (R(2.0) * t19 * t16 - t62) + t69);
+    const real t67 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t17 - t64);
+    const real t68 = s3 * (t16 * t16 + t19) - c3 * (t17 + t64);
+    const real t69 = s3 * (R(2.0) * t18 * v_theta_0 - t63);
+    const real t70 = base_arm_length * (c3 * (R(2.0) * t18 * t16 - t62) + t69);
     const real t71 = t61 - base_arm_length * t67;
     const real t72 = t58 - base_arm_length * t68;
     const real t73 = t60 + t70;
-    const real t74 = v_theta_0 * t21 - t63;
-    const real t75 = t16 * t21 - t62;
+    const real t74 = v_theta_0 * t20 - t63;
+    const real t75 = t16 * t20 - t62;
     const real t76 = c4 * t71 + s4 * t72;
     const real t77 = c4 * t72 - s4 * t71;
-    const real t78 = t23 * t24 - a_theta_7 - t64;
-    const real t79 = t21 * t24 + c4 * t74 - s4 * t75;
+    const real t78 = a_theta_7 + t64 - t22 * t23;
+    const real t79 = t20 * t23 + c4 * t74 - s4 * t75;
 
     /* motion of link 2 */
-    const real t80 = a_theta_8 + s4 * t74 + c4 * t75;
-    const real t81 = t26 + t80;
-    const real t82 = t27 * t30 + t78;
-    const real t83 = t26 - t80;
-    const real t84 = t27 * t32 + t79;
+    const real t80 = a_theta_8 + c4 * t75 + s4 * t74;
+    const real t81 = t25 + t80;
+    const real t82 = t26 * t29 - t78;
+    const real t83 = t25 - t80;
+    const real t84 = t26 * t31 + t79;
 
     /* motion of link 3 */
-    const real t85 = t76 - link2_length * (c5 * t29 - s5 * t83);
-    const real t86 = t73 - link2_length * (s5 * t31 - c5 * t81);
+    const real t85 = t76 - link2_length * (c5 * t28 - s5 * t83);
+    const real t86 = t73 - link2_length * (s5 * t30 - c5 * t81);
     const real t87 = t77 - link2_length * (c5 * t82 + s5 * t84);
     const real t88 = a_theta_9 + t80;
-    const real t89 = t26 + t88;
-    const real t90 = t30 * t33 + t78;
-    const real t91 = t26 - t88;
-    const real t92 = t32 * t33 + t79;
+    const real t89 = t25 + t88;
+    const real t90 = t29 * t32 - t78;
+    const real t91 = t25 - t88;
+    const real t92 = t31 * t32 + t79;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t93 = t38 * t87;
-    const real t94 = t37 * t87;
-    const real t95 = t38 * t85;
-    const real t96 = t42 * t91;
-    const real t97 = t44 + t37 * t86 + t41 * t89 - t95 - t96;
+    const real t93 = t37 * t87;
+    const real t94 = t42 * t92;
+    const real t95 = t37 * t85;
+    const real t96 = t41 * t91;
+    const real t97 = t43 + t36 * t86 + t40 * t89 - t95 - t96;
     wrenches[47 * stride] = t97;
 
     /* motion of the base */
-    const real t98 = c3 * t65 - s3 * t66;
-    const real t99 = s3 * t65 + c3 * t66;
-    const real t100 = t49 + t64;
-    const real t101 = t50 + t99;
-    const real t102 = t49 - t64;
-    const real t103 = t51 + t98;
+    const real t98 = s3 * t66 - c3 * t65;
+    const real t99 = c3 * t66 + s3 * t65;
+    const real t100 = t48 + t64;
+    const real t101 = t49 + t99;
+    const real t102 = t64 - t48;
+    const real t103 = t50 - t98;
 
     /* motion of base arm 2 */
-    const real t104 = base_arm_length * t52 - s3 * t58 - c3 * t61;
+    const real t104 = s3 * t58 + c3 * t61 - base_arm_length * t51;
     const real t105 = c3 * t58 + base_arm_length * t100 - s3 * t61;
     const real t106 = t60 + base_arm_length * t101;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t107 = k97 * t104;
-    const real t108 = k99 * t102;
-    const real t109 = t107 + t108 - t54;
-    const real t110 = k97 * t105;
-    const real t111 = k98 * t100;
-    const real t112 = t55 + t110 - t111;
-    const real t113 = k97 * t106;
-    const real t114 = k98 * t101;
-    const real t115 = k99 * t103;
-    const real t116 = t114 + t115 - t113;
-    wrenches[2 * stride] = -t116;
-    const real t117 = k104 * t103;
-    const real t118 = k105 * t101;
-    const real t119 = k20 * (t51 - t98);
-    const real t120 = k99 * t106;
-    const real t121 = t117 + t118 - t119 - t120;
-    const real t122 = k20 * (t50 - t99);
-    const real t123 = k98 * t106;
-    const real t124 = k103 * t101;
-    const real t125 = k105 * t103;
-    const real t126 = t122 + t123 - t124 - t125;
-    const real t127 = k103 * t100;
-    const real t128 = k98 * t105;
-    const real t129 = k99 * t104;
-    const real t130 = k104 * t102;
+    const real t107 = k65 * t104;
+    const real t108 = k94 * t102;
+    const real t109 = t53 + t107;
+    const real t110 = t108 + t109;
+    const real t111 = k65 * t105;
+    const real t112 = k93 * t100;
+    const real t113 = t54 + t111;
+    const real t114 = t112 - t113;
+    const real t115 = k65 * t106;
+    const real t116 = k93 * t101;
+    const real t117 = k94 * t103;
+    const real t118 = t115 - t116;
+    const real t119 = t118 - t117;
+    wrenches[2 * stride] = t119;
+    const real t120 = k99 * t101;
+    const real t121 = k20 * (t50 + t98);
+    const real t122 = k94 * t106;
+    const real t123 = k98 * t103 - t121;
+    const real t124 = t120 - t122;
+    const real t125 = t123 + t124;
+    const real t126 = k20 * (t49 - t99);
+    const real t127 = k93 * t106;
+    const real t128 = k99 * t103;
+    const real t129 = t126 - k97 * t101;
+    const real t130 = t128 - t127;
+    const real t131 = t130 - t129;
+    const real t132 = k93 * t105;
+    const real t133 = k94 * t104;
 
     /* wrench through joint 2 */
-    const real t131 = t128 + t129 + t130 + F_2 * base_arm_length - t56 - t127;
-    wrenches[5 * stride] = -t131;
+    const real t134 = t55 - t132;
+    const real t135 = k97 * t100 + k98 * t102;
+    const real t136 = t133 + t135;
+    const real t137 = t136 + t134 - base_arm_length * F_2;
+    wrenches[5 * stride] = t137;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t132 = t54 + t107 + t108;
-    const real t133 = t55 + t110 + t111;
-    const real t134 = t118 + t119 + t120 - t117;
-    const real t135 = t122 + t125 - t123 - t124;
-    const real t136 = t56 + t129 + t130 - t127 - t128;
-    wrenches[11 * stride] = -t136;
+    const real t138 = t107 - t53;
+    const real t139 = t108 + t138;
+    const real t140 = t112 + t113;
+    const real t141 = t120 + t122;
+    const real t142 = t123 - t141;
+    const real t143 = t129 + t130;
+    const real t144 = t136 - t134;
+    wrenches[11 * stride] = t144;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t137 = k96 * t52 + t107;
-    wrenches[12 * stride] = -t137;
-    const real t138 = t113 + k96 * t101;
-    wrenches[14 * stride] = t138;
-    const real t139 = t119 - k14 * t103;
-    wrenches[15 * stride] = -t139;
-    const real t140 = k8 * t101 + k96 * t106 - t122;
-    wrenches[16 * stride] = -t140;
-    const real t141 = k8 * t100 + k96 * t105 - k14 * t102;
+    const real t145 = t107 - k92 * t51;
+    wrenches[12 * stride] = t145;
+    const real t146 = t115 + k92 * t101;
+    wrenches[14 * stride] = t146;
+    const real t147 = k14 * t103 - t121;
+    wrenches[15 * stride] = t147;
+    const real t148 = t126 - k8 * t101 - k92 * t106;
+    wrenches[16 * stride] = t148;
 
     /* wrench through joint 4 */
-    const real t142 = F_4 * base_arm_length - t141;
-    wrenches[17 * stride] = -t142;
+    const real t149 = k8 * t100 + k92 * t105 + k14 * t102 - t56;
+    wrenches[17 * stride] = t149;
 
     /* inertia forces of base arm 5, about joint 5 */
-    const real t143 = t54 + t107 - t108;
-    const real t144 = t110 + t111 - t55;
-    const real t145 = t117 + t118 + t120 - t119;
-    const real t146 = t123 + t124 + t125 - t122;
-    const real t147 = t56 + t127 + t128 + t129 - t130;
-    wrenches[23 * stride] = t147;
+    const real t150 = t138 - t108;
+    const real t151 = t54 - t111;
+    const real t152 = t112 - t151;
+    const real t153 = t123 + t141;
+    const real t154 = t127 + t128;
+    const real t155 = t129 - t154;
+    const real t156 = t55 + t132;
+    const real t157 = t135 - t133;
+    const real t158 = t157 + t156;
+    wrenches[23 * stride] = t158;
 
     /* inertia forces of base arm 6, about joint 6 */
-    const real t148 = t54 + t108 - t107;
-    const real t149 = t55 + t111 - t110;
-    const real t150 = t113 + t115 - t114;
-    wrenches[26 * stride] = t150;
-    const real t151 = t117 + t120 - t118 - t119;
-    const real t152 = t122 + t123 + t125 - t124;
+    const real t159 = t108 - t109;
+    const real t160 = t112 + t151;
+    const real t161 = t117 + t118;
+    wrenches[26 * stride] = t161;
+    const real t162 = t124 - t123;
+    const real t163 = t129 + t154;
 
     /* wrench through joint 6 */
-    const real t153 = t56 + t128 + t130 + F_6 * base_arm_length - t127 - t129;
-    wrenches[29 * stride] = -t153;
+    const real t164 = t157 - base_arm_length * F_6 - t156;
+    wrenches[29 * stride] = t164;
 
     /* wrench through joint 2 */
-    const real t154 = R(0.5) * t109 - R(0.8660254037844386) * t112;
-    wrenches[0 * stride] = t154;
-    const real t155 = R(0.5) * t121 + R(0.8660254037844386) * t126;
-    wrenches[3 * stride] = -t155;
-    const real t156 = R(0.5) * t126 - R(0.8660254037844386) * t121;
-    wrenches[4 * stride] = -t156;
-    const real t157 = F_2 + R(0.5) * t112 + R(0.8660254037844386) * t109;
-    wrenches[1 * stride] = -t157;
+    const real t165 = R(0.8660254037844386) * t114 - R(0.5) * t110;
+    wrenches[0 * stride] = t165;
+    const real t166 = R(0.8660254037844386) * t131 - R(0.5) * t125;
+    wrenches[3 * stride] = t166;
+    const real t167 = R(0.5) * t131 + R(0.8660254037844386) * t125;
+    wrenches[4 * stride] = t167;
+    const real t168 = R(0.5) * t114 + R(0.8660254037844386) * t110 - F_2;
+    wrenches[1 * stride] = t168;
 
     /* wrench through joint 3 */
-    const real t158 = R(0.5) * t132 + R(0.8660254037844386) * t133;
-    wrenches[6 * stride] = -t158;
-    const real t159 = R(0.5) * t133 - R(0.8660254037844386) * t132;
-    wrenches[7 * stride] = t159;
-    const real t160 = R(0.5) * t134 + R(0.8660254037844386) * t135;
-    wrenches[9 * stride] = -t160;
-    const real t161 = F_3 + t115 - t113 - t114;
-    wrenches[8 * stride] = -t161;
-    const real t162 = F_3 * base_arm_length + R(0.5) * t135 - R(0.8660254037844386) * t134;
-    wrenches[10 * stride] = t162;
+    const real t169 = R(0.5) * t139 - R(0.8660254037844386) * t140;
+    wrenches[6 * stride] = t169;
+    const real t170 = R(0.5) * t140 + R(0.8660254037844386) * t139;
+    wrenches[7 * stride] = t170;
+    const real t171 = R(0.5) * t142 - R(0.8660254037844386) * t143;
+    wrenches[9 * stride] = t171;
+    const real t172 = t115 + t116;
+    const real t173 = t172 - F_3 - t117;
+    wrenches[8 * stride] = t173;
+    const real t174 = base_arm_length * F_3 + R(0.5) * t143 + R(0.8660254037844386) * t142;
+    wrenches[10 * stride] = t174;
 
     /* wrench through joint 4 */
-    const real t163 = F_4 - t110 - k96 * t100;
-    wrenches[13 * stride] = -t163;
+    const real t175 = t111 + k92 * t100 - F_4;
+    wrenches[13 * stride] = t175;
 
     /* wrench through joint 5 */
-    const real t164 = R(0.5) * t143 - R(0.8660254037844386) * t144;
-    wrenches[18 * stride] = -t164;
-    const real t165 = R(0.5) * t144 + R(0.8660254037844386) * t143;
-    wrenches[19 * stride] = t165;
-    const real t166 = R(0.5) * t145 - R(0.8660254037844386) * t146;
-    wrenches[21 * stride] = t166;
-    const real t167 = F_5 - t113 - t114 - t115;
-    wrenches[20 * stride] = -t167;
-    const real t168 = F_5 * base_arm_length - R(0.5) * t146 - R(0.8660254037844386) * t145;
-    wrenches[22 * stride] = t168;
+    const real t176 = R(0.5) * t150 + R(0.8660254037844386) * t152;
+    wrenches[18 * stride] = t176;
+    const real t177 = R(0.5) * t152 - R(0.8660254037844386) * t150;
+    wrenches[19 * stride] = t177;
+    const real t178 = R(0.5) * t153 + R(0.8660254037844386) * t155;
+    wrenches[21 * stride] = t178;
+    const real t179 = t117 + t172 - F_5;
+    wrenches[20 * stride] = t179;
+    const real t180 = base_arm_length * F_5 + R(0.5) * t155 - R(0.8660254037844386) * t153;
+    wrenches[22 * stride] = t180;
 
     /* wrench through joint 6 */
-    const real t169 = R(0.5) * t148 + R(0.8660254037844386) * t149;
-    wrenches[24 * stride] = -t169;
-    const real t170 = R(0.5) * t151 - R(0.8660254037844386) * t152;
-    wrenches[27 * stride] = -t170;
-    const real t171 = R(0.5) * t152 + R(0.8660254037844386) * t151;
-    wrenches[28 * stride] = -t171;
-    const real t172 = F_6 + R(0.8660254037844386) * t148 - R(0.5) * t149;
-    wrenches[25 * stride] = -t172;
+    const real t181 = R(0.5) * t159 - R(0.8660254037844386) * t160;
+    wrenches[24 * stride] = t181;
+    const real t182 = R(0.5) * t162 + R(0.8660254037844386) * t163;
+    wrenches[27 * stride] = t182;
+    const real t183 = R(0.8660254037844386) * t162 - R(0.5) * t163;
+    wrenches[28 * stride] = t183;
+    const real t184 = R(0.5) * t160 + R(0.8660254037844386) * t159 - F_6;
+    wrenches[25 * stride] = t184;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t173 = t38 * t91 + k72 * t85 - t35 * t37;
-    const real t174 = t37 * t89 + k72 * t86 - t36 * t38;
-    const real t175 = t37 * t90 + t38 * t92 - k72 * t87;
-    wrenches[44 * stride] = t175;
-    const real t176 = t43 * t90 + t42 * t92 + k60 * t79 - t93;
-    const real t177 = t41 * t90 + t43 * t92 + k60 * t78 - t94;
-
-    /* inertia of link 2, turned by the joints */
-    const real t178 = k69 * c5;
-    const real t179 = k69 * s5;
-    const real t180 = s5 * k123;
-    const real t181 = s5 * t180;
-    const real t182 = k28 - t181;
-    const real t183 = k34 + t181;
-    const real t184 = c5 * t180;
+    const real t185 = t37 * t91 + k69 * t85 - t34 * t36;
+    const real t186 = t36 * t89 + k69 * t86 - t35 * t37;
+    const real t187 = t36 * t90 + t37 * t92 - k69 * t87;
+    wrenches[44 * stride] = t187;
+    const real t188 = t42 * t90 + t41 * t92 + k58 * t79 - t93;
+    const real t189 = t36 * t87 + k58 * t78 - t40 * t90 - t94;
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t185 = t77 * t179;
-    const real t186 = k40 * t79 + t82 * t184 + t84 * t183 - t185;
-    const real t187 = t77 * t178;
-    const real t188 = k40 * t78 + t82 * t182 + t84 * t184 - t187;
-    const real t189 = (t29 - t31) * t184;
-    const real t190 = t76 * t179;
-    const real t191 = t83 * t183;
-    const real t192 = t73 * t178 + t81 * t182 + t189 - t190 - t191;
-    const real t193 = t173 + k70 * t76 + t83 * t179 - t29 * t178;
-    wrenches[30 * stride] = t193;
-    const real t194 = t174 + k70 * t73 + t81 * t178 - t31 * t179;
-    wrenches[32 * stride] = t194;
-    const real t195 = t175 + t82 * t178 + t84 * t179 - k70 * t77;
-    wrenches[31 * stride] = -t195;
-    wrenches[38 * stride] = t195;
-    const real t196 = t176 + t46 * t175 + t186;
-    wrenches[33 * stride] = t196;
-    const real t197 = t177 + t45 * t175 + t188;
-    wrenches[35 * stride] = -t197;
-    const real t198 = t97 + t45 * t174 + t192 - t46 * t173;
-    wrenches[34 * stride] = -t198;
-    wrenches[41 * stride] = t198;
+    const real t190 = t44 * t187;
+    const real t191 = t44 * t186;
+    const real t192 = t45 * t185;
+
+    /* inertia of link 2, turned by the joints */
+    const real t193 = k66 * c5;
+    const real t194 = k66 * s5;
+    const real t195 = k116 * s5;
+    const real t196 = s5 * t195;
+    const real t197 = k27 - t196;
+    const real t198 = k33 + t196;
+    const real t199 = c5 * t195;
+
+    /* inertia forces of links 2 and 3, about joint 8 */
+    const real t200 = k39 * t79;
+    const real t201 = t199 * t82;
+    const real t202 = t198 * t84;
+    const real t203 = t194 * t77;
+    const real t204 = k39 * t78;
+    const real t205 = t197 * t82;
+    const real t206 = t199 * t84;
+    const real t207 = t193 * t73;
+    const real t208 = t197 * t81;
+    const real t209 = (t28 - t30) * t199;
+    const real t210 = t194 * t76;
+    const real t211 = t198 * t83;
+    const real t212 = t185 + k67 * t76 + t194 * t83 - t28 * t193;
+    wrenches[30 * stride] = t212;
+    const real t213 = t186 + k67 * t73 + t193 * t81 - t30 * t194;
+    wrenches[32 * stride] = t213;
+    const real t214 = t187 + t193 * t82 + t194 * t84 - k67 * t77;
+    wrenches[31 * stride] = -t214;
+    wrenches[38 * stride] = t214;
+    const real t215 = t188 + t45 * t187 + t200 + t201 + t202 - t203;
+    wrenches[33 * stride] = t215;
+    const real t216 = t189 + t193 * t77 + t204 - t190 - t205 - t206;
+    wrenches[35 * stride] = t216;
+    const real t217 = t209 + t97 + t191 + t207 + t208 - t192 - t210 - t211;
+    wrenches[34 * stride] = -t217;
+    wrenches[41 * stride] = t217;
 
     /* wrench through joint 8, in its frame */
-    const real t199 = c5 * t193 + s5 * t194;
-    wrenches[36 * stride] = t199;
-    const real t200 = c5 * t194 - s5 * t193;
-    wrenches[37 * stride] = t200;
-    const real t201 = c5 * t196 - s5 * t197;
-    wrenches[39 * stride] = t201;
-    const real t202 = s5 * t196 + c5 * t197;
-    wrenches[40 * stride] = -t202;
+    const real t218 = c5 * t212 + s5 * t213;
+    wrenches[36 * stride] = t218;
+    const real t219 = c5 * t213 - s5 * t212;
+    wrenches[37 * stride] = t219;
+    const real t220 = c5 * t215 + s5 * t216;
+    wrenches[39 * stride] = t220;
+    const real t221 = c5 * t216 - s5 * t215;
+    wrenches[40 * stride] = t221;
 
     /* wrench through joint 9, in its frame */
-    const real t203 = c6 * t173 + s6 * t174;
-    wrenches[42 * stride] = t203;
-    const real t204 = c6 * t174 - s6 * t173;
-    wrenches[43 * stride] = t204;
-    const real t205 = c6 * t176 - s6 * t177;
-    wrenches[45 * stride] = t205;
-    const real t206 = s6 * t176 + c6 * t177;
-    wrenches[46 * stride] = -t206;
+    const real t222 = c6 * t185 + s6 * t186;
+    wrenches[42 * stride] = t222;
+    const real t223 = c6 * t186 - s6 * t185;
+    wrenches[43 * stride] = t223;
+    const real t224 = c6 * t188 + s6 * t189;
+    wrenches[45 * stride] = t224;
+    const real t225 = c6 * t189 - s6 * t188;
+    wrenches[46 * stride] = t225;
 }
 
 void
@@ -6088,10 +6202,10 @@ static INLINE void positions_lane(
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
     const real link3_length = constants->link3_length;
-    const real k80 = constants->k80;
-    const real k90 = constants->k90;
+    const real k77 = constants->k77;
+    const real k87 = constants->k87;
+    const real k88 = constants->k88;
     const real k91 = constants->k91;
-    const real k95 = constants->k95;
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -6124,84 +6238,76 @@ static INLINE void positions_lane(
     const real t21 = s1 * s3 - c3 * t18;
 
     /* joint 7 and the axes of link 1 */
-    const real t22 = base_arm_length * t19;
-    const real t23 = base_arm_length * t20;
-    const real t24 = base_arm_length * t21;
-    const real t25 = c2 * c4;
-    const real t26 = c1 * s4 + c4 * t17;
-    const real t27 = s1 * s4 - c4 * t18;
-
-    /* joint 9 and the axes of link 3 */
-    const real t28 = t22 + link2_length * (c5 * t25 + s2 * s5);
-    const real t29 = t23 + link2_length * (c5 * t26 - s5 * t15);
-    const real t30 = t24 + link2_length * (c5 * t27 + s5 * t16);
+    const real t22 = c2 * c4;
+    const real t23 = c1 * s4 + c4 * t17;
+    const real t24 = s1 * s4 - c4 * t18;
 
     /* base centre and rotors */
-    const real t31 = k91 * t19;
-    const real t32 = k91 * t20;
-    const real t33 = k91 * t21;
-    const real t34 = k90 * c2 * s3;
-    const real t35 = k90 * (c1 * c3 - s3 * t17);
-    const real t36 = k90 * (s1 * c3 + s3 * t18);
-    const real t37 = k95 * t19;
-    const real t38 = k95 * t20;
-    const real t39 = k95 * t21;
+    const real t25 = k87 * c2 * s3;
+    const real t26 = k87 * (c1 * c3 - s3 * t17);
+    const real t27 = k87 * (s1 * c3 + s3 * t18);
 
     /* positions in the world */
-    const real t40 = x + t22;
-    position[3 * stride] = t40;
-    position[24 * stride] = t40;
-    position[27 * stride] = t40;
-    const real t41 = y + t23;
-    position[4 * stride] = t41;
-    position[25 * stride] = t41;
-    position[28 * stride] = t41;
-    const real t42 = z + t24;
-    position[5 * stride] = t42;
-    position[26 * stride] = t42;
-    position[29 * stride] = t42;
-    const real t43 = x + t31 + t34;
-    position[9 * stride] = t43;
-    const real t44 = y + t32 - t35;
-    position[10 * stride] = t44;
-    const real t45 = z + t33 - t36;
-    position[11 * stride] = t45;
-    const real t46 = x + t34 + t37;
-    position[12 * stride] = t46;
-    const real t47 = y + t38 - t35;
-    position[13 * stride] = t47;
-    const real t48 = z + t39 - t36;
-    position[14 * stride] = t48;
-    const real t49 = x + k80 * t19;
-    position[15 * stride] = t49;
-    const real t50 = y + k80 * t20;
-    position[16 * stride] = t50;
-    const real t51 = z + k80 * t21;
-    position[17 * stride] = t51;
-    const real t52 = x + t37 - t34;
-    position[18 * stride] = t52;
-    const real t53 = y + t35 + t38;
-    position[19 * stride] = t53;
-    const real t54 = z + t36 + t39;
-    position[20 * stride] = t54;
-    const real t55 = x + t31 - t34;
-    position[21 * stride] = t55;
-    const real t56 = y + t32 + t35;
-    position[22 * stride] = t56;
-    const real t57 = z + t33 + t36;
-    position[23 * stride] = t57;
-    const real t58 = x + t28;
-    position[30 * stride] = t58;
-    const real t59 = y + t29;
-    position[31 * stride] = t59;
-    const real t60 = z + t30;
-    position[32 * stride] = t60;
-    const real t61 = x + t28 + link3_length * (c6 * t25 + s2 * s6);
-    position[33 * stride] = t61;
-    const real t62 = y + t29 + link3_length * (c6 * t26 - s6 * t15);
-    position[34 * stride] = t62;
-    const real t63 = z + t30 + link3_length * (c6 * t27 + s6 * t16);
-    position[35 * stride] = t63;
+    const real t28 = x + base_arm_length * t19;
+    position[3 * stride] = t28;
+    position[24 * stride] = t28;
+    position[27 * stride] = t28;
+    const real t29 = y + base_arm_length * t20;
+    position[4 * stride] = t29;
+    position[25 * stride] = t29;
+    position[28 * stride] = t29;
+    const real t30 = z + base_arm_length * t21;
+    position[5 * stride] = t30;
+    position[26 * stride] = t30;
+    position[29 * stride] = t30;
+    const real t31 = x + k88 * t19;
+    const real t32 = t25 + t31;
+    position[9 * stride] = t32;
+    const real t33 = y + k88 * t20;
+    const real t34 = t33 - t26;
+    position[10 * stride] = t34;
+    const real t35 = z + k88 * t21;
+    const real t36 = t35 - t27;
+    position[11 * stride] = t36;
+    const real t37 = x + k91 * t19;
+    const real t38 = t25 + t37;
+    position[12 * stride] = t38;
+    const real t39 = y + k91 * t20;
+    const real t40 = t39 - t26;
+    position[13 * stride] = t40;
+    const real t41 = z + k91 * t21;
+    const real t42 = t41 - t27;
+    position[14 * stride] = t42;
+    const real t43 = x + k77 * t19;
+    position[15 * stride] = t43;
+    const real t44 = y + k77 * t20;
+    position[16 * stride] = t44;
+    const real t45 = z + k77 * t21;
+    position[17 * stride] = t45;
+    const real t46 = t37 - t25;
+    position[18 * stride] = t46;
+    const real t47 = t26 + t39;
+    position[19 * stride] = t47;
+    const real t48 = t27 + t41;
+    position[20 * stride] = t48;
+    const real t49 = t31 - t25;
+    position[21 * stride] = t49;
+    const real t50 = t26 + t33;
+    position[22 * stride] = t50;
+    const real t51 = t27 + t35;
+    position[23 * stride] = t51;
+    const real t52 = link2_length * (c5 * t22 + s2 * s5) + t28;
+    position[30 * stride] = t52;
+    const real t53 = link2_length * (c5 * t23 - s5 * t15) + t29;
+    position[31 * stride] = t53;
+    const real t54 = link2_length * (c5 * t24 + s5 * t16) + t30;
+    position[32 * stride] = t54;
+    const real t55 = link3_length * (c6 * t22 + s2 * s6) + t52;
+    position[33 * stride] = t55;
+    const real t56 = link3_length * (c6 * t23 - s6 * t15) + t53;
+    position[34 * stride] = t56;
+    const real t57 = link3_length * (c6 * t24 + s6 * t16) + t54;
+    position[35 * stride] = t57;
 }
 
 void
@@ -6335,8 +6441,8 @@ static INLINE void tip_pose_lane(
     const real t21 = s1 * s4 - c4 * t18;
     const real t22 = c2 * s4;
     pose[2 * stride] = t22;
-    const real t23 = c1 * c4 - s4 * t17;
-    pose[6 * stride] = -t23;
+    const real t23 = s4 * t17 - c1 * c4;
+    pose[6 * stride] = t23;
     const real t24 = s1 * c4 + s4 * t18;
     pose[10 * stride] = -t24;
 
@@ -6520,16 +6626,16 @@ static INLINE void tip_jacobian_lane(
     /* joint 7 and the axes of link 1 */
     const real t19 = base_arm_length * c2 * c3;
     const real t20 = base_arm_length * (c1 * s3 + c3 * t17);
-    const real t21 = base_arm_length * (s1 * s3 - c3 * t18);
+    const real t21 = base_arm_length * (c3 * t18 - s1 * s3);
     const real t22 = c2 * c4;
     const real t23 = c1 * s4 + c4 * t17;
     const real t24 = s1 * s4 - c4 * t18;
     const real t25 = c2 * s4;
     jacobian[31 * stride] = t25;
     jacobian[32 * stride] = t25;
-    const real t26 = c1 * c4 - s4 * t17;
-    jacobian[40 * stride] = -t26;
-    jacobian[41 * stride] = -t26;
+    const real t26 = s4 * t17 - c1 * c4;
+    jacobian[40 * stride] = t26;
+    jacobian[41 * stride] = t26;
     const real t27 = s1 * c4 + s4 * t18;
     jacobian[49 * stride] = -t27;
     jacobian[50 * stride] = -t27;
@@ -6537,58 +6643,58 @@ static INLINE void tip_jacobian_lane(
     /* joint 9 and the axes of link 3 */
     const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
     const real t29 = t20 + link2_length * (c5 * t23 - s5 * t15);
-    const real t30 = t21 + link2_length * (c5 * t24 + s5 * t16);
+    const real t30 = t21 - link2_length * (c5 * t24 + s5 * t16);
 
     /* position of tip */
     const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
     const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
     jacobian[18 * stride] = t32;
-    const real t33 = t30 + link3_length * (c6 * t24 + s6 * t16);
-    jacobian[9 * stride] = -t33;
+    const real t33 = t30 - link3_length * (c6 * t24 + s6 * t16);
+    jacobian[9 * stride] = t33;
 
     /* columns of the base */
-    const real t34 = c1 * t33 - s1 * t32;
-    jacobian[1 * stride] = t34;
+    const real t34 = c1 * t33 + s1 * t32;
+    jacobian[1 * stride] = -t34;
     const real t35 = s1 * t31;
     jacobian[10 * stride] = t35;
     const real t36 = c1 * t31;
     jacobian[19 * stride] = -t36;
-    const real t37 = t16 * t32 + t15 * t33;
-    jacobian[2 * stride] = -t37;
-    const real t38 = t16 * t31 - s2 * t33;
+    const real t37 = t15 * t33 - t16 * t32;
+    jacobian[2 * stride] = t37;
+    const real t38 = t16 * t31 + s2 * t33;
     jacobian[11 * stride] = t38;
     const real t39 = t15 * t31 + s2 * t32;
     jacobian[20 * stride] = t39;
 
     /* column of joint 7 */
-    const real t40 = t19 - t31;
-    const real t41 = t20 - t32;
-    const real t42 = t21 - t33;
-    const real t43 = t16 * t41 + t15 * t42;
+    const real t40 = t31 - t19;
+    const real t41 = t32 - t20;
+    const real t42 = t33 - t21;
+    const real t43 = t15 * t42 - t16 * t41;
     jacobian[3 * stride] = t43;
-    const real t44 = s2 * t42 - t16 * t40;
+    const real t44 = s2 * t42 + t16 * t40;
     jacobian[12 * stride] = t44;
     const real t45 = t15 * t40 + s2 * t41;
-    jacobian[21 * stride] = -t45;
+    jacobian[21 * stride] = t45;
 
     /* column of joint 8 */
-    const real t46 = t26 * t42 - t27 * t41;
+    const real t46 = t27 * t41 - t26 * t42;
     jacobian[4 * stride] = t46;
-    const real t47 = t25 * t42 + t27 * t40;
+    const real t47 = t25 * t42 - t27 * t40;
     jacobian[13 * stride] = t47;
-    const real t48 = t25 * t41 + t26 * t40;
-    jacobian[22 * stride] = -t48;
+    const real t48 = t25 * t41 - t26 * t40;
+    jacobian[22 * stride] = t48;
 
     /* column of joint 9 */
     const real t49 = t28 - t31;
-    const real t50 = t29 - t32;
-    const real t51 = t30 - t33;
-    const real t52 = t26 * t51 - t27 * t50;
+    const real t50 = t32 - t29;
+    const real t51 = t33 - t30;
+    const real t52 = t27 * t50 - t26 * t51;
     jacobian[5 * stride] = t52;
     const real t53 = t25 * t51 + t27 * t49;
     jacobian[14 * stride] = t53;
     const real t54 = t25 * t50 + t26 * t49;
-    jacobian[23 * stride] = -t54;
+    jacobian[23 * stride] = t54;
 }
 
 void
@@ -6732,73 +6838,72 @@ static INLINE void tip_bias_acceleration_lane(
     const real t28 = s4 * t23 + c4 * t24;
     const real t29 = t26 * t26;
     const real t30 = t22 * t26;
-    const real t31 = t28 - t30;
-    const real t32 = t17 - t26 * t27;
-    const real t33 = s4 * t24 + t22 * t27 - c4 * t23;
-    const real t34 = t28 + t30;
+    const real t31 = t17 - t26 * t27;
+    const real t32 = s4 * t24 + t22 * t27 - c4 * t23;
 
     /* motion of link 2 */
-    const real t35 = v_theta_8 - t27;
-    const real t36 = t35 * t35;
-    const real t37 = R(2.0) * t26;
-    const real t38 = R(2.0) * t22;
+    const real t33 = v_theta_8 - t27;
+    const real t34 = t33 * t33;
+    const real t35 = R(2.0) * t26;
+    const real t36 = R(2.0) * t22;
 
     /* motion of link 3 */
-    const real t39 = v_theta_9 + t35;
-    const real t40 = t33 + t22 * t39;
-    const real t41 = t32 - t26 * t39;
-    const real t42 = t39 * t39;
+    const real t37 = v_theta_9 + t33;
+    const real t38 = t22 * t37 + t32;
+    const real t39 = t31 - t26 * t37;
+    const real t40 = t37 * t37;
 
     /* acceleration of tip that link 2 adds */
-    const real t43 = link2_length * c5;
-    const real t44 = link2_length * s5;
+    const real t41 = link2_length * c5;
+    const real t42 = link2_length * s5;
 
     /* acceleration of tip that the base adds */
-    const real t45 = c3 * base_arm_length;
-    const real t46 = s3 * base_arm_length;
+    const real t43 = base_arm_length * c3;
+    const real t44 = base_arm_length * s3;
 
     /* acceleration of tip that link 3 adds */
-    const real t47 = link3_length * c6;
-    const real t48 = link3_length * s6;
-    const real t49 = (t25 + t42) * t47 - t34 * t48;
-    const real t50 = t31 * t47 + (t29 + t42) * t48;
-    const real t51 = (t33 + t38 * t39) * t48;
-    const real t52 = (t32 - t37 * t39) * t47 - t51;
+    const real t45 = link3_length * c6;
+    const real t46 = link3_length * s6;
+    const real t47 = t46 * (t36 * t37 + t32);
 
     /* acceleration of tip that link 2 adds */
-    const real t53 = t49 + (t25 + t36) * t43 - t34 * t44;
-    const real t54 = t50 + t31 * t43 + (t29 + t36) * t44;
-    const real t55 = (t33 + t35 * t38) * t44;
-    const real t56 = t52 + (t32 - t35 * t37) * t43 - t55;
+    const real t48 = (t28 + t30) * (t42 + t46);
+    const real t49 = (t25 + t40) * t45 + (t25 + t34) * t41 - t48;
+    const real t50 = (t29 + t34) * t42;
+    const real t51 = (t31 - t33 * t35) * t41;
+    const real t52 = t42 * (t33 * t36 + t32);
+    const real t53 = (t31 - t35 * t37) * t45 + t51 - t47 - t52;
 
     /* acceleration of tip that link 1 adds */
-    const real t57 = c4 * t56 - s4 * t53;
-    const real t58 = c4 * t40 - s4 * t28;
-    const real t59 = c4 * t28 + s4 * t40;
+    const real t54 = s4 * t28 - c4 * t38;
+    const real t55 = c4 * t28 + s4 * t38;
 
     /* acceleration of tip that the base adds */
-    const real t60 = (v_theta_0 * v_theta_0 + t21) * t45;
-    const real t61 = c4 * t53 + s4 * t56 + t60;
-    const real t62 = (t16 * t16 + t21) * t46;
-    const real t63 = t57 + R(2.0) * t17 * t45 - t62;
-    const real t64 = (t19 - R(2.0) * t20 * v_theta_0) * t46;
-    const real t65 = t54 + (t18 - R(2.0) * t20 * t16) * t45 + t64;
+    const real t56 = (v_theta_0 * v_theta_0 + t21) * t43;
+    const real t57 = t56 + c4 * t49 + s4 * t53;
+    const real t58 = R(2.0) * t17 * t43;
+    const real t59 = (t16 * t16 + t21) * t44;
+    const real t60 = t58 + c4 * t53 - t59 - s4 * t49;
+    const real t61 = (R(2.0) * t20 * t16 - t18) * t43;
+    const real t62 = (t19 - R(2.0) * t20 * v_theta_0) * t44;
+    const real t63 = (t28 - t30) * (t41 + t45);
+    const real t64 = t61 - (t29 + t40) * t46 - t50 - t62 - t63;
 
     /* acceleration of tip in world axes */
-    const real t66 = s2 * t61 - c2 * t65;
-    const real t67 = c2 * t61 + s2 * t65;
-    bias_acceleration[0 * stride] = -t67;
-    const real t68 = c1 * t63 - s1 * t66;
-    bias_acceleration[1 * stride] = t68;
-    const real t69 = c1 * t66 + s1 * t63;
-    bias_acceleration[2 * stride] = t69;
-    const real t70 = c2 * t41 - s2 * t58;
-    const real t71 = c2 * t58 + s2 * t41;
-    bias_acceleration[3 * stride] = t71;
-    const real t72 = c1 * t59 - s1 * t70;
-    bias_acceleration[4 * stride] = t72;
-    const real t73 = c1 * t70 + s1 * t59;
-    bias_acceleration[5 * stride] = t73;
+    const real t65 = s2 * t57 + c2 * t64;
+    const real t66 = s2 * t64 - c2 * t57;
+    bias_acceleration[0 * stride] = t66;
+    const real t67 = c1 * t60 - s1 * t65;
+    bias_acceleration[1 * stride] = t67;
+    const real t68 = c1 * t65 + s1 * t60;
+    bias_acceleration[2 * stride] = t68;
+    const real t69 = c2 * t39 + s2 * t54;
+    const real t70 = s2 * t39 - c2 * t54;
+    bias_acceleration[3 * stride] = t70;
+    const real t71 = c1 * t55 - s1 * t69;
+    bias_acceleration[4 * stride] = t71;
+    const real t72 = c1 * t69 + s1 * t55;
+    bias_acceleration[5 * stride] = t72;
 }
 
 void
@@ -6957,51 +7062,48 @@ static INLINE void frame_poses_lane(
     poses[9 * stride] = t24;
 
     /* joint 7 and the axes of link 1 */
-    const real t25 = base_arm_length * t20;
-    const real t26 = base_arm_length * t21;
-    const real t27 = base_arm_length * t22;
-    const real t28 = c2 * c4;
-    const real t29 = c1 * s4 + c4 * t18;
-    const real t30 = s1 * s4 - c4 * t19;
-    const real t31 = c2 * s4;
-    poses[18 * stride] = t31;
-    const real t32 = c1 * c4 - s4 * t18;
-    poses[22 * stride] = -t32;
-    const real t33 = s1 * c4 + s4 * t19;
-    poses[26 * stride] = -t33;
+    const real t25 = c2 * c4;
+    const real t26 = c1 * s4 + c4 * t18;
+    const real t27 = s1 * s4 - c4 * t19;
+    const real t28 = c2 * s4;
+    poses[18 * stride] = t28;
+    const real t29 = s4 * t18 - c1 * c4;
+    poses[22 * stride] = t29;
+    const real t30 = s1 * c4 + s4 * t19;
+    poses[26 * stride] = -t30;
 
     /* joint 9 and the axes of link 3 */
-    const real t34 = t25 + link2_length * (c5 * t28 + s2 * s5);
-    const real t35 = t26 + link2_length * (c5 * t29 - s5 * t15);
-    const real t36 = t27 + link2_length * (c5 * t30 + s5 * t16);
-    const real t37 = c6 * t28 + s2 * s6;
-    poses[16 * stride] = t37;
-    const real t38 = c6 * t29 - s6 * t15;
-    poses[20 * stride] = t38;
-    const real t39 = c6 * t30 + s6 * t16;
-    poses[24 * stride] = t39;
-    const real t40 = s2 * c6 - s6 * t28;
-    poses[17 * stride] = t40;
-    const real t41 = s6 * t29 + c6 * t15;
-    poses[21 * stride] = -t41;
-    const real t42 = c6 * t16 - s6 * t30;
-    poses[25 * stride] = t42;
+    const real t31 = link2_length * (c5 * t25 + s2 * s5);
+    const real t32 = link2_length * (c5 * t26 - s5 * t15);
+    const real t33 = link2_length * (c5 * t27 + s5 * t16);
+    const real t34 = c6 * t25 + s2 * s6;
+    poses[16 * stride] = t34;
+    const real t35 = c6 * t26 - s6 * t15;
+    poses[20 * stride] = t35;
+    const real t36 = c6 * t27 + s6 * t16;
+    poses[24 * stride] = t36;
+    const real t37 = s2 * c6 - s6 * t25;
+    poses[17 * stride] = t37;
+    const real t38 = s6 * t26 + c6 * t15;
+    poses[21 * stride] = -t38;
+    const real t39 = c6 * t16 - s6 * t27;
+    poses[25 * stride] = t39;
 
     /* position of base */
-    const real t43 = x + t25;
-    poses[3 * stride] = t43;
-    const real t44 = y + t26;
-    poses[7 * stride] = t44;
-    const real t45 = z + t27;
-    poses[11 * stride] = t45;
+    const real t40 = x + base_arm_length * t20;
+    poses[3 * stride] = t40;
+    const real t41 = y + base_arm_length * t21;
+    poses[7 * stride] = t41;
+    const real t42 = z + base_arm_length * t22;
+    poses[11 * stride] = t42;
 
     /* position of tip */
-    const real t46 = x + t34 + link3_length * t37;
-    poses[19 * stride] = t46;
-    const real t47 = y + t35 + link3_length * t38;
-    poses[23 * stride] = t47;
-    const real t48 = z + t36 + link3_length * t39;
-    poses[27 * stride] = t48;
+    const real t43 = t31 + link3_length * t34 + t40;
+    poses[19 * stride] = t43;
+    const real t44 = t32 + link3_length * t35 + t41;
+    poses[23 * stride] = t44;
+    const real t45 = t33 + link3_length * t36 + t42;
+    poses[27 * stride] = t45;
 }
 
 void
@@ -7148,17 +7250,17 @@ static INLINE void frame_jacobians_lane(
     const real t19 = base_arm_length * c2 * c3;
     const real t20 = base_arm_length * (c1 * s3 + c3 * t17);
     jacobians[18 * stride] = t20;
-    const real t21 = base_arm_length * (s1 * s3 - c3 * t18);
-    jacobians[9 * stride] = -t21;
+    const real t21 = base_arm_length * (c3 * t18 - s1 * s3);
+    jacobians[9 * stride] = t21;
     const real t22 = c2 * c4;
     const real t23 = c1 * s4 + c4 * t17;
     const real t24 = s1 * s4 - c4 * t18;
     const real t25 = c2 * s4;
     jacobians[85 * stride] = t25;
     jacobians[86 * stride] = t25;
-    const real t26 = c1 * c4 - s4 * t17;
-    jacobians[94 * stride] = -t26;
-    jacobians[95 * stride] = -t26;
+    const real t26 = s4 * t17 - c1 * c4;
+    jacobians[94 * stride] = t26;
+    jacobians[95 * stride] = t26;
     const real t27 = s1 * c4 + s4 * t18;
     jacobians[103 * stride] = -t27;
     jacobians[104 * stride] = -t27;
@@ -7166,69 +7268,69 @@ static INLINE void frame_jacobians_lane(
     /* joint 9 and the axes of link 3 */
     const real t28 = t19 + link2_length * (c5 * t22 + s2 * s5);
     const real t29 = t20 + link2_length * (c5 * t23 - s5 * t15);
-    const real t30 = t21 + link2_length * (c5 * t24 + s5 * t16);
+    const real t30 = t21 - link2_length * (c5 * t24 + s5 * t16);
 
     /* position of tip */
     const real t31 = t28 + link3_length * (c6 * t22 + s2 * s6);
     const real t32 = t29 + link3_length * (c6 * t23 - s6 * t15);
     jacobians[72 * stride] = t32;
-    const real t33 = t30 + link3_length * (c6 * t24 + s6 * t16);
-    jacobians[63 * stride] = -t33;
+    const real t33 = t30 - link3_length * (c6 * t24 + s6 * t16);
+    jacobians[63 * stride] = t33;
 
     /* columns of the base */
-    const real t34 = c1 * t33 - s1 * t32;
-    jacobians[55 * stride] = t34;
+    const real t34 = c1 * t33 + s1 * t32;
+    jacobians[55 * stride] = -t34;
     const real t35 = s1 * t31;
     jacobians[64 * stride] = t35;
     const real t36 = c1 * t31;
     jacobians[73 * stride] = -t36;
-    const real t37 = t16 * t32 + t15 * t33;
-    jacobians[56 * stride] = -t37;
-    const real t38 = t16 * t31 - s2 * t33;
+    const real t37 = t15 * t33 - t16 * t32;
+    jacobians[56 * stride] = t37;
+    const real t38 = t16 * t31 + s2 * t33;
     jacobians[65 * stride] = t38;
     const real t39 = t15 * t31 + s2 * t32;
     jacobians[74 * stride] = t39;
 
     /* column of joint 7 */
-    const real t40 = t19 - t31;
-    const real t41 = t20 - t32;
-    const real t42 = t21 - t33;
-    const real t43 = t16 * t41 + t15 * t42;
+    const real t40 = t31 - t19;
+    const real t41 = t32 - t20;
+    const real t42 = t33 - t21;
+    const real t43 = t15 * t42 - t16 * t41;
     jacobians[57 * stride] = t43;
-    const real t44 = s2 * t42 - t16 * t40;
+    const real t44 = s2 * t42 + t16 * t40;
     jacobians[66 * stride] = t44;
     const real t45 = t15 * t40 + s2 * t41;
-    jacobians[75 * stride] = -t45;
+    jacobians[75 * stride] = t45;
 
     /* column of joint 8 */
-    const real t46 = t26 * t42 - t27 * t41;
+    const real t46 = t27 * t41 - t26 * t42;
     jacobians[58 * stride] = t46;
-    const real t47 = t25 * t42 + t27 * t40;
+    const real t47 = t25 * t42 - t27 * t40;
     jacobians[67 * stride] = t47;
-    const real t48 = t25 * t41 + t26 * t40;
-    jacobians[76 * stride] = -t48;
+    const real t48 = t25 * t41 - t26 * t40;
+    jacobians[76 * stride] = t48;
 
     /* column of joint 9 */
     const real t49 = t28 - t31;
-    const real t50 = t29 - t32;
-    const real t51 = t30 - t33;
-    const real t52 = t26 * t51 - t27 * t50;
+    const real t50 = t32 - t29;
+    const real t51 = t33 - t30;
+    const real t52 = t27 * t50 - t26 * t51;
     jacobians[59 * stride] = t52;
     const real t53 = t25 * t51 + t27 * t49;
     jacobians[68 * stride] = t53;
     const real t54 = t25 * t50 + t26 * t49;
-    jacobians[77 * stride] = -t54;
+    jacobians[77 * stride] = t54;
 
     /* columns of the base */
-    const real t55 = c1 * t21 - s1 * t20;
-    jacobians[1 * stride] = t55;
+    const real t55 = c1 * t21 + s1 * t20;
+    jacobians[1 * stride] = -t55;
     const real t56 = s1 * t19;
     jacobians[10 * stride] = t56;
     const real t57 = c1 * t19;
     jacobians[19 * stride] = -t57;
-    const real t58 = t16 * t20 + t15 * t21;
-    jacobians[2 * stride] = -t58;
-    const real t59 = t16 * t19 - s2 * t21;
+    const real t58 = t15 * t21 - t16 * t20;
+    jacobians[2 * stride] = t58;
+    const real t59 = t16 * t19 + s2 * t21;
     jacobians[11 * stride] = t59;
     const real t60 = t15 * t19 + s2 * t20;
     jacobians[20 * stride] = t60;
@@ -7380,8 +7482,8 @@ static INLINE void frame_velocities_lane(
     const real t20 = v_theta_9 + t19;
 
     /* motion of base in world axes */
-    const real t21 = c3 * base_arm_length;
-    const real t22 = s3 * base_arm_length;
+    const real t21 = base_arm_length * c3;
+    const real t22 = base_arm_length * s3;
 
     /* axes of the base */
     const real t23 = s1 * c2;
@@ -7444,8 +7546,8 @@ static INLINE void frame_velocities_lane(
     velocities[8 * stride] = t55;
     const real t56 = t18 * t31 + s2 * t17 + t20 * t34;
     velocities[9 * stride] = t56;
-    const real t57 = t17 * t23 + t20 * t35 - t18 * t32;
-    velocities[10 * stride] = -t57;
+    const real t57 = t18 * t32 - t17 * t23 - t20 * t35;
+    velocities[10 * stride] = t57;
     const real t58 = t18 * t33 + t17 * t24 - t20 * t36;
     velocities[11 * stride] = t58;
 }
@@ -7595,7 +7697,7 @@ static INLINE void frame_bias_accelerations_lane(
     const real t23 = t18 - t16 * t21;
     const real t24 = t21 * t21;
     const real t25 = v_theta_0 * v_theta_0 + t24;
-    const real t26 = t18 - R(2.0) * t21 * t16;
+    const real t26 = R(2.0) * t21 * t16 - t18;
     const real t27 = t16 * t16 + t24;
     const real t28 = t20 - R(2.0) * t21 * v_theta_0;
 
@@ -7633,8 +7735,8 @@ static INLINE void frame_bias_accelerations_lane(
     const real t55 = t52 * t52;
 
     /* motion of base in world axes */
-    const real t56 = c3 * base_arm_length;
-    const real t57 = s3 * base_arm_length;
+    const real t56 = base_arm_length * c3;
+    const real t57 = base_arm_length * s3;
 
     /* axes of the base */
     const real t58 = s1 * c2;
@@ -7652,7 +7754,7 @@ static INLINE void frame_bias_accelerations_lane(
 
     /* motion of link 3 */
     const real t68 = t49 + s4 * t30 - c4 * t29;
-    const real t69 = base_arm_length * (c3 * t26 + s3 * t28) + t50;
+    const real t69 = base_arm_length * (s3 * t28 - c3 * t26) + t50;
     const real t70 = t51 - s4 * t29 - c4 * t30;
 
     /* motion of tip in world axes */
@@ -7663,17 +7765,17 @@ static INLINE void frame_bias_accelerations_lane(
     /* motion of base in world axes */
     const real t74 = t25 * t56;
     const real t75 = t19 * t56 - t27 * t57;
-    const real t76 = t26 * t56 + t28 * t57;
-    const real t77 = c2 * t74 + s2 * t76;
-    bias_accelerations[0 * stride] = -t77;
-    const real t78 = c1 * t75 + t58 * t76 - t60 * t74;
+    const real t76 = t26 * t56 - t28 * t57;
+    const real t77 = s2 * t76 - c2 * t74;
+    bias_accelerations[0 * stride] = t77;
+    const real t78 = c1 * t75 - t60 * t74 - t58 * t76;
     bias_accelerations[1 * stride] = t78;
-    const real t79 = t61 * t74 + s1 * t75 - t59 * t76;
+    const real t79 = t61 * t74 + s1 * t75 + t59 * t76;
     bias_accelerations[2 * stride] = t79;
-    const real t80 = c2 * t22 - s2 * t17;
-    bias_accelerations[3 * stride] = -t80;
-    const real t81 = t22 * t60 + t17 * t58 - c1 * t23;
-    bias_accelerations[4 * stride] = -t81;
+    const real t80 = s2 * t17 - c2 * t22;
+    bias_accelerations[3 * stride] = t80;
+    const real t81 = c1 * t23 - t22 * t60 - t17 * t58;
+    bias_accelerations[4 * stride] = t81;
     const real t82 = t22 * t61 + s1 * t23 + t17 * t59;
     bias_accelerations[5 * stride] = t82;
 
@@ -7685,8 +7787,8 @@ static INLINE void frame_bias_accelerations_lane(
     bias_accelerations[6 * stride] = t86;
     const real t87 = t63 * t83 + t58 * t84 - t66 * t85;
     bias_accelerations[7 * stride] = t87;
-    const real t88 = t59 * t84 + t67 * t85 - t64 * t83;
-    bias_accelerations[8 * stride] = -t88;
+    const real t88 = t64 * t83 - t59 * t84 - t67 * t85;
+    bias_accelerations[8 * stride] = t88;
     const real t89 = s2 * t54 + t53 * t62 - t37 * t65;
     bias_accelerations[9 * stride] = t89;
     const real t90 = t53 * t63 + t37 * t66 - t54 * t58;
@@ -7802,10 +7904,10 @@ static INLINE void centre_of_mass_lane(
     real *RESTRICT position,
     const int stride)
 {
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k83 = constants->k83;
-    const real k119 = constants->k119;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k79 = constants->k79;
+    const real k111 = constants->k111;
     const real x = q[6 * stride];
     const real y = q[7 * stride];
     const real z = q[8 * stride];
@@ -7823,12 +7925,12 @@ static INLINE void centre_of_mass_lane(
     const real c6 = cosine[5 * stride];
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t15 = k71 * c6 + c5 * k76;
+    const real t15 = k68 * c6 + k73 * c5;
 
     /* centre of mass from the origin */
-    const real t16 = (k71 * s6 + s5 * k76) * k119;
-    const real t17 = (c3 * k83 + c4 * t15) * k119;
-    const real t18 = (s3 * k83 + s4 * t15) * k119;
+    const real t16 = k111 * (k68 * s6 + k73 * s5);
+    const real t17 = k111 * (k79 * c3 + c4 * t15);
+    const real t18 = k111 * (k79 * s3 + s4 * t15);
 
     /* centre of mass in the world */
     const real t19 = c2 * t16 - s2 * t17;
@@ -7937,10 +8039,11 @@ static INLINE void centre_of_mass_jacobian_lane(
     const int stride)
 {
     (void)q;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k83 = constants->k83;
-    const real k119 = constants->k119;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k79 = constants->k79;
+    const real k111 = constants->k111;
+    const real k112 = constants->k112;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -7964,91 +8067,91 @@ static INLINE void centre_of_mass_jacobian_lane(
     jacobian[25 * stride] = R(0.0);
     jacobian[26 * stride] = R(1.0);
 
-    /* inertia of link 3, turned by the joints */
-    const real t15 = k71 * c6;
-    const real t16 = k71 * s6;
+    /* attitude */
+    const real t2 = -s1;
+    const real t3 = -c2;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t17 = t15 + c5 * k76;
+    const real t15 = k68 * c6 + k73 * c5;
 
     /* composite inertia of links 1 to 3, about joint 7 */
-    const real t18 = c4 * t17;
-    const real t19 = s4 * t17;
+    const real t16 = c4 * t15;
+    const real t17 = s4 * t15;
 
     /* axes of the base */
-    const real t20 = s1 * c2;
-    const real t21 = c1 * c2;
+    const real t18 = t2 * t3;
+    const real t19 = c1 * t3;
 
     /* column of joint 7 */
-    const real t22 = t18 * k119;
-    const real t23 = t19 * k119;
+    const real t20 = k111 * t16;
+    const real t21 = k111 * t17;
 
     /* centre of mass from the origin */
-    const real t24 = (t16 + s5 * k76) * k119;
+    const real t22 = k111 * (k68 * s6 + k73 * s5);
 
     /* column of joint 8 */
-    const real t25 = t17 * k119;
+    const real t23 = k111 * t15;
 
     /* column of joint 9 */
-    const real t26 = t15 * k119;
+    const real t24 = k112 * c6;
 
     /* axes of the base */
-    const real t27 = s1 * s2;
-    const real t28 = c1 * s2;
+    const real t25 = t2 * s2;
+    const real t26 = c1 * s2;
 
     /* joint 7 and the axes of link 1 */
-    const real t29 = c2 * c4;
-    const real t30 = c1 * s4 + c4 * t27;
-    const real t31 = s1 * s4 - c4 * t28;
+    const real t27 = t3 * c4;
+    const real t28 = c4 * t25 - c1 * s4;
+    const real t29 = t2 * s4 + c4 * t26;
 
     /* centre of mass from the origin */
-    const real t32 = (c3 * k83 + t18) * k119;
-    const real t33 = (s3 * k83 + t19) * k119;
+    const real t30 = k111 * (k79 * c3 + t16);
+    const real t31 = k111 * (k79 * s3 + t17);
 
     /* columns of the base */
-    const real t34 = c2 * t24 - s2 * t32;
-    const real t35 = s2 * t24 + c2 * t32;
-    const real t36 = c1 * t33 - s1 * t34;
-    jacobian[18 * stride] = t36;
-    const real t37 = c1 * t34 + s1 * t33;
-    jacobian[9 * stride] = -t37;
-    const real t38 = c1 * t37 - s1 * t36;
-    jacobian[1 * stride] = t38;
-    const real t39 = s1 * t35;
-    jacobian[10 * stride] = t39;
-    const real t40 = c1 * t35;
-    jacobian[19 * stride] = -t40;
-    const real t41 = t21 * t36 + t20 * t37;
-    jacobian[2 * stride] = -t41;
-    const real t42 = t21 * t35 - s2 * t37;
-    jacobian[11 * stride] = t42;
-    const real t43 = t20 * t35 + s2 * t36;
-    jacobian[20 * stride] = t43;
+    const real t32 = t3 * t22 + s2 * t30;
+    const real t33 = t3 * t30 - s2 * t22;
+    const real t34 = c1 * t31 - t2 * t32;
+    jacobian[18 * stride] = t34;
+    const real t35 = c1 * t32 + t2 * t31;
+    jacobian[9 * stride] = t35;
+    const real t36 = t2 * t34 - c1 * t35;
+    jacobian[1 * stride] = t36;
+    const real t37 = t2 * t33;
+    jacobian[10 * stride] = t37;
+    const real t38 = c1 * t33;
+    jacobian[19 * stride] = t38;
+    const real t39 = t19 * t34 + t18 * t35;
+    jacobian[2 * stride] = t39;
+    const real t40 = t19 * t33 + s2 * t35;
+    jacobian[11 * stride] = t40;
+    const real t41 = s2 * t34 - t18 * t33;
+    jacobian[20 * stride] = t41;
 
     /* column of joint 7 */
-    const real t44 = c2 * t23;
-    jacobian[3 * stride] = -t44;
-    const real t45 = t23 * t27 - c1 * t22;
-    jacobian[12 * stride] = -t45;
-    const real t46 = t23 * t28 + s1 * t22;
-    jacobian[21 * stride] = t46;
+    const real t42 = t3 * t21;
+    jacobian[3 * stride] = t42;
+    const real t43 = t21 * t25 + c1 * t20;
+    jacobian[12 * stride] = t43;
+    const real t44 = t21 * t26 - t2 * t20;
+    jacobian[21 * stride] = t44;
 
     /* column of joint 8 */
-    const real t47 = t24 * t29 - s2 * t25;
-    jacobian[4 * stride] = -t47;
-    const real t48 = t24 * t30 + t20 * t25;
-    jacobian[13 * stride] = -t48;
-    const real t49 = t24 * t31 - t21 * t25;
-    jacobian[22 * stride] = -t49;
+    const real t45 = t22 * t27 + s2 * t23;
+    jacobian[4 * stride] = t45;
+    const real t46 = t22 * t28 - t18 * t23;
+    jacobian[13 * stride] = t46;
+    const real t47 = t22 * t29 - t19 * t23;
+    jacobian[22 * stride] = t47;
 
     /* column of joint 9 */
-    const real t50 = t16 * k119;
-    const real t51 = t29 * t50 - s2 * t26;
-    jacobian[5 * stride] = -t51;
-    const real t52 = t30 * t50 + t20 * t26;
-    jacobian[14 * stride] = -t52;
-    const real t53 = t31 * t50 - t21 * t26;
-    jacobian[23 * stride] = -t53;
+    const real t48 = k112 * s6;
+    const real t49 = t27 * t48 + s2 * t24;
+    jacobian[5 * stride] = t49;
+    const real t50 = t28 * t48 - t18 * t24;
+    jacobian[14 * stride] = t50;
+    const real t51 = t29 * t48 - t19 * t24;
+    jacobian[23 * stride] = t51;
 }
 
 void
@@ -8153,22 +8256,22 @@ static INLINE void centroidal_momentum_lane(
     (void)q;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k34 = constants->k34;
-    const real k48 = constants->k48;
-    const real k54 = constants->k54;
-    const real k66 = constants->k66;
-    const real k67 = constants->k67;
-    const real k71 = constants->k71;
-    const real k76 = constants->k76;
-    const real k77 = constants->k77;
+    const real k33 = constants->k33;
+    const real k46 = constants->k46;
+    const real k52 = constants->k52;
+    const real k63 = constants->k63;
+    const real k64 = constants->k64;
+    const real k68 = constants->k68;
+    const real k73 = constants->k73;
+    const real k74 = constants->k74;
+    const real k75 = constants->k75;
     const real k78 = constants->k78;
+    const real k79 = constants->k79;
+    const real k80 = constants->k80;
+    const real k81 = constants->k81;
     const real k82 = constants->k82;
     const real k83 = constants->k83;
-    const real k84 = constants->k84;
-    const real k85 = constants->k85;
-    const real k86 = constants->k86;
-    const real k87 = constants->k87;
-    const real k119 = constants->k119;
+    const real k111 = constants->k111;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -8206,53 +8309,55 @@ static INLINE void centroidal_momentum_lane(
     const real t20 = v_theta_9 + t19;
 
     /* inertia of link 3, turned by the joints */
-    const real t21 = k71 * c6;
-    const real t22 = k71 * s6;
-    const real t23 = s6 * k85;
+    const real t21 = k68 * c6;
+    const real t22 = k68 * s6;
+    const real t23 = k81 * s6;
     const real t24 = s6 * t23;
-    const real t25 = k48 - t24;
-    const real t26 = k54 + t24;
-    const real t27 = c6 * t23;
+    const real t25 = k46 - t24;
+    const real t26 = k52 + t24;
 
     /* step from link 2 to link 3 */
-    const real t28 = link2_length * c5;
-    const real t29 = link2_length * s5;
+    const real t27 = link2_length * c5;
+    const real t28 = link2_length * s5;
 
     /* inertia of link 2, turned by the joints */
-    const real t30 = c5 * k76;
-    const real t31 = s5 * k76;
-    const real t32 = s5 * k86;
-    const real t33 = s5 * t32;
-    const real t34 = k77 + t33;
-    const real t35 = k34 - t33;
-    const real t36 = c5 * t32;
+    const real t29 = k73 * c5;
+    const real t30 = k73 * s5;
+    const real t31 = k82 * s5;
+    const real t32 = s5 * t31;
+    const real t33 = k74 + t32;
+    const real t34 = k33 - t32;
 
     /* step from the base to link 1 */
-    const real t37 = c3 * base_arm_length;
-    const real t38 = s3 * base_arm_length;
+    const real t35 = base_arm_length * c3;
+    const real t36 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t39 = s3 * k87;
-    const real t40 = s3 * t39;
-    const real t41 = k84 + t40;
-    const real t42 = k66 - t40;
-    const real t43 = c3 * t39;
+    const real t37 = k83 * s3;
+    const real t38 = s3 * t37;
+    const real t39 = k80 + t38;
+    const real t40 = k63 - t38;
+    const real t41 = c3 * t37;
 
     /* composite inertia of links 2 and 3, about joint 8 */
-    const real t44 = t21 + t30;
+    const real t42 = t21 + t29;
 
     /* motion of link 1 */
-    const real t45 = v_theta_0 * c3 - s3 * t15;
+    const real t43 = v_theta_0 * c3 - s3 * t15;
 
     /* centre of mass from the origin */
-    const real t46 = (t22 + t31) * k119;
+    const real t44 = k111 * (t22 + t30);
+
+    /* inertia forces of the base and links 1 to 3 */
+    const real t45 = t15 * t41;
+    const real t46 = v_theta_0 * t41;
 
     /* motion of link 1 */
     const real t47 = s3 * t16;
     const real t48 = c3 * t16;
     const real t49 = base_arm_length * t47;
     const real t50 = base_arm_length * t48;
-    const real t51 = base_arm_length * t45;
+    const real t51 = base_arm_length * t43;
 
     /* motion of link 3 */
     const real t52 = s5 * t19;
@@ -8260,8 +8365,8 @@ static INLINE void centroidal_momentum_lane(
     const real t54 = s5 * t18 - c5 * t17;
 
     /* centre of mass from the origin */
-    const real t55 = (c3 * k83 + c4 * t44) * k119;
-    const real t56 = (s3 * k83 + s4 * t44) * k119;
+    const real t55 = k111 * (k79 * c3 + c4 * t42);
+    const real t56 = k111 * (k79 * s3 + s4 * t42);
 
     /* motion of link 1 */
     const real t57 = s4 * t50 - c4 * t49;
@@ -8271,60 +8376,78 @@ static INLINE void centroidal_momentum_lane(
     const real t59 = link2_length * t54 - t58;
 
     /* inertia forces of link 3, about joint 9 */
-    const real t60 = t18 * t26 + t22 * t59 - t17 * t27;
-    const real t61 = t18 * t27 + t21 * t59 - t17 * t25;
-    const real t62 = t22 * (link2_length * t52 - t57);
-    const real t63 = t21 * (t51 - link2_length * t53);
-    const real t64 = t20 * t25 + t20 * t26 + t62 - t63;
-    const real t65 = k71 * s6 * t20;
-    const real t66 = k71 * c6 * t20;
-    const real t67 = k71 * (s6 * t18 - c6 * t17);
+    const real t60 = t21 * t59;
+    const real t61 = t22 * (t57 - link2_length * t52);
+    const real t62 = t21 * (t51 - link2_length * t53);
+    const real t63 = k68 * s6 * t20;
+    const real t64 = k68 * c6 * t20;
+    const real t65 = k68 * (s6 * t18 - c6 * t17);
 
     /* inertia forces of links 2 and 3, about joint 8 */
-    const real t68 = t17 * t36 + t18 * t35 - t31 * t58;
-    const real t69 = t18 * t36 + t17 * t34 + t30 * t58;
-    const real t70 = t31 * t57;
-    const real t71 = t19 * t34 + t19 * t35 - t30 * t51 - t70;
-    const real t72 = t65 + k76 * t52;
-    const real t73 = t66 + k76 * t53;
-    const real t74 = t67 + k76 * t54;
-    const real t75 = t64 + t28 * t66 + t29 * t65 + t71;
+    const real t66 = t27 * t65;
+    const real t67 = t27 * t64;
+    const real t68 = t28 * t63;
+    const real t69 = t30 * t58;
+    const real t70 = t29 * t58;
+    const real t71 = t29 * t51;
+    const real t72 = t30 * t57;
+    const real t73 = t63 + k73 * t52;
+    const real t74 = t64 + k73 * t53;
+    const real t75 = t65 + k73 * t54;
+    const real t76 = (t33 + t34) * t19;
+    const real t77 = (t25 + t26) * t20;
+    const real t78 = t71 + t72 + t61 + t62 - t76 - t77 - t67 - t68;
 
     /* inertia forces of links 1 to 3, about joint 7 */
-    const real t76 = t60 + t29 * t67 + t68 + k78 * t18;
-    const real t77 = t61 + t28 * t67 - t69 - k78 * t17;
-    const real t78 = s4 * t74 - c4 * t72;
-    const real t79 = s4 * t72 + c4 * t74;
+    const real t79 = t18 * (k75 + t26 + t34);
+    const real t80 = c6 * t23 - c5 * t31;
+    const real t81 = t17 * t80;
+    const real t82 = t22 * t59 + t28 * t65 + t79 - t69 - t81;
+    const real t83 = s4 * t75 - c4 * t73;
+    const real t84 = c4 * t75 + s4 * t73;
+    const real t85 = s4 * t78;
+    const real t86 = c4 * t82;
+    const real t87 = s4 * t82;
+    const real t88 = c4 * t78;
 
     /* inertia forces of the base and links 1 to 3 */
-    const real t80 = t77 + t38 * t78 + t37 * t79;
-    const real t81 = v_theta_0 * t43 + t15 * t42 + k67 * t15;
-    const real t82 = t15 * t43 + v_theta_0 * t41 + v_theta_0 * k67;
-    const real t83 = t78 - k83 * t47;
-    const real t84 = t79 - k83 * t48;
-    const real t85 = t73 - k83 * t45;
-    const real t86 = s4 * t75 + c4 * t76 + t38 * t73 + t81;
-    const real t87 = s4 * t76 + t82 - c4 * t75 - t37 * t73;
-    const real t88 = t80 - t16 * t41 - t16 * t42;
+    const real t89 = t36 * t74;
+    const real t90 = t35 * t74;
+    const real t91 = t36 * t83;
+    const real t92 = t35 * t84;
+    const real t93 = k79 * t47 - t83;
+    const real t94 = k79 * t48 - t84;
+    const real t95 = k79 * t43 - t74;
 
     /* momentum in world axes */
-    const real t89 = t46 * t84 + t56 * t85 - t86;
-    const real t90 = t87 + t55 * t85 - t46 * t83;
-    const real t91 = t55 * t84 + t56 * t83 - t88;
-    const real t92 = c2 * t85 - s2 * t83;
-    const real t93 = v_x * k82 + c2 * t83 + s2 * t85;
-    momentum[0 * stride] = t93;
-    const real t94 = v_y * k82 - c1 * t84 - s1 * t92;
-    momentum[1 * stride] = t94;
-    const real t95 = v_z * k82 + c1 * t92 - s1 * t84;
-    momentum[2 * stride] = t95;
-    const real t96 = c2 * t91 + s2 * t89;
-    const real t97 = s2 * t91 - c2 * t89;
-    momentum[3 * stride] = t97;
-    const real t98 = c1 * t90 - s1 * t96;
-    momentum[4 * stride] = t98;
-    const real t99 = c1 * t96 + s1 * t90;
-    momentum[5 * stride] = t99;
+    const real t96 = t44 * t94;
+    const real t97 = t56 * t95;
+    const real t98 = t15 * (k64 + t40);
+    const real t99 = t46 + t86 + t89 + t96 + t97 + t98 - t85;
+    const real t100 = t55 * t95;
+    const real t101 = t44 * t93;
+    const real t102 = v_theta_0 * (k64 + t39);
+    const real t103 = t45 + t87 + t88 + t101 + t102 - t90 - t100;
+    const real t104 = t55 * t94;
+    const real t105 = t56 * t93;
+    const real t106 = t17 * (k75 + t25 + t33);
+    const real t107 = t18 * t80;
+    const real t108 = t16 * (t39 + t40);
+    const real t109 = t60 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106;
+    const real t110 = c2 * t95 - s2 * t93;
+    const real t111 = k78 * v_x - c2 * t93 - s2 * t95;
+    momentum[0 * stride] = t111;
+    const real t112 = k78 * v_y + c1 * t94 + s1 * t110;
+    momentum[1 * stride] = t112;
+    const real t113 = k78 * v_z + s1 * t94 - c1 * t110;
+    momentum[2 * stride] = t113;
+    const real t114 = c2 * t109 + s2 * t99;
+    const real t115 = c2 * t99 - s2 * t109;
+    momentum[3 * stride] = t115;
+    const real t116 = c1 * t103 + s1 * t114;
+    momentum[4 * stride] = t116;
+    const real t117 = s1 * t103 - c1 * t114;
+    momentum[5 * stride] = t117;
 }
 
 void

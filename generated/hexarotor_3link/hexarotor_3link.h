@@ -245,23 +245,29 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real k14;
     hexarotor_3link_real k20;
     hexarotor_3link_real link2_length;
-    hexarotor_3link_real k28;
-    hexarotor_3link_real k34;
-    hexarotor_3link_real k40;
+    hexarotor_3link_real k27;
+    hexarotor_3link_real k33;
+    hexarotor_3link_real k39;
     hexarotor_3link_real link3_length;
-    hexarotor_3link_real k48;
-    hexarotor_3link_real k54;
-    hexarotor_3link_real k60;
+    hexarotor_3link_real k46;
+    hexarotor_3link_real k52;
+    hexarotor_3link_real k58;
+    hexarotor_3link_real k63;
+    hexarotor_3link_real k64;
+    hexarotor_3link_real k65;
     hexarotor_3link_real k66;
     hexarotor_3link_real k67;
+    hexarotor_3link_real k68;
     hexarotor_3link_real k69;
-    hexarotor_3link_real k70;
     hexarotor_3link_real k71;
-    hexarotor_3link_real k72;
-    hexarotor_3link_real k76;
+    hexarotor_3link_real k73;
+    hexarotor_3link_real k74;
+    hexarotor_3link_real k75;
     hexarotor_3link_real k77;
     hexarotor_3link_real k78;
+    hexarotor_3link_real k79;
     hexarotor_3link_real k80;
+    hexarotor_3link_real k81;
     hexarotor_3link_real k82;
     hexarotor_3link_real k83;
     hexarotor_3link_real k84;
@@ -269,15 +275,16 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real k86;
     hexarotor_3link_real k87;
     hexarotor_3link_real k88;
-    hexarotor_3link_real k89;
     hexarotor_3link_real k90;
     hexarotor_3link_real k91;
+    hexarotor_3link_real k92;
+    hexarotor_3link_real k93;
     hexarotor_3link_real k94;
-    hexarotor_3link_real k95;
-    hexarotor_3link_real k96;
     hexarotor_3link_real k97;
     hexarotor_3link_real k98;
     hexarotor_3link_real k99;
+    hexarotor_3link_real k100;
+    hexarotor_3link_real k102;
     hexarotor_3link_real k103;
     hexarotor_3link_real k104;
     hexarotor_3link_real k105;
@@ -285,16 +292,15 @@ typedef struct hexarotor_3link_constants {
     hexarotor_3link_real k108;
     hexarotor_3link_real k109;
     hexarotor_3link_real k110;
+    hexarotor_3link_real k111;
     hexarotor_3link_real k112;
+    hexarotor_3link_real k113;
     hexarotor_3link_real k114;
     hexarotor_3link_real k115;
+    hexarotor_3link_real k116;
     hexarotor_3link_real k117;
     hexarotor_3link_real k118;
     hexarotor_3link_real k119;
-    hexarotor_3link_real k120;
-    hexarotor_3link_real k121;
-    hexarotor_3link_real k122;
-    hexarotor_3link_real k123;
 } hexarotor_3link_constants;
 
 /** Parameters of the robot file. */
@@ -359,7 +365,7 @@ void hexarotor_3link_unpack(
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
  *     m], theta_9 [N m], x [N], y [N], z [N]
- * @note 440 operations, 6 sine-cosine pairs; about 1504 bytes of stack for one state of doubles,
+ * @note 433 operations, 6 sine-cosine pairs; about 1552 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -391,7 +397,7 @@ hexarotor_3link_mass_matrix_and_residual_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 9 x 9: [kg m^2] between angles, [kg] between lengths, [kg m] between both
- * @note 192 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
+ * @note 190 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -423,7 +429,7 @@ hexarotor_3link_mass_matrix_batch(
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] residual 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
  *     m], theta_9 [N m], x [N], y [N], z [N]
- * @note 275 operations, 6 sine-cosine pairs; about 1440 bytes of stack for one state of doubles,
+ * @note 268 operations, 6 sine-cosine pairs; about 1456 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -453,7 +459,7 @@ hexarotor_3link_residual_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 9 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
- * @note 53 operations, 3 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
+ * @note 52 operations, 3 sine-cosine pairs; about 704 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 7-13.
  */
@@ -490,7 +496,7 @@ hexarotor_3link_input_matrix_batch(
  * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
  *     [m/s^2]
- * @note 397 operations, 6 sine-cosine pairs; about 1648 bytes of stack for one state of doubles,
+ * @note 384 operations, 6 sine-cosine pairs; about 1808 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -528,7 +534,7 @@ hexarotor_3link_forward_dynamics_batch(
  *     [m/s^2], a_z [m/s^2]
  * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
  *     theta_9 [N m], x [N], y [N], z [N]
- * @note 301 operations, 6 sine-cosine pairs; about 1632 bytes of stack for one state of doubles,
+ * @note 298 operations, 6 sine-cosine pairs; about 1632 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 4-6.
  */
@@ -562,7 +568,7 @@ hexarotor_3link_inverse_dynamics_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 19 x 19: [kg m^2] between angles, [kg] between lengths, [kg m] between
  *     both
- * @note 236 operations, 6 sine-cosine pairs; about 1344 bytes of stack for one state of doubles,
+ * @note 232 operations, 6 sine-cosine pairs; about 1344 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -595,7 +601,7 @@ hexarotor_3link_hybrid_mass_matrix_batch(
  *     m], theta_4 [N m], theta_5 [N m], theta_6 [N m], theta_7 [N m], theta_8 [N m], theta_9 [N m],
  *     x [N], y [N], z [N], tau_prime_2 [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2],
  *     tau_prime_5 [rad/s^2], tau_prime_6 [rad/s^2]
- * @note 329 operations, 6 sine-cosine pairs; about 1632 bytes of stack for one state of doubles,
+ * @note 311 operations, 6 sine-cosine pairs; about 1712 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -625,7 +631,7 @@ hexarotor_3link_hybrid_residual_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] input_matrix 19 x 9: [N/N], [N m/N] and [N m/(N m)], by row and column
- * @note 53 operations, 3 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
+ * @note 52 operations, 3 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 12, 13 and 18.
  */
@@ -661,7 +667,7 @@ hexarotor_3link_hybrid_input_matrix_batch(
  *     m], tau_8 [N m], tau_9 [N m]
  * @param[out] torque 5: tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N m],
  *     tau_prime_6 [N m]
- * @note 78 operations, 3 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
+ * @note 67 operations, 3 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 14 and 15.
  */
@@ -700,7 +706,7 @@ hexarotor_3link_constraint_torques_batch(
  *     [rad/s^2], a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y
  *     [m/s^2], a_z [m/s^2]
  * @param[out] value 1: [W/s]
- * @note 452 operations, 6 sine-cosine pairs; about 1568 bytes of stack for one state of doubles,
+ * @note 362 operations, 6 sine-cosine pairs; about 1760 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 2 and 3.
  */
@@ -732,7 +738,7 @@ hexarotor_3link_gibbs_batch(
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] energy 1: [J]
- * @note 188 operations, 6 sine-cosine pairs; about 1104 bytes of stack for one state of doubles,
+ * @note 152 operations, 6 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 2 with rates for accelerations.
  */
@@ -789,7 +795,7 @@ hexarotor_3link_potential_energy_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
  *     theta_9 [N m], x [N], y [N], z [N]
- * @note 60 operations, 6 sine-cosine pairs; about 720 bytes of stack for one state of doubles,
+ * @note 54 operations, 6 sine-cosine pairs; about 768 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5 and 6 at rest.
  */
@@ -820,7 +826,7 @@ hexarotor_3link_gravity_forces_batch(
  *     torque [N m], a row for each of base, tip
  * @param[out] force 9: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N m],
  *     theta_9 [N m], x [N], y [N], z [N]
- * @note 199 operations, 6 sine-cosine pairs; about 1168 bytes of stack for one state of doubles,
+ * @note 197 operations, 6 sine-cosine pairs; about 1168 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 7.
  */
@@ -858,7 +864,7 @@ hexarotor_3link_wrench_forces_batch(
  * @param[out] acceleration 9: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
  *     [m/s^2]
- * @note 535 operations, 6 sine-cosine pairs; about 2240 bytes of stack for one state of doubles,
+ * @note 522 operations, 6 sine-cosine pairs; about 2512 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -903,7 +909,7 @@ hexarotor_3link_forward_dynamics_with_wrenches_batch(
  *     m], tau_8 [N m], tau_9 [N m]
  * @param[out] wrenches 8 x 6: [N] in the first three, [N m] in the others, a row for each of
  *     base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
- * @note 492 operations, 6 sine-cosine pairs; about 1904 bytes of stack for one state of doubles,
+ * @note 445 operations, 6 sine-cosine pairs; about 1920 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 6 and 14, all six components.
  */
@@ -936,7 +942,7 @@ hexarotor_3link_joint_wrenches_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] position 12 x 3: O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
  *     joint8, joint9, tip [m]
- * @note 108 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
+ * @note 96 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -965,7 +971,7 @@ hexarotor_3link_positions_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] pose 4 x 4: axes [1] and position [m]
- * @note 75 operations, 6 sine-cosine pairs; about 864 bytes of stack for one state of doubles,
+ * @note 74 operations, 6 sine-cosine pairs; about 864 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -993,7 +999,7 @@ hexarotor_3link_tip_pose_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] jacobian 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
- * @note 116 operations, 6 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
+ * @note 111 operations, 6 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1024,7 +1030,7 @@ hexarotor_3link_tip_jacobian_batch(
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
- * @note 143 operations, 6 sine-cosine pairs; about 1008 bytes of stack for one state of doubles,
+ * @note 140 operations, 6 sine-cosine pairs; about 992 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1052,7 +1058,7 @@ hexarotor_3link_tip_bias_acceleration_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] poses 2 x 4 x 4: axes [1] and position [m], a block for each of base, tip
- * @note 87 operations, 6 sine-cosine pairs; about 912 bytes of stack for one state of doubles,
+ * @note 83 operations, 6 sine-cosine pairs; about 880 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1081,7 +1087,7 @@ hexarotor_3link_frame_poses_batch(
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] jacobians 2 x 6 x 9: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
  *     a block for each of base, tip
- * @note 133 operations, 6 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
+ * @note 127 operations, 6 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1110,7 +1116,7 @@ hexarotor_3link_frame_jacobians_batch(
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] velocities 2 x 6: [m/s] in the first three, [rad/s] in the others, a row for each of
  *     base, tip
- * @note 137 operations, 6 sine-cosine pairs; about 1024 bytes of stack for one state of doubles,
+ * @note 136 operations, 6 sine-cosine pairs; about 1024 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1144,7 +1150,7 @@ hexarotor_3link_frame_velocities_batch(
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] bias_accelerations 2 x 6: [m/s^2] in the first three, [rad/s^2] in the others, a row
  *     for each of base, tip
- * @note 205 operations, 6 sine-cosine pairs; about 1216 bytes of stack for one state of doubles,
+ * @note 201 operations, 6 sine-cosine pairs; about 1216 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1200,7 +1206,7 @@ hexarotor_3link_centre_of_mass_batch(
  * @param[in] q coordinates, 9 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_7 [rad],
  *     theta_8 [rad], theta_9 [rad], x [m], y [m], z [m]
  * @param[out] jacobian 3 x 9: [m/rad or 1]
- * @note 95 operations, 6 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
+ * @note 86 operations, 6 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: the first moment of mass.
  */
@@ -1230,7 +1236,7 @@ hexarotor_3link_centre_of_mass_jacobian_batch(
  * @param[in] v their rates, 9 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_7 [rad/s], v_theta_8 [rad/s], v_theta_9 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] momentum 6: [kg m/s] in the first three, [kg m^2/s] in the others
- * @note 220 operations, 6 sine-cosine pairs; about 1328 bytes of stack for one state of doubles,
+ * @note 208 operations, 6 sine-cosine pairs; about 1408 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 6 with rates for accelerations.
  */

@@ -152,12 +152,9 @@ def _constants(values):
     k3 = base_arm_section_inertia_yy - k2
     k4 = base_arm_section_inertia_zz - k1
     k5 = k3 + k4
-    k6 = 0.5 * k5
-    k7 = (
-        0.3333333333333333 * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length
-    )
-    k8 = k6 + k7
+    k6 = base_arm_length * base_arm_length
+    k7 = base_arm_mass_per_length * base_arm_length * k6
+    k8 = 0.5 * k5 + 0.3333333333333333 * k7
     k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz
     k10 = base_arm_section_inertia_yy - k9
     k11 = base_arm_section_inertia_zz - k10
@@ -177,127 +174,123 @@ def _constants(values):
     k23 = link2_section_inertia_yy - k22
     k24 = link2_section_inertia_zz - k21
     k25 = k23 + k24
-    k26 = 0.5 * k25
-    k27 = 0.3333333333333333 * link2_length * link2_length * link2_length * link2_mass_per_length
-    k28 = k26 + k27
-    k29 = link2_section_inertia_yy - link2_section_inertia_zz
-    k30 = link2_section_inertia_yy - k29
-    k31 = link2_section_inertia_zz - k30
-    k32 = link2_section_inertia_xx - k29
-    k33 = k31 + k32
-    k34 = 0.5 * k33
-    k35 = link2_section_inertia_xx - link2_section_inertia_zz
-    k36 = link2_section_inertia_zz + k35
-    k37 = link2_section_inertia_xx - k36
-    k38 = link2_section_inertia_yy + k35
-    k39 = k37 + k38
-    k40 = 0.5 * k39
+    k26 = link2_length * link2_length
+    k27 = 0.5 * k25 + 0.3333333333333333 * link2_mass_per_length * link2_length * k26
+    k28 = link2_section_inertia_yy - link2_section_inertia_zz
+    k29 = link2_section_inertia_yy - k28
+    k30 = link2_section_inertia_zz - k29
+    k31 = link2_section_inertia_xx - k28
+    k32 = k30 + k31
+    k33 = 0.5 * k32
+    k34 = link2_section_inertia_xx - link2_section_inertia_zz
+    k35 = link2_section_inertia_zz + k34
+    k36 = link2_section_inertia_xx - k35
+    k37 = link2_section_inertia_yy + k34
+    k38 = k36 + k37
+    k39 = 0.5 * k38
 
     # second moments of link3
-    k41 = link3_section_inertia_xx - link3_section_inertia_yy
-    k42 = link3_section_inertia_xx - k41
-    k43 = link3_section_inertia_yy - k42
-    k44 = link3_section_inertia_zz - k41
-    k45 = k43 + k44
-    k46 = 0.5 * k45
-    k47 = 0.3333333333333333 * link3_length * link3_length * link3_length * link3_mass_per_length
-    k48 = k46 + k47
-    k49 = link3_section_inertia_yy - link3_section_inertia_zz
-    k50 = link3_section_inertia_yy - k49
-    k51 = link3_section_inertia_zz - k50
-    k52 = link3_section_inertia_xx - k49
-    k53 = k51 + k52
-    k54 = 0.5 * k53
-    k55 = link3_section_inertia_xx - link3_section_inertia_zz
-    k56 = link3_section_inertia_zz + k55
-    k57 = link3_section_inertia_xx - k56
-    k58 = link3_section_inertia_yy + k55
-    k59 = k57 + k58
-    k60 = 0.5 * k59
+    k40 = link3_section_inertia_xx - link3_section_inertia_yy
+    k41 = link3_section_inertia_xx - k40
+    k42 = link3_section_inertia_yy - k41
+    k43 = link3_section_inertia_zz - k40
+    k44 = k42 + k43
+    k45 = link3_length * link3_length
+    k46 = 0.5 * k44 + 0.3333333333333333 * link3_mass_per_length * link3_length * k45
+    k47 = link3_section_inertia_yy - link3_section_inertia_zz
+    k48 = link3_section_inertia_yy - k47
+    k49 = link3_section_inertia_zz - k48
+    k50 = link3_section_inertia_xx - k47
+    k51 = k49 + k50
+    k52 = 0.5 * k51
+    k53 = link3_section_inertia_xx - link3_section_inertia_zz
+    k54 = link3_section_inertia_zz + k53
+    k55 = link3_section_inertia_xx - k54
+    k56 = link3_section_inertia_yy + k53
+    k57 = k55 + k56
+    k58 = 0.5 * k57
 
     # inertia of the base, about the origin
-    k61 = 6.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k62 = 3.0 * k8
-    k63 = 3.0 * k14
-    k64 = 6.0 * base_arm_length * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k65 = k62 + k63 + k64
-    k66 = k62 + k63
-    k67 = 6.0 * k20
-    k68 = 6.0 * base_arm_length * base_arm_mass_per_length
+    k59 = base_arm_mass_per_length * k6
+    k60 = 3.0 * k8
+    k61 = 1.5 * k13
+    k62 = k60 + k61 + 6.0 * k7
+    k63 = k60 + k61
+    k64 = 3.0 * k19
+    k65 = base_arm_length * base_arm_mass_per_length
 
     # inertias of the links
-    k69 = 0.5 * link2_length * link2_length * link2_mass_per_length
-    k70 = link2_length * link2_mass_per_length
-    k71 = 0.5 * link3_length * link3_length * link3_mass_per_length
-    k72 = link3_length * link3_mass_per_length
+    k66 = 0.5 * link2_mass_per_length * k26
+    k67 = link2_length * link2_mass_per_length
+    k68 = 0.5 * link3_mass_per_length * k45
+    k69 = link3_length * link3_mass_per_length
 
     # inertia of link 2, with that of link 3 which joint 9 does not move
-    k73 = link2_length * k72
-    k74 = link2_length * k73
-    k75 = k70 + k72
-    k76 = k69 + k73
-    k77 = k28 + k74
-    k78 = k40 + k60
+    k70 = link2_length * k69
+    k71 = 2.0 * link2_length
+    k72 = k67 + k69
+    k73 = k66 + k70
+    k74 = k27 + link2_length * k70
+    k75 = k39 + k58
 
     # inertia of the base, with that of link 1 which joint 7 does not move
-    k79 = base_arm_length * k75
-    k80 = 2.0 * base_arm_length
-    k81 = base_arm_length * k79
-    k82 = k68 + k75
-    k83 = k61 + k79
-    k84 = k65 + k81
+    k76 = base_arm_length * k72
+    k77 = 2.0 * base_arm_length
+    k78 = 6.0 * k65 + k72
+    k79 = 6.0 * k59 + k76
+    k80 = k62 + base_arm_length * k76
 
     # constant terms and factors of the functions
-    k85 = k48 - k54
-    k86 = k34 - k77
-    k87 = k66 - k84
-    k88 = gravity * k82
-    k89 = 0.5 * base_arm_length
-    k90 = 0.8660254037844386 * base_arm_length
-    k91 = base_arm_length - k89
-    k92 = 0.5 * k91
-    k93 = 0.8660254037844386 * k90
-    k94 = k92 - k93
-    k95 = base_arm_length + k89
+    k81 = k46 - k52
+    k82 = k33 - k74
+    k83 = k63 - k80
+    k84 = 6.0 * k19
+    k85 = gravity * k78
+    k86 = 0.5 * base_arm_length
+    k87 = 0.8660254037844386 * base_arm_length
+    k88 = base_arm_length - k86
+    k89 = 0.7499999999999999 * base_arm_length
+    k90 = 0.5 * k88 - k89
+    k91 = base_arm_length + k86
 
     # inertia of the base, about the origin
-    k96 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k97 = base_arm_length * base_arm_mass_per_length
+    k92 = 0.5 * k59
 
     # constant terms and factors of the functions
-    k98 = 0.5 * k96
-    k99 = 0.8660254037844386 * k96
-    k100 = k8 - k14
-    k101 = 0.8660254037844386 * k100
-    k102 = 0.8660254037844386 * k101
-    k103 = k8 - k102
-    k104 = k14 + k102
-    k105 = 0.5 * k101
-    k106 = k103 + k104
-    k107 = base_arm_length * k98
-    k108 = k106 - k107
-    k109 = k106 + k107
-    k110 = k8 + k14
-    k111 = base_arm_length * k96
-    k112 = k110 + k111
-    k113 = 0.5 * k89
-    k114 = k93 + k113
-    k115 = k66 + k67
-    k116 = 2.0 * k66
-    k117 = 1.0 / k116
-    k118 = 1.0 / k115
-    k119 = 1.0 / k82
-    k120 = 0.5 * k67
-    k121 = 0.5 * k82
-    k122 = 0.5 * k78
-    k123 = k28 - k34
-    if not k82 > 0.0:
+    k93 = 0.25 * k59
+    k94 = 0.4330127018922193 * k59
+    k95 = k8 - k14
+    k96 = 0.7499999999999999 * k95
+    k97 = k8 - k96
+    k98 = k14 + k96
+    k99 = 0.4330127018922193 * k95
+    k100 = k97 + k98
+    k101 = base_arm_length * k93
+    k102 = k100 - k101
+    k103 = k100 + k101
+    k104 = k8 + k14
+    k105 = k104 + base_arm_length * k92
+    k106 = k89 + 0.25 * base_arm_length
+    k107 = k63 + k64
+    k108 = 2.0 * k63
+    k109 = 1.0 / k108
+    k110 = 1.0 / k107
+    k111 = 1.0 / k78
+    k112 = k68 * k111
+    k113 = 1.5 * k19
+    k114 = 0.5 * k78
+    k115 = 0.5 * k75
+    k116 = k27 - k33
+    k117 = k75 + k107
+    k118 = k85 * k111
+    k119 = k85 * k112
+    if not k78 > 0.0:
         raise ZeroDivisionError
     return (
-        gravity, base_arm_length, k8, k14, k20, link2_length, k28, k34, k40, link3_length, k48, k54,
-        k60, k66, k67, k69, k70, k71, k72, k76, k77, k78, k80, k82, k83, k84, k85, k86, k87, k88,
-        k89, k90, k91, k94, k95, k96, k97, k98, k99, k103, k104, k105, k106, k108, k109, k110, k112,
-        k114, k115, k117, k118, k119, k120, k121, k122, k123,
+        gravity, base_arm_length, k8, k14, k20, link2_length, k27, k33, k39, link3_length, k46, k52,
+        k58, k63, k64, k65, k66, k67, k68, k69, k71, k73, k74, k75, k77, k78, k79, k80, k81, k82,
+        k83, k84, k85, k86, k87, k88, k90, k91, k92, k93, k94, k97, k98, k99, k100, k102, k103,
+        k104, k105, k106, k108, k109, k110, k111, k112, k113, k114, k115, k116, k117, k118, k119,
     )
 
 
@@ -686,7 +679,7 @@ def mass_matrix_and_residual(
         both
     residual: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8
         [N m], theta_9 [N m], x [N], y [N], z [N]
-    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 440 operations, 6 sine-cosine pairs.
+    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 433 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _mass_matrix_and_residual,
@@ -701,22 +694,25 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k82 = k[23]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
-    k88 = k[29]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k71 = k[20]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k77 = k[24]
+    k78 = k[25]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
+    k84 = k[31]
+    k85 = k[32]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -749,236 +745,237 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t14 = sin(t12)
 
     # motion of the base
-    t15 = t2 * gravity
-    t16 = t1 * gravity
+    t15 = gravity * t2
+    t16 = gravity * t1
     t17 = v_theta_m1 * t4
     t18 = v_theta_m1 * t3
-    t19 = v_theta_0 * t18
-    t20 = t3 * t16
-    t21 = t4 * t16
-    t22 = t17 * t18
-    t23 = 2.0 * t19
-    t24 = 2.0 * v_theta_0 * t17
-    t25 = v_theta_1 + t17
-    t26 = t25 * t25
-    t27 = v_theta_0 * v_theta_0 + t26
-    t28 = t22 - 2.0 * t25 * t18
-    t29 = t18 * t18 + t26
-    t30 = t24 - 2.0 * t25 * v_theta_0
+    t19 = v_theta_0 * t17
+    t20 = v_theta_0 * t18
+    t21 = t3 * t16
+    t22 = t4 * t16
+    t23 = t17 * t18
+    t24 = 2.0 * t20
+    t25 = 2.0 * t19
+    t26 = v_theta_1 + t17
+    t27 = t26 * t26
+    t28 = v_theta_0 * v_theta_0 + t27
+    t29 = t23 - 2.0 * t26 * t18
+    t30 = t18 * t18 + t27
+    t31 = t25 - 2.0 * t26 * v_theta_0
 
     # motion of link 1
-    t31 = t5 * t27
-    t32 = t5 * t23 - t6 * t29
-    t33 = t5 * t28 + t6 * t30
-    t34 = t21 + base_arm_length * t31
-    t35 = t15 + base_arm_length * t32
-    t36 = t20 - base_arm_length * t33
-    t37 = v_theta_7 + t25
-    t38 = t24 - v_theta_0 * t37
-    t39 = t22 - t18 * t37
-    t40 = t37 * t37
-    t41 = t8 * t18 + v_theta_0 * t9
-    t42 = v_theta_0 * t8 - t9 * t18
-    t43 = t9 * t38 + t8 * t39
-    t44 = t9 * t35 - t8 * t34
-    t45 = t9 * t34 + t8 * t35
-    t46 = t41 * t41
-    t47 = t37 * t41
-    t48 = t43 - t47
-    t49 = t19 - t41 * t42
-    t50 = t9 * t39 + t37 * t42 - t8 * t38
-    t51 = t43 + t47
+    t32 = t5 * t28
+    t33 = t5 * t24 - t6 * t30
+    t34 = t5 * t29 + t6 * t31
+    t35 = t22 + base_arm_length * t32
+    t36 = t15 + base_arm_length * t33
+    t37 = t21 - base_arm_length * t34
+    t38 = v_theta_7 + t26
+    t39 = t25 - v_theta_0 * t38
+    t40 = t23 - t18 * t38
+    t41 = t38 * t38
+    t42 = t8 * t18 + v_theta_0 * t9
+    t43 = v_theta_0 * t8 - t9 * t18
+    t44 = t9 * t39 + t8 * t40
+    t45 = t9 * t36 - t8 * t35
+    t46 = t9 * t35 + t8 * t36
+    t47 = t42 * t42
+    t48 = t38 * t42
+    t49 = t44 - t48
+    t50 = t20 - t42 * t43
+    t51 = t9 * t40 + t38 * t43 - t8 * t39
+    t52 = t44 + t48
 
     # motion of link 2
-    t52 = v_theta_8 - t42
-    t53 = t52 * t52
-    t54 = t40 + t53
-    t55 = 2.0 * t41
-    t56 = t49 - t52 * t55
-    t57 = t46 + t53
-    t58 = 2.0 * t37
-    t59 = t50 + t52 * t58
+    t53 = v_theta_8 - t43
+    t54 = t53 * t53
+    t55 = t41 + t54
+    t56 = 2.0 * t42
+    t57 = t50 - t53 * t56
+    t58 = t47 + t54
+    t59 = 2.0 * t38
+    t60 = t51 + t53 * t59
 
     # motion of link 3
-    t60 = t11 * t51 - t10 * t54
-    t61 = t10 * t48 + t11 * t57
-    t62 = t11 * t59 - t10 * t56
-    t63 = t45 - link2_length * t62
-    t64 = v_theta_9 + t52
-    t65 = t64 * t64
-    t66 = t40 + t65
-    t67 = t49 - t55 * t64
-    t68 = t46 + t65
-    t69 = t50 + t58 * t64
+    t61 = t11 * t52 - t10 * t55
+    t62 = t10 * t49 + t11 * t58
+    t63 = t11 * t60 - t10 * t57
+    t64 = t46 - link2_length * t63
+    t65 = v_theta_9 + t53
+    t66 = t65 * t65
+    t67 = t41 + t66
+    t68 = t50 - t56 * t65
+    t69 = t47 + t66
+    t70 = t51 + t59 * t65
 
     # inertia of link 3, turned by the joints
-    t70 = k71 * t13
-    t71 = k71 * t14
-    t72 = t14 * k85
-    t73 = t14 * t72
-    t74 = k48 - t73
-    t75 = k54 + t73
-    t76 = t13 * t72
+    t71 = k68 * t13
+    t72 = k68 * t14
+    t73 = k81 * t14
+    t74 = t14 * t73
+    t75 = k46 - t74
+    t76 = k52 + t74
+    t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
-    t77 = t63 * t71 + t67 * t76 - t69 * t75
-    t78 = t63 * t70 + t67 * t74 - t69 * t76
-    t79 = (t36 - link2_length * t61) * t70
-    t80 = t76 * (t66 - t68)
-    t81 = (t44 + link2_length * t60) * t71
-    t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80
-    t83 = k71 * (t14 * t51 - t13 * t66)
-    t84 = k71 * (t13 * t48 + t14 * t68)
-    t85 = k71 * (t14 * t69 - t13 * t67)
+    t78 = t70 * t76 - t64 * t72 - t68 * t77
+    t79 = t64 * t71 + t68 * t75 - t70 * t77
+    t80 = (t37 - link2_length * t62) * t71
+    t81 = t77 * (t67 - t69)
+    t82 = (t45 + link2_length * t61) * t72
+    t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81
+    t84 = k68 * (t14 * t52 - t13 * t67)
+    t85 = k68 * (t13 * t49 + t14 * t69)
+    t86 = k68 * (t14 * t70 - t13 * t68)
 
     # step from link 2 to link 3
-    t86 = link2_length * t10
-    t87 = link2_length * t11
+    t87 = link2_length * t10
+    t88 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t88 = t10 * k76
-    t89 = t11 * k76
-    t90 = t11 * k86
-    t91 = t11 * t90
-    t92 = k77 + t91
-    t93 = k34 - t91
-    t94 = t10 * t90
+    t89 = k73 * t10
+    t90 = k73 * t11
+    t91 = k82 * t11
+    t92 = t11 * t91
+    t93 = k74 + t92
+    t94 = k33 - t92
+    t95 = t10 * t91
 
     # inertia forces of links 2 and 3, about joint 8
-    t95 = t56 * t94 + t59 * t93 - t45 * t89
-    t96 = t45 * t88 + t56 * t92 + t59 * t94
-    t97 = t36 * t88
-    t98 = t51 * t93
-    t99 = t94 * (t54 - t57)
-    t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97
-    t101 = t83 + k76 * t60
-    t102 = t84 + k76 * t61
-    t103 = t85 + k76 * t62
-    t104 = t82 + t83 * t87 + t84 * t86 + t100
+    t96 = t57 * t95 + t60 * t94 - t46 * t90
+    t97 = t46 * t89 + t57 * t93 + t60 * t95
+    t98 = t49 * t93
+    t99 = t52 * t94
+    t100 = t95 * (t55 - t58)
+    t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100
+    t102 = t84 + k73 * t61
+    t103 = t85 + k73 * t62
+    t104 = t86 + k73 * t63
+    t105 = t83 + t84 * t88 + t85 * t87 - t101
 
     # inertia forces of links 1 to 3, about joint 7
-    t105 = t77 - t85 * t87 - t95 - k78 * t50
-    t106 = t78 + t96 + k78 * t49 - t85 * t86
-    t107 = t8 * t101 + t9 * t103
-    t108 = t9 * t101 - t8 * t103
+    t106 = t78 + t86 * t88 + t96 + k75 * t51
+    t107 = t86 * t87 - t79 - t97 - k75 * t50
+    t108 = t8 * t102 + t9 * t104
+    t109 = t8 * t104 - t9 * t102
 
     # step from the base to link 1
-    t109 = t5 * base_arm_length
-    t110 = t6 * base_arm_length
+    t110 = base_arm_length * t5
+    t111 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t111 = t5 * k83
-    t112 = t6 * k83
-    t113 = t6 * k87
-    t114 = t6 * t113
-    t115 = k84 + t114
-    t116 = k66 - t114
-    t117 = t5 * t113
+    t112 = k79 * t5
+    t113 = k79 * t6
+    t114 = k83 * t6
+    t115 = t6 * t114
+    t116 = k80 + t115
+    t117 = k63 - t115
+    t118 = t5 * t114
 
     # inertia forces of the base and links 1 to 3
-    t118 = t30 * t116
-    t119 = t20 * t112 + t28 * t117 - k67 * t24 - t118
-    t120 = t30 * t117
-    t121 = k67 * t22 + t28 * t115 - t20 * t111 - t120
-    t122 = t117 * (t27 - t29)
-    t123 = t21 * t112 + t23 * t115 + t15 * t111 - t122
-    t124 = t107 - k83 * t31
-    t125 = t108 + k83 * t32
-    t126 = t102 + k83 * t33
-    t127 = t9 * t104 + t8 * t105 + t102 * t110 - t119
-    t128 = t8 * t104 + t102 * t109 + t121 - t9 * t105
-    t129 = t106 + t108 * t109 + t123 - t107 * t110
+    t119 = t31 * t117
+    t120 = t21 * t113 + t29 * t118 - k84 * t19 - t119
+    t121 = t29 * t116
+    t122 = t21 * t112 + t31 * t118 - k64 * t23 - t121
+    t123 = t118 * (t28 - t30)
+    t124 = t22 * t113 + t24 * t116 + t15 * t112 - t123
+    t125 = k79 * t32 - t108
+    t126 = t109 - k79 * t33
+    t127 = t103 + k79 * t34
+    t128 = t8 * t106 + t120 - t9 * t105 - t103 * t111
+    t129 = t122 - t8 * t105 - t9 * t106 - t103 * t110
+    t130 = t107 + t109 * t110 + t108 * t111 - t124
 
     # inertia forces on attitude and position
-    t130 = t3 * t126 + t4 * t124
-    t131 = t3 * t124 - t4 * t126
-    t132 = t4 * t129 - t3 * t127
-    t133 = t1 * t125 + t2 * t130
-    t134 = t2 * t125 + k88 - t1 * t130
+    t131 = t4 * t125 - t3 * t127
+    t132 = t3 * t125 + t4 * t127
+    t133 = t4 * t130 - t3 * t128
+    t134 = t1 * t126 + t2 * t131
+    t135 = t2 * t126 - t1 * t131 - k85
 
     # composite inertia of links 2 and 3, about joint 8
-    t135 = t70 + t88
     t136 = t71 + t89
-    t137 = t92 + t74 + 2.0 * t70 * t86
-    t138 = t93 + t75 + 2.0 * t71 * t87
-    t139 = t94 - t76 - t70 * t87 - t71 * t86
+    t137 = t72 + t90
+    t138 = t93 + t75 + t71 * k71 * t10
+    t139 = t94 + t76 + t72 * k71 * t11
+    t140 = t95 - t77 - t71 * t88 - t72 * t87
 
     # composite inertia of links 1 to 3, about joint 7
-    t140 = t8 * t135
-    t141 = t9 * t135
-    t142 = t8 * t139
-    t143 = t9 * t139
-    t144 = t9 * (k78 - t137)
-    t145 = t9 * t144
-    t146 = t137 + t145
-    t147 = k78 - t145
+    t141 = t8 * t136
+    t142 = t9 * t136
+    t143 = t8 * t140
+    t144 = t9 * t140
+    t145 = t9 * (k75 - t138)
+    t146 = t9 * t145
+    t147 = t138 + t146
+    t148 = k75 - t146
 
     # composite inertia of the base and links 1 to 3
-    t148 = t142 - t109 * t136
-    t149 = t143 - t110 * t136
-    t150 = t111 + t140
+    t149 = t143 - t110 * t137
+    t150 = t144 - t111 * t137
     t151 = t112 + t141
-    t152 = t115 + t146 + 2.0 * t140 * t109
-    t153 = t116 + t147 + 2.0 * t141 * t110
-    t154 = k67 + t138
-    t155 = t117 + t8 * t144 - t109 * t141 - t110 * t140
+    t152 = t113 + t142
+    t153 = t116 + t147 + t141 * k77 * t5
+    t154 = t117 + t148 + t142 * k77 * t6
+    t155 = k64 + t139
+    t156 = t118 + t8 * t145 - t110 * t142 - t111 * t141
 
     # mass matrix, columns of the joints carried in to joint 7
-    t156 = t146 + t147
-    t157 = t156 + t109 * t140 + t110 * t141
-    t158 = t137 + t138
-    t159 = t8 * t136
-    t160 = t9 * t136
-    t161 = t8 * t158 + t109 * t135
-    t162 = t110 * t159 - t109 * t160
-    t163 = t74 + t75
-    t164 = t163 + t70 * t86 + t71 * t87
-    t165 = t8 * t71
-    t166 = t9 * t71
-    t167 = t8 * t164 + t70 * t109
-    t168 = t110 * t165 - t109 * t166
+    t157 = t147 + t148
+    t158 = t157 + t110 * t141 + t111 * t142
+    t159 = t138 + t139
+    t160 = t8 * t137
+    t161 = t9 * t137
+    t162 = t8 * t159 + t110 * t136
+    t163 = t111 * t160 - t110 * t161
+    t164 = t75 + t76
+    t165 = t164 + t71 * t87 + t72 * t88
+    t166 = t8 * t72
+    t167 = t9 * t72
+    t168 = t8 * t165 + t71 * t110
+    t169 = t111 * t166 - t110 * t167
 
     # mass matrix of attitude and position
-    t169 = t152 + t153
-    t170 = t4 * t151
-    t171 = t3 * t151
-    t172 = t3 * t148 + t4 * t169
-    t173 = t1 * t150 - t2 * t170
-    t174 = t1 * t170 + t2 * t150
-    t175 = t152 + t154
-    t176 = t3 * t155 + t4 * t149
-    t177 = t3 * t136 - t4 * t150
-    t178 = t3 * t150 + t4 * t136
-    t179 = t4 * (2.0 * t3 * t148 + t4 * (t152 - t154))
-    t180 = t2 * t178
-    t181 = t1 * t178
-    t182 = t153 + t154 + t179
-    t183 = t1 * t151 - t2 * t177
-    t184 = t1 * t177 + t2 * t151
+    t170 = t153 + t154
+    t171 = t4 * t152
+    t172 = t3 * t152
+    t173 = t3 * t149 + t4 * t170
+    t174 = t1 * t151 - t2 * t171
+    t175 = t1 * t171 + t2 * t151
+    t176 = t153 + t155
+    t177 = t3 * t156 + t4 * t150
+    t178 = t3 * t137 - t4 * t151
+    t179 = t3 * t151 + t4 * t137
+    t180 = t4 * (2.0 * t3 * t149 + t4 * (t153 - t155))
+    t181 = t2 * t179
+    t182 = t1 * t179
+    t183 = t154 + t155 + t180
+    t184 = t1 * t152 - t2 * t178
+    t185 = t1 * t178 + t2 * t152
 
     # mass matrix between the joints and attitude and position
-    t185 = t4 * t141
-    t186 = t3 * t141
-    t187 = t3 * t142 + t4 * t157
-    t188 = t1 * t140 - t2 * t185
-    t189 = t1 * t185 + t2 * t140
-    t190 = t3 * t135 + t4 * t159
-    t191 = t4 * t135 - t3 * t159
-    t192 = t3 * (t9 * t158 + t110 * t135) + t4 * t162
-    t193 = t1 * t160 + t2 * t190
-    t194 = t1 * t190 - t2 * t160
-    t195 = t3 * t70 + t4 * t165
-    t196 = t4 * t70 - t3 * t165
-    t197 = t3 * (t9 * t164 + t70 * t110) + t4 * t168
-    t198 = t1 * t166 + t2 * t195
-    t199 = t1 * t195 - t2 * t166
+    t186 = t4 * t142
+    t187 = t3 * t142
+    t188 = t3 * t143 + t4 * t158
+    t189 = t1 * t141 - t2 * t186
+    t190 = t1 * t186 + t2 * t141
+    t191 = t3 * t136 + t4 * t160
+    t192 = t4 * t136 - t3 * t160
+    t193 = t3 * (t9 * t159 + t111 * t136) + t4 * t163
+    t194 = t1 * t161 + t2 * t191
+    t195 = t1 * t191 - t2 * t161
+    t196 = t3 * t71 + t4 * t166
+    t197 = t4 * t71 - t3 * t166
+    t198 = t3 * (t9 * t165 + t71 * t111) + t4 * t169
+    t199 = t1 * t167 + t2 * t196
+    t200 = t1 * t196 - t2 * t167
     return (
-        t182, t176, t172, t187, t192, t197, 0.0, -t184, t183, t176, t175, t149, t143, -t161, -t167,
-        t177, t180, -t181, t172, t149, t169, t157, t162, t168, -t171, t173, t174, t187, t143, t157,
-        t156, 0.0, 0.0, -t186, t188, t189, t192, -t161, t162, 0.0, t158, t164, t191, -t193, t194,
-        t197, -t167, t168, 0.0, t164, t163, t196, -t198, t199, 0.0, t177, -t171, -t186, t191, t196,
-        k82, 0.0, 0.0, -t184, t180, t173, t188, -t193, -t198, 0.0, k82, 0.0, t183, -t181, t174,
-        t189, t194, t199, 0.0, 0.0, k82, -t132, -t128, -t129, -t106, t104, t82, -t131, -t133, -t134,
+        t183, t177, t173, t188, t193, t198, 0.0, -t185, t184, t177, t176, t150, t144, -t162, -t168,
+        t178, t181, -t182, t173, t150, t170, t158, t163, t169, -t172, t174, t175, t188, t144, t158,
+        t157, 0.0, 0.0, -t187, t189, t190, t193, -t162, t163, 0.0, t159, t165, t192, -t194, t195,
+        t198, -t168, t169, 0.0, t165, t164, t197, -t199, t200, 0.0, t178, -t172, -t187, t192, t197,
+        k78, 0.0, 0.0, -t185, t181, t174, t189, -t194, -t199, 0.0, k78, 0.0, t184, -t182, t175,
+        t190, t195, t200, 0.0, 0.0, k78, t133, t129, t130, t107, t105, t83, t132, t134, t135,
     )
 
 
@@ -997,7 +994,7 @@ def mass_matrix(
     Returns:
     mass_matrix: array (..., 9, 9); [kg m^2] between angles, [kg] between lengths, [kg m] between
         both
-    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 192 operations, 6 sine-cosine pairs.
+    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 190 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _mass_matrix,
@@ -1010,21 +1007,23 @@ def mass_matrix(
 def _mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k82 = k[23]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k71 = k[20]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k77 = k[24]
+    k78 = k[25]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1033,7 +1032,7 @@ def _mass_matrix(k, sin, cos, q):
     theta_9 = q[5]
 
     # attitude
-    t1 = cos(theta_m1)
+    t1 = -cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
@@ -1041,7 +1040,7 @@ def _mass_matrix(k, sin, cos, q):
     t6 = sin(theta_1)
 
     # angles and places of the joints
-    t7 = theta_1 + theta_7
+    t7 = -theta_1 - theta_7
     t8 = cos(t7)
     t9 = sin(t7)
     t10 = cos(theta_8)
@@ -1051,84 +1050,84 @@ def _mass_matrix(k, sin, cos, q):
     t14 = sin(t12)
 
     # inertia of link 3, turned by the joints
-    t15 = k71 * t13
-    t16 = k71 * t14
-    t17 = t14 * k85
+    t15 = k68 * t13
+    t16 = k68 * t14
+    t17 = k81 * t14
     t18 = t14 * t17
-    t19 = k48 - t18
-    t20 = k54 + t18
+    t19 = k46 - t18
+    t20 = k52 + t18
 
     # step from link 2 to link 3
     t21 = link2_length * t10
     t22 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t23 = t11 * k86
+    t23 = k82 * t11
     t24 = t11 * t23
 
     # step from the base to link 1
-    t25 = t5 * base_arm_length
-    t26 = t6 * base_arm_length
+    t25 = base_arm_length * t5
+    t26 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t27 = t6 * k87
+    t27 = k83 * t6
     t28 = t6 * t27
 
     # composite inertia of links 2 and 3, about joint 8
     t29 = t13 * t17 + t15 * t22 + t16 * t21
-    t30 = t15 + t10 * k76
-    t31 = t16 + t11 * k76
-    t32 = k77 + t24 + t19 + 2.0 * t15 * t21
-    t33 = k34 + t20 + 2.0 * t16 * t22 - t24
-    t34 = t10 * t23 - t29
+    t30 = t15 + k73 * t10
+    t31 = t16 + k73 * t11
+    t32 = k74 + t24 + t19 + t15 * k71 * t10
+    t33 = k33 + t20 + t16 * k71 * t11 - t24
+    t34 = t29 - t10 * t23
 
     # composite inertia of links 1 to 3, about joint 7
     t35 = t8 * t30
     t36 = t9 * t30
     t37 = t8 * t34
     t38 = t9 * t34
-    t39 = t9 * (k78 - t32)
+    t39 = t9 * (k75 - t32)
     t40 = t9 * t39
     t41 = t32 + t40
-    t42 = k78 - t40
+    t42 = k75 - t40
 
     # composite inertia of the base and links 1 to 3
-    t43 = t25 * t36 + t26 * t35 - t8 * t39
-    t44 = t37 - t25 * t31
+    t43 = t25 * t36 - t8 * t39 - t26 * t35
+    t44 = t37 + t25 * t31
     t45 = t38 - t26 * t31
-    t46 = t5 * k83 + t35
-    t47 = t6 * k83 + t36
-    t48 = k84 + t28 + t41 + 2.0 * t35 * t25
-    t49 = k66 + t42 + 2.0 * t36 * t26 - t28
-    t50 = k67 + t33
+    t46 = k79 * t5 + t35
+    t47 = t36 - k79 * t6
+    t48 = k80 + t28 + t41 + t35 * k77 * t5
+    t49 = k63 + t42 - t28 - t36 * k77 * t6
+    t50 = k64 + t33
 
     # mass matrix, columns of the joints carried in to joint 7
     t51 = t41 + t42
-    t52 = t51 + t25 * t35 + t26 * t36
+    t52 = t51 + t25 * t35 - t26 * t36
     t53 = t32 + t33
     t54 = t8 * t31
     t55 = t9 * t31
     t56 = t8 * t53 + t25 * t30
-    t57 = t26 * t54 - t25 * t55
+    t57 = t26 * t54 + t25 * t55
     t58 = t19 + t20
     t59 = t58 + t15 * t21 + t16 * t22
     t60 = t8 * t16
     t61 = t9 * t16
     t62 = t8 * t59 + t15 * t25
-    t63 = t26 * t60 - t25 * t61
+    t63 = t26 * t60 + t25 * t61
 
     # mass matrix of attitude and position
     t64 = t48 + t49
     t65 = t4 * t47
     t66 = t3 * t47
-    t67 = t3 * t44 + t4 * t64
-    t68 = t1 * t46 - t2 * t65
+    t67 = t4 * t64 - t3 * t44
+    t68 = t2 * t65 - t1 * t46
     t69 = t1 * t65 + t2 * t46
     t70 = t48 + t50
-    t71 = t3 * (t5 * t27 - t43) + t4 * t45
+    t71 = t3 * (t5 * t27 + t43) + t4 * t45
     t72 = t3 * t31 - t4 * t46
     t73 = t3 * t46 + t4 * t31
-    t74 = t4 * (2.0 * t3 * t44 + t4 * (t48 - t50))
+    t74 = t4 * (t4 * (t48 - t50) - 2.0 * t3 * t44)
     t75 = t2 * t73
     t76 = t1 * t73
     t77 = t49 + t50 + t74
@@ -1138,25 +1137,25 @@ def _mass_matrix(k, sin, cos, q):
     # mass matrix between the joints and attitude and position
     t80 = t4 * t36
     t81 = t3 * t36
-    t82 = t3 * t37 + t4 * t52
-    t83 = t1 * t35 - t2 * t80
+    t82 = t4 * t52 - t3 * t37
+    t83 = t2 * t80 - t1 * t35
     t84 = t1 * t80 + t2 * t35
     t85 = t3 * t30 + t4 * t54
     t86 = t4 * t30 - t3 * t54
-    t87 = t3 * (t9 * t53 + t26 * t30) + t4 * t57
+    t87 = t3 * (t26 * t30 - t9 * t53) + t4 * t57
     t88 = t1 * t55 + t2 * t85
-    t89 = t1 * t85 - t2 * t55
+    t89 = t2 * t55 - t1 * t85
     t90 = t3 * t15 + t4 * t60
     t91 = t4 * t15 - t3 * t60
-    t92 = t3 * (t9 * t59 + t15 * t26) + t4 * t63
+    t92 = t3 * (t15 * t26 - t9 * t59) + t4 * t63
     t93 = t1 * t61 + t2 * t90
-    t94 = t1 * t90 - t2 * t61
+    t94 = t2 * t61 - t1 * t90
     return (
-        t77, t71, t67, t82, t87, t92, 0.0, -t79, t78, t71, t70, t45, t38, -t56, -t62, t72, t75,
-        -t76, t67, t45, t64, t52, t57, t63, -t66, t68, t69, t82, t38, t52, t51, 0.0, 0.0, -t81, t83,
-        t84, t87, -t56, t57, 0.0, t53, t59, t86, -t88, t89, t92, -t62, t63, 0.0, t59, t58, t91,
-        -t93, t94, 0.0, t72, -t66, -t81, t86, t91, k82, 0.0, 0.0, -t79, t75, t68, t83, -t88, -t93,
-        0.0, k82, 0.0, t78, -t76, t69, t84, t89, t94, 0.0, 0.0, k82,
+        t77, t71, t67, t82, t87, t92, 0.0, t79, t78, t71, t70, t45, t38, -t56, -t62, t72, t75, t76,
+        t67, t45, t64, t52, t57, t63, t66, t68, t69, t82, t38, t52, t51, 0.0, 0.0, t81, t83, t84,
+        t87, -t56, t57, 0.0, t53, t59, t86, -t88, t89, t92, -t62, t63, 0.0, t59, t58, t91, -t93,
+        t94, 0.0, t72, t66, t81, t86, t91, k78, 0.0, 0.0, t79, t75, t68, t83, -t88, -t93, 0.0, k78,
+        0.0, t78, t76, t69, t84, t89, t94, 0.0, 0.0, k78,
     )
 
 
@@ -1179,7 +1178,7 @@ def residual(
     Returns:
     residual: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8
         [N m], theta_9 [N m], x [N], y [N], z [N]
-    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 275 operations, 6 sine-cosine pairs.
+    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 268 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _residual,
@@ -1194,21 +1193,22 @@ def _residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
-    k88 = k[29]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
+    k84 = k[31]
+    k85 = k[32]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1241,153 +1241,154 @@ def _residual(k, sin, cos, q, v):
     t14 = sin(t12)
 
     # motion of the base
-    t15 = t2 * gravity
-    t16 = t1 * gravity
+    t15 = gravity * t2
+    t16 = gravity * t1
     t17 = v_theta_m1 * t4
     t18 = v_theta_m1 * t3
-    t19 = v_theta_0 * t18
-    t20 = t3 * t16
-    t21 = t4 * t16
-    t22 = t17 * t18
-    t23 = 2.0 * t19
-    t24 = 2.0 * v_theta_0 * t17
-    t25 = v_theta_1 + t17
-    t26 = t25 * t25
-    t27 = v_theta_0 * v_theta_0 + t26
-    t28 = t22 - 2.0 * t25 * t18
-    t29 = t18 * t18 + t26
-    t30 = t24 - 2.0 * t25 * v_theta_0
+    t19 = v_theta_0 * t17
+    t20 = v_theta_0 * t18
+    t21 = t3 * t16
+    t22 = t4 * t16
+    t23 = t17 * t18
+    t24 = 2.0 * t20
+    t25 = 2.0 * t19
+    t26 = v_theta_1 + t17
+    t27 = t26 * t26
+    t28 = v_theta_0 * v_theta_0 + t27
+    t29 = t23 - 2.0 * t26 * t18
+    t30 = t18 * t18 + t27
+    t31 = t25 - 2.0 * t26 * v_theta_0
 
     # motion of link 1
-    t31 = t5 * t27
-    t32 = t5 * t23 - t6 * t29
-    t33 = t5 * t28 + t6 * t30
-    t34 = t21 + base_arm_length * t31
-    t35 = t15 + base_arm_length * t32
-    t36 = t20 - base_arm_length * t33
-    t37 = v_theta_7 + t25
-    t38 = t24 - v_theta_0 * t37
-    t39 = t22 - t18 * t37
-    t40 = t37 * t37
-    t41 = t8 * t18 + v_theta_0 * t9
-    t42 = v_theta_0 * t8 - t9 * t18
-    t43 = t9 * t38 + t8 * t39
-    t44 = t9 * t35 - t8 * t34
-    t45 = t9 * t34 + t8 * t35
-    t46 = t41 * t41
-    t47 = t37 * t41
-    t48 = t43 - t47
-    t49 = t19 - t41 * t42
-    t50 = t9 * t39 + t37 * t42 - t8 * t38
-    t51 = t43 + t47
+    t32 = t5 * t28
+    t33 = t5 * t24 - t6 * t30
+    t34 = t5 * t29 + t6 * t31
+    t35 = t22 + base_arm_length * t32
+    t36 = t15 + base_arm_length * t33
+    t37 = t21 - base_arm_length * t34
+    t38 = v_theta_7 + t26
+    t39 = t25 - v_theta_0 * t38
+    t40 = t23 - t18 * t38
+    t41 = t38 * t38
+    t42 = t8 * t18 + v_theta_0 * t9
+    t43 = v_theta_0 * t8 - t9 * t18
+    t44 = t9 * t39 + t8 * t40
+    t45 = t9 * t36 - t8 * t35
+    t46 = t9 * t35 + t8 * t36
+    t47 = t42 * t42
+    t48 = t38 * t42
+    t49 = t44 - t48
+    t50 = t20 - t42 * t43
+    t51 = t9 * t40 + t38 * t43 - t8 * t39
+    t52 = t44 + t48
 
     # motion of link 2
-    t52 = v_theta_8 - t42
-    t53 = t52 * t52
-    t54 = t40 + t53
-    t55 = 2.0 * t41
-    t56 = t49 - t52 * t55
-    t57 = t46 + t53
-    t58 = 2.0 * t37
-    t59 = t50 + t52 * t58
+    t53 = v_theta_8 - t43
+    t54 = t53 * t53
+    t55 = t41 + t54
+    t56 = 2.0 * t42
+    t57 = t50 - t53 * t56
+    t58 = t47 + t54
+    t59 = 2.0 * t38
+    t60 = t51 + t53 * t59
 
     # motion of link 3
-    t60 = t11 * t51 - t10 * t54
-    t61 = t10 * t48 + t11 * t57
-    t62 = t11 * t59 - t10 * t56
-    t63 = t45 - link2_length * t62
-    t64 = v_theta_9 + t52
-    t65 = t64 * t64
-    t66 = t40 + t65
-    t67 = t49 - t55 * t64
-    t68 = t46 + t65
-    t69 = t50 + t58 * t64
+    t61 = t11 * t52 - t10 * t55
+    t62 = t10 * t49 + t11 * t58
+    t63 = t11 * t60 - t10 * t57
+    t64 = t46 - link2_length * t63
+    t65 = v_theta_9 + t53
+    t66 = t65 * t65
+    t67 = t41 + t66
+    t68 = t50 - t56 * t65
+    t69 = t47 + t66
+    t70 = t51 + t59 * t65
 
     # inertia of link 3, turned by the joints
-    t70 = k71 * t13
-    t71 = k71 * t14
-    t72 = t14 * k85
-    t73 = t14 * t72
-    t74 = k48 - t73
-    t75 = k54 + t73
-    t76 = t13 * t72
+    t71 = k68 * t13
+    t72 = k68 * t14
+    t73 = k81 * t14
+    t74 = t14 * t73
+    t75 = k46 - t74
+    t76 = k52 + t74
+    t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
-    t77 = t63 * t71 + t67 * t76 - t69 * t75
-    t78 = t63 * t70 + t67 * t74 - t69 * t76
-    t79 = (t36 - link2_length * t61) * t70
-    t80 = t76 * (t66 - t68)
-    t81 = (t44 + link2_length * t60) * t71
-    t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80
-    t83 = k71 * (t14 * t51 - t13 * t66)
-    t84 = k71 * (t13 * t48 + t14 * t68)
-    t85 = k71 * (t14 * t69 - t13 * t67)
+    t78 = t70 * t76 - t64 * t72 - t68 * t77
+    t79 = t64 * t71 + t68 * t75 - t70 * t77
+    t80 = (t37 - link2_length * t62) * t71
+    t81 = t77 * (t67 - t69)
+    t82 = (t45 + link2_length * t61) * t72
+    t83 = t49 * t75 + t52 * t76 + t82 - t80 - t81
+    t84 = k68 * (t14 * t52 - t13 * t67)
+    t85 = k68 * (t13 * t49 + t14 * t69)
+    t86 = k68 * (t14 * t70 - t13 * t68)
 
     # step from link 2 to link 3
-    t86 = link2_length * t10
-    t87 = link2_length * t11
+    t87 = link2_length * t10
+    t88 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t88 = t10 * k76
-    t89 = t11 * k76
-    t90 = t11 * k86
-    t91 = t11 * t90
-    t92 = k77 + t91
-    t93 = k34 - t91
-    t94 = t10 * t90
+    t89 = k73 * t10
+    t90 = k73 * t11
+    t91 = k82 * t11
+    t92 = t11 * t91
+    t93 = k74 + t92
+    t94 = k33 - t92
+    t95 = t10 * t91
 
     # inertia forces of links 2 and 3, about joint 8
-    t95 = t56 * t94 + t59 * t93 - t45 * t89
-    t96 = t45 * t88 + t56 * t92 + t59 * t94
-    t97 = t36 * t88
-    t98 = t51 * t93
-    t99 = t94 * (t54 - t57)
-    t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97
-    t101 = t83 + k76 * t60
-    t102 = t84 + k76 * t61
-    t103 = t85 + k76 * t62
-    t104 = t82 + t83 * t87 + t84 * t86 + t100
+    t96 = t57 * t95 + t60 * t94 - t46 * t90
+    t97 = t46 * t89 + t57 * t93 + t60 * t95
+    t98 = t49 * t93
+    t99 = t52 * t94
+    t100 = t95 * (t55 - t58)
+    t101 = t37 * t89 - t45 * t90 - t98 - t99 - t100
+    t102 = t84 + k73 * t61
+    t103 = t85 + k73 * t62
+    t104 = t86 + k73 * t63
+    t105 = t83 + t84 * t88 + t85 * t87 - t101
 
     # inertia forces of links 1 to 3, about joint 7
-    t105 = t77 - t85 * t87 - t95 - k78 * t50
-    t106 = t78 + t96 + k78 * t49 - t85 * t86
-    t107 = t8 * t101 + t9 * t103
-    t108 = t9 * t101 - t8 * t103
+    t106 = t78 + t86 * t88 + t96 + k75 * t51
+    t107 = t86 * t87 - t79 - t97 - k75 * t50
+    t108 = t8 * t102 + t9 * t104
+    t109 = t8 * t104 - t9 * t102
 
     # step from the base to link 1
-    t109 = t5 * base_arm_length
-    t110 = t6 * base_arm_length
+    t110 = base_arm_length * t5
+    t111 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t111 = t5 * k83
-    t112 = t6 * k83
-    t113 = t6 * k87
-    t114 = t6 * t113
-    t115 = k84 + t114
-    t116 = t5 * t113
+    t112 = k79 * t5
+    t113 = k79 * t6
+    t114 = k83 * t6
+    t115 = t6 * t114
+    t116 = k80 + t115
+    t117 = t5 * t114
 
     # inertia forces of the base and links 1 to 3
-    t117 = t30 * (k66 - t114)
-    t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117
-    t119 = t30 * t116
-    t120 = k67 * t22 + t28 * t115 - t20 * t111 - t119
-    t121 = t116 * (t27 - t29)
-    t122 = t21 * t112 + t23 * t115 + t15 * t111 - t121
-    t123 = t107 - k83 * t31
-    t124 = t108 + k83 * t32
-    t125 = t102 + k83 * t33
-    t126 = t9 * t104 + t8 * t105 + t102 * t110 - t118
-    t127 = t8 * t104 + t102 * t109 + t120 - t9 * t105
-    t128 = t106 + t108 * t109 + t122 - t107 * t110
+    t118 = t31 * (k63 - t115)
+    t119 = t21 * t113 + t29 * t117 - k84 * t19 - t118
+    t120 = t29 * t116
+    t121 = t21 * t112 + t31 * t117 - k64 * t23 - t120
+    t122 = t117 * (t28 - t30)
+    t123 = t22 * t113 + t24 * t116 + t15 * t112 - t122
+    t124 = k79 * t32 - t108
+    t125 = t109 - k79 * t33
+    t126 = t103 + k79 * t34
+    t127 = t8 * t106 + t119 - t9 * t105 - t103 * t111
+    t128 = t121 - t8 * t105 - t9 * t106 - t103 * t110
+    t129 = t107 + t109 * t110 + t108 * t111 - t123
 
     # inertia forces on attitude and position
-    t129 = t3 * t125 + t4 * t123
-    t130 = t3 * t123 - t4 * t125
-    t131 = t4 * t128 - t3 * t126
-    t132 = t1 * t124 + t2 * t129
-    t133 = t2 * t124 + k88 - t1 * t129
+    t130 = t4 * t124 - t3 * t126
+    t131 = t3 * t124 + t4 * t126
+    t132 = t4 * t129 - t3 * t127
+    t133 = t1 * t125 + t2 * t130
+    t134 = t2 * t125 - t1 * t130 - k85
     return (
-        -t131, -t127, -t128, -t106, t104, t82, -t130, -t132, -t133,
+        t132, t128, t129, t107, t105, t83, t131, t133, t134,
     )
 
 
@@ -1405,7 +1406,7 @@ def input_matrix(
 
     Returns:
     input_matrix: array (..., 9, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
-    Source: eqs. 7-13. 53 operations, 3 sine-cosine pairs.
+    Source: eqs. 7-13. 52 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _input_matrix,
@@ -1416,10 +1417,10 @@ def input_matrix(
 
 
 def _input_matrix(k, sin, cos, q):
-    k80 = k[22]
-    k90 = k[31]
-    k94 = k[33]
-    k95 = k[34]
+    k77 = k[24]
+    k87 = k[34]
+    k90 = k[36]
+    k91 = k[37]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1442,25 +1443,25 @@ def _input_matrix(k, sin, cos, q):
     t11 = t9 + t10
     t12 = 0.5 * t5
     t13 = 0.8660254037844386 * t6
-    t14 = t12 - t13
+    t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = t4 * k94
-    t18 = t2 * t15 - t1 * t14
-    t19 = t1 * t15 + t2 * t14
+    t17 = k90 * t4
+    t18 = t2 * t15 + t1 * t14
+    t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = t6 * k95
-    t21 = t5 * k90
-    t22 = t6 * k90
-    t23 = t5 * k95
+    t20 = k91 * t6
+    t21 = k87 * t5
+    t22 = k87 * t6
+    t23 = k91 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
     # thrust direction and generalised forces of motor 4
     t26 = t4 * t6
     t27 = t3 * t6
-    t28 = t4 * k80
+    t28 = k77 * t4
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
 
@@ -1477,10 +1478,10 @@ def _input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k94, 0.0, k80, 0.0, -k94, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+        0.0, -k90, 0.0, k77, 0.0, -k90, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         t4, t16, t4, -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8,
-        -t19, t8, t30, t8, -t38, 0.0, 0.0, 0.0,
+        t19, t8, t30, t8, -t38, 0.0, 0.0, 0.0,
     )
 
 
@@ -1509,7 +1510,7 @@ def forward_dynamics(
     acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
         a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
         [m/s^2]
-    Source: eq. 19, solved for the free coordinates. 397 operations, 6 sine-cosine pairs.
+    Source: eq. 19, solved for the free coordinates. 384 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _forward_dynamics,
@@ -1525,24 +1526,26 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     gravity = k[0]
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k82 = k[23]
-    k85 = k[26]
-    k86 = k[27]
-    k89 = k[30]
-    k90 = k[31]
-    k114 = k[47]
-    k115 = k[48]
-    k117 = k[49]
-    k118 = k[50]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k78 = k[25]
+    k81 = k[28]
+    k82 = k[29]
+    k84 = k[31]
+    k86 = k[33]
+    k87 = k[34]
+    k106 = k[49]
+    k108 = k[50]
+    k109 = k[51]
+    k110 = k[52]
+    k117 = k[59]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1586,202 +1589,228 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
-    t17 = v_theta_0 * t16
-    t18 = t15 * t16
-    t19 = 2.0 * v_theta_0 * t15
-    t20 = v_theta_1 + t15
-    t21 = v_theta_0 * t20
-    t22 = t16 * t20
-    t23 = t20 * t20
+    t17 = v_theta_0 * t15
+    t18 = v_theta_0 * t16
+    t19 = t15 * t16
+    t20 = 2.0 * t17
+    t21 = v_theta_1 + t15
+    t22 = t21 * t21
 
     # motion of link 1
-    t24 = v_theta_7 + t20
-    t25 = t19 - v_theta_0 * t24
-    t26 = t18 - t16 * t24
-    t27 = t24 * t24
-    t28 = t8 * t16 + v_theta_0 * t9
-    t29 = v_theta_0 * t8 - t9 * t16
-    t30 = t9 * t25 + t8 * t26
-    t31 = t28 * t28
-    t32 = t24 * t28
-    t33 = t30 - t32
-    t34 = t17 - t28 * t29
-    t35 = t9 * t26 + t24 * t29 - t8 * t25
-    t36 = t30 + t32
+    t23 = v_theta_7 + t21
+    t24 = t20 - v_theta_0 * t23
+    t25 = t19 - t16 * t23
+    t26 = t23 * t23
+    t27 = t8 * t16 + v_theta_0 * t9
+    t28 = v_theta_0 * t8 - t9 * t16
+    t29 = t9 * t24 + t8 * t25
+    t30 = t27 * t27
+    t31 = t23 * t27
+    t32 = t29 - t31
+    t33 = t18 - t27 * t28
+    t34 = t9 * t25 + t23 * t28 - t8 * t24
+    t35 = t29 + t31
 
     # motion of link 2
-    t37 = v_theta_8 - t29
-    t38 = t37 * t37
-    t39 = t27 + t38
-    t40 = 2.0 * t28
-    t41 = t34 - t37 * t40
-    t42 = t31 + t38
-    t43 = 2.0 * t24
-    t44 = t35 + t37 * t43
+    t36 = v_theta_8 - t28
+    t37 = t36 * t36
+    t38 = t26 + t37
+    t39 = 2.0 * t27
+    t40 = t33 - t36 * t39
+    t41 = t30 + t37
+    t42 = 2.0 * t23
+    t43 = t36 * t42 + t34
 
     # motion of link 3
-    t45 = t11 * t36 - t10 * t39
-    t46 = t10 * t33 + t11 * t42
-    t47 = t11 * t44 - t10 * t41
-    t48 = link2_length * t47
-    t49 = v_theta_9 + t37
-    t50 = t49 * t49
-    t51 = t27 + t50
-    t52 = t34 - t40 * t49
-    t53 = t31 + t50
-    t54 = t35 + t43 * t49
+    t44 = t11 * t35 - t10 * t38
+    t45 = t10 * t32 + t11 * t41
+    t46 = t10 * t40 - t11 * t43
+    t47 = link2_length * t46
+    t48 = v_theta_9 + t36
+    t49 = t48 * t48
+    t50 = t26 + t49
+    t51 = t33 - t39 * t48
+    t52 = t30 + t49
+    t53 = t42 * t48 + t34
 
     # inertia of link 3, turned by the joints
-    t55 = k71 * t13
-    t56 = k71 * t14
-    t57 = t14 * k85
-    t58 = t14 * t57
-    t59 = k48 - t58
-    t60 = k54 + t58
-    t61 = t13 * t57
+    t54 = k68 * t13
+    t55 = k68 * t14
+    t56 = k81 * t14
+    t57 = t14 * t56
+    t58 = k46 - t57
+    t59 = k52 + t57
+    t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
-    t62 = t61 * (t51 - t53)
-    t63 = k71 * (t14 * t54 - t13 * t52)
+    t61 = t59 * t53
+    t62 = t51 * t60
+    t63 = t51 * t58
+    t64 = t60 * t53
+    t65 = t60 * (t50 - t52)
+    t66 = k68 * (t13 * t51 - t14 * t53)
 
     # step from link 2 to link 3
-    t64 = link2_length * t10
-    t65 = link2_length * t11
+    t67 = link2_length * t10
+    t68 = link2_length * t11
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t69 = t68 * t66
+    t70 = t67 * t66
 
     # inertia of link 2, turned by the joints
-    t66 = t10 * k76
-    t67 = t11 * k76
-    t68 = t11 * k86
-    t69 = t11 * t68
-    t70 = k77 + t69
-    t71 = k34 - t69
-    t72 = t10 * t68
+    t71 = k73 * t10
+    t72 = k73 * t11
+    t73 = k82 * t11
+    t74 = t11 * t73
+    t75 = k74 + t74
+    t76 = k33 - t74
+    t77 = t10 * t73
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t73 = t55 + t66
-    t74 = t72 - t61 - t55 * t65 - t56 * t64
-
-    # force and moment of all thrusts
-    t75 = F_3 * k90 - F_5 * k90
-    t76 = F_1 * base_arm_length - F_3 * k89 - F_5 * k89
-    t77 = 0.8660254037844386 * F_2 - 0.8660254037844386 * F_6
-    t78 = F_4 - 0.5 * F_2 - 0.5 * F_6
-    t79 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114
-
-    # articulated inertia and load of link 3, about joint 9
-    t80 = t54 * t60 + t48 * t56 - t52 * t61
-    t81 = t54 * t61 + t48 * t55 - t52 * t59
-    t82 = link2_length * t45 * t56
-    t83 = link2_length * t46 * t55
-    t84 = t33 * t59 + t36 * t60 + t82 + t83 - t62
-
-    # equation of joint 9, its acceleration eliminated
-    t85 = 1.0 / (t59 + t60)
-    t86 = t85 * (tau_9 + t84)
-    t87 = t56 * t85
-    t88 = t55 * t85
-    t89 = k71 * (t14 * t36 - t13 * t51) - t56 * t86
-    t90 = k71 * (t13 * t33 + t14 * t53) - t55 * t86
-    t91 = t56 * t87
-    t92 = t55 * t88
-    t93 = t55 * t87
-
-    # articulated inertia and load of links 2 and 3, about joint 8
-    t94 = t65 * t91 + t64 * t93
-    t95 = t65 * t93 + t64 * t92
-    t96 = t33 * t70 + t36 * t71 + t72 * (t39 - t42)
-    t97 = t67 - t94
-    t98 = t66 - t95
-    t99 = t63 * t65 + t80 + t41 * t72 + t44 * t71
-    t100 = t63 * t64 + t81 - t41 * t70 - t44 * t72
-
-    # equation of joint 8, its acceleration eliminated
-    t101 = 1.0 / (t64 * t95 + t65 * t94 - t70 - t71)
-    t102 = tau_8 + t64 * t90 + t65 * t89 + t96 - tau_9
-    t103 = t101 * t102
-    t104 = t97 * t101
-    t105 = t98 * t101
-    t106 = k76 * t45 + t89 + t97 * t103
-    t107 = k76 * t46 + t90 + t98 * t103
-    t108 = t93 - t98 * t104
+    t78 = t40 * t77
+    t79 = t76 * t43
+    t80 = t40 * t75
+    t81 = t77 * t43
+    t82 = t32 * t75
+    t83 = t35 * t76
+    t84 = t77 * (t38 - t41)
 
     # articulated inertia and load of links 1 to 3, about joint 7
-    t109 = k78 + t71 + t60 + 2.0 * t56 * t65
+    t85 = k75 * t34
+    t86 = k75 * t33
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t87 = t54 + t71
+    t88 = t60 + t54 * t68 + t55 * t67 - t77
+
+    # force and moment of all thrusts
+    t89 = k87 * (F_3 - F_5)
+    t90 = F_3 + F_5
+    t91 = base_arm_length * F_1 - k86 * t90
+    t92 = 0.8660254037844386 * (F_2 - F_6)
+    t93 = F_2 + F_6
+    t94 = F_4 - 0.5 * t93
+
+    # articulated inertia and load of link 3, about joint 9
+    t95 = t55 * t47
+    t96 = t54 * t47
+
+    # equation of joint 9, its acceleration eliminated
+    t97 = 1.0 / (t58 + t59)
+    t98 = link2_length * (t44 * t55 + t45 * t54)
+    t99 = tau_9 + t32 * t58 + t35 * t59 + t98 - t65
+    t100 = t97 * t99
+    t101 = t55 * t97
+    t102 = t54 * t97
+    t103 = k68 * (t14 * t35 - t13 * t50) - t55 * t100
+    t104 = k68 * (t13 * t32 + t14 * t52) - t54 * t100
+    t105 = t55 * t101
+    t106 = t54 * t102
+    t107 = t54 * t101
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t108 = t68 * t105 + t67 * t107
+    t109 = t68 * t107 + t67 * t106
+    t110 = 2.0 * t55 * t68
+    t111 = t67 * t104
+    t112 = t68 * t103
+    t113 = t72 - t108
+    t114 = t71 - t109
+
+    # equation of joint 8, its acceleration eliminated
+    t115 = 1.0 / (t75 + t76 - t67 * t109 - t68 * t108)
+    t116 = tau_8 + t82 + t83 + t84 + t111 + t112 - tau_9
+    t117 = t115 * t116
+    t118 = t113 * t115
+    t119 = t114 * t115
+    t120 = t113 * t117
+    t121 = t107 + t114 * t118
 
     # equation of joint 7, its acceleration eliminated
-    t110 = 1.0 / (k78 + t70 + t59 + 2.0 * t55 * t64)
-    t111 = t110 * (tau_7 + t100 - k78 * t34)
-    t112 = t73 * t110
-    t113 = t74 * t110
-    t114 = t63 + k76 * t47 - t73 * t111
-    t115 = k78 * t35 + t99 + t74 * t111
-    t116 = t56 + t67 + t74 * t112
+    t122 = 1.0 / (k75 + t58 + t75 + 2.0 * t54 * t67)
+    t123 = tau_7 + t64 - t63 - t80 - t86 - t70 - t81 - t96
+    t124 = t122 * t123
+    t125 = t87 * t122
+    t126 = t88 * t122
+    t127 = t87 * t124
+    t128 = t88 * t124
+    t129 = t55 + t72 - t88 * t125
 
     # articulated inertia and load of the base and links 1 to 3
-    t117 = t5 * t77 - t6 * t78
-    t118 = t5 * t78 + t6 * t77
-    t119 = k67 * t19 + k66 * (t19 - 2.0 * t20 * v_theta_0)
-    t120 = k67 * t18 + k66 * (t18 - 2.0 * t20 * t16)
-    t121 = t5 * t75 + t6 * t76 - t119
-    t122 = t5 * t76 - t6 * t75 - t120
-    t123 = F_5 + F_1 + F_3 + t107
-    t124 = t115 + t8 * t121 - t9 * t122
+    t130 = t5 * t92 - t6 * t94
+    t131 = t5 * t94 + t6 * t92
+    t132 = k63 * (t20 - 2.0 * t21 * v_theta_0)
+    t133 = k63 * (t19 - 2.0 * t21 * t16)
+    t134 = k84 * t17 + t132 - t5 * t89 - t6 * t91
+    t135 = k64 * t19 + t133 + t6 * t89 - t5 * t91
+    t136 = t8 * t130
+    t137 = t9 * t131
+    t138 = t8 * t131
+    t139 = t9 * t130
+    t140 = t9 * t135
+    t141 = t8 * t134
+    t142 = F_1 + k73 * t45 + t90 + t104 - t114 * t117
+    t143 = t62 + t69 + t95 + t128 + t141 - t78 - t61 - t79 - t85 - t140
+    t144 = base_arm_length * F_4 + k106 * t93 - tau_7 - k108 * t18
 
     # acceleration of the base, by LDL^T
-    t125 = 1.0 / (t109 + k115 - t74 * t113)
-    t126 = t116 * t125
-    t127 = t114 + t8 * t118 - t9 * t117 - t124 * t126
-    t128 = 1.0 / (k82 - t73 * t112 - t116 * t126)
-    t129 = 1.0 / (k82 + t98 * t105 - t92)
-    t130 = t108 * t129
-    t131 = t106 + t123 * t130 - t8 * t117 - t9 * t118
-    t132 = 1.0 / (k82 + t97 * t104 - t91 - t108 * t130)
-    t133 = t131 * t132
-    t134 = t130 * t133 + t123 * t129
-    t135 = t127 * t128
-    t136 = t126 * t135 - t124 * t125
-    t137 = (tau_8 + t9 * t121 + t8 * t122) * k118
-    t138 = (tau_7 + 2.0 * k66 * t17 - t79) * k117
+    t145 = 1.0 / (t59 + t76 + t110 + k117 - t88 * t126)
+    t146 = t129 * t145
+    t147 = t143 * t146
+    t148 = t66 + k73 * t46 + t127 + t139 - t138 - t147
+    t149 = 1.0 / (k78 - t87 * t125 - t129 * t146)
+    t150 = 1.0 / (k78 - t106 - t114 * t119)
+    t151 = t121 * t150
+    t152 = t151 * t142
+    t153 = k73 * t44 + t103 + t152 - t120 - t136 - t137
+    t154 = 1.0 / (k78 - t105 - t113 * t118 - t121 * t151)
+    t155 = t154 * t153
+    t156 = t151 * t155 + t150 * t142
+    t157 = t148 * t149
+    t158 = t143 * t145 - t146 * t157
+    t159 = k110 * (tau_8 - t9 * t134 - t8 * t135)
+    t160 = k109 * t144
 
     # acceleration of joint 7
-    t139 = t138 + t111 - t112 * t135 - t113 * t136
+    t161 = t124 + t125 * t157 + t126 * t158 - t160
 
     # acceleration of joint 8
-    t140 = t104 * t133 + t105 * t134 - t103
-    t141 = t137 + t140
+    t162 = t117 - t118 * t155 - t119 * t156
+    t163 = t159 + t162
 
     # acceleration of joint 9
-    t142 = t88 * (t134 + t64 * t140)
-    t143 = t140 + t87 * (t133 + t65 * t140) + t142 - t86
+    t164 = t102 * (t156 + t67 * t162)
+    t165 = t100 - t162 - t101 * (t155 + t68 * t162) - t164
 
     # acceleration of the base
-    t144 = t8 * t136 - t9 * t137
-    t145 = t9 * t136 + t8 * t137
+    t166 = t8 * t158 - t9 * t159
+    t167 = t9 * t158 + t8 * t159
 
     # acceleration of the origin from that of the base centre
-    t146 = t17 - t138
-    t147 = t5 * (v_theta_0 * v_theta_0 + t23) - t6 * (t17 - t146)
-    t148 = t6 * (t16 * t16 + t23) - t5 * (t17 + t146)
-    t149 = t6 * (t21 + t21 + t144 - t19)
-    t150 = base_arm_length * (t5 * (t22 + t22 - t18 - t145) + t149)
-    t151 = t8 * t133 + t9 * t135 - base_arm_length * t147
-    t152 = t8 * t135 + base_arm_length * t148 - t9 * t133
-    t153 = t134 - t150
+    t168 = t18 + t160
+    t169 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t168)
+    t170 = t6 * (t16 * t16 + t22) - t5 * (t18 + t168)
+    t171 = t6 * (t20 - t166 - 2.0 * v_theta_0 * t21)
+    t172 = t5 * (t19 + t167 - 2.0 * t16 * t21) + t171
+    t173 = t9 * t157 + base_arm_length * t169 - t8 * t155
+    t174 = base_arm_length * t170 - t8 * t157 - t9 * t155
+    t175 = base_arm_length * t172 + t156
 
     # acceleration of the origin, in world axes
-    t154 = t4 * t151 + t3 * t153
-    t155 = t4 * t153 - t3 * t151
-    t156 = t1 * t152 - t2 * t154
+    t176 = t3 * t175 - t4 * t173
+    t177 = t4 * t175 + t3 * t173
+    t178 = t1 * t174 - t2 * t176
 
     # accelerations of the attitude angles
-    t157 = 1.0 / t3
-    t158 = t144 * t157
-    t159 = t138 + t4 * t158
+    t179 = 1.0 / t3
+    t180 = t179 * t166
+    t181 = t160 - t4 * t180
 
     # acceleration of the origin, in world axes
-    t160 = gravity - t1 * t154 - t2 * t152
+    t182 = t1 * t176 + t2 * t174 - gravity
     return (
-        t158, t145, -t159, t139, t141, -t143, t155, t156, -t160,
+        t180, t167, t181, t161, t163, t165, t177, t178, t182,
     )
 
 
@@ -1807,7 +1836,7 @@ def inverse_dynamics(
     Returns:
     force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
         m], theta_9 [N m], x [N], y [N], z [N]
-    Source: eqs. 4-6. 301 operations, 6 sine-cosine pairs.
+    Source: eqs. 4-6. 298 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _inverse_dynamics,
@@ -1823,21 +1852,21 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k82 = k[23]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k78 = k[25]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1911,12 +1940,12 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t38 = t27 + t36
 
     # inertia of link 3, turned by the joints
-    t39 = k71 * t13
-    t40 = k71 * t14
-    t41 = t14 * k85
+    t39 = k68 * t13
+    t40 = k68 * t14
+    t41 = k81 * t14
     t42 = t14 * t41
-    t43 = k48 - t42
-    t44 = k54 + t42
+    t43 = k46 - t42
+    t44 = k52 + t42
     t45 = t13 * t41
 
     # inertia forces of link 3, about joint 9
@@ -1927,28 +1956,28 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t48 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t49 = t10 * k76
-    t50 = t11 * k76
-    t51 = t11 * k86
+    t49 = k73 * t10
+    t50 = k73 * t11
+    t51 = k82 * t11
     t52 = t11 * t51
-    t53 = k77 + t52
-    t54 = k34 - t52
+    t53 = k74 + t52
+    t54 = k33 - t52
     t55 = t10 * t51
 
     # inertia forces of links 2 and 3, about joint 8
     t56 = t55 * (t31 - t33)
 
     # step from the base to link 1
-    t57 = t5 * base_arm_length
-    t58 = t6 * base_arm_length
+    t57 = base_arm_length * t5
+    t58 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t59 = t5 * k83
-    t60 = t6 * k83
-    t61 = t6 * k87
+    t59 = k79 * t5
+    t60 = k79 * t6
+    t61 = k83 * t6
     t62 = t6 * t61
-    t63 = k84 + t62
-    t64 = k66 - t62
+    t63 = k80 + t62
+    t64 = k63 - t62
     t65 = t5 * t61
 
     # inertia forces of the base and links 1 to 3
@@ -2002,54 +2031,54 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
 
     # inertia forces of link 3, about joint 9
     t105 = t45 * t102 + t44 * t104 - t40 * t99
-    t106 = t43 * t102 + t45 * t104 - t39 * t99
+    t106 = t39 * t99 - t43 * t102 - t45 * t104
     t107 = t39 * (t84 - link2_length * t97)
     t108 = t40 * (t87 - link2_length * t96)
     t109 = t46 + t107 + t43 * t101 - t108 - t44 * t103
-    t110 = k71 * (t13 * t37 - t14 * t103)
-    t111 = k71 * (t14 * t38 - t13 * t101)
-    t112 = k71 * (t13 * t102 + t14 * t104)
+    t110 = k68 * (t13 * t37 - t14 * t103)
+    t111 = k68 * (t14 * t38 - t13 * t101)
+    t112 = k68 * (t13 * t102 + t14 * t104)
 
     # inertia forces of links 2 and 3, about joint 8
-    t113 = t50 * t88 + t55 * t93 - t54 * t95
+    t113 = t54 * t95 - t50 * t88 - t55 * t93
     t114 = t49 * t88 + t55 * t95 - t53 * t93
     t115 = t49 * t84
     t116 = t53 * t92
     t117 = t56 + t50 * t87 + t54 * t94 - t115 - t116
-    t118 = t110 + k76 * t96
-    t119 = t111 + k76 * t97
-    t120 = t112 + k76 * t98
+    t118 = t110 + k73 * t96
+    t119 = t111 + k73 * t97
+    t120 = t112 + k73 * t98
     t121 = t109 + t48 * t110 - t47 * t111 - t117
 
     # inertia forces of links 1 to 3, about joint 7
-    t122 = t105 + t48 * t112 + k78 * t90 - t113
-    t123 = t106 + t47 * t112 + k78 * t89 - t114
+    t122 = t105 + t48 * t112 + t113 + k75 * t90
+    t123 = t106 + t114 - t47 * t112 - k75 * t89
     t124 = t9 * t120 - t8 * t118
     t125 = t9 * t118 + t8 * t120
 
     # inertia forces of the base and links 1 to 3
     t126 = t65 * t76
-    t127 = t60 * t70 + t64 * t78 - k67 * t73 - t126
+    t127 = t60 * t70 + t64 * t78 - k64 * t73 - t126
     t128 = t63 * t76
-    t129 = k67 * t72 + t65 * t78 - t59 * t70 - t128
+    t129 = k64 * t72 + t65 * t78 - t59 * t70 - t128
     t130 = t59 * t68
     t131 = t63 * t75
     t132 = t66 + t60 * t71 + t64 * t77 - t130 - t131
-    t133 = t124 - k83 * t79
-    t134 = t125 + k83 * t80
-    t135 = t119 - k83 * t81
+    t133 = t124 - k79 * t79
+    t134 = t125 + k79 * t80
+    t135 = t119 - k79 * t81
     t136 = t9 * t121 + t8 * t122 + t127 - t58 * t119
     t137 = t9 * t122 + t57 * t119 + t129 - t8 * t121
-    t138 = t123 + t58 * t124 + t57 * t125 + t132
+    t138 = t123 - t58 * t124 - t57 * t125 - t132
 
     # inertia forces on attitude and position
     t139 = t4 * t133 + t3 * t135
-    t140 = t3 * t136 - t4 * t138
-    t141 = t3 * t133 + a_x * k82 - t4 * t135
-    t142 = t2 * t139 + a_y * k82 - t1 * t134
-    t143 = t1 * t139 + t2 * t134 - k82 * t67
+    t140 = t3 * t136 + t4 * t138
+    t141 = t3 * t133 + k78 * a_x - t4 * t135
+    t142 = t2 * t139 + k78 * a_y - t1 * t134
+    t143 = k78 * t67 - t1 * t139 - t2 * t134
     return (
-        t140, t137, -t138, -t123, t121, t109, t141, t142, -t143,
+        t140, t137, t138, t123, t121, t109, t141, t142, t143,
     )
 
 
@@ -2069,7 +2098,7 @@ def hybrid_mass_matrix(
     Returns:
     mass_matrix: array (..., 19, 19); [kg m^2] between angles, [kg] between lengths, [kg m] between
         both
-    Source: eqs. 15, 18 and 19. 236 operations, 6 sine-cosine pairs.
+    Source: eqs. 15, 18 and 19. 232 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _hybrid_mass_matrix,
@@ -2082,29 +2111,31 @@ def hybrid_mass_matrix(
 def _hybrid_mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k82 = k[23]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
-    k96 = k[35]
-    k98 = k[37]
-    k99 = k[38]
-    k106 = k[42]
-    k108 = k[43]
-    k109 = k[44]
-    k110 = k[45]
-    k112 = k[46]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k71 = k[20]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k77 = k[24]
+    k78 = k[25]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
+    k92 = k[38]
+    k93 = k[39]
+    k94 = k[40]
+    k100 = k[44]
+    k102 = k[45]
+    k103 = k[46]
+    k104 = k[47]
+    k105 = k[48]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2114,8 +2145,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
 
     # attitude
     t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
+    t2 = -sin(theta_m1)
+    t3 = -cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
@@ -2131,167 +2162,168 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t14 = sin(t12)
 
     # inertia of link 3, turned by the joints
-    t15 = k71 * t13
-    t16 = k71 * t14
-    t17 = t14 * k85
+    t15 = k68 * t13
+    t16 = k68 * t14
+    t17 = k81 * t14
     t18 = t14 * t17
-    t19 = k48 - t18
-    t20 = k54 + t18
+    t19 = k46 - t18
+    t20 = k52 + t18
 
     # step from link 2 to link 3
     t21 = link2_length * t10
     t22 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t23 = t11 * k86
+    t23 = k82 * t11
     t24 = t11 * t23
 
     # step from the base to link 1
-    t25 = t5 * base_arm_length
-    t26 = t6 * base_arm_length
+    t25 = base_arm_length * t5
+    t26 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t27 = t6 * k87
+    t27 = k83 * t6
     t28 = t6 * t27
 
     # composite inertia of links 2 and 3, about joint 8
-    t29 = t13 * t17 + t15 * t22 + t16 * t21
-    t30 = t15 + t10 * k76
-    t31 = t16 + t11 * k76
-    t32 = k77 + t24 + t19 + 2.0 * t15 * t21
-    t33 = k34 + t20 + 2.0 * t16 * t22 - t24
-    t34 = t10 * t23 - t29
+    t29 = t16 * t21
+    t30 = t15 + k73 * t10
+    t31 = t16 + k73 * t11
+    t32 = k74 + t19 + t24 + t15 * k71 * t10
+    t33 = k33 + t20 + t16 * k71 * t11 - t24
+    t34 = t10 * t23 - t13 * t17 - t15 * t22 - t29
 
     # composite inertia of links 1 to 3, about joint 7
     t35 = t8 * t30
     t36 = t9 * t30
     t37 = t8 * t34
     t38 = t9 * t34
-    t39 = t9 * (k78 - t32)
+    t39 = t9 * (k75 - t32)
     t40 = t9 * t39
     t41 = t32 + t40
-    t42 = k78 - t40
+    t42 = k75 - t40
 
     # composite inertia of the base and links 1 to 3
-    t43 = t25 * t36 + t26 * t35 - t8 * t39
-    t44 = t37 - t25 * t31
+    t43 = t26 * t35
+    t44 = t25 * t31 - t37
     t45 = t38 - t26 * t31
-    t46 = t5 * k83 + t35
-    t47 = t6 * k83 + t36
-    t48 = k84 + t28 + t41 + 2.0 * t35 * t25
-    t49 = k66 + t42 + 2.0 * t36 * t26 - t28
-    t50 = k67 + t33
+    t46 = k79 * t5 + t35
+    t47 = k79 * t6 + t36
+    t48 = k80 + t28 + t35 * k77 * t5 + t41
+    t49 = k63 + t36 * k77 * t6 + t42 - t28
+    t50 = k64 + t33
+    t51 = t5 * t27 + t8 * t39 - t25 * t36 - t43
 
     # mass matrix, columns of the joints carried in to joint 7
-    t51 = t41 + t42
-    t52 = t51 + t25 * t35 + t26 * t36
-    t53 = t32 + t33
-    t54 = t8 * t31
-    t55 = t9 * t31
-    t56 = t8 * t53 + t25 * t30
-    t57 = t26 * t54 - t25 * t55
-    t58 = t19 + t20
-    t59 = t58 + t15 * t21 + t16 * t22
-    t60 = t8 * t16
-    t61 = t9 * t16
-    t62 = t8 * t59 + t15 * t25
-    t63 = t26 * t60 - t25 * t61
+    t52 = t41 + t42
+    t53 = t25 * t35 + t26 * t36 + t52
+    t54 = t32 + t33
+    t55 = t8 * t31
+    t56 = t9 * t31
+    t57 = t25 * t30 + t8 * t54
+    t58 = t26 * t55 - t25 * t56
+    t59 = t19 + t20
+    t60 = t59 + t15 * t21 + t16 * t22
+    t61 = t8 * t16
+    t62 = t9 * t16
+    t63 = t8 * t60 + t15 * t25
+    t64 = t26 * t61 - t25 * t62
 
     # mass matrix of attitude and position
-    t64 = t48 + t49
-    t65 = t4 * t47
-    t66 = t3 * t47
-    t67 = t3 * t44 + t4 * t64
-    t68 = t1 * t46 - t2 * t65
-    t69 = t1 * t65 + t2 * t46
-    t70 = t48 + t50
-    t71 = t3 * (t5 * t27 - t43) + t4 * t45
-    t72 = t3 * t31 - t4 * t46
-    t73 = t3 * t46 + t4 * t31
-    t74 = t4 * (2.0 * t3 * t44 + t4 * (t48 - t50))
-    t75 = t2 * t73
-    t76 = t1 * t73
-    t77 = t49 + t50 + t74
-    t78 = t1 * t47 - t2 * t72
-    t79 = t1 * t72 + t2 * t47
+    t65 = t48 + t49
+    t66 = t4 * t47
+    t67 = t3 * t47
+    t68 = t3 * t44 + t4 * t65
+    t69 = t1 * t46 + t2 * t66
+    t70 = t1 * t66 - t2 * t46
+    t71 = t48 + t50
+    t72 = t4 * t45 - t3 * t51
+    t73 = -t3 * t31 - t4 * t46
+    t74 = t3 * t46 - t4 * t31
+    t75 = t4 * (2.0 * t3 * t44 + t4 * (t48 - t50))
+    t76 = t2 * t74
+    t77 = t1 * t74
+    t78 = t49 + t50 + t75
+    t79 = t1 * t47 + t2 * t73
+    t80 = t2 * t47 - t1 * t73
 
     # mass matrix between the joints and attitude and position
-    t80 = t4 * t36
-    t81 = t3 * t36
-    t82 = t3 * t37 + t4 * t52
-    t83 = t1 * t35 - t2 * t80
-    t84 = t1 * t80 + t2 * t35
-    t85 = t3 * t30 + t4 * t54
-    t86 = t4 * t30 - t3 * t54
-    t87 = t3 * (t9 * t53 + t26 * t30) + t4 * t57
-    t88 = t1 * t55 + t2 * t85
-    t89 = t1 * t85 - t2 * t55
-    t90 = t3 * t15 + t4 * t60
-    t91 = t4 * t15 - t3 * t60
-    t92 = t3 * (t9 * t59 + t15 * t26) + t4 * t63
-    t93 = t1 * t61 + t2 * t90
-    t94 = t1 * t90 - t2 * t61
+    t81 = t4 * t36
+    t82 = t3 * t36
+    t83 = t4 * t53 - t3 * t37
+    t84 = t1 * t35 + t2 * t81
+    t85 = t1 * t81 - t2 * t35
+    t86 = t4 * t55 - t3 * t30
+    t87 = t4 * t30 + t3 * t55
+    t88 = t4 * t58 - t3 * (t26 * t30 + t9 * t54)
+    t89 = t2 * t86 - t1 * t56
+    t90 = t1 * t86 + t2 * t56
+    t91 = t4 * t61 - t3 * t15
+    t92 = t4 * t15 + t3 * t61
+    t93 = t4 * t64 - t3 * (t9 * t60 + t15 * t26)
+    t94 = t2 * t91 - t1 * t62
+    t95 = t1 * t91 + t2 * t62
 
     # composite inertia of the base and base arm 2
-    t95 = t6 * k99
-    t96 = t5 * k99
+    t96 = k94 * t6
+    t97 = k94 * t5
 
     # mass matrix, columns of the joints carried in to joint 2
-    t97 = t6 * k98
-    t98 = t96 + t97
-    t99 = t5 * k98
-    t100 = t95 - t99
+    t98 = k93 * t6
+    t99 = t97 + t98
+    t100 = k93 * t5
+    t101 = t96 - t100
 
     # mass matrix, column of joint 2
-    t101 = t4 * t98
-    t102 = t3 * t98
-    t103 = t4 * k108
-    t104 = t1 * t100 + t2 * t101
-    t105 = t2 * t100 - t1 * t101
+    t102 = t4 * t99
+    t103 = t3 * t99
+    t104 = k102 * t4
+    t105 = t1 * t101 - t2 * t102
+    t106 = t2 * t101 + t1 * t102
 
     # mass matrix, columns of the joints carried in to joint 3
-    t106 = t96 - t97
-    t107 = t95 + t99
+    t107 = t97 - t98
+    t108 = t96 + t100
 
     # mass matrix, column of joint 3
-    t108 = t4 * t106
-    t109 = t3 * t106
-    t110 = t4 * k109
-    t111 = t1 * t107 + t2 * t108
-    t112 = t2 * t107 - t1 * t108
+    t109 = t4 * t107
+    t110 = t3 * t107
+    t111 = k103 * t4
+    t112 = t1 * t108 - t2 * t109
+    t113 = t2 * t108 + t1 * t109
 
     # mass matrix, columns of the joints carried in to joint 4
-    t113 = t6 * k96
-    t114 = t5 * k96
+    t114 = k92 * t6
+    t115 = k92 * t5
 
     # mass matrix, column of joint 4
-    t115 = t4 * t113
-    t116 = t3 * t113
-    t117 = t4 * k112
-    t118 = t1 * t114 - t2 * t115
-    t119 = t1 * t115 + t2 * t114
+    t116 = t4 * t114
+    t117 = t3 * t114
+    t118 = k105 * t4
+    t119 = t1 * t115 + t2 * t116
+    t120 = t1 * t116 - t2 * t115
     return (
-        t77, t71, t67, t103, t110, t117, t110, t103, t82, t87, t92, 0.0, -t79, t78, 0.0, 0.0, 0.0,
-        0.0, 0.0, t71, t70, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t56, -t62, t72, t75, -t76, 0.0, 0.0,
-        0.0, 0.0, 0.0, t67, t45, t64, k108, k109, k112, k109, k108, t52, t57, t63, -t66, t68, t69,
-        0.0, 0.0, 0.0, 0.0, 0.0, t103, 0.0, k108, k106, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t102,
-        t104, t105, -1.0, 0.0, 0.0, 0.0, 0.0, t110, 0.0, k109, 0.0, k106, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, t109, t111, t112, 0.0, -1.0, 0.0, 0.0, 0.0, t117, 0.0, k112, 0.0, 0.0, k110, 0.0, 0.0,
-        0.0, 0.0, 0.0, -t116, t118, t119, 0.0, 0.0, -1.0, 0.0, 0.0, t110, 0.0, k109, 0.0, 0.0, 0.0,
-        k106, 0.0, 0.0, 0.0, 0.0, -t102, -t104, -t105, 0.0, 0.0, 0.0, -1.0, 0.0, t103, 0.0, k108,
-        0.0, 0.0, 0.0, 0.0, k106, 0.0, 0.0, 0.0, -t109, -t111, -t112, 0.0, 0.0, 0.0, 0.0, -1.0, t82,
-        t38, t52, 0.0, 0.0, 0.0, 0.0, 0.0, t51, 0.0, 0.0, -t81, t83, t84, 0.0, 0.0, 0.0, 0.0, 0.0,
-        t87, -t56, t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t53, t59, t86, -t88, t89, 0.0, 0.0, 0.0, 0.0,
-        0.0, t92, -t62, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t59, t58, t91, -t93, t94, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, t72, -t66, t102, t109, -t116, -t102, -t109, -t81, t86, t91, k82, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, -t79, t75, t68, t104, t111, t118, -t104, -t111, t83, -t88, -t93,
-        0.0, k82, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t78, -t76, t69, t105, t112, t119, -t105, -t112, t84,
-        t89, t94, 0.0, 0.0, k82, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
+        t78, t72, t68, t104, t111, t118, t111, t104, t83, t88, t93, 0.0, t80, t79, 0.0, 0.0, 0.0,
+        0.0, 0.0, t72, t71, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t57, -t63, t73, t76, t77, 0.0, 0.0,
+        0.0, 0.0, 0.0, t68, t45, t65, k102, k103, k105, k103, k102, t53, t58, t64, t67, t69, t70,
+        0.0, 0.0, 0.0, 0.0, 0.0, t104, 0.0, k102, k100, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103,
+        t105, -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k103, 0.0, k100, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k105, 0.0, 0.0, k104, 0.0,
+        0.0, 0.0, 0.0, 0.0, t117, t119, t120, 0.0, 0.0, -1.0, 0.0, 0.0, t111, 0.0, k103, 0.0, 0.0,
+        0.0, k100, 0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k102,
+        0.0, 0.0, 0.0, 0.0, k100, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83,
+        t38, t53, 0.0, 0.0, 0.0, 0.0, 0.0, t52, 0.0, 0.0, t82, t84, t85, 0.0, 0.0, 0.0, 0.0, 0.0,
+        t88, -t57, t58, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0,
+        0.0, t93, -t63, t64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, t73, t67, -t103, -t110, t117, t103, t110, t82, t87, t92, k78, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, t80, t76, t69, t105, t112, t119, -t105, -t112, t84, t89, t94, 0.0, k78,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t79, t77, t70, -t106, -t113, t120, t106, t113, t85, t90, t95,
+        0.0, 0.0, k78, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     )
 
 
@@ -2315,7 +2347,7 @@ def hybrid_residual(
         [N m], theta_4 [N m], theta_5 [N m], theta_6 [N m], theta_7 [N m], theta_8 [N m], theta_9 [N
         m], x [N], y [N], z [N], tau_prime_2 [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4
         [rad/s^2], tau_prime_5 [rad/s^2], tau_prime_6 [rad/s^2]
-    Source: eqs. 15, 18 and 19. 329 operations, 6 sine-cosine pairs.
+    Source: eqs. 15, 18 and 19. 311 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _hybrid_residual,
@@ -2332,27 +2364,28 @@ def _hybrid_residual(k, sin, cos, q, v):
     k8 = k[2]
     k14 = k[3]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
-    k88 = k[29]
-    k96 = k[35]
-    k98 = k[37]
-    k99 = k[38]
-    k103 = k[39]
-    k104 = k[40]
-    k105 = k[41]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
+    k84 = k[31]
+    k85 = k[32]
+    k92 = k[38]
+    k93 = k[39]
+    k94 = k[40]
+    k97 = k[41]
+    k98 = k[42]
+    k99 = k[43]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2385,185 +2418,222 @@ def _hybrid_residual(k, sin, cos, q, v):
     t14 = sin(t12)
 
     # motion of the base
-    t15 = t2 * gravity
-    t16 = t1 * gravity
+    t15 = gravity * t2
+    t16 = gravity * t1
     t17 = v_theta_m1 * t4
     t18 = v_theta_m1 * t3
-    t19 = v_theta_0 * t18
-    t20 = t3 * t16
-    t21 = t4 * t16
-    t22 = t17 * t18
-    t23 = 2.0 * t19
-    t24 = 2.0 * v_theta_0 * t17
-    t25 = v_theta_1 + t17
-    t26 = t25 * t25
-    t27 = v_theta_0 * v_theta_0 + t26
-    t28 = t22 - 2.0 * t25 * t18
-    t29 = t18 * t18 + t26
-    t30 = t24 - 2.0 * t25 * v_theta_0
+    t19 = v_theta_0 * t17
+    t20 = v_theta_0 * t18
+    t21 = t3 * t16
+    t22 = t4 * t16
+    t23 = t17 * t18
+    t24 = 2.0 * t20
+    t25 = 2.0 * t19
+    t26 = v_theta_1 + t17
+    t27 = t26 * t26
+    t28 = v_theta_0 * v_theta_0 + t27
+    t29 = t23 - 2.0 * t26 * t18
+    t30 = t18 * t18 + t27
+    t31 = t25 - 2.0 * t26 * v_theta_0
 
     # motion of link 1
-    t31 = t5 * t27
-    t32 = t5 * t23 - t6 * t29
-    t33 = t5 * t28 + t6 * t30
-    t34 = t21 + base_arm_length * t31
-    t35 = t15 + base_arm_length * t32
-    t36 = t20 - base_arm_length * t33
-    t37 = v_theta_7 + t25
-    t38 = t24 - v_theta_0 * t37
-    t39 = t22 - t18 * t37
-    t40 = t37 * t37
-    t41 = t8 * t18 + v_theta_0 * t9
-    t42 = v_theta_0 * t8 - t9 * t18
-    t43 = t9 * t38 + t8 * t39
-    t44 = t9 * t35 - t8 * t34
-    t45 = t9 * t34 + t8 * t35
-    t46 = t41 * t41
-    t47 = t37 * t41
-    t48 = t43 - t47
-    t49 = t19 - t41 * t42
-    t50 = t9 * t39 + t37 * t42 - t8 * t38
-    t51 = t43 + t47
+    t32 = t5 * t28
+    t33 = t6 * t30 - t5 * t24
+    t34 = t5 * t29 + t6 * t31
+    t35 = t22 + base_arm_length * t32
+    t36 = t15 - base_arm_length * t33
+    t37 = t21 - base_arm_length * t34
+    t38 = v_theta_7 + t26
+    t39 = t25 - v_theta_0 * t38
+    t40 = t23 - t18 * t38
+    t41 = t38 * t38
+    t42 = t8 * t18 + v_theta_0 * t9
+    t43 = v_theta_0 * t8 - t9 * t18
+    t44 = t9 * t39 + t8 * t40
+    t45 = t9 * t36 - t8 * t35
+    t46 = t9 * t35 + t8 * t36
+    t47 = t42 * t42
+    t48 = t38 * t42
+    t49 = t44 - t48
+    t50 = t20 - t42 * t43
+    t51 = t9 * t40 + t38 * t43 - t8 * t39
+    t52 = t44 + t48
 
     # motion of link 2
-    t52 = v_theta_8 - t42
-    t53 = t52 * t52
-    t54 = t40 + t53
-    t55 = 2.0 * t41
-    t56 = t49 - t52 * t55
-    t57 = t46 + t53
-    t58 = 2.0 * t37
-    t59 = t50 + t52 * t58
+    t53 = v_theta_8 - t43
+    t54 = t53 * t53
+    t55 = t41 + t54
+    t56 = 2.0 * t42
+    t57 = t50 - t53 * t56
+    t58 = t47 + t54
+    t59 = 2.0 * t38
+    t60 = t53 * t59 + t51
 
     # motion of link 3
-    t60 = t11 * t51 - t10 * t54
-    t61 = t10 * t48 + t11 * t57
-    t62 = t11 * t59 - t10 * t56
-    t63 = t45 - link2_length * t62
-    t64 = v_theta_9 + t52
-    t65 = t64 * t64
-    t66 = t40 + t65
-    t67 = t49 - t55 * t64
-    t68 = t46 + t65
-    t69 = t50 + t58 * t64
+    t61 = t11 * t52 - t10 * t55
+    t62 = t10 * t49 + t11 * t58
+    t63 = t10 * t57 - t11 * t60
+    t64 = t46 + link2_length * t63
+    t65 = v_theta_9 + t53
+    t66 = t65 * t65
+    t67 = t41 + t66
+    t68 = t50 - t56 * t65
+    t69 = t47 + t66
+    t70 = t59 * t65 + t51
 
     # inertia of link 3, turned by the joints
-    t70 = k71 * t13
-    t71 = k71 * t14
-    t72 = t14 * k85
-    t73 = t14 * t72
-    t74 = k48 - t73
-    t75 = k54 + t73
-    t76 = t13 * t72
+    t71 = k68 * t13
+    t72 = k68 * t14
+    t73 = k81 * t14
+    t74 = t14 * t73
+    t75 = k46 - t74
+    t76 = k52 + t74
+    t77 = t13 * t73
 
     # inertia forces of link 3, about joint 9
-    t77 = t63 * t71 + t67 * t76 - t69 * t75
-    t78 = t63 * t70 + t67 * t74 - t69 * t76
-    t79 = (t36 - link2_length * t61) * t70
-    t80 = t76 * (t66 - t68)
-    t81 = (t44 + link2_length * t60) * t71
-    t82 = t48 * t74 + t51 * t75 + t81 - t79 - t80
-    t83 = k71 * (t14 * t51 - t13 * t66)
-    t84 = k71 * (t13 * t48 + t14 * t68)
-    t85 = k71 * (t14 * t69 - t13 * t67)
+    t78 = t76 * t70
+    t79 = t72 * t64
+    t80 = t68 * t77
+    t81 = t71 * t64
+    t82 = t68 * t75
+    t83 = t77 * t70
+    t84 = (t37 - link2_length * t62) * t71
+    t85 = t77 * (t67 - t69)
+    t86 = (t45 + link2_length * t61) * t72
+    t87 = t49 * t75 + t52 * t76 + t86 - t84 - t85
+    t88 = k68 * (t14 * t52 - t13 * t67)
+    t89 = k68 * (t13 * t49 + t14 * t69)
+    t90 = k68 * (t13 * t68 - t14 * t70)
 
     # step from link 2 to link 3
-    t86 = link2_length * t10
-    t87 = link2_length * t11
-
-    # inertia of link 2, turned by the joints
-    t88 = t10 * k76
-    t89 = t11 * k76
-    t90 = t11 * k86
-    t91 = t11 * t90
-    t92 = k77 + t91
-    t93 = k34 - t91
-    t94 = t10 * t90
+    t91 = link2_length * t10
+    t92 = link2_length * t11
 
     # inertia forces of links 2 and 3, about joint 8
-    t95 = t56 * t94 + t59 * t93 - t45 * t89
-    t96 = t45 * t88 + t56 * t92 + t59 * t94
-    t97 = t36 * t88
-    t98 = t51 * t93
-    t99 = t94 * (t54 - t57)
-    t100 = t44 * t89 + t48 * t92 + t98 + t99 - t97
-    t101 = t83 + k76 * t60
-    t102 = t84 + k76 * t61
-    t103 = t85 + k76 * t62
-    t104 = t82 + t83 * t87 + t84 * t86 + t100
+    t93 = t92 * t90
+    t94 = t91 * t90
+    t95 = t88 * t92
+    t96 = t89 * t91
+
+    # inertia of link 2, turned by the joints
+    t97 = k73 * t10
+    t98 = k73 * t11
+    t99 = k82 * t11
+    t100 = t11 * t99
+    t101 = k74 + t100
+    t102 = k33 - t100
+    t103 = t10 * t99
+
+    # inertia forces of links 2 and 3, about joint 8
+    t104 = t57 * t103
+    t105 = t102 * t60
+    t106 = t46 * t98
+    t107 = t46 * t97
+    t108 = t57 * t101
+    t109 = t103 * t60
+    t110 = t37 * t97
+    t111 = t45 * t98
+    t112 = t49 * t101
+    t113 = t52 * t102
+    t114 = t103 * (t55 - t58)
+    t115 = t88 + k73 * t61
+    t116 = t89 + k73 * t62
+    t117 = t90 + k73 * t63
+    t118 = t87 + t95 + t96 + t111 + t112 + t113 + t114 - t110
 
     # inertia forces of links 1 to 3, about joint 7
-    t105 = t77 - t85 * t87 - t95 - k78 * t50
-    t106 = t78 + t96 + k78 * t49 - t85 * t86
-    t107 = t8 * t101 + t9 * t103
-    t108 = t9 * t101 - t8 * t103
+    t119 = k75 * t51
+    t120 = k75 * t50
+    t121 = t80 + t106 + t79 + t93 - t104 - t78 - t105 - t119
+    t122 = t83 - t82 - t107 - t108 - t120 - t81 - t94 - t109
+    t123 = t8 * t115 - t9 * t117
+    t124 = t9 * t115 + t8 * t117
+    t125 = t9 * t118
+    t126 = t8 * t121
+    t127 = t8 * t118
+    t128 = t9 * t121
 
     # step from the base to link 1
-    t109 = t5 * base_arm_length
-    t110 = t6 * base_arm_length
-
-    # inertia of the base, turned by the joints
-    t111 = t5 * k83
-    t112 = t6 * k83
-    t113 = t6 * k87
-    t114 = t6 * t113
-    t115 = k84 + t114
-    t116 = t5 * t113
+    t129 = base_arm_length * t5
+    t130 = base_arm_length * t6
 
     # inertia forces of the base and links 1 to 3
-    t117 = t30 * (k66 - t114)
-    t118 = t20 * t112 + t28 * t116 - k67 * t24 - t117
-    t119 = t30 * t116
-    t120 = k67 * t22 + t28 * t115 - t20 * t111 - t119
-    t121 = t116 * (t27 - t29)
-    t122 = t21 * t112 + t23 * t115 + t15 * t111 - t121
-    t123 = t107 - k83 * t31
-    t124 = t108 + k83 * t32
-    t125 = t102 + k83 * t33
-    t126 = t9 * t104 + t8 * t105 + t102 * t110 - t118
-    t127 = t8 * t104 + t102 * t109 + t120 - t9 * t105
-    t128 = t106 + t108 * t109 + t122 - t107 * t110
+    t131 = t116 * t130
+    t132 = t116 * t129
+    t133 = t129 * t124
+    t134 = t130 * t123
+
+    # inertia of the base, turned by the joints
+    t135 = k79 * t5
+    t136 = k79 * t6
+    t137 = k83 * t6
+    t138 = t6 * t137
+    t139 = k80 + t138
+    t140 = t5 * t137
+
+    # inertia forces of the base and links 1 to 3
+    t141 = t21 * t136
+    t142 = t29 * t140
+    t143 = k84 * t19
+    t144 = t31 * (k63 - t138)
+    t145 = k64 * t23
+    t146 = t29 * t139
+    t147 = t21 * t135
+    t148 = t31 * t140
+    t149 = t22 * t136
+    t150 = t24 * t139
+    t151 = t15 * t135
+    t152 = t140 * (t28 - t30)
+    t153 = k79 * t32 - t123
+    t154 = k79 * t33 - t124
+    t155 = t116 + k79 * t34
+    t156 = t131 + t143 + t144 + t125 + t126 - t141 - t142
+    t157 = t147 + t148 + t128 - t132 - t145 - t146 - t127
+    t158 = t152 + t122 + t134 - t149 - t150 - t151 - t133
 
     # inertia forces on attitude and position
-    t129 = t3 * t125 + t4 * t123
-    t130 = t3 * t123 - t4 * t125
-    t131 = t4 * t128 - t3 * t126
-    t132 = t1 * t124 + t2 * t129
-    t133 = t2 * t124 + k88 - t1 * t129
+    t159 = t3 * t155 - t4 * t153
+    t160 = t4 * t155 + t3 * t153
+    t161 = t4 * t158 + t3 * t156
+    t162 = t1 * t154 - t2 * t159
+    t163 = t2 * t154 + t1 * t159 - k85
 
     # motion of the base
-    t134 = t5 * t18 + v_theta_0 * t6
-    t135 = v_theta_0 * t5 - t6 * t18
-    t136 = t134 * t135
-    t137 = t26 + t135 * t135
-    t138 = t19 + t136
-    t139 = t19 - t136
+    t164 = t5 * t18 + v_theta_0 * t6
+    t165 = t6 * t18 - v_theta_0 * t5
+    t166 = t164 * t165
+    t167 = t27 + t165 * t165
+    t168 = t166 - t20
+    t169 = t20 + t166
 
     # motion of base arm 2
-    t140 = t6 * t21 + t5 * t15 + base_arm_length * t138
+    t170 = t6 * t22 + t5 * t15 - base_arm_length * t168
 
     # inertia forces of base arm 2, about joint 2
-    t141 = k99 * (t6 * t15 - t5 * t21 - base_arm_length * t137)
-    t142 = k103 * t138
-    t143 = k104 * t139
-    t144 = k105 * (t137 - t26 - t134 * t134)
-    t145 = k98 * t140
-    t146 = t141 + t142 + t143 + t144 - t145
+    t171 = k94 * (t6 * t15 - t5 * t22 - base_arm_length * t167)
+    t172 = k99 * (t27 + t164 * t164 - t167)
+    t173 = k93 * t170
+    t174 = t171 - t172
+    t175 = k97 * t168 - k98 * t169
+    t176 = t173 + t175
+    t177 = t176 - t174
 
     # inertia forces of base arm 3, about joint 3
-    t147 = t141 + t142 + t143 + t145 - t144
+    t178 = t171 + t172
+    t179 = t175 - t173
+    t180 = t179 - t178
 
     # inertia forces of base arm 4, about joint 4
-    t148 = k8 * t138 + k14 * t139 + k96 * t140
+    t181 = k8 * t168 - k14 * t169 - k92 * t170
 
     # inertia forces of base arm 5, about joint 5
-    t149 = t142 + t143 + t144 + t145 - t141
+    t182 = t178 + t179
 
     # inertia forces of base arm 6, about joint 6
-    t150 = t141 + t144 + t145 - t142 - t143
+    t183 = t174 + t176
     return (
-        -t131, -t127, -t128, -t146, -t147, -t148, -t149, t150, -t106, t104, t82, -t130, -t132,
-        -t133, 0.0, 0.0, 0.0, 0.0, 0.0,
+        t161, t157, t158, t177, t180, t181, t182, t183, t122, t118, t87, t160, t162, t163, 0.0, 0.0,
+        0.0, 0.0, 0.0,
     )
 
 
@@ -2581,7 +2651,7 @@ def hybrid_input_matrix(
 
     Returns:
     input_matrix: array (..., 19, 9); [N/N], [N m/N] and [N m/(N m)], by row and column
-    Source: eqs. 12, 13 and 18. 53 operations, 3 sine-cosine pairs.
+    Source: eqs. 12, 13 and 18. 52 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _hybrid_input_matrix,
@@ -2593,10 +2663,10 @@ def hybrid_input_matrix(
 
 def _hybrid_input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k80 = k[22]
-    k90 = k[31]
-    k94 = k[33]
-    k95 = k[34]
+    k77 = k[24]
+    k87 = k[34]
+    k90 = k[36]
+    k91 = k[37]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2619,25 +2689,25 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t11 = t9 + t10
     t12 = 0.5 * t5
     t13 = 0.8660254037844386 * t6
-    t14 = t12 - t13
+    t14 = t13 - t12
     t15 = t4 * t11
     t16 = t3 * t11
-    t17 = t4 * k94
-    t18 = t2 * t15 - t1 * t14
-    t19 = t1 * t15 + t2 * t14
+    t17 = k90 * t4
+    t18 = t2 * t15 + t1 * t14
+    t19 = t2 * t14 - t1 * t15
 
     # thrust direction and generalised forces of motor 3
-    t20 = t6 * k95
-    t21 = t5 * k90
-    t22 = t6 * k90
-    t23 = t5 * k95
+    t20 = k91 * t6
+    t21 = k87 * t5
+    t22 = k87 * t6
+    t23 = k91 * t5
     t24 = t22 + t23
     t25 = t3 * (t20 - t21)
 
     # thrust direction and generalised forces of motor 4
     t26 = t4 * t6
     t27 = t3 * t6
-    t28 = t4 * k80
+    t28 = k77 * t4
     t29 = t1 * t5 - t2 * t26
     t30 = t1 * t26 + t2 * t5
 
@@ -2654,15 +2724,15 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t38 = t1 * t35 + t2 * t34
     return (
         0.0, -t17, t25, t28, t32, -t17, 0.0, 0.0, 0.0, 0.0, 0.0, -t24, 0.0, t31, 0.0, 0.0, 0.0, 0.0,
-        0.0, -k94, 0.0, k80, 0.0, -k94, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0,
+        0.0, -k90, 0.0, k77, 0.0, -k90, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, base_arm_length,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, t4, t16, t4,
-        -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8, -t19, t8,
-        t30, t8, -t38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        -t27, t4, t36, 0.0, 0.0, 0.0, -t7, t18, -t7, t29, -t7, t37, 0.0, 0.0, 0.0, t8, t19, t8, t30,
+        t8, -t38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     )
 
 
@@ -2691,7 +2761,7 @@ def constraint_torques(
     Returns:
     torque: array (..., 5); tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m], tau_prime_5 [N
         m], tau_prime_6 [N m]
-    Source: eqs. 14 and 15. 78 operations, 3 sine-cosine pairs.
+    Source: eqs. 14 and 15. 67 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _constraint_torques,
@@ -2709,12 +2779,12 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    k96 = k[35]
-    k98 = k[37]
-    k99 = k[38]
-    k103 = k[39]
-    k104 = k[40]
-    k105 = k[41]
+    k92 = k[38]
+    k93 = k[39]
+    k94 = k[40]
+    k97 = k[41]
+    k98 = k[42]
+    k99 = k[43]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2748,7 +2818,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t13 = t9 + t11 * t11
 
     # inertia forces of base arm 2, about joint 2
-    t14 = k105 * (t13 - t9 - t10 * t10)
+    t14 = k99 * (t9 + t10 * t10 - t13)
 
     # motion of the base
     t15 = a_z + gravity
@@ -2762,30 +2832,33 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t21 = t5 * t16 + base_arm_length * t19 - t6 * t17
 
     # inertia forces of base arm 2, about joint 2
-    t22 = k103 * t19
-    t23 = k98 * t21
-    t24 = k99 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
-    t25 = k104 * t20
+    t22 = k93 * t21
+    t23 = k94 * (base_arm_length * t13 - t6 * t16 - t5 * t17)
 
     # constraint torque on base arm 2
-    t26 = t23 + t24 + t25 + F_2 * base_arm_length - t14 - t22
+    t24 = t14 + t22
+    t25 = k97 * t19 - k98 * t20
+    t26 = t25 - t23
+    t27 = t26 - base_arm_length * F_2 - t24
 
     # inertia forces of base arm 3, about joint 3
-    t27 = t14 + t24 + t25 - t22 - t23
+    t28 = t24 + t26
 
     # inertia forces of base arm 4, about joint 4
-    t28 = k8 * t19 + k96 * t21 - k14 * t20
+    t29 = k14 * t20
 
     # constraint torque on base arm 4
-    t29 = F_4 * base_arm_length - t28
+    t30 = k8 * t19 + k92 * t21 - base_arm_length * F_4 - t29
 
     # inertia forces of base arm 5, about joint 5
-    t30 = t14 + t22 + t23 + t24 - t25
+    t31 = t14 - t22
+    t32 = t23 + t25
+    t33 = t32 - t31
 
     # constraint torque on base arm 6
-    t31 = t14 + t23 + t25 + F_6 * base_arm_length - t22 - t24
+    t34 = t31 + t32 - base_arm_length * F_6
     return (
-        -t26, -t27, -t29, t30, -t31,
+        t27, t28, t30, t33, t34,
     )
 
 
@@ -2810,7 +2883,7 @@ def gibbs(
 
     Returns:
     value: array (...); [W/s]
-    Source: eqs. 2 and 3. 452 operations, 6 sine-cosine pairs.
+    Source: eqs. 2 and 3. 362 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _gibbs,
@@ -2826,23 +2899,23 @@ def _gibbs(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
-    k120 = k[52]
-    k121 = k[53]
-    k122 = k[54]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
+    k113 = k[55]
+    k114 = k[56]
+    k115 = k[57]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2886,227 +2959,193 @@ def _gibbs(k, sin, cos, q, v, a):
     # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
-    t17 = v_theta_0 * t15
-    t18 = v_theta_0 * t16
-    t19 = v_theta_1 + t15
-    t20 = v_theta_0 * t19
-    t21 = t16 * t19
-    t22 = t19 * t19
+    t17 = v_theta_0 * t16
+    t18 = v_theta_1 + t15
+    t19 = v_theta_0 * t18
+    t20 = t16 * t18
+    t21 = t18 * t18
 
     # motion of link 1
-    t23 = v_theta_7 + t19
-    t24 = t8 * t16 + v_theta_0 * t9
-    t25 = v_theta_0 * t8 - t9 * t16
-    t26 = t24 * t25
-    t27 = t23 * t24
-    t28 = t23 * t25
+    t22 = v_theta_7 + t18
+    t23 = t8 * t16 + v_theta_0 * t9
+    t24 = v_theta_0 * t8 - t9 * t16
+    t25 = t23 * t24
+    t26 = t22 * t23
+    t27 = t22 * t24
 
     # motion of link 2
-    t29 = v_theta_8 - t25
-    t30 = t29 * t29
+    t28 = v_theta_8 - t24
+    t29 = t28 * t28
 
     # motion of link 3
-    t31 = v_theta_9 + t29
+    t30 = v_theta_9 + t28
 
     # inertia of link 3, turned by the joints
-    t32 = k71 * t13
-    t33 = k71 * t14
-    t34 = t14 * k85
-    t35 = t14 * t34
-    t36 = k48 - t35
-    t37 = k54 + t35
-    t38 = t13 * t34
+    t31 = k68 * t13
+    t32 = k68 * t14
+    t33 = k81 * t14
+    t34 = t14 * t33
+    t35 = k46 - t34
+    t36 = k52 + t34
+    t37 = t13 * t33
 
     # inertia of link 2, turned by the joints
-    t39 = t10 * k76
-    t40 = t11 * k76
-    t41 = t11 * k86
-    t42 = t11 * t41
-    t43 = k77 + t42
-    t44 = k34 - t42
-    t45 = t10 * t41
+    t38 = k73 * t10
+    t39 = k73 * t11
+    t40 = k82 * t11
+    t41 = t11 * t40
+    t42 = k74 + t41
+    t43 = k33 - t41
+    t44 = t10 * t40
 
     # inertia of the base, turned by the joints
-    t46 = t5 * k83
-    t47 = t6 * k83
-    t48 = t6 * k87
-    t49 = t6 * t48
-    t50 = k84 + t49
-    t51 = k66 - t49
-    t52 = t5 * t48
+    t45 = k79 * t5
+    t46 = k79 * t6
+    t47 = k83 * t6
+    t48 = t6 * t47
+    t49 = k80 + t48
+    t50 = k63 - t48
+    t51 = t5 * t47
 
     # motion of the base
-    t53 = a_z + gravity
-    t54 = a_y * t1 + t2 * t53
-    t55 = t1 * t53 - a_y * t2
-    t56 = a_x * t4 + t3 * t55
-    t57 = a_x * t3 - t4 * t55
-    t58 = a_theta_0 + t15 * t16
-    t59 = t17 + t17 - a_theta_m1 * t3
-    t60 = a_theta_1 + t18 + a_theta_m1 * t4
-    t61 = t20 - t59
-    t62 = t21 - t58
+    t52 = a_z + gravity
+    t53 = a_y * t1 + t2 * t52
+    t54 = t1 * t52 - a_y * t2
+    t55 = a_x * t4 + t3 * t54
+    t56 = a_x * t3 - t4 * t54
+    t57 = a_theta_0 + t15 * t16
+    t58 = 2.0 * v_theta_0 * t15 - a_theta_m1 * t3
+    t59 = a_theta_1 + t17 + a_theta_m1 * t4
+    t60 = t19 - t58
+    t61 = t20 - t57
 
     # motion of link 1
-    t63 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t60)
-    t64 = t6 * (t16 * t16 + t22) - t5 * (t18 + t60)
-    t65 = t6 * (2.0 * t19 * v_theta_0 - t59)
-    t66 = base_arm_length * (t5 * (2.0 * t19 * t16 - t58) + t65)
-    t67 = t57 - base_arm_length * t63
-    t68 = t54 - base_arm_length * t64
-    t69 = t56 + t66
-    t70 = a_theta_7 + t60
-    t71 = v_theta_0 * t23 - t59
-    t72 = t16 * t23 - t58
-    t73 = t8 * t71 - t9 * t72
-    t74 = t8 * t67 + t9 * t68
-    t75 = t8 * t68 - t9 * t67
-    t76 = t26 - t70
-    t77 = t28 + t73
+    t62 = t5 * (v_theta_0 * v_theta_0 + t21) - t6 * (t17 - t59)
+    t63 = t6 * (t16 * t16 + t21) - t5 * (t17 + t59)
+    t64 = t6 * (2.0 * t18 * v_theta_0 - t58)
+    t65 = base_arm_length * (t5 * (2.0 * t18 * t16 - t57) + t64)
+    t66 = t56 - base_arm_length * t62
+    t67 = t53 - base_arm_length * t63
+    t68 = t55 + t65
+    t69 = a_theta_7 + t59
+    t70 = v_theta_0 * t22 - t58
+    t71 = t16 * t22 - t57
+    t72 = t9 * t71 - t8 * t70
+    t73 = t8 * t66 + t9 * t67
+    t74 = t8 * t67 - t9 * t66
+    t75 = t25 - t69
+    t76 = t27 - t72
 
     # motion of link 2
-    t78 = a_theta_8 + t9 * t71 + t8 * t72
-    t79 = t23 * t29 + t77
-    t80 = t24 * t29 + t76
+    t77 = a_theta_8 + t8 * t71 + t9 * t70
+    t78 = t22 * t28 + t76
+    t79 = t23 * t28 + t75
 
     # motion of link 3
-    t81 = t10 * (t23 * t23 + t30) - t11 * (t27 - t78)
-    t82 = t11 * (t24 * t24 + t30) - t10 * (t27 + t78)
-    t83 = t11 * (2.0 * t29 * t23 + t77)
-    t84 = link2_length * (t10 * (2.0 * t29 * t24 + t76) + t83)
-    t85 = t74 - link2_length * t81
-    t86 = t69 - link2_length * t82
-    t87 = t75 - t84
-    t88 = a_theta_9 + t78
-    t89 = t23 * t31 + t77
-    t90 = t24 * t31 + t76
+    t80 = t10 * (t22 * t22 + t29) - t11 * (t26 - t77)
+    t81 = t11 * (t23 * t23 + t29) - t10 * (t26 + t77)
+    t82 = t11 * (2.0 * t28 * t22 + t76)
+    t83 = link2_length * (t10 * (2.0 * t28 * t23 + t75) + t82)
+    t84 = t73 - link2_length * t80
+    t85 = t68 - link2_length * t81
+    t86 = t74 - t83
+    t87 = a_theta_9 + t77
+    t88 = t22 * t30 + t76
+    t89 = t23 * t30 + t75
 
     # Gibbs function of the base
-    t91 = t61 * t61 * k120
-    t92 = k120 * t62 * t62
-    t93 = t54 * t54 * k121
-    t94 = k121 * t56 * t56
-    t95 = k121 * t57 * t57
-    t96 = 0.5 * t60 * t50 * t60
-    t97 = 0.5 * t62 * t50 * t62
-    t98 = 0.5 * t60 * t51 * t60
-    t99 = 0.5 * t61 * t51 * t61
-    t100 = t60 * t46 * t54
-    t101 = t61 * t47 * t56
-    t102 = t62 * t46 * t56
-    t103 = t16 * t52
-    t104 = t60 * t16 * t103
-    t105 = t54 * t16 * t16 * t47
-    t106 = t54 * t19 * t19 * t47
-    t107 = t60 * t47 * t57
-    t108 = t57 * t19 * t19 * t46
-    t109 = v_theta_0 * t46
-    t110 = t57 * v_theta_0 * t109
-    t111 = v_theta_0 * t52
-    t112 = t60 * v_theta_0 * t111
-    t113 = t62 * t52 * t61
-    t114 = t56 * t19 * t16 * t46
-    t115 = t62 * t19 * t16 * t50
-    t116 = t54 * t16 * t109
-    t117 = v_theta_0 * t47
-    t118 = t57 * t16 * t117
-    t119 = t60 * t16 * v_theta_0 * t50
-    t120 = t56 * t19 * t117
-    t121 = v_theta_0 * t51
-    t122 = t61 * t19 * t121
-    t123 = k67 * t21 * t62
-    t124 = k67 * t20 * t61
-    t125 = t61 * t19 * t103
-    t126 = t60 * t16 * t121
-    t127 = t62 * t19 * t111
-    t128 = (
-        t91 + t92 + t93 + t94 + t95 + t96 + t97 + t98 + t99 + t100 + t101 + t102 + t104 + t114 +
-        t115 + t116 + t118 + t119 + t120 + t122 - t105 - t106 - t107 - t108 - t110 - t112 - t113 -
-        t123 - t124 - t125 - t126 - t127
-    )
-
-    # Gibbs function of link 1
-    t129 = k122 * t73 * t73
-    t130 = k78 * t28 * t73
-    t131 = k78 * t26 * t70
-    t132 = t70 * t70 * k122 + t129 + t130 - t131
+    t90 = t18 * t45
+    t91 = v_theta_0 * t45
+    t92 = v_theta_0 * t51
+    t93 = v_theta_0 * t92 * t59
+    t94 = v_theta_0 * t46
 
     # Gibbs function of link 2
-    t133 = 0.5 * t78 * t43 * t78
-    t134 = 0.5 * t80 * t43 * t80
-    t135 = 0.5 * t78 * t44 * t78
-    t136 = 0.5 * t79 * t44 * t79
-    t137 = t78 * t39 * t69
-    t138 = t24 * t45
-    t139 = t78 * t24 * t138
-    t140 = t69 * t24 * t24 * t40
-    t141 = t69 * t29 * t29 * t40
-    t142 = t78 * t40 * t74
-    t143 = t23 * t39
-    t144 = t74 * t23 * t143
-    t145 = t74 * t29 * t29 * t39
-    t146 = t79 * t40 * t75
-    t147 = t80 * t39 * t75
-    t148 = t23 * t45
-    t149 = t78 * t23 * t148
-    t150 = t80 * t45 * t79
-    t151 = t69 * t24 * t143
-    t152 = t23 * t40
-    t153 = t74 * t24 * t152
-    t154 = t78 * t24 * t23 * t43
-    t155 = t23 * t44
-    t156 = t79 * t29 * t155
-    t157 = t80 * t29 * t24 * t43
-    t158 = t75 * t29 * t152
-    t159 = t78 * t24 * t155
-    t160 = t80 * t29 * t148
-    t161 = t75 * t29 * t24 * t39
-    t162 = t79 * t29 * t138
-    t163 = (
-        t140 + t141 + t142 + t144 + t145 + t146 + t147 + t149 + t150 + t158 + t159 + t160 + t161 +
-        t162 - t133 - t134 - t135 - t136 - t137 - t139 - t151 - t153 - t154 - t156 - t157
-    )
+    t95 = t79 * t42 * t79
+    t96 = t78 * t43 * t78
+    t97 = t22 * t38
+    t98 = t28 * t38
+    t99 = t38 * t74 * t79
+    t100 = t22 * t44
+    t101 = t22 * t39
 
     # Gibbs function of link 3
-    t164 = 0.5 * t88 * t36 * t88
-    t165 = 0.5 * t90 * t36 * t90
-    t166 = 0.5 * t88 * t37 * t88
-    t167 = 0.5 * t89 * t37 * t89
-    t168 = t88 * t32 * t86
-    t169 = t23 * t38
-    t170 = t88 * t23 * t169
-    t171 = t90 * t38 * t89
-    t172 = t88 * t33 * t85
-    t173 = t23 * t32
-    t174 = t85 * t23 * t173
-    t175 = t85 * t31 * t31 * t32
-    t176 = t86 * t24 * t24 * t33
-    t177 = t86 * t31 * t31 * t33
-    t178 = t89 * t33 * t87
-    t179 = t90 * t32 * t87
-    t180 = t24 * t38
-    t181 = t88 * t24 * t180
-    t182 = t23 * t33
-    t183 = t85 * t24 * t182
-    t184 = t86 * t24 * t173
-    t185 = t88 * t24 * t23 * t36
-    t186 = t23 * t37
-    t187 = t89 * t31 * t186
-    t188 = t90 * t31 * t169
-    t189 = t89 * t31 * t180
-    t190 = t90 * t31 * t24 * t36
-    t191 = t88 * t24 * t186
-    t192 = t87 * t31 * t182
-    t193 = t87 * t31 * t24 * t32
-    t194 = (
-        t164 + t165 + t166 + t167 + t168 + t170 + t171 + t183 + t184 + t185 + t187 + t188 + t189 +
-        t190 - t172 - t174 - t175 - t176 - t177 - t178 - t179 - t181 - t191 - t192 - t193
-    )
+    t102 = t89 * t35 * t89
+    t103 = t88 * t36 * t88
+    t104 = t22 * t37
+    t105 = t22 * t31
+    t106 = t30 * t31
+    t107 = t88 * t32 * t86
+    t108 = t22 * t32
 
     # sum over the links
-    t195 = t128 + t132 + t194 - t163
+    t109 = t97 * t68
+    t110 = t101 * t73
+    t111 = t28 * t42 * t79
+    t112 = t98 * t74
+    t113 = t108 * t84
+    t114 = t105 * t85
+    t115 = t30 * t35 * t89
+    t116 = t106 * t86
+    t117 = t61 * t18 * t49
+    t118 = t51 * t61
+    t119 = k64 * t19
+    t120 = t28 * t39 * t68
+    t121 = t100 * t79
+    t122 = t30 * t32 * t85
+    t123 = t104 * t89
+    t124 = k64 * t20
+    t125 = t45 * t55 + k113 * t61 - t18 * t92 - t124
+    t126 = t61 * t125
+    t127 = k114 * t56
+    t128 = t18 * t90 + v_theta_0 * t91 + t46 * t59 - t127
+    t129 = t56 * t128
+    t130 = t104 * t87
+    t131 = t97 * t73 + t100 * t77 + t105 * t84 - t130
+    t132 = t22 * t131
+    t133 = t18 * t18 * t46 - k114 * t53 - t45 * t59
+    t134 = t53 * t133
+    t135 = t55 * (t18 * t94 + k114 * t55)
+    t136 = k115 * (t69 * t69 + t72 * t72)
+    t137 = k75 * (t27 * t72 + t25 * t69)
+    t138 = t77 * (t38 * t68 - t39 * t73)
+    t139 = t78 * (t39 * t74 + t44 * t79)
+    t140 = t87 * (t31 * t85 - t32 * t84)
+    t141 = t89 * (t31 * t86 - t37 * t88)
+    t142 = t23 * (t39 * t68 + t32 * t85)
+    t143 = t59 * t59
+    t144 = t49 * (t61 * t61 + t143)
+    t145 = t50 * (t60 * t60 + t143)
+    t146 = t53 * (t16 * t46 - t91)
+    t147 = t16 * t51 - v_theta_0 * t50
+    t148 = t18 * t147
+    t149 = t46 * t55 + k113 * t60 - t118 - t119 - t148
+    t150 = t60 * t149
+    t151 = t23 * t44 - t22 * t43
+    t152 = t78 * t151
+    t153 = t120 + t98 * t73 + t101 * t74 + t121 + t152
+    t154 = t28 * t153
+    t155 = t23 * t37 + t22 * t36
+    t156 = t88 * t155
+    t157 = t106 * t84 + t122 + t108 * t86 - t123 - t156
+    t158 = t30 * t157
+    t159 = t77 * (t22 * t42 + t151)
+    t160 = t87 * (t22 * t35 - t155)
+    t161 = t109 + t110 + t111 + t113 + t114 + t115 + t159 + t160 - t112 - t116 - t142
+    t162 = t23 * t161
+    t163 = t59 * (v_theta_0 * t49 + t147)
+    t164 = t55 * t90 + t117 + t56 * t94 + t163 - t146
+    t165 = t16 * t164
+    t166 = t77 * (t42 + t43) * t77
+    t167 = t87 * (t35 + t36) * t87
+    t168 = t95 + t96 + t102 + t103 + t144 + t145 + t166 + t167
+    t169 = 0.5 * t168
+    t170 = (
+        t126 + t135 + t136 + t138 + t140 + t150 + t162 + t165 + t169 - t93 - t99 - t107 - t129 -
+        t132 - t134 - t137 - t139 - t141 - t154 - t158
+    )
     return (
-        t195,
+        t170,
     )
 
 
@@ -3125,7 +3164,7 @@ def kinetic_energy(
 
     Returns:
     energy: array (...); [J]
-    Source: eq. 2 with rates for accelerations. 188 operations, 6 sine-cosine pairs.
+    Source: eq. 2 with rates for accelerations. 152 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _kinetic_energy,
@@ -3139,21 +3178,21 @@ def kinetic_energy(
 def _kinetic_energy(k, sin, cos, q, v):
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
-    k120 = k[52]
-    k121 = k[53]
-    k122 = k[54]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
+    k113 = k[55]
+    k114 = k[56]
+    k115 = k[57]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3203,28 +3242,28 @@ def _kinetic_energy(k, sin, cos, q, v):
     t20 = v_theta_9 + t19
 
     # inertia of link 3, turned by the joints
-    t21 = k71 * t13
-    t22 = k71 * t14
-    t23 = t14 * k85
+    t21 = k68 * t13
+    t22 = k68 * t14
+    t23 = k81 * t14
     t24 = t14 * t23
-    t25 = k48 - t24
-    t26 = k54 + t24
+    t25 = k46 - t24
+    t26 = k52 + t24
 
     # inertia of link 2, turned by the joints
-    t27 = t10 * k76
-    t28 = t11 * k76
-    t29 = t11 * k86
+    t27 = k73 * t10
+    t28 = k73 * t11
+    t29 = k82 * t11
     t30 = t11 * t29
-    t31 = k77 + t30
-    t32 = k34 - t30
+    t31 = k74 + t30
+    t32 = k33 - t30
 
     # inertia of the base, turned by the joints
-    t33 = t5 * k83
-    t34 = t6 * k83
-    t35 = t6 * k87
+    t33 = k79 * t5
+    t34 = k79 * t6
+    t35 = k83 * t6
     t36 = t6 * t35
-    t37 = k84 + t36
-    t38 = k66 - t36
+    t37 = k80 + t36
+    t38 = k63 - t36
 
     # motion of the base
     t39 = v_y * t1 + v_z * t2
@@ -3243,53 +3282,32 @@ def _kinetic_energy(k, sin, cos, q, v):
     t48 = t47 - link2_length * (t11 * t18 - t10 * t17)
 
     # Gibbs function of the base
-    t49 = t15 * t15 * k120
-    t50 = v_theta_0 * v_theta_0 * k120
-    t51 = k121 * t39 * t39
-    t52 = k121 * t41 * t41
-    t53 = k121 * t42 * t42
-    t54 = 0.5 * t16 * t16 * t37
-    t55 = 0.5 * v_theta_0 * v_theta_0 * t37
-    t56 = 0.5 * t15 * t15 * t38
-    t57 = 0.5 * t16 * t16 * t38
-    t58 = t15 * t34 * t41
-    t59 = t15 * v_theta_0 * t5 * t35
-    t60 = t16 * t33 * t39
-    t61 = t16 * t34 * t42
-    t62 = v_theta_0 * t33 * t41
-    t63 = t49 + t50 + t51 + t52 + t53 + t54 + t55 + t56 + t57 + t58 + t59 + t60 - t61 - t62
-
-    # Gibbs function of link 1
-    t64 = t17 * t17 * k122 + t18 * t18 * k122
-
-    # Gibbs function of link 2
-    t65 = 0.5 * t17 * t17 * t31
-    t66 = 0.5 * t19 * t19 * t31
-    t67 = 0.5 * t18 * t18 * t32
-    t68 = 0.5 * t19 * t19 * t32
-    t69 = t18 * t17 * t10 * t29
-    t70 = t17 * t27 * t47
-    t71 = t19 * t27 * t45
-    t72 = t18 * t28 * t47
-    t73 = t19 * t28 * t46
-    t74 = t65 + t66 + t67 + t68 + t69 + t70 + t71 - t72 - t73
-
-    # Gibbs function of link 3
-    t75 = 0.5 * t17 * t17 * t25
-    t76 = 0.5 * t20 * t20 * t25
-    t77 = 0.5 * t18 * t18 * t26
-    t78 = 0.5 * t20 * t20 * t26
-    t79 = t17 * t21 * t48
-    t80 = t20 * t21 * (t45 + link2_length * t10 * t19)
-    t81 = t18 * t17 * t13 * t23
-    t82 = t18 * t22 * t48
-    t83 = t20 * t22 * (t46 - link2_length * t11 * t19)
-    t84 = t75 + t76 + t77 + t78 + t79 + t80 - t81 - t82 - t83
+    t49 = v_theta_0 * v_theta_0 * t37
+    t50 = t15 * t15 * t38
 
     # sum over the links
-    t85 = t63 + t64 + t74 + t84
+    t51 = v_theta_0 * t5 * t35 + k113 * t15 + t34 * t41
+    t52 = t15 * t51
+    t53 = k114 * (t39 * t39 + t41 * t41 + t42 * t42)
+    t54 = t18 * (k115 * t18 - t28 * t47 - t22 * t48)
+    t55 = v_theta_0 * (k113 * v_theta_0 - t33 * t41)
+    t56 = t16 * (t33 * t39 - t34 * t42)
+    t57 = t19 * (t27 * t45 - t28 * t46)
+    t58 = t22 * (t46 - link2_length * t11 * t19)
+    t59 = t20 * (t21 * (t45 + link2_length * t10 * t19) - t58)
+    t60 = t18 * (t13 * t23 - t10 * t29)
+    t61 = k115 * t17 + t27 * t47 + t21 * t48 - t60
+    t62 = t17 * t61
+    t63 = t16 * t16 * (t37 + t38)
+    t64 = t17 * t17 * (t25 + t31)
+    t65 = t18 * t18 * (t26 + t32)
+    t66 = t19 * (t31 + t32) * t19
+    t67 = t20 * (t25 + t26) * t20
+    t68 = t49 + t50 + t63 + t64 + t65 + t66 + t67
+    t69 = 0.5 * t68
+    t70 = t52 + t53 + t54 + t55 + t56 + t57 + t59 + t62 + t69
     return (
-        t85,
+        t70,
     )
 
 
@@ -3317,10 +3335,10 @@ def potential_energy(
 
 def _potential_energy(k, sin, cos, q):
     gravity = k[0]
-    k71 = k[17]
-    k76 = k[19]
-    k82 = k[23]
-    k83 = k[24]
+    k68 = k[18]
+    k73 = k[21]
+    k78 = k[25]
+    k79 = k[26]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3348,13 +3366,13 @@ def _potential_energy(k, sin, cos, q):
     t14 = sin(t12)
 
     # composite inertia of links 2 and 3, about joint 8
-    t15 = k71 * t13 + t10 * k76
+    t15 = k68 * t13 + k73 * t10
 
     # first moment of mass above Z = 0, and its weight
-    t16 = t4 * (t5 * k83 + t8 * t15)
-    t17 = t1 * (t3 * (k71 * t14 + t11 * k76) - t16)
-    t18 = t17 + t2 * (t6 * k83 + t9 * t15)
-    t19 = gravity * (t18 + z * k82)
+    t16 = t4 * (k79 * t5 + t8 * t15)
+    t17 = t1 * (t3 * (k68 * t14 + k73 * t11) - t16)
+    t18 = t17 + t2 * (k79 * t6 + t9 * t15)
+    t19 = gravity * (t18 + k78 * z)
     return (
         t19,
     )
@@ -3375,7 +3393,7 @@ def gravity_forces(
     Returns:
     force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
         m], theta_9 [N m], x [N], y [N], z [N]
-    Source: eqs. 5 and 6 at rest. 60 operations, 6 sine-cosine pairs.
+    Source: eqs. 5 and 6 at rest. 54 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _gravity_forces,
@@ -3386,11 +3404,13 @@ def gravity_forces(
 
 
 def _gravity_forces(k, sin, cos, q):
-    k71 = k[17]
-    k76 = k[19]
-    k83 = k[24]
-    k88 = k[29]
-    k119 = k[51]
+    k68 = k[18]
+    k73 = k[21]
+    k79 = k[26]
+    k85 = k[32]
+    k111 = k[53]
+    k118 = k[60]
+    k119 = k[61]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3416,46 +3436,42 @@ def _gravity_forces(k, sin, cos, q):
     t13 = cos(t12)
     t14 = sin(t12)
 
-    # inertia of link 3, turned by the joints
-    t15 = k71 * t13
-    t16 = k71 * t14
-
     # composite inertia of links 2 and 3, about joint 8
-    t17 = t15 + t10 * k76
+    t15 = k68 * t13 + k73 * t10
 
     # composite inertia of links 1 to 3, about joint 7
-    t18 = t8 * t17
-    t19 = t9 * t17
+    t16 = t8 * t15
+    t17 = t9 * t15
 
     # axes of the base
-    t20 = t1 * t3
+    t18 = t1 * t3
 
     # centre of mass from the origin
-    t21 = (t16 + t11 * k76) * k119
+    t19 = k111 * (k68 * t14 + k73 * t11)
 
     # axes of the base
-    t22 = t1 * t4
+    t20 = t1 * t4
 
     # joint 7 and the axes of link 1
-    t23 = t2 * t9 - t8 * t22
+    t21 = t2 * t9 - t8 * t20
 
     # centre of mass from the origin
-    t24 = (t5 * k83 + t18) * k119
+    t22 = k111 * (k79 * t5 + t16)
 
     # columns of the base
-    t25 = t4 * t21 + t3 * t24
-    t26 = t2 * (t3 * t21 - t4 * t24)
-    t27 = t1 * (t6 * k83 + t19) * k119 - t26
+    t23 = t4 * t19 + t3 * t22
+    t24 = t1 * k111 * (k79 * t6 + t17)
+    t25 = t2 * (t3 * t19 - t4 * t22) - t24
 
     # weight at the centre of mass
-    t28 = k88 * t27
-    t29 = k88 * t1 * t25
-    t30 = k88 * (t2 * t3 * t25 + t4 * t27)
-    t31 = k88 * (t19 * k119 * t22 + t2 * t18 * k119)
-    t32 = k88 * (t21 * t23 - t20 * t17 * k119)
-    t33 = k88 * (t23 * t16 * k119 - t20 * t15 * k119)
+    t26 = k85 * t25
+    t27 = k85 * t1 * t23
+    t28 = k85 * (t4 * t25 - t2 * t3 * t23)
+    t29 = k118 * (t2 * t16 + t17 * t20)
+    t30 = k85 * (t19 * t21 - t18 * k111 * t15)
+    t31 = k119 * (t14 * t21 - t13 * t18)
     return (
-        -t28, t29, -t30, -t31, t32, t33, 0.0, 0.0, -k88,
+        t26, t27, t28, -t29, t30, t31, 0.0, 0.0, -k85,
     )
 
 
@@ -3477,7 +3493,7 @@ def wrench_forces(
     Returns:
     force: array (..., 9); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_7 [N m], theta_8 [N
         m], theta_9 [N m], x [N], y [N], z [N]
-    Source: eq. 7. 199 operations, 6 sine-cosine pairs.
+    Source: eq. 7. 197 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _wrench_forces,
@@ -3534,8 +3550,8 @@ def _wrench_forces(k, sin, cos, q, W):
     t16 = link2_length * t11
 
     # step from the base to link 1
-    t17 = t5 * base_arm_length
-    t18 = t6 * base_arm_length
+    t17 = base_arm_length * t5
+    t18 = base_arm_length * t6
 
     # axes of the base
     t19 = t2 * t3
@@ -3577,26 +3593,26 @@ def _wrench_forces(k, sin, cos, q, W):
     # wrench on tip, in the frame of its link
     t48 = W_tip_fx * t35 + W_tip_fy * t36 + W_tip_fz * t37
     t49 = W_tip_fx * t38 + W_tip_fz * t40 - W_tip_fy * t39
-    t50 = W_tip_fy * t33 + W_tip_fz * t34 - W_tip_fx * t32
+    t50 = W_tip_fx * t32 - W_tip_fy * t33 - W_tip_fz * t34
     t51 = W_tip_tx * t35 + W_tip_ty * t36 + W_tip_tz * t37
     t52 = W_tip_tx * t38 + W_tip_tz * t40 - W_tip_ty * t39
-    t53 = W_tip_ty * t33 + W_tip_tz * t34 - W_tip_tx * t32
-    t54 = t52 + link3_length * t50
-    t55 = t53 - link3_length * t49
+    t53 = W_tip_tx * t32 - W_tip_ty * t33 - W_tip_tz * t34
+    t54 = t52 - link3_length * t50
+    t55 = t53 + link3_length * t49
 
     # wrenches carried in to the base
     t56 = t13 * t48 - t14 * t49
     t57 = t14 * t48 + t13 * t49
-    t58 = t13 * t51 - t14 * t54 - t16 * t50
-    t59 = t14 * t51 + t13 * t54 + t15 * t50
-    t60 = t55 + t16 * t56 - t15 * t57
-    t61 = t8 * t56 - t9 * t50
-    t62 = t8 * t50 + t9 * t56
-    t63 = t8 * t58 + t18 * t57 - t9 * t60
-    t64 = t9 * t58 + t8 * t60 - t17 * t57
-    t65 = t59 + t17 * t62 - t18 * t61
+    t58 = t13 * t51 + t16 * t50 - t14 * t54
+    t59 = t14 * t51 + t13 * t54 - t15 * t50
+    t60 = t55 + t15 * t57 - t16 * t56
+    t61 = t8 * t56 + t9 * t50
+    t62 = t8 * t50 - t9 * t56
+    t63 = t8 * t58 + t9 * t60 + t18 * t57
+    t64 = t9 * t58 - t8 * t60 - t17 * t57
+    t65 = t59 - t17 * t62 - t18 * t61
     t66 = t5 * t41 + t61 - t6 * t42
-    t67 = t6 * t41 + t5 * t42 + t62
+    t67 = t6 * t41 + t5 * t42 - t62
     t68 = t43 + t57
     t69 = t6 * t44 + t5 * t47 + t64
     t70 = t46 + base_arm_length * t42 + t65
@@ -3607,7 +3623,7 @@ def _wrench_forces(k, sin, cos, q, W):
     t75 = t1 * t67 - t2 * t71
     t76 = t1 * t71 + t2 * t67
     return (
-        t74, t69, t70, t59, -t60, -t55, t72, t75, t76,
+        t74, t69, t70, t59, t60, t55, t72, t75, t76,
     )
 
 
@@ -3636,7 +3652,7 @@ def forward_dynamics_with_wrenches(
     acceleration: array (..., 9); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
         a_theta_7 [rad/s^2], a_theta_8 [rad/s^2], a_theta_9 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z
         [m/s^2]
-    Source: eq. 19, solved for the free coordinates. 535 operations, 6 sine-cosine pairs.
+    Source: eq. 19, solved for the free coordinates. 522 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _forward_dynamics_with_wrenches,
@@ -3653,25 +3669,27 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     gravity = k[0]
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
+    k33 = k[7]
     link3_length = k[9]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k82 = k[23]
-    k85 = k[26]
-    k86 = k[27]
-    k89 = k[30]
-    k90 = k[31]
-    k114 = k[47]
-    k115 = k[48]
-    k117 = k[49]
-    k118 = k[50]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k78 = k[25]
+    k81 = k[28]
+    k82 = k[29]
+    k84 = k[31]
+    k86 = k[33]
+    k87 = k[34]
+    k106 = k[49]
+    k108 = k[50]
+    k109 = k[51]
+    k110 = k[52]
+    k117 = k[59]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3727,270 +3745,316 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
-    t17 = v_theta_0 * t16
-    t18 = t15 * t16
-    t19 = 2.0 * v_theta_0 * t15
-    t20 = v_theta_1 + t15
-    t21 = v_theta_0 * t20
-    t22 = t16 * t20
-    t23 = t20 * t20
+    t17 = v_theta_0 * t15
+    t18 = v_theta_0 * t16
+    t19 = t15 * t16
+    t20 = 2.0 * t17
+    t21 = v_theta_1 + t15
+    t22 = t21 * t21
 
     # motion of link 1
-    t24 = v_theta_7 + t20
-    t25 = t19 - v_theta_0 * t24
-    t26 = t18 - t16 * t24
-    t27 = t24 * t24
-    t28 = t8 * t16 + v_theta_0 * t9
-    t29 = v_theta_0 * t8 - t9 * t16
-    t30 = t9 * t25 + t8 * t26
-    t31 = t28 * t28
-    t32 = t24 * t28
-    t33 = t30 - t32
-    t34 = t17 - t28 * t29
-    t35 = t9 * t26 + t24 * t29 - t8 * t25
-    t36 = t30 + t32
+    t23 = v_theta_7 + t21
+    t24 = t20 - v_theta_0 * t23
+    t25 = t19 - t16 * t23
+    t26 = t23 * t23
+    t27 = t8 * t16 + v_theta_0 * t9
+    t28 = v_theta_0 * t8 - t9 * t16
+    t29 = t9 * t24 + t8 * t25
+    t30 = t27 * t27
+    t31 = t23 * t27
+    t32 = t29 - t31
+    t33 = t18 - t27 * t28
+    t34 = t9 * t25 + t23 * t28 - t8 * t24
+    t35 = t29 + t31
 
     # motion of link 2
-    t37 = v_theta_8 - t29
-    t38 = t37 * t37
-    t39 = t27 + t38
-    t40 = 2.0 * t28
-    t41 = t34 - t37 * t40
-    t42 = t31 + t38
-    t43 = 2.0 * t24
-    t44 = t35 + t37 * t43
+    t36 = v_theta_8 - t28
+    t37 = t36 * t36
+    t38 = t26 + t37
+    t39 = 2.0 * t27
+    t40 = t33 - t36 * t39
+    t41 = t30 + t37
+    t42 = 2.0 * t23
+    t43 = t36 * t42 + t34
 
     # motion of link 3
-    t45 = t11 * t36 - t10 * t39
-    t46 = t10 * t33 + t11 * t42
-    t47 = t11 * t44 - t10 * t41
-    t48 = link2_length * t47
-    t49 = v_theta_9 + t37
-    t50 = t49 * t49
-    t51 = t27 + t50
-    t52 = t34 - t40 * t49
-    t53 = t31 + t50
-    t54 = t35 + t43 * t49
+    t44 = t11 * t35 - t10 * t38
+    t45 = t10 * t32 + t11 * t41
+    t46 = t10 * t40 - t11 * t43
+    t47 = link2_length * t46
+    t48 = v_theta_9 + t36
+    t49 = t48 * t48
+    t50 = t26 + t49
+    t51 = t33 - t39 * t48
+    t52 = t30 + t49
+    t53 = t42 * t48 + t34
 
     # inertia of link 3, turned by the joints
-    t55 = k71 * t13
-    t56 = k71 * t14
-    t57 = t14 * k85
-    t58 = t14 * t57
-    t59 = k48 - t58
-    t60 = k54 + t58
-    t61 = t13 * t57
+    t54 = k68 * t13
+    t55 = k68 * t14
+    t56 = k81 * t14
+    t57 = t14 * t56
+    t58 = k46 - t57
+    t59 = k52 + t57
+    t60 = t13 * t56
 
     # articulated inertia and load of link 3, about joint 9
-    t62 = t61 * (t51 - t53)
-    t63 = k71 * (t14 * t36 - t13 * t51)
-    t64 = k71 * (t13 * t33 + t14 * t53)
+    t61 = t59 * t53
+    t62 = t51 * t60
+    t63 = t51 * t58
+    t64 = t60 * t53
+    t65 = t60 * (t50 - t52)
+    t66 = t32 * t58
+    t67 = t35 * t59
+    t68 = k68 * (t14 * t35 - t13 * t50)
+    t69 = k68 * (t13 * t32 + t14 * t52)
 
     # step from link 2 to link 3
-    t65 = link2_length * t10
-    t66 = link2_length * t11
+    t70 = link2_length * t10
+    t71 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t67 = t10 * k76
-    t68 = t11 * k76
-    t69 = t11 * k86
-    t70 = t11 * t69
-    t71 = k77 + t70
-    t72 = k34 - t70
-    t73 = t10 * t69
+    t72 = k73 * t10
+    t73 = k73 * t11
+    t74 = k82 * t11
+    t75 = t11 * t74
+    t76 = k74 + t75
+    t77 = k33 - t75
+    t78 = t10 * t74
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t74 = t55 + t67
-    t75 = t73 - t61 - t55 * t66 - t56 * t65
-
-    # axes of the base
-    t76 = t2 * t3
-    t77 = t1 * t3
-    t78 = t3 * t6
-
-    # articulated inertia and load of link 3, about joint 9
-    t79 = t54 * t60 + t48 * t56 - t52 * t61
-    t80 = t54 * t61 + t48 * t55 - t52 * t59
-    t81 = link2_length * t45 * t56
-    t82 = link2_length * t46 * t55
-    t83 = t33 * t59 + t36 * t60 + t81 + t82 - t62
-
-    # equation of joint 9, its acceleration eliminated
-    t84 = 1.0 / (t59 + t60)
-    t85 = t56 * t84
-    t86 = t55 * t84
-    t87 = t56 * t85
-    t88 = t55 * t86
-    t89 = t55 * t85
-
-    # articulated inertia and load of links 2 and 3, about joint 8
-    t90 = t66 * t87 + t65 * t89
-    t91 = t66 * t89 + t65 * t88
-    t92 = t33 * t71 + t36 * t72 + t73 * (t39 - t42)
-    t93 = t68 - t90
-    t94 = t67 - t91
-
-    # equation of joint 8, its acceleration eliminated
-    t95 = 1.0 / (t65 * t91 + t66 * t90 - t71 - t72)
-    t96 = t93 * t95
-    t97 = t94 * t95
-    t98 = t89 - t94 * t96
+    t79 = t40 * t78
+    t80 = t77 * t43
+    t81 = t40 * t76
+    t82 = t78 * t43
+    t83 = t32 * t76
+    t84 = t35 * t77
+    t85 = t78 * (t38 - t41)
+    t86 = k73 * t45
 
     # articulated inertia and load of links 1 to 3, about joint 7
-    t99 = k78 + t72 + t60 + 2.0 * t56 * t66
+    t87 = k75 * t34
+    t88 = k75 * t33
 
-    # equation of joint 7, its acceleration eliminated
-    t100 = 1.0 / (k78 + t71 + t59 + 2.0 * t55 * t65)
-    t101 = t74 * t100
-    t102 = t75 * t100
-    t103 = t56 + t68 + t75 * t101
-
-    # articulated inertia and load of the base and links 1 to 3
-    t104 = k67 * t19 + k66 * (t19 - 2.0 * t20 * v_theta_0)
-    t105 = k67 * t18 + k66 * (t18 - 2.0 * t20 * t16)
-
-    # acceleration of the base, by LDL^T
-    t106 = 1.0 / (t99 + k115 - t75 * t102)
-    t107 = t103 * t106
-    t108 = 1.0 / (k82 - t74 * t101 - t103 * t107)
-    t109 = 1.0 / (k82 + t94 * t97 - t88)
-    t110 = t98 * t109
-    t111 = 1.0 / (k82 + t93 * t96 - t87 - t98 * t110)
-
-    # accelerations of the attitude angles
-    t112 = 1.0 / t3
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t89 = t54 + t72
+    t90 = t60 + t54 * t71 + t55 * t70 - t78
 
     # axes of the base
-    t113 = t2 * t4
-    t114 = t1 * t4
-    t115 = t3 * t5
-    t116 = t1 * t6 + t5 * t113
-    t117 = t2 * t6 - t5 * t114
-    t118 = t1 * t5 - t6 * t113
-    t119 = t2 * t5 + t6 * t114
+    t91 = t2 * t3
+    t92 = t1 * t3
+    t93 = t3 * t6
+
+    # force and moment of all thrusts
+    t94 = base_arm_length * F_4
+
+    # articulated inertia and load of link 3, about joint 9
+    t95 = t55 * t47
+    t96 = t54 * t47
+
+    # equation of joint 9, its acceleration eliminated
+    t97 = 1.0 / (t58 + t59)
+    t98 = t55 * t97
+    t99 = t54 * t97
+    t100 = t55 * t98
+    t101 = t54 * t99
+    t102 = t54 * t98
+
+    # articulated inertia and load of links 2 and 3, about joint 8
+    t103 = t71 * t100 + t70 * t102
+    t104 = t71 * t102 + t70 * t101
+    t105 = 2.0 * t55 * t71
+    t106 = t73 - t103
+    t107 = t72 - t104
+
+    # equation of joint 8, its acceleration eliminated
+    t108 = 1.0 / (t76 + t77 - t70 * t104 - t71 * t103)
+    t109 = t106 * t108
+    t110 = t107 * t108
+    t111 = t102 + t107 * t109
+
+    # equation of joint 7, its acceleration eliminated
+    t112 = 1.0 / (k75 + t58 + t76 + 2.0 * t54 * t70)
+    t113 = t89 * t112
+    t114 = t90 * t112
+    t115 = t55 + t73 - t90 * t113
+
+    # articulated inertia and load of the base and links 1 to 3
+    t116 = k63 * (t20 - 2.0 * t21 * v_theta_0)
+    t117 = k63 * (t19 - 2.0 * t21 * t16)
+    t118 = k108 * t18
+
+    # acceleration of the base, by LDL^T
+    t119 = 1.0 / (t59 + t77 + t105 + k117 - t90 * t114)
+    t120 = t115 * t119
+    t121 = 1.0 / (k78 - t89 * t113 - t115 * t120)
+    t122 = 1.0 / (k78 - t101 - t107 * t110)
+    t123 = t111 * t122
+    t124 = 1.0 / (k78 - t100 - t106 * t109 - t111 * t123)
+
+    # accelerations of the attitude angles
+    t125 = 1.0 / t3
+
+    # axes of the base
+    t126 = t2 * t4
+    t127 = t1 * t4
+    t128 = t3 * t5
+    t129 = t1 * t6 + t5 * t126
+    t130 = t2 * t6 - t5 * t127
+    t131 = t1 * t5 - t6 * t126
+    t132 = t2 * t5 + t6 * t127
 
     # joint 7 and the axes of link 1
-    t120 = t3 * t8
-    t121 = t1 * t9 + t8 * t113
-    t122 = t2 * t9 - t8 * t114
-    t123 = t3 * t9
-    t124 = t1 * t8 - t9 * t113
-    t125 = t2 * t8 + t9 * t114
+    t133 = t3 * t8
+    t134 = t1 * t9 + t8 * t126
+    t135 = t2 * t9 - t8 * t127
+    t136 = t3 * t9
+    t137 = t1 * t8 - t9 * t126
+    t138 = t2 * t8 + t9 * t127
 
     # joint 9 and the axes of link 3
-    t126 = t13 * t120 + t4 * t14
-    t127 = t13 * t121 - t14 * t76
-    t128 = t13 * t122 + t14 * t77
-    t129 = t4 * t13 - t14 * t120
-    t130 = t14 * t121 + t13 * t76
-    t131 = t13 * t77 - t14 * t122
+    t139 = t13 * t133 + t4 * t14
+    t140 = t13 * t134 - t14 * t91
+    t141 = t13 * t135 + t14 * t92
+    t142 = t4 * t13 - t14 * t133
+    t143 = t14 * t134 + t13 * t91
+    t144 = t13 * t92 - t14 * t135
 
     # wrench on base, in the frame of its link
-    t132 = W_base_fx * t115 + W_base_fy * t116 + W_base_fz * t117
-    t133 = W_base_fy * t118 + W_base_fz * t119 - W_base_fx * t78
-    t134 = W_base_fx * t4 + W_base_fz * t77 - W_base_fy * t76
-    t135 = W_base_tx * t115 + W_base_ty * t116 + W_base_tz * t117
-    t136 = W_base_ty * t118 + W_base_tz * t119 - W_base_tx * t78
-    t137 = W_base_tx * t4 + W_base_tz * t77 - W_base_ty * t76
+    t145 = W_base_fx * t93
+    t146 = W_base_fx * t4
+    t147 = W_base_fz * t92
+    t148 = W_base_fy * t91
+    t149 = W_base_tz * t132
+    t150 = W_base_tx * t93
+    t151 = W_base_tx * t4
+    t152 = W_base_tz * t92
+    t153 = W_base_ty * t91
 
     # wrench on tip, in the frame of its link
-    t138 = W_tip_fx * t126 + W_tip_fy * t127 + W_tip_fz * t128
-    t139 = W_tip_fx * t129 + W_tip_fz * t131 - W_tip_fy * t130
-    t140 = W_tip_fy * t124 + W_tip_fz * t125 - W_tip_fx * t123
-    t141 = W_tip_tx * t126 + W_tip_ty * t127 + W_tip_tz * t128
-    t142 = W_tip_tx * t129 + W_tip_tz * t131 - W_tip_ty * t130
-    t143 = W_tip_ty * t124 + W_tip_tz * t125 - W_tip_tx * t123
-    t144 = t142 + link3_length * t140
-
-    # thrusts and wrenches together
-    t145 = 0.8660254037844386 * F_2 + t132 - 0.8660254037844386 * F_6
-    t146 = F_4 + t133 - 0.5 * F_2 - 0.5 * F_6
-    t147 = F_3 * k90 - F_5 * k90 - t135
-    t148 = F_1 * base_arm_length + t136 - F_3 * k89 - F_5 * k89
-    t149 = F_2 * k114 + F_4 * base_arm_length + F_6 * k114 + t137
+    t154 = W_tip_fx * t139 + W_tip_fy * t140 + W_tip_fz * t141
+    t155 = W_tip_fx * t142 + W_tip_fz * t144 - W_tip_fy * t143
+    t156 = W_tip_fx * t136 - W_tip_fy * t137 - W_tip_fz * t138
+    t157 = W_tip_tx * t139 + W_tip_ty * t140 + W_tip_tz * t141
+    t158 = W_tip_tx * t136
+    t159 = W_tip_ty * t137
+    t160 = W_tip_tz * t138
+    t161 = link3_length * t156
+    t162 = W_tip_tx * t142 + W_tip_tz * t144 - W_tip_ty * t143 - t161
+    t163 = link3_length * t155
 
     # articulated inertia and load of link 3, about joint 9
-    t150 = k71 * (t14 * t54 - t13 * t52) + t140
+    t164 = t13 * t157
+    t165 = t14 * t162
+    t166 = t14 * t157
+    t167 = t13 * t162
+
+    # thrusts and wrenches together
+    t168 = 0.8660254037844386 * (F_2 - F_6)
+    t169 = W_base_fx * t128 + W_base_fy * t129 + W_base_fz * t130 + t168
+    t170 = F_2 + F_6
+    t171 = 0.5 * t170
+    t172 = F_4 + W_base_fy * t131 + W_base_fz * t132 - t145 - t171
+    t173 = k87 * (F_3 - F_5)
+    t174 = W_base_tx * t128 + W_base_ty * t129 + W_base_tz * t130 - t173
+    t175 = F_3 + F_5
+    t176 = k86 * t175
+    t177 = base_arm_length * F_1 + W_base_ty * t131 + t149 - t150 - t176
+
+    # articulated inertia and load of link 3, about joint 9
+    t178 = t156 + k68 * (t13 * t51 - t14 * t53)
 
     # equation of joint 9, its acceleration eliminated
-    t151 = t84 * (tau_9 + t83 + link3_length * t139 - t143)
-    t152 = t63 + t14 * t139 - t13 * t138 - t56 * t151
-    t153 = t64 + t14 * t138 + t13 * t139 - t55 * t151
+    t179 = link2_length * (t44 * t55 + t45 * t54)
+    t180 = tau_9 + t66 + t67 + t158 + t163 + t179 - t65 - t159 - t160
+    t181 = t97 * t180
+    t182 = t68 + t14 * t155 - t13 * t154 - t55 * t181
+    t183 = t69 + t14 * t154 + t13 * t155 - t54 * t181
 
     # articulated inertia and load of links 2 and 3, about joint 8
-    t154 = t79 + t14 * t144 + t66 * t150 - t13 * t141
-    t155 = t80 + t14 * t141 + t13 * t144 + t65 * t150
+    t184 = t71 * t178
+    t185 = t70 * t178
+    t186 = t71 * t182
+    t187 = t70 * t183
 
     # equation of joint 8, its acceleration eliminated
-    t156 = tau_8 + t92 + t66 * t152 + t65 * t153 - tau_9
-    t157 = t95 * t156
-    t158 = k76 * t45 + t152 + t93 * t157
-    t159 = k76 * t46 + t153 + t94 * t157
-
-    # articulated inertia and load of links 1 to 3, about joint 7
-    t160 = k78 * t35 + t41 * t73 + t44 * t72 + t154
-    t161 = k78 * t34 + t41 * t71 + t44 * t73 - t155
+    t188 = tau_8 + t83 + t84 + t85 + t186 + t187 - tau_9
+    t189 = t108 * t188
+    t190 = t106 * t189
+    t191 = t107 * t189
 
     # equation of joint 7, its acceleration eliminated
-    t162 = t100 * (tau_7 - t161)
-    t163 = k76 * t47 + t150 - t74 * t162
+    t192 = tau_7 + t166 + t64 + t167 - t63 - t81 - t88 - t82 - t96 - t185
+    t193 = t112 * t192
+    t194 = t89 * t193
+    t195 = t90 * t193
 
     # articulated inertia and load of the base and links 1 to 3
-    t164 = t5 * t145 - t6 * t146
-    t165 = t6 * t145 + t5 * t146
-    t166 = t104 - t5 * t147 - t6 * t148
-    t167 = t105 + t6 * t147 - t5 * t148
-    t168 = F_5 + F_1 + F_3 + t134 + t159
-    t169 = t160 + t75 * t162 + t9 * t167 - t8 * t166
+    t196 = t5 * t169 - t6 * t172
+    t197 = t6 * t169 + t5 * t172
+    t198 = k84 * t17 + t116 + t5 * t174 - t6 * t177
+    t199 = k64 * t19 + t117 - t5 * t177 - t6 * t174
+    t200 = t8 * t196
+    t201 = t9 * t197
+    t202 = t8 * t197
+    t203 = t9 * t196
+    t204 = t8 * t198
+    t205 = t9 * t199
+    t206 = F_1 + t86 + t146 + t147 + t175 + t183 - t148 - t191
+    t207 = t62 + t164 + t95 + t184 + t195 + t204 - t79 - t61 - t80 - t87 - t165 - t205
+    t208 = k106 * t170
+    t209 = t94 + t151 + t152 + t208 - tau_7 - t118 - t153
 
     # acceleration of the base, by LDL^T
-    t170 = t163 + t8 * t165 - t9 * t164 - t107 * t169
-    t171 = t158 + t110 * t168 - t8 * t164 - t9 * t165
-    t172 = t111 * t171
-    t173 = t110 * t172 + t109 * t168
-    t174 = t108 * t170
-    t175 = t107 * t174 - t106 * t169
-    t176 = k118 * (tau_8 - t9 * t166 - t8 * t167)
-    t177 = k117 * (tau_7 + 2.0 * k66 * t17 - t149)
+    t210 = t120 * t207
+    t211 = k73 * t46 + t178 + t194 + t203 - t202 - t210
+    t212 = t123 * t206
+    t213 = k73 * t44 + t182 + t212 - t190 - t200 - t201
+    t214 = t124 * t213
+    t215 = t123 * t214 + t122 * t206
+    t216 = t121 * t211
+    t217 = t119 * t207 - t120 * t216
+    t218 = k110 * (tau_8 - t9 * t198 - t8 * t199)
+    t219 = k109 * t209
 
     # acceleration of joint 7
-    t178 = t177 + t162 - t101 * t174 - t102 * t175
+    t220 = t193 + t113 * t216 + t114 * t217 - t219
 
     # acceleration of joint 8
-    t179 = t96 * t172 + t97 * t173 - t157
-    t180 = t176 + t179
+    t221 = t189 - t109 * t214 - t110 * t215
+    t222 = t218 + t221
 
     # acceleration of joint 9
-    t181 = t86 * (t173 + t65 * t179)
-    t182 = t179 + t85 * (t172 + t66 * t179) + t181 - t151
+    t223 = t99 * (t215 + t70 * t221)
+    t224 = t181 - t221 - t98 * (t214 + t71 * t221) - t223
 
     # acceleration of the base
-    t183 = t8 * t175 - t9 * t176
-    t184 = t9 * t175 + t8 * t176
+    t225 = t8 * t217 - t9 * t218
+    t226 = t9 * t217 + t8 * t218
 
     # acceleration of the origin from that of the base centre
-    t185 = t17 - t177
-    t186 = t5 * (v_theta_0 * v_theta_0 + t23) - t6 * (t17 - t185)
-    t187 = t6 * (t16 * t16 + t23) - t5 * (t17 + t185)
-    t188 = t6 * (t21 + t21 + t183 - t19)
-    t189 = base_arm_length * (t5 * (t22 + t22 - t18 - t184) + t188)
-    t190 = t8 * t172 + t9 * t174 - base_arm_length * t186
-    t191 = t8 * t174 + base_arm_length * t187 - t9 * t172
-    t192 = t173 - t189
+    t227 = t18 + t219
+    t228 = t5 * (v_theta_0 * v_theta_0 + t22) - t6 * (t18 - t227)
+    t229 = t6 * (t16 * t16 + t22) - t5 * (t18 + t227)
+    t230 = t6 * (t20 - 2.0 * v_theta_0 * t21 - t225)
+    t231 = t5 * (t19 + t226 - 2.0 * t16 * t21) + t230
+    t232 = t9 * t216 + base_arm_length * t228 - t8 * t214
+    t233 = base_arm_length * t229 - t8 * t216 - t9 * t214
+    t234 = base_arm_length * t231 + t215
 
     # acceleration of the origin, in world axes
-    t193 = t3 * t192 + t4 * t190
-    t194 = t4 * t192 - t3 * t190
-    t195 = t1 * t191 - t2 * t193
+    t235 = t3 * t234 - t4 * t232
+    t236 = t4 * t234 + t3 * t232
+    t237 = t1 * t233 - t2 * t235
 
     # accelerations of the attitude angles
-    t196 = t112 * t183
-    t197 = t177 + t4 * t196
+    t238 = t125 * t225
+    t239 = t219 - t4 * t238
 
     # acceleration of the origin, in world axes
-    t198 = gravity - t1 * t193 - t2 * t191
+    t240 = t1 * t235 + t2 * t233 - gravity
     return (
-        t196, t184, -t197, t178, t180, -t182, t194, t195, -t198,
+        t238, t226, t239, t220, t222, t224, t236, t237, t240,
     )
 
 
@@ -4022,7 +4086,7 @@ def joint_wrenches(
     Returns:
     wrenches: array (..., 8, 6); [N] in the first three, [N m] in the others, a row for each of
         base_arm2, base_arm3, base_arm4, base_arm5, base_arm6, link1, link2, link3
-    Source: eqs. 6 and 14, all six components. 492 operations, 6 sine-cosine pairs.
+    Source: eqs. 6 and 14, all six components. 445 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _joint_wrenches,
@@ -4042,25 +4106,25 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
     k14 = k[3]
     k20 = k[4]
     link2_length = k[5]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k48 = k[10]
-    k54 = k[11]
-    k60 = k[12]
-    k69 = k[15]
-    k70 = k[16]
-    k71 = k[17]
-    k72 = k[18]
-    k85 = k[26]
-    k96 = k[35]
-    k97 = k[36]
-    k98 = k[37]
-    k99 = k[38]
-    k103 = k[39]
-    k104 = k[40]
-    k105 = k[41]
-    k123 = k[55]
+    k27 = k[6]
+    k33 = k[7]
+    k39 = k[8]
+    k46 = k[10]
+    k52 = k[11]
+    k58 = k[12]
+    k65 = k[15]
+    k66 = k[16]
+    k67 = k[17]
+    k68 = k[18]
+    k69 = k[19]
+    k81 = k[28]
+    k92 = k[38]
+    k93 = k[39]
+    k94 = k[40]
+    k97 = k[41]
+    k98 = k[42]
+    k99 = k[43]
+    k116 = k[58]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -4109,62 +4173,64 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
     # motion of the base
     t15 = v_theta_m1 * t4
     t16 = v_theta_m1 * t3
-    t17 = v_theta_0 * t15
-    t18 = v_theta_0 * t16
-    t19 = v_theta_1 + t15
-    t20 = t19 * t19
+    t17 = v_theta_0 * t16
+    t18 = v_theta_1 + t15
+    t19 = t18 * t18
 
     # motion of link 1
-    t21 = v_theta_7 + t19
-    t22 = t21 * t21
-    t23 = t8 * t16 + v_theta_0 * t9
-    t24 = v_theta_0 * t8 - t9 * t16
-    t25 = t23 * t23
-    t26 = t21 * t23
+    t20 = v_theta_7 + t18
+    t21 = t20 * t20
+    t22 = t8 * t16 + v_theta_0 * t9
+    t23 = v_theta_0 * t8 - t9 * t16
+    t24 = t22 * t22
+    t25 = t20 * t22
 
     # motion of link 2
-    t27 = v_theta_8 - t24
-    t28 = t27 * t27
-    t29 = t22 + t28
-    t30 = 2.0 * t23
-    t31 = t25 + t28
-    t32 = 2.0 * t21
+    t26 = v_theta_8 - t23
+    t27 = t26 * t26
+    t28 = t21 + t27
+    t29 = 2.0 * t22
+    t30 = t24 + t27
+    t31 = 2.0 * t20
 
     # motion of link 3
-    t33 = v_theta_9 + t27
-    t34 = t33 * t33
-    t35 = t22 + t34
-    t36 = t25 + t34
+    t32 = v_theta_9 + t26
+    t33 = t32 * t32
+    t34 = t21 + t33
+    t35 = t24 + t33
 
     # inertia of link 3, turned by the joints
-    t37 = k71 * t13
-    t38 = k71 * t14
-    t39 = t14 * k85
-    t40 = t14 * t39
-    t41 = k48 - t40
-    t42 = k54 + t40
-    t43 = t13 * t39
+    t36 = k68 * t13
+    t37 = k68 * t14
+    t38 = k81 * t14
+    t39 = t14 * t38
+    t40 = k46 - t39
+    t41 = k52 + t39
+    t42 = t13 * t38
 
     # inertia forces of link 3, about joint 9
-    t44 = t43 * (t35 - t36)
+    t43 = t42 * (t34 - t35)
 
     # step from link 2 to link 3
-    t45 = link2_length * t10
-    t46 = link2_length * t11
+    t44 = link2_length * t10
+    t45 = link2_length * t11
 
     # motion of the base
-    t47 = t5 * t16 + v_theta_0 * t6
-    t48 = v_theta_0 * t5 - t6 * t16
-    t49 = t47 * t48
-    t50 = t19 * t47
-    t51 = t19 * t48
-    t52 = t20 + t48 * t48
-    t53 = t20 + t47 * t47
+    t46 = t5 * t16 + v_theta_0 * t6
+    t47 = v_theta_0 * t5 - t6 * t16
+    t48 = t46 * t47
+    t49 = t18 * t46
+    t50 = t18 * t47
+    t51 = t19 + t47 * t47
+    t52 = t19 + t46 * t46
 
     # inertia forces of base arm 2, about joint 2
-    t54 = k98 * t52
-    t55 = k99 * t53
-    t56 = k105 * (t52 - t53)
+    t53 = k93 * t51
+    t54 = k94 * t52
+    t55 = k99 * (t51 - t52)
+
+    # wrench through joint 4
+    t56 = base_arm_length * F_4
 
     # motion of the base
     t57 = a_z + gravity
@@ -4173,203 +4239,224 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
     t60 = a_x * t4 + t3 * t59
     t61 = a_x * t3 - t4 * t59
     t62 = a_theta_0 + t15 * t16
-    t63 = t17 + t17 - a_theta_m1 * t3
-    t64 = a_theta_1 + t18 + a_theta_m1 * t4
-    t65 = v_theta_0 * t19 - t63
-    t66 = t16 * t19 - t62
+    t63 = 2.0 * v_theta_0 * t15 - a_theta_m1 * t3
+    t64 = a_theta_1 + t17 + a_theta_m1 * t4
+    t65 = v_theta_0 * t18 - t63
+    t66 = t16 * t18 - t62
 
     # motion of link 1
-    t67 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t18 - t64)
-    t68 = t6 * (t16 * t16 + t20) - t5 * (t18 + t64)
-    t69 = t6 * (2.0 * t19 * v_theta_0 - t63)
-    t70 = base_arm_length * (t5 * (2.0 * t19 * t16 - t62) + t69)
+    t67 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t17 - t64)
+    t68 = t6 * (t16 * t16 + t19) - t5 * (t17 + t64)
+    t69 = t6 * (2.0 * t18 * v_theta_0 - t63)
+    t70 = base_arm_length * (t5 * (2.0 * t18 * t16 - t62) + t69)
     t71 = t61 - base_arm_length * t67
     t72 = t58 - base_arm_length * t68
     t73 = t60 + t70
-    t74 = v_theta_0 * t21 - t63
-    t75 = t16 * t21 - t62
+    t74 = v_theta_0 * t20 - t63
+    t75 = t16 * t20 - t62
     t76 = t8 * t71 + t9 * t72
     t77 = t8 * t72 - t9 * t71
-    t78 = t23 * t24 - a_theta_7 - t64
-    t79 = t21 * t24 + t8 * t74 - t9 * t75
+    t78 = a_theta_7 + t64 - t22 * t23
+    t79 = t20 * t23 + t8 * t74 - t9 * t75
 
     # motion of link 2
-    t80 = a_theta_8 + t9 * t74 + t8 * t75
-    t81 = t26 + t80
-    t82 = t27 * t30 + t78
-    t83 = t26 - t80
-    t84 = t27 * t32 + t79
+    t80 = a_theta_8 + t8 * t75 + t9 * t74
+    t81 = t25 + t80
+    t82 = t26 * t29 - t78
+    t83 = t25 - t80
+    t84 = t26 * t31 + t79
 
     # motion of link 3
-    t85 = t76 - link2_length * (t10 * t29 - t11 * t83)
-    t86 = t73 - link2_length * (t11 * t31 - t10 * t81)
+    t85 = t76 - link2_length * (t10 * t28 - t11 * t83)
+    t86 = t73 - link2_length * (t11 * t30 - t10 * t81)
     t87 = t77 - link2_length * (t10 * t82 + t11 * t84)
     t88 = a_theta_9 + t80
-    t89 = t26 + t88
-    t90 = t30 * t33 + t78
-    t91 = t26 - t88
-    t92 = t32 * t33 + t79
+    t89 = t25 + t88
+    t90 = t29 * t32 - t78
+    t91 = t25 - t88
+    t92 = t31 * t32 + t79
 
     # inertia forces of link 3, about joint 9
-    t93 = t38 * t87
-    t94 = t37 * t87
-    t95 = t38 * t85
-    t96 = t42 * t91
-    t97 = t44 + t37 * t86 + t41 * t89 - t95 - t96
+    t93 = t37 * t87
+    t94 = t42 * t92
+    t95 = t37 * t85
+    t96 = t41 * t91
+    t97 = t43 + t36 * t86 + t40 * t89 - t95 - t96
 
     # motion of the base
-    t98 = t5 * t65 - t6 * t66
-    t99 = t6 * t65 + t5 * t66
-    t100 = t49 + t64
-    t101 = t50 + t99
-    t102 = t49 - t64
-    t103 = t51 + t98
+    t98 = t6 * t66 - t5 * t65
+    t99 = t5 * t66 + t6 * t65
+    t100 = t48 + t64
+    t101 = t49 + t99
+    t102 = t64 - t48
+    t103 = t50 - t98
 
     # motion of base arm 2
-    t104 = base_arm_length * t52 - t6 * t58 - t5 * t61
+    t104 = t6 * t58 + t5 * t61 - base_arm_length * t51
     t105 = t5 * t58 + base_arm_length * t100 - t6 * t61
     t106 = t60 + base_arm_length * t101
 
     # inertia forces of base arm 2, about joint 2
-    t107 = k97 * t104
-    t108 = k99 * t102
-    t109 = t107 + t108 - t54
-    t110 = k97 * t105
-    t111 = k98 * t100
-    t112 = t55 + t110 - t111
-    t113 = k97 * t106
-    t114 = k98 * t101
-    t115 = k99 * t103
-    t116 = t114 + t115 - t113
-    t117 = k104 * t103
-    t118 = k105 * t101
-    t119 = k20 * (t51 - t98)
-    t120 = k99 * t106
-    t121 = t117 + t118 - t119 - t120
-    t122 = k20 * (t50 - t99)
-    t123 = k98 * t106
-    t124 = k103 * t101
-    t125 = k105 * t103
-    t126 = t122 + t123 - t124 - t125
-    t127 = k103 * t100
-    t128 = k98 * t105
-    t129 = k99 * t104
-    t130 = k104 * t102
+    t107 = k65 * t104
+    t108 = k94 * t102
+    t109 = t53 + t107
+    t110 = t108 + t109
+    t111 = k65 * t105
+    t112 = k93 * t100
+    t113 = t54 + t111
+    t114 = t112 - t113
+    t115 = k65 * t106
+    t116 = k93 * t101
+    t117 = k94 * t103
+    t118 = t115 - t116
+    t119 = t118 - t117
+    t120 = k99 * t101
+    t121 = k20 * (t50 + t98)
+    t122 = k94 * t106
+    t123 = k98 * t103 - t121
+    t124 = t120 - t122
+    t125 = t123 + t124
+    t126 = k20 * (t49 - t99)
+    t127 = k93 * t106
+    t128 = k99 * t103
+    t129 = t126 - k97 * t101
+    t130 = t128 - t127
+    t131 = t130 - t129
+    t132 = k93 * t105
+    t133 = k94 * t104
 
     # wrench through joint 2
-    t131 = t128 + t129 + t130 + F_2 * base_arm_length - t56 - t127
+    t134 = t55 - t132
+    t135 = k97 * t100 + k98 * t102
+    t136 = t133 + t135
+    t137 = t136 + t134 - base_arm_length * F_2
 
     # inertia forces of base arm 3, about joint 3
-    t132 = t54 + t107 + t108
-    t133 = t55 + t110 + t111
-    t134 = t118 + t119 + t120 - t117
-    t135 = t122 + t125 - t123 - t124
-    t136 = t56 + t129 + t130 - t127 - t128
+    t138 = t107 - t53
+    t139 = t108 + t138
+    t140 = t112 + t113
+    t141 = t120 + t122
+    t142 = t123 - t141
+    t143 = t129 + t130
+    t144 = t136 - t134
 
     # inertia forces of base arm 4, about joint 4
-    t137 = k96 * t52 + t107
-    t138 = t113 + k96 * t101
-    t139 = t119 - k14 * t103
-    t140 = k8 * t101 + k96 * t106 - t122
-    t141 = k8 * t100 + k96 * t105 - k14 * t102
+    t145 = t107 - k92 * t51
+    t146 = t115 + k92 * t101
+    t147 = k14 * t103 - t121
+    t148 = t126 - k8 * t101 - k92 * t106
 
     # wrench through joint 4
-    t142 = F_4 * base_arm_length - t141
+    t149 = k8 * t100 + k92 * t105 + k14 * t102 - t56
 
     # inertia forces of base arm 5, about joint 5
-    t143 = t54 + t107 - t108
-    t144 = t110 + t111 - t55
-    t145 = t117 + t118 + t120 - t119
-    t146 = t123 + t124 + t125 - t122
-    t147 = t56 + t127 + t128 + t129 - t130
+    t150 = t138 - t108
+    t151 = t54 - t111
+    t152 = t112 - t151
+    t153 = t123 + t141
+    t154 = t127 + t128
+    t155 = t129 - t154
+    t156 = t55 + t132
+    t157 = t135 - t133
+    t158 = t157 + t156
 
     # inertia forces of base arm 6, about joint 6
-    t148 = t54 + t108 - t107
-    t149 = t55 + t111 - t110
-    t150 = t113 + t115 - t114
-    t151 = t117 + t120 - t118 - t119
-    t152 = t122 + t123 + t125 - t124
+    t159 = t108 - t109
+    t160 = t112 + t151
+    t161 = t117 + t118
+    t162 = t124 - t123
+    t163 = t129 + t154
 
     # wrench through joint 6
-    t153 = t56 + t128 + t130 + F_6 * base_arm_length - t127 - t129
+    t164 = t157 - base_arm_length * F_6 - t156
 
     # wrench through joint 2
-    t154 = 0.5 * t109 - 0.8660254037844386 * t112
-    t155 = 0.5 * t121 + 0.8660254037844386 * t126
-    t156 = 0.5 * t126 - 0.8660254037844386 * t121
-    t157 = F_2 + 0.5 * t112 + 0.8660254037844386 * t109
+    t165 = 0.8660254037844386 * t114 - 0.5 * t110
+    t166 = 0.8660254037844386 * t131 - 0.5 * t125
+    t167 = 0.5 * t131 + 0.8660254037844386 * t125
+    t168 = 0.5 * t114 + 0.8660254037844386 * t110 - F_2
 
     # wrench through joint 3
-    t158 = 0.5 * t132 + 0.8660254037844386 * t133
-    t159 = 0.5 * t133 - 0.8660254037844386 * t132
-    t160 = 0.5 * t134 + 0.8660254037844386 * t135
-    t161 = F_3 + t115 - t113 - t114
-    t162 = F_3 * base_arm_length + 0.5 * t135 - 0.8660254037844386 * t134
+    t169 = 0.5 * t139 - 0.8660254037844386 * t140
+    t170 = 0.5 * t140 + 0.8660254037844386 * t139
+    t171 = 0.5 * t142 - 0.8660254037844386 * t143
+    t172 = t115 + t116
+    t173 = t172 - F_3 - t117
+    t174 = base_arm_length * F_3 + 0.5 * t143 + 0.8660254037844386 * t142
 
     # wrench through joint 4
-    t163 = F_4 - t110 - k96 * t100
+    t175 = t111 + k92 * t100 - F_4
 
     # wrench through joint 5
-    t164 = 0.5 * t143 - 0.8660254037844386 * t144
-    t165 = 0.5 * t144 + 0.8660254037844386 * t143
-    t166 = 0.5 * t145 - 0.8660254037844386 * t146
-    t167 = F_5 - t113 - t114 - t115
-    t168 = F_5 * base_arm_length - 0.5 * t146 - 0.8660254037844386 * t145
+    t176 = 0.5 * t150 + 0.8660254037844386 * t152
+    t177 = 0.5 * t152 - 0.8660254037844386 * t150
+    t178 = 0.5 * t153 + 0.8660254037844386 * t155
+    t179 = t117 + t172 - F_5
+    t180 = base_arm_length * F_5 + 0.5 * t155 - 0.8660254037844386 * t153
 
     # wrench through joint 6
-    t169 = 0.5 * t148 + 0.8660254037844386 * t149
-    t170 = 0.5 * t151 - 0.8660254037844386 * t152
-    t171 = 0.5 * t152 + 0.8660254037844386 * t151
-    t172 = F_6 + 0.8660254037844386 * t148 - 0.5 * t149
+    t181 = 0.5 * t159 - 0.8660254037844386 * t160
+    t182 = 0.5 * t162 + 0.8660254037844386 * t163
+    t183 = 0.8660254037844386 * t162 - 0.5 * t163
+    t184 = 0.5 * t160 + 0.8660254037844386 * t159 - F_6
 
     # inertia forces of link 3, about joint 9
-    t173 = t38 * t91 + k72 * t85 - t35 * t37
-    t174 = t37 * t89 + k72 * t86 - t36 * t38
-    t175 = t37 * t90 + t38 * t92 - k72 * t87
-    t176 = t43 * t90 + t42 * t92 + k60 * t79 - t93
-    t177 = t41 * t90 + t43 * t92 + k60 * t78 - t94
-
-    # inertia of link 2, turned by the joints
-    t178 = k69 * t10
-    t179 = k69 * t11
-    t180 = t11 * k123
-    t181 = t11 * t180
-    t182 = k28 - t181
-    t183 = k34 + t181
-    t184 = t10 * t180
+    t185 = t37 * t91 + k69 * t85 - t34 * t36
+    t186 = t36 * t89 + k69 * t86 - t35 * t37
+    t187 = t36 * t90 + t37 * t92 - k69 * t87
+    t188 = t42 * t90 + t41 * t92 + k58 * t79 - t93
+    t189 = t36 * t87 + k58 * t78 - t40 * t90 - t94
 
     # inertia forces of links 2 and 3, about joint 8
-    t185 = t77 * t179
-    t186 = k40 * t79 + t82 * t184 + t84 * t183 - t185
-    t187 = t77 * t178
-    t188 = k40 * t78 + t82 * t182 + t84 * t184 - t187
-    t189 = (t29 - t31) * t184
-    t190 = t76 * t179
-    t191 = t83 * t183
-    t192 = t73 * t178 + t81 * t182 + t189 - t190 - t191
-    t193 = t173 + k70 * t76 + t83 * t179 - t29 * t178
-    t194 = t174 + k70 * t73 + t81 * t178 - t31 * t179
-    t195 = t175 + t82 * t178 + t84 * t179 - k70 * t77
-    t196 = t176 + t46 * t175 + t186
-    t197 = t177 + t45 * t175 + t188
-    t198 = t97 + t45 * t174 + t192 - t46 * t173
+    t190 = t44 * t187
+    t191 = t44 * t186
+    t192 = t45 * t185
+
+    # inertia of link 2, turned by the joints
+    t193 = k66 * t10
+    t194 = k66 * t11
+    t195 = k116 * t11
+    t196 = t11 * t195
+    t197 = k27 - t196
+    t198 = k33 + t196
+    t199 = t10 * t195
+
+    # inertia forces of links 2 and 3, about joint 8
+    t200 = k39 * t79
+    t201 = t199 * t82
+    t202 = t198 * t84
+    t203 = t194 * t77
+    t204 = k39 * t78
+    t205 = t197 * t82
+    t206 = t199 * t84
+    t207 = t193 * t73
+    t208 = t197 * t81
+    t209 = (t28 - t30) * t199
+    t210 = t194 * t76
+    t211 = t198 * t83
+    t212 = t185 + k67 * t76 + t194 * t83 - t28 * t193
+    t213 = t186 + k67 * t73 + t193 * t81 - t30 * t194
+    t214 = t187 + t193 * t82 + t194 * t84 - k67 * t77
+    t215 = t188 + t45 * t187 + t200 + t201 + t202 - t203
+    t216 = t189 + t193 * t77 + t204 - t190 - t205 - t206
+    t217 = t209 + t97 + t191 + t207 + t208 - t192 - t210 - t211
 
     # wrench through joint 8, in its frame
-    t199 = t10 * t193 + t11 * t194
-    t200 = t10 * t194 - t11 * t193
-    t201 = t10 * t196 - t11 * t197
-    t202 = t11 * t196 + t10 * t197
+    t218 = t10 * t212 + t11 * t213
+    t219 = t10 * t213 - t11 * t212
+    t220 = t10 * t215 + t11 * t216
+    t221 = t10 * t216 - t11 * t215
 
     # wrench through joint 9, in its frame
-    t203 = t13 * t173 + t14 * t174
-    t204 = t13 * t174 - t14 * t173
-    t205 = t13 * t176 - t14 * t177
-    t206 = t14 * t176 + t13 * t177
+    t222 = t13 * t185 + t14 * t186
+    t223 = t13 * t186 - t14 * t185
+    t224 = t13 * t188 + t14 * t189
+    t225 = t13 * t189 - t14 * t188
     return (
-        t154, -t157, -t116, -t155, -t156, -t131, -t158, t159, -t161, -t160, t162, -t136, -t137,
-        -t163, t138, -t139, -t140, -t142, -t164, t165, -t167, t166, t168, t147, -t169, -t172, t150,
-        -t170, -t171, -t153, t193, -t195, t194, t196, -t198, -t197, t199, t200, t195, t201, -t202,
-        t198, t203, t204, t175, t205, -t206, t97,
+        t165, t168, t119, t166, t167, t137, t169, t170, t173, t171, t174, t144, t145, t175, t146,
+        t147, t148, t149, t176, t177, t179, t178, t180, t158, t181, t184, t161, t182, t183, t164,
+        t212, -t214, t213, t215, -t217, t216, t218, t219, t214, t220, t221, t217, t222, t223, t187,
+        t224, t225, t97,
     )
 
 
@@ -4386,7 +4473,7 @@ def positions(
     Returns:
     position: array (..., 12, 3); O1, O2, motor1, motor2, motor3, motor4, motor5, motor6, joint7,
         joint8, joint9, tip [m]
-    Source: forward kinematics. 108 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 96 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _positions,
@@ -4400,10 +4487,10 @@ def _positions(k, sin, cos, q):
     base_arm_length = k[1]
     link2_length = k[5]
     link3_length = k[9]
-    k80 = k[22]
-    k90 = k[31]
-    k91 = k[32]
-    k95 = k[34]
+    k77 = k[24]
+    k87 = k[34]
+    k88 = k[35]
+    k91 = k[37]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -4442,57 +4529,49 @@ def _positions(k, sin, cos, q):
     t21 = t2 * t6 - t5 * t18
 
     # joint 7 and the axes of link 1
-    t22 = base_arm_length * t19
-    t23 = base_arm_length * t20
-    t24 = base_arm_length * t21
-    t25 = t3 * t8
-    t26 = t1 * t9 + t8 * t17
-    t27 = t2 * t9 - t8 * t18
-
-    # joint 9 and the axes of link 3
-    t28 = t22 + link2_length * (t10 * t25 + t4 * t11)
-    t29 = t23 + link2_length * (t10 * t26 - t11 * t15)
-    t30 = t24 + link2_length * (t10 * t27 + t11 * t16)
+    t22 = t3 * t8
+    t23 = t1 * t9 + t8 * t17
+    t24 = t2 * t9 - t8 * t18
 
     # base centre and rotors
-    t31 = k91 * t19
-    t32 = k91 * t20
-    t33 = k91 * t21
-    t34 = k90 * t3 * t6
-    t35 = k90 * (t1 * t5 - t6 * t17)
-    t36 = k90 * (t2 * t5 + t6 * t18)
-    t37 = k95 * t19
-    t38 = k95 * t20
-    t39 = k95 * t21
+    t25 = k87 * t3 * t6
+    t26 = k87 * (t1 * t5 - t6 * t17)
+    t27 = k87 * (t2 * t5 + t6 * t18)
 
     # positions in the world
-    t40 = x + t22
-    t41 = y + t23
-    t42 = z + t24
-    t43 = x + t31 + t34
-    t44 = y + t32 - t35
-    t45 = z + t33 - t36
-    t46 = x + t34 + t37
-    t47 = y + t38 - t35
-    t48 = z + t39 - t36
-    t49 = x + k80 * t19
-    t50 = y + k80 * t20
-    t51 = z + k80 * t21
-    t52 = x + t37 - t34
-    t53 = y + t35 + t38
-    t54 = z + t36 + t39
-    t55 = x + t31 - t34
-    t56 = y + t32 + t35
-    t57 = z + t33 + t36
-    t58 = x + t28
-    t59 = y + t29
-    t60 = z + t30
-    t61 = x + t28 + link3_length * (t13 * t25 + t4 * t14)
-    t62 = y + t29 + link3_length * (t13 * t26 - t14 * t15)
-    t63 = z + t30 + link3_length * (t13 * t27 + t14 * t16)
+    t28 = x + base_arm_length * t19
+    t29 = y + base_arm_length * t20
+    t30 = z + base_arm_length * t21
+    t31 = x + k88 * t19
+    t32 = t25 + t31
+    t33 = y + k88 * t20
+    t34 = t33 - t26
+    t35 = z + k88 * t21
+    t36 = t35 - t27
+    t37 = x + k91 * t19
+    t38 = t25 + t37
+    t39 = y + k91 * t20
+    t40 = t39 - t26
+    t41 = z + k91 * t21
+    t42 = t41 - t27
+    t43 = x + k77 * t19
+    t44 = y + k77 * t20
+    t45 = z + k77 * t21
+    t46 = t37 - t25
+    t47 = t26 + t39
+    t48 = t27 + t41
+    t49 = t31 - t25
+    t50 = t26 + t33
+    t51 = t27 + t35
+    t52 = link2_length * (t10 * t22 + t4 * t11) + t28
+    t53 = link2_length * (t10 * t23 - t11 * t15) + t29
+    t54 = link2_length * (t10 * t24 + t11 * t16) + t30
+    t55 = link3_length * (t13 * t22 + t4 * t14) + t52
+    t56 = link3_length * (t13 * t23 - t14 * t15) + t53
+    t57 = link3_length * (t13 * t24 + t14 * t16) + t54
     return (
-        x, y, z, t40, t41, t42, x, y, z, t43, t44, t45, t46, t47, t48, t49, t50, t51, t52, t53, t54,
-        t55, t56, t57, t40, t41, t42, t40, t41, t42, t58, t59, t60, t61, t62, t63,
+        x, y, z, t28, t29, t30, x, y, z, t32, t34, t36, t38, t40, t42, t43, t44, t45, t46, t47, t48,
+        t49, t50, t51, t28, t29, t30, t28, t29, t30, t52, t53, t54, t55, t56, t57,
     )
 
 
@@ -4511,7 +4590,7 @@ def tip_pose(
 
     Returns:
     pose: array (..., 4, 4); axes [1] and position [m]
-    Source: forward kinematics. 75 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 74 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _tip_pose,
@@ -4564,7 +4643,7 @@ def _tip_pose(k, sin, cos, q):
     t20 = t1 * t9 + t8 * t17
     t21 = t2 * t9 - t8 * t18
     t22 = t3 * t9
-    t23 = t1 * t8 - t9 * t17
+    t23 = t9 * t17 - t1 * t8
     t24 = t2 * t8 + t9 * t18
 
     # joint 9 and the axes of link 3
@@ -4585,7 +4664,7 @@ def _tip_pose(k, sin, cos, q):
     t37 = y + t28 + link3_length * t31
     t38 = z + t29 + link3_length * t32
     return (
-        t30, t33, t22, t36, t31, -t34, -t23, t37, t32, t35, -t24, t38, 0.0, 0.0, 0.0, 1.0,
+        t30, t33, t22, t36, t31, -t34, t23, t37, t32, t35, -t24, t38, 0.0, 0.0, 0.0, 1.0,
     )
 
 
@@ -4603,7 +4682,7 @@ def tip_jacobian(
 
     Returns:
     jacobian: array (..., 6, 9); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
-    Source: forward kinematics. 116 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 111 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _tip_jacobian,
@@ -4651,57 +4730,56 @@ def _tip_jacobian(k, sin, cos, q):
     # joint 7 and the axes of link 1
     t19 = base_arm_length * t3 * t5
     t20 = base_arm_length * (t1 * t6 + t5 * t17)
-    t21 = base_arm_length * (t2 * t6 - t5 * t18)
+    t21 = base_arm_length * (t5 * t18 - t2 * t6)
     t22 = t3 * t8
     t23 = t1 * t9 + t8 * t17
     t24 = t2 * t9 - t8 * t18
     t25 = t3 * t9
-    t26 = t1 * t8 - t9 * t17
+    t26 = t9 * t17 - t1 * t8
     t27 = t2 * t8 + t9 * t18
 
     # joint 9 and the axes of link 3
     t28 = t19 + link2_length * (t10 * t22 + t4 * t11)
     t29 = t20 + link2_length * (t10 * t23 - t11 * t15)
-    t30 = t21 + link2_length * (t10 * t24 + t11 * t16)
+    t30 = t21 - link2_length * (t10 * t24 + t11 * t16)
 
     # position of tip
     t31 = t28 + link3_length * (t13 * t22 + t4 * t14)
     t32 = t29 + link3_length * (t13 * t23 - t14 * t15)
-    t33 = t30 + link3_length * (t13 * t24 + t14 * t16)
+    t33 = t30 - link3_length * (t13 * t24 + t14 * t16)
 
     # columns of the base
-    t34 = t1 * t33 - t2 * t32
+    t34 = t1 * t33 + t2 * t32
     t35 = t2 * t31
     t36 = t1 * t31
-    t37 = t16 * t32 + t15 * t33
-    t38 = t16 * t31 - t4 * t33
+    t37 = t15 * t33 - t16 * t32
+    t38 = t16 * t31 + t4 * t33
     t39 = t15 * t31 + t4 * t32
 
     # column of joint 7
-    t40 = t19 - t31
-    t41 = t20 - t32
-    t42 = t21 - t33
-    t43 = t16 * t41 + t15 * t42
-    t44 = t4 * t42 - t16 * t40
+    t40 = t31 - t19
+    t41 = t32 - t20
+    t42 = t33 - t21
+    t43 = t15 * t42 - t16 * t41
+    t44 = t4 * t42 + t16 * t40
     t45 = t15 * t40 + t4 * t41
 
     # column of joint 8
-    t46 = t26 * t42 - t27 * t41
-    t47 = t25 * t42 + t27 * t40
-    t48 = t25 * t41 + t26 * t40
+    t46 = t27 * t41 - t26 * t42
+    t47 = t25 * t42 - t27 * t40
+    t48 = t25 * t41 - t26 * t40
 
     # column of joint 9
     t49 = t28 - t31
-    t50 = t29 - t32
-    t51 = t30 - t33
-    t52 = t26 * t51 - t27 * t50
+    t50 = t32 - t29
+    t51 = t33 - t30
+    t52 = t27 * t50 - t26 * t51
     t53 = t25 * t51 + t27 * t49
     t54 = t25 * t50 + t26 * t49
     return (
-        0.0, t34, -t37, t43, t46, t52, 1.0, 0.0, 0.0, -t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
-        t32, -t36, t39, -t45, -t48, -t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
-        0.0, t1, -t15, -t15, -t26, -t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0,
-        0.0,
+        0.0, -t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
+        t32, -t36, t39, t45, t48, t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
+        0.0, t1, -t15, -t15, t26, t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0, 0.0,
     )
 
 
@@ -4723,7 +4801,7 @@ def tip_bias_acceleration(
 
     Returns:
     bias_acceleration: array (..., 6); [m/s^2] in the first three, [rad/s^2] in the others
-    Source: forward kinematics. 143 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 140 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _tip_bias_acceleration,
@@ -4788,69 +4866,68 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t28 = t9 * t23 + t8 * t24
     t29 = t26 * t26
     t30 = t22 * t26
-    t31 = t28 - t30
-    t32 = t17 - t26 * t27
-    t33 = t9 * t24 + t22 * t27 - t8 * t23
-    t34 = t28 + t30
+    t31 = t17 - t26 * t27
+    t32 = t9 * t24 + t22 * t27 - t8 * t23
 
     # motion of link 2
-    t35 = v_theta_8 - t27
-    t36 = t35 * t35
-    t37 = 2.0 * t26
-    t38 = 2.0 * t22
+    t33 = v_theta_8 - t27
+    t34 = t33 * t33
+    t35 = 2.0 * t26
+    t36 = 2.0 * t22
 
     # motion of link 3
-    t39 = v_theta_9 + t35
-    t40 = t33 + t22 * t39
-    t41 = t32 - t26 * t39
-    t42 = t39 * t39
+    t37 = v_theta_9 + t33
+    t38 = t22 * t37 + t32
+    t39 = t31 - t26 * t37
+    t40 = t37 * t37
 
     # acceleration of tip that link 2 adds
-    t43 = link2_length * t10
-    t44 = link2_length * t11
+    t41 = link2_length * t10
+    t42 = link2_length * t11
 
     # acceleration of tip that the base adds
-    t45 = t5 * base_arm_length
-    t46 = t6 * base_arm_length
+    t43 = base_arm_length * t5
+    t44 = base_arm_length * t6
 
     # acceleration of tip that link 3 adds
-    t47 = link3_length * t13
-    t48 = link3_length * t14
-    t49 = (t25 + t42) * t47 - t34 * t48
-    t50 = t31 * t47 + (t29 + t42) * t48
-    t51 = (t33 + t38 * t39) * t48
-    t52 = (t32 - t37 * t39) * t47 - t51
+    t45 = link3_length * t13
+    t46 = link3_length * t14
+    t47 = t46 * (t36 * t37 + t32)
 
     # acceleration of tip that link 2 adds
-    t53 = t49 + (t25 + t36) * t43 - t34 * t44
-    t54 = t50 + t31 * t43 + (t29 + t36) * t44
-    t55 = (t33 + t35 * t38) * t44
-    t56 = t52 + (t32 - t35 * t37) * t43 - t55
+    t48 = (t28 + t30) * (t42 + t46)
+    t49 = (t25 + t40) * t45 + (t25 + t34) * t41 - t48
+    t50 = (t29 + t34) * t42
+    t51 = (t31 - t33 * t35) * t41
+    t52 = t42 * (t33 * t36 + t32)
+    t53 = (t31 - t35 * t37) * t45 + t51 - t47 - t52
 
     # acceleration of tip that link 1 adds
-    t57 = t8 * t56 - t9 * t53
-    t58 = t8 * t40 - t9 * t28
-    t59 = t8 * t28 + t9 * t40
+    t54 = t9 * t28 - t8 * t38
+    t55 = t8 * t28 + t9 * t38
 
     # acceleration of tip that the base adds
-    t60 = (v_theta_0 * v_theta_0 + t21) * t45
-    t61 = t8 * t53 + t9 * t56 + t60
-    t62 = (t16 * t16 + t21) * t46
-    t63 = t57 + 2.0 * t17 * t45 - t62
-    t64 = (t19 - 2.0 * t20 * v_theta_0) * t46
-    t65 = t54 + (t18 - 2.0 * t20 * t16) * t45 + t64
+    t56 = (v_theta_0 * v_theta_0 + t21) * t43
+    t57 = t56 + t8 * t49 + t9 * t53
+    t58 = 2.0 * t17 * t43
+    t59 = (t16 * t16 + t21) * t44
+    t60 = t58 + t8 * t53 - t59 - t9 * t49
+    t61 = (2.0 * t20 * t16 - t18) * t43
+    t62 = (t19 - 2.0 * t20 * v_theta_0) * t44
+    t63 = (t28 - t30) * (t41 + t45)
+    t64 = t61 - (t29 + t40) * t46 - t50 - t62 - t63
 
     # acceleration of tip in world axes
-    t66 = t4 * t61 - t3 * t65
-    t67 = t3 * t61 + t4 * t65
-    t68 = t1 * t63 - t2 * t66
-    t69 = t1 * t66 + t2 * t63
-    t70 = t3 * t41 - t4 * t58
-    t71 = t3 * t58 + t4 * t41
-    t72 = t1 * t59 - t2 * t70
-    t73 = t1 * t70 + t2 * t59
+    t65 = t4 * t57 + t3 * t64
+    t66 = t4 * t64 - t3 * t57
+    t67 = t1 * t60 - t2 * t65
+    t68 = t1 * t65 + t2 * t60
+    t69 = t3 * t39 + t4 * t54
+    t70 = t4 * t39 - t3 * t54
+    t71 = t1 * t55 - t2 * t69
+    t72 = t1 * t69 + t2 * t55
     return (
-        -t67, t68, t69, t71, t72, t73,
+        t66, t67, t68, t70, t71, t72,
     )
 
 
@@ -4866,7 +4943,7 @@ def frame_poses(
 
     Returns:
     poses: array (..., 2, 4, 4); axes [1] and position [m], a block for each of base, tip
-    Source: forward kinematics. 87 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 83 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_poses,
@@ -4921,39 +4998,36 @@ def _frame_poses(k, sin, cos, q):
     t24 = t2 * t5 + t6 * t19
 
     # joint 7 and the axes of link 1
-    t25 = base_arm_length * t20
-    t26 = base_arm_length * t21
-    t27 = base_arm_length * t22
-    t28 = t3 * t8
-    t29 = t1 * t9 + t8 * t18
-    t30 = t2 * t9 - t8 * t19
-    t31 = t3 * t9
-    t32 = t1 * t8 - t9 * t18
-    t33 = t2 * t8 + t9 * t19
+    t25 = t3 * t8
+    t26 = t1 * t9 + t8 * t18
+    t27 = t2 * t9 - t8 * t19
+    t28 = t3 * t9
+    t29 = t9 * t18 - t1 * t8
+    t30 = t2 * t8 + t9 * t19
 
     # joint 9 and the axes of link 3
-    t34 = t25 + link2_length * (t10 * t28 + t4 * t11)
-    t35 = t26 + link2_length * (t10 * t29 - t11 * t15)
-    t36 = t27 + link2_length * (t10 * t30 + t11 * t16)
-    t37 = t13 * t28 + t4 * t14
-    t38 = t13 * t29 - t14 * t15
-    t39 = t13 * t30 + t14 * t16
-    t40 = t4 * t13 - t14 * t28
-    t41 = t14 * t29 + t13 * t15
-    t42 = t13 * t16 - t14 * t30
+    t31 = link2_length * (t10 * t25 + t4 * t11)
+    t32 = link2_length * (t10 * t26 - t11 * t15)
+    t33 = link2_length * (t10 * t27 + t11 * t16)
+    t34 = t13 * t25 + t4 * t14
+    t35 = t13 * t26 - t14 * t15
+    t36 = t13 * t27 + t14 * t16
+    t37 = t4 * t13 - t14 * t25
+    t38 = t14 * t26 + t13 * t15
+    t39 = t13 * t16 - t14 * t27
 
     # position of base
-    t43 = x + t25
-    t44 = y + t26
-    t45 = z + t27
+    t40 = x + base_arm_length * t20
+    t41 = y + base_arm_length * t21
+    t42 = z + base_arm_length * t22
 
     # position of tip
-    t46 = x + t34 + link3_length * t37
-    t47 = y + t35 + link3_length * t38
-    t48 = z + t36 + link3_length * t39
+    t43 = t31 + link3_length * t34 + t40
+    t44 = t32 + link3_length * t35 + t41
+    t45 = t33 + link3_length * t36 + t42
     return (
-        t20, -t17, t4, t43, t21, t23, -t15, t44, t22, t24, t16, t45, 0.0, 0.0, 0.0, 1.0, t37, t40,
-        t31, t46, t38, -t41, -t32, t47, t39, t42, -t33, t48, 0.0, 0.0, 0.0, 1.0,
+        t20, -t17, t4, t40, t21, t23, -t15, t41, t22, t24, t16, t42, 0.0, 0.0, 0.0, 1.0, t34, t37,
+        t28, t43, t35, -t38, t29, t44, t36, t39, -t30, t45, 0.0, 0.0, 0.0, 1.0,
     )
 
 
@@ -4972,7 +5046,7 @@ def frame_jacobians(
     Returns:
     jacobians: array (..., 2, 6, 9); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
         a block for each of base, tip
-    Source: forward kinematics. 133 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 127 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_jacobians,
@@ -5020,68 +5094,67 @@ def _frame_jacobians(k, sin, cos, q):
     # joint 7 and the axes of link 1
     t19 = base_arm_length * t3 * t5
     t20 = base_arm_length * (t1 * t6 + t5 * t17)
-    t21 = base_arm_length * (t2 * t6 - t5 * t18)
+    t21 = base_arm_length * (t5 * t18 - t2 * t6)
     t22 = t3 * t8
     t23 = t1 * t9 + t8 * t17
     t24 = t2 * t9 - t8 * t18
     t25 = t3 * t9
-    t26 = t1 * t8 - t9 * t17
+    t26 = t9 * t17 - t1 * t8
     t27 = t2 * t8 + t9 * t18
 
     # joint 9 and the axes of link 3
     t28 = t19 + link2_length * (t10 * t22 + t4 * t11)
     t29 = t20 + link2_length * (t10 * t23 - t11 * t15)
-    t30 = t21 + link2_length * (t10 * t24 + t11 * t16)
+    t30 = t21 - link2_length * (t10 * t24 + t11 * t16)
 
     # position of tip
     t31 = t28 + link3_length * (t13 * t22 + t4 * t14)
     t32 = t29 + link3_length * (t13 * t23 - t14 * t15)
-    t33 = t30 + link3_length * (t13 * t24 + t14 * t16)
+    t33 = t30 - link3_length * (t13 * t24 + t14 * t16)
 
     # columns of the base
-    t34 = t1 * t33 - t2 * t32
+    t34 = t1 * t33 + t2 * t32
     t35 = t2 * t31
     t36 = t1 * t31
-    t37 = t16 * t32 + t15 * t33
-    t38 = t16 * t31 - t4 * t33
+    t37 = t15 * t33 - t16 * t32
+    t38 = t16 * t31 + t4 * t33
     t39 = t15 * t31 + t4 * t32
 
     # column of joint 7
-    t40 = t19 - t31
-    t41 = t20 - t32
-    t42 = t21 - t33
-    t43 = t16 * t41 + t15 * t42
-    t44 = t4 * t42 - t16 * t40
+    t40 = t31 - t19
+    t41 = t32 - t20
+    t42 = t33 - t21
+    t43 = t15 * t42 - t16 * t41
+    t44 = t4 * t42 + t16 * t40
     t45 = t15 * t40 + t4 * t41
 
     # column of joint 8
-    t46 = t26 * t42 - t27 * t41
-    t47 = t25 * t42 + t27 * t40
-    t48 = t25 * t41 + t26 * t40
+    t46 = t27 * t41 - t26 * t42
+    t47 = t25 * t42 - t27 * t40
+    t48 = t25 * t41 - t26 * t40
 
     # column of joint 9
     t49 = t28 - t31
-    t50 = t29 - t32
-    t51 = t30 - t33
-    t52 = t26 * t51 - t27 * t50
+    t50 = t32 - t29
+    t51 = t33 - t30
+    t52 = t27 * t50 - t26 * t51
     t53 = t25 * t51 + t27 * t49
     t54 = t25 * t50 + t26 * t49
 
     # columns of the base
-    t55 = t1 * t21 - t2 * t20
+    t55 = t1 * t21 + t2 * t20
     t56 = t2 * t19
     t57 = t1 * t19
-    t58 = t16 * t20 + t15 * t21
-    t59 = t16 * t19 - t4 * t21
+    t58 = t15 * t21 - t16 * t20
+    t59 = t16 * t19 + t4 * t21
     t60 = t15 * t19 + t4 * t20
     return (
-        0.0, t55, -t58, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -t21, t56, t59, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        0.0, -t55, t58, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, t21, t56, t59, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
         t20, -t57, t60, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, t1, -t15, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t2, t16, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, t34, -t37, t43, t46, t52, 1.0, 0.0, 0.0, -t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
-        t32, -t36, t39, -t45, -t48, -t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
-        0.0, t1, -t15, -t15, -t26, -t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0,
-        0.0,
+        0.0, -t34, t37, t43, t46, t52, 1.0, 0.0, 0.0, t33, t35, t38, t44, t47, t53, 0.0, 1.0, 0.0,
+        t32, -t36, t39, t45, t48, t54, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t25, t25, 0.0, 0.0, 0.0,
+        0.0, t1, -t15, -t15, t26, t26, 0.0, 0.0, 0.0, 0.0, t2, t16, t16, -t27, -t27, 0.0, 0.0, 0.0,
     )
 
 
@@ -5101,7 +5174,7 @@ def frame_velocities(
     Returns:
     velocities: array (..., 2, 6); [m/s] in the first three, [rad/s] in the others, a row for each
         of base, tip
-    Source: forward kinematics. 137 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 136 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_velocities,
@@ -5165,8 +5238,8 @@ def _frame_velocities(k, sin, cos, q, v):
     t20 = v_theta_9 + t19
 
     # motion of base in world axes
-    t21 = t5 * base_arm_length
-    t22 = t6 * base_arm_length
+    t21 = base_arm_length * t5
+    t22 = base_arm_length * t6
 
     # axes of the base
     t23 = t2 * t3
@@ -5219,10 +5292,10 @@ def _frame_velocities(k, sin, cos, q, v):
     t54 = v_y + t23 * t51 - t32 * t50 - t35 * t52
     t55 = v_z - t33 * t50 - t24 * t51 - t36 * t52
     t56 = t18 * t31 + t4 * t17 + t20 * t34
-    t57 = t17 * t23 + t20 * t35 - t18 * t32
+    t57 = t18 * t32 - t17 * t23 - t20 * t35
     t58 = t18 * t33 + t17 * t24 - t20 * t36
     return (
-        t44, t45, t46, t47, t48, t49, t53, t54, t55, t56, -t57, t58,
+        t44, t45, t46, t47, t48, t49, t53, t54, t55, t56, t57, t58,
     )
 
 
@@ -5245,7 +5318,7 @@ def frame_bias_accelerations(
     Returns:
     bias_accelerations: array (..., 2, 6); [m/s^2] in the first three, [rad/s^2] in the others, a
         row for each of base, tip
-    Source: forward kinematics. 205 operations, 6 sine-cosine pairs.
+    Source: forward kinematics. 201 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_bias_accelerations,
@@ -5303,7 +5376,7 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     t23 = t18 - t16 * t21
     t24 = t21 * t21
     t25 = v_theta_0 * v_theta_0 + t24
-    t26 = t18 - 2.0 * t21 * t16
+    t26 = 2.0 * t21 * t16 - t18
     t27 = t16 * t16 + t24
     t28 = t20 - 2.0 * t21 * v_theta_0
 
@@ -5341,8 +5414,8 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     t55 = t52 * t52
 
     # motion of base in world axes
-    t56 = t5 * base_arm_length
-    t57 = t6 * base_arm_length
+    t56 = base_arm_length * t5
+    t57 = base_arm_length * t6
 
     # axes of the base
     t58 = t2 * t3
@@ -5360,7 +5433,7 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
 
     # motion of link 3
     t68 = t49 + t9 * t30 - t8 * t29
-    t69 = base_arm_length * (t5 * t26 + t6 * t28) + t50
+    t69 = base_arm_length * (t6 * t28 - t5 * t26) + t50
     t70 = t51 - t9 * t29 - t8 * t30
 
     # motion of tip in world axes
@@ -5371,12 +5444,12 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     # motion of base in world axes
     t74 = t25 * t56
     t75 = t19 * t56 - t27 * t57
-    t76 = t26 * t56 + t28 * t57
-    t77 = t3 * t74 + t4 * t76
-    t78 = t1 * t75 + t58 * t76 - t60 * t74
-    t79 = t61 * t74 + t2 * t75 - t59 * t76
-    t80 = t3 * t22 - t4 * t17
-    t81 = t22 * t60 + t17 * t58 - t1 * t23
+    t76 = t26 * t56 - t28 * t57
+    t77 = t4 * t76 - t3 * t74
+    t78 = t1 * t75 - t60 * t74 - t58 * t76
+    t79 = t61 * t74 + t2 * t75 + t59 * t76
+    t80 = t4 * t17 - t3 * t22
+    t81 = t1 * t23 - t22 * t60 - t17 * t58
     t82 = t22 * t61 + t2 * t23 + t17 * t59
 
     # motion of tip in world axes
@@ -5385,12 +5458,12 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     t85 = t70 + (t42 + t47 * t52) * t72 - t73
     t86 = t62 * t83 + t65 * t85 - t4 * t84
     t87 = t63 * t83 + t58 * t84 - t66 * t85
-    t88 = t59 * t84 + t67 * t85 - t64 * t83
+    t88 = t64 * t83 - t59 * t84 - t67 * t85
     t89 = t4 * t54 + t53 * t62 - t37 * t65
     t90 = t53 * t63 + t37 * t66 - t54 * t58
     t91 = t53 * t64 + t54 * t59 + t37 * t67
     return (
-        -t77, t78, t79, -t80, -t81, t82, t86, t87, -t88, t89, t90, t91,
+        t77, t78, t79, t80, t81, t82, t86, t87, t88, t89, t90, t91,
     )
 
 
@@ -5417,10 +5490,10 @@ def centre_of_mass(
 
 
 def _centre_of_mass(k, sin, cos, q):
-    k71 = k[17]
-    k76 = k[19]
-    k83 = k[24]
-    k119 = k[51]
+    k68 = k[18]
+    k73 = k[21]
+    k79 = k[26]
+    k111 = k[53]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -5450,12 +5523,12 @@ def _centre_of_mass(k, sin, cos, q):
     t14 = sin(t12)
 
     # composite inertia of links 2 and 3, about joint 8
-    t15 = k71 * t13 + t10 * k76
+    t15 = k68 * t13 + k73 * t10
 
     # centre of mass from the origin
-    t16 = (k71 * t14 + t11 * k76) * k119
-    t17 = (t5 * k83 + t8 * t15) * k119
-    t18 = (t6 * k83 + t9 * t15) * k119
+    t16 = k111 * (k68 * t14 + k73 * t11)
+    t17 = k111 * (k79 * t5 + t8 * t15)
+    t18 = k111 * (k79 * t6 + t9 * t15)
 
     # centre of mass in the world
     t19 = t3 * t16 - t4 * t17
@@ -5481,7 +5554,7 @@ def centre_of_mass_jacobian(
 
     Returns:
     jacobian: array (..., 3, 9); [m/rad or 1]
-    Source: the first moment of mass. 95 operations, 6 sine-cosine pairs.
+    Source: the first moment of mass. 86 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _centre_of_mass_jacobian,
@@ -5492,10 +5565,11 @@ def centre_of_mass_jacobian(
 
 
 def _centre_of_mass_jacobian(k, sin, cos, q):
-    k71 = k[17]
-    k76 = k[19]
-    k83 = k[24]
-    k119 = k[51]
+    k68 = k[18]
+    k73 = k[21]
+    k79 = k[26]
+    k111 = k[53]
+    k112 = k[54]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -5505,8 +5579,8 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
 
     # attitude
     t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
+    t2 = -sin(theta_m1)
+    t3 = -cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
@@ -5521,77 +5595,73 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t13 = cos(t12)
     t14 = sin(t12)
 
-    # inertia of link 3, turned by the joints
-    t15 = k71 * t13
-    t16 = k71 * t14
-
     # composite inertia of links 2 and 3, about joint 8
-    t17 = t15 + t10 * k76
+    t15 = k68 * t13 + k73 * t10
 
     # composite inertia of links 1 to 3, about joint 7
-    t18 = t8 * t17
-    t19 = t9 * t17
+    t16 = t8 * t15
+    t17 = t9 * t15
 
     # axes of the base
-    t20 = t2 * t3
-    t21 = t1 * t3
+    t18 = t2 * t3
+    t19 = t1 * t3
 
     # column of joint 7
-    t22 = t18 * k119
-    t23 = t19 * k119
+    t20 = k111 * t16
+    t21 = k111 * t17
 
     # centre of mass from the origin
-    t24 = (t16 + t11 * k76) * k119
+    t22 = k111 * (k68 * t14 + k73 * t11)
 
     # column of joint 8
-    t25 = t17 * k119
+    t23 = k111 * t15
 
     # column of joint 9
-    t26 = t15 * k119
+    t24 = k112 * t13
 
     # axes of the base
-    t27 = t2 * t4
-    t28 = t1 * t4
+    t25 = t2 * t4
+    t26 = t1 * t4
 
     # joint 7 and the axes of link 1
-    t29 = t3 * t8
-    t30 = t1 * t9 + t8 * t27
-    t31 = t2 * t9 - t8 * t28
+    t27 = t3 * t8
+    t28 = t8 * t25 - t1 * t9
+    t29 = t2 * t9 + t8 * t26
 
     # centre of mass from the origin
-    t32 = (t5 * k83 + t18) * k119
-    t33 = (t6 * k83 + t19) * k119
+    t30 = k111 * (k79 * t5 + t16)
+    t31 = k111 * (k79 * t6 + t17)
 
     # columns of the base
-    t34 = t3 * t24 - t4 * t32
-    t35 = t4 * t24 + t3 * t32
-    t36 = t1 * t33 - t2 * t34
-    t37 = t1 * t34 + t2 * t33
-    t38 = t1 * t37 - t2 * t36
-    t39 = t2 * t35
-    t40 = t1 * t35
-    t41 = t21 * t36 + t20 * t37
-    t42 = t21 * t35 - t4 * t37
-    t43 = t20 * t35 + t4 * t36
+    t32 = t3 * t22 + t4 * t30
+    t33 = t3 * t30 - t4 * t22
+    t34 = t1 * t31 - t2 * t32
+    t35 = t1 * t32 + t2 * t31
+    t36 = t2 * t34 - t1 * t35
+    t37 = t2 * t33
+    t38 = t1 * t33
+    t39 = t19 * t34 + t18 * t35
+    t40 = t19 * t33 + t4 * t35
+    t41 = t4 * t34 - t18 * t33
 
     # column of joint 7
-    t44 = t3 * t23
-    t45 = t23 * t27 - t1 * t22
-    t46 = t23 * t28 + t2 * t22
+    t42 = t3 * t21
+    t43 = t21 * t25 + t1 * t20
+    t44 = t21 * t26 - t2 * t20
 
     # column of joint 8
-    t47 = t24 * t29 - t4 * t25
-    t48 = t24 * t30 + t20 * t25
-    t49 = t24 * t31 - t21 * t25
+    t45 = t22 * t27 + t4 * t23
+    t46 = t22 * t28 - t18 * t23
+    t47 = t22 * t29 - t19 * t23
 
     # column of joint 9
-    t50 = t16 * k119
-    t51 = t29 * t50 - t4 * t26
-    t52 = t30 * t50 + t20 * t26
-    t53 = t31 * t50 - t21 * t26
+    t48 = k112 * t14
+    t49 = t27 * t48 + t4 * t24
+    t50 = t28 * t48 - t18 * t24
+    t51 = t29 * t48 - t19 * t24
     return (
-        0.0, t38, -t41, -t44, -t47, -t51, 1.0, 0.0, 0.0, -t37, t39, t42, -t45, -t48, -t52, 0.0, 1.0,
-        0.0, t36, -t40, t43, t46, -t49, -t53, 0.0, 0.0, 1.0,
+        0.0, t36, t39, t42, t45, t49, 1.0, 0.0, 0.0, t35, t37, t40, t43, t46, t50, 0.0, 1.0, 0.0,
+        t34, t38, t41, t44, t47, t51, 0.0, 0.0, 1.0,
     )
 
 
@@ -5612,7 +5682,7 @@ def centroidal_momentum(
 
     Returns:
     momentum: array (..., 6); [kg m/s] in the first three, [kg m^2/s] in the others
-    Source: eq. 6 with rates for accelerations. 220 operations, 6 sine-cosine pairs.
+    Source: eq. 6 with rates for accelerations. 208 operations, 6 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _centroidal_momentum,
@@ -5626,22 +5696,22 @@ def centroidal_momentum(
 def _centroidal_momentum(k, sin, cos, q, v):
     base_arm_length = k[1]
     link2_length = k[5]
-    k34 = k[7]
-    k48 = k[10]
-    k54 = k[11]
-    k66 = k[13]
-    k67 = k[14]
-    k71 = k[17]
-    k76 = k[19]
-    k77 = k[20]
-    k78 = k[21]
-    k82 = k[23]
-    k83 = k[24]
-    k84 = k[25]
-    k85 = k[26]
-    k86 = k[27]
-    k87 = k[28]
-    k119 = k[51]
+    k33 = k[7]
+    k46 = k[10]
+    k52 = k[11]
+    k63 = k[13]
+    k64 = k[14]
+    k68 = k[18]
+    k73 = k[21]
+    k74 = k[22]
+    k75 = k[23]
+    k78 = k[25]
+    k79 = k[26]
+    k80 = k[27]
+    k81 = k[28]
+    k82 = k[29]
+    k83 = k[30]
+    k111 = k[53]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -5691,53 +5761,55 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t20 = v_theta_9 + t19
 
     # inertia of link 3, turned by the joints
-    t21 = k71 * t13
-    t22 = k71 * t14
-    t23 = t14 * k85
+    t21 = k68 * t13
+    t22 = k68 * t14
+    t23 = k81 * t14
     t24 = t14 * t23
-    t25 = k48 - t24
-    t26 = k54 + t24
-    t27 = t13 * t23
+    t25 = k46 - t24
+    t26 = k52 + t24
 
     # step from link 2 to link 3
-    t28 = link2_length * t10
-    t29 = link2_length * t11
+    t27 = link2_length * t10
+    t28 = link2_length * t11
 
     # inertia of link 2, turned by the joints
-    t30 = t10 * k76
-    t31 = t11 * k76
-    t32 = t11 * k86
-    t33 = t11 * t32
-    t34 = k77 + t33
-    t35 = k34 - t33
-    t36 = t10 * t32
+    t29 = k73 * t10
+    t30 = k73 * t11
+    t31 = k82 * t11
+    t32 = t11 * t31
+    t33 = k74 + t32
+    t34 = k33 - t32
 
     # step from the base to link 1
-    t37 = t5 * base_arm_length
-    t38 = t6 * base_arm_length
+    t35 = base_arm_length * t5
+    t36 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t39 = t6 * k87
-    t40 = t6 * t39
-    t41 = k84 + t40
-    t42 = k66 - t40
-    t43 = t5 * t39
+    t37 = k83 * t6
+    t38 = t6 * t37
+    t39 = k80 + t38
+    t40 = k63 - t38
+    t41 = t5 * t37
 
     # composite inertia of links 2 and 3, about joint 8
-    t44 = t21 + t30
+    t42 = t21 + t29
 
     # motion of link 1
-    t45 = v_theta_0 * t5 - t6 * t15
+    t43 = v_theta_0 * t5 - t6 * t15
 
     # centre of mass from the origin
-    t46 = (t22 + t31) * k119
+    t44 = k111 * (t22 + t30)
+
+    # inertia forces of the base and links 1 to 3
+    t45 = t15 * t41
+    t46 = v_theta_0 * t41
 
     # motion of link 1
     t47 = t6 * t16
     t48 = t5 * t16
     t49 = base_arm_length * t47
     t50 = base_arm_length * t48
-    t51 = base_arm_length * t45
+    t51 = base_arm_length * t43
 
     # motion of link 3
     t52 = t11 * t19
@@ -5745,8 +5817,8 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t54 = t11 * t18 - t10 * t17
 
     # centre of mass from the origin
-    t55 = (t5 * k83 + t8 * t44) * k119
-    t56 = (t6 * k83 + t9 * t44) * k119
+    t55 = k111 * (k79 * t5 + t8 * t42)
+    t56 = k111 * (k79 * t6 + t9 * t42)
 
     # motion of link 1
     t57 = t9 * t50 - t8 * t49
@@ -5756,56 +5828,74 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t59 = link2_length * t54 - t58
 
     # inertia forces of link 3, about joint 9
-    t60 = t18 * t26 + t22 * t59 - t17 * t27
-    t61 = t18 * t27 + t21 * t59 - t17 * t25
-    t62 = t22 * (link2_length * t52 - t57)
-    t63 = t21 * (t51 - link2_length * t53)
-    t64 = t20 * t25 + t20 * t26 + t62 - t63
-    t65 = k71 * t14 * t20
-    t66 = k71 * t13 * t20
-    t67 = k71 * (t14 * t18 - t13 * t17)
+    t60 = t21 * t59
+    t61 = t22 * (t57 - link2_length * t52)
+    t62 = t21 * (t51 - link2_length * t53)
+    t63 = k68 * t14 * t20
+    t64 = k68 * t13 * t20
+    t65 = k68 * (t14 * t18 - t13 * t17)
 
     # inertia forces of links 2 and 3, about joint 8
-    t68 = t17 * t36 + t18 * t35 - t31 * t58
-    t69 = t18 * t36 + t17 * t34 + t30 * t58
-    t70 = t31 * t57
-    t71 = t19 * t34 + t19 * t35 - t30 * t51 - t70
-    t72 = t65 + k76 * t52
-    t73 = t66 + k76 * t53
-    t74 = t67 + k76 * t54
-    t75 = t64 + t28 * t66 + t29 * t65 + t71
+    t66 = t27 * t65
+    t67 = t27 * t64
+    t68 = t28 * t63
+    t69 = t30 * t58
+    t70 = t29 * t58
+    t71 = t29 * t51
+    t72 = t30 * t57
+    t73 = t63 + k73 * t52
+    t74 = t64 + k73 * t53
+    t75 = t65 + k73 * t54
+    t76 = (t33 + t34) * t19
+    t77 = (t25 + t26) * t20
+    t78 = t71 + t72 + t61 + t62 - t76 - t77 - t67 - t68
 
     # inertia forces of links 1 to 3, about joint 7
-    t76 = t60 + t29 * t67 + t68 + k78 * t18
-    t77 = t61 + t28 * t67 - t69 - k78 * t17
-    t78 = t9 * t74 - t8 * t72
-    t79 = t9 * t72 + t8 * t74
+    t79 = t18 * (k75 + t26 + t34)
+    t80 = t13 * t23 - t10 * t31
+    t81 = t17 * t80
+    t82 = t22 * t59 + t28 * t65 + t79 - t69 - t81
+    t83 = t9 * t75 - t8 * t73
+    t84 = t8 * t75 + t9 * t73
+    t85 = t9 * t78
+    t86 = t8 * t82
+    t87 = t9 * t82
+    t88 = t8 * t78
 
     # inertia forces of the base and links 1 to 3
-    t80 = t77 + t38 * t78 + t37 * t79
-    t81 = v_theta_0 * t43 + t15 * t42 + k67 * t15
-    t82 = t15 * t43 + v_theta_0 * t41 + v_theta_0 * k67
-    t83 = t78 - k83 * t47
-    t84 = t79 - k83 * t48
-    t85 = t73 - k83 * t45
-    t86 = t9 * t75 + t8 * t76 + t38 * t73 + t81
-    t87 = t9 * t76 + t82 - t8 * t75 - t37 * t73
-    t88 = t80 - t16 * t41 - t16 * t42
+    t89 = t36 * t74
+    t90 = t35 * t74
+    t91 = t36 * t83
+    t92 = t35 * t84
+    t93 = k79 * t47 - t83
+    t94 = k79 * t48 - t84
+    t95 = k79 * t43 - t74
 
     # momentum in world axes
-    t89 = t46 * t84 + t56 * t85 - t86
-    t90 = t87 + t55 * t85 - t46 * t83
-    t91 = t55 * t84 + t56 * t83 - t88
-    t92 = t3 * t85 - t4 * t83
-    t93 = v_x * k82 + t3 * t83 + t4 * t85
-    t94 = v_y * k82 - t1 * t84 - t2 * t92
-    t95 = v_z * k82 + t1 * t92 - t2 * t84
-    t96 = t3 * t91 + t4 * t89
-    t97 = t4 * t91 - t3 * t89
-    t98 = t1 * t90 - t2 * t96
-    t99 = t1 * t96 + t2 * t90
+    t96 = t44 * t94
+    t97 = t56 * t95
+    t98 = t15 * (k64 + t40)
+    t99 = t46 + t86 + t89 + t96 + t97 + t98 - t85
+    t100 = t55 * t95
+    t101 = t44 * t93
+    t102 = v_theta_0 * (k64 + t39)
+    t103 = t45 + t87 + t88 + t101 + t102 - t90 - t100
+    t104 = t55 * t94
+    t105 = t56 * t93
+    t106 = t17 * (k75 + t25 + t33)
+    t107 = t18 * t80
+    t108 = t16 * (t39 + t40)
+    t109 = t60 + t66 + t107 + t91 + t92 + t104 + t105 - t70 - t108 - t106
+    t110 = t3 * t95 - t4 * t93
+    t111 = k78 * v_x - t3 * t93 - t4 * t95
+    t112 = k78 * v_y + t1 * t94 + t2 * t110
+    t113 = k78 * v_z + t2 * t94 - t1 * t110
+    t114 = t3 * t109 + t4 * t99
+    t115 = t3 * t99 - t4 * t109
+    t116 = t1 * t103 + t2 * t114
+    t117 = t2 * t103 - t1 * t114
     return (
-        t93, t94, t95, t97, t98, t99,
+        t111, t112, t113, t115, t116, t117,
     )
 
 

@@ -134,12 +134,9 @@ def _constants(values):
     k3 = base_arm_section_inertia_yy - k2
     k4 = base_arm_section_inertia_zz - k1
     k5 = k3 + k4
-    k6 = 0.5 * k5
-    k7 = (
-        0.3333333333333333 * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length
-    )
-    k8 = k6 + k7
+    k6 = base_arm_length * base_arm_length
+    k7 = base_arm_mass_per_length * base_arm_length * k6
+    k8 = 0.5 * k5 + 0.3333333333333333 * k7
     k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz
     k10 = base_arm_section_inertia_yy - k9
     k11 = base_arm_section_inertia_zz - k10
@@ -159,70 +156,68 @@ def _constants(values):
     k23 = link2_section_inertia_yy - k22
     k24 = link2_section_inertia_zz - k21
     k25 = k23 + k24
-    k26 = 0.5 * k25
-    k27 = 0.3333333333333333 * link2_length * link2_length * link2_length * link2_mass_per_length
-    k28 = k26 + k27
-    k29 = link2_section_inertia_yy - link2_section_inertia_zz
-    k30 = link2_section_inertia_yy - k29
-    k31 = link2_section_inertia_zz - k30
-    k32 = link2_section_inertia_xx - k29
-    k33 = k31 + k32
-    k34 = 0.5 * k33
-    k35 = link2_section_inertia_xx - link2_section_inertia_zz
-    k36 = link2_section_inertia_zz + k35
-    k37 = link2_section_inertia_xx - k36
-    k38 = link2_section_inertia_yy + k35
-    k39 = k37 + k38
-    k40 = 0.5 * k39
+    k26 = link2_length * link2_length
+    k27 = 0.5 * k25 + 0.3333333333333333 * link2_mass_per_length * link2_length * k26
+    k28 = link2_section_inertia_yy - link2_section_inertia_zz
+    k29 = link2_section_inertia_yy - k28
+    k30 = link2_section_inertia_zz - k29
+    k31 = link2_section_inertia_xx - k28
+    k32 = k30 + k31
+    k33 = 0.5 * k32
+    k34 = link2_section_inertia_xx - link2_section_inertia_zz
+    k35 = link2_section_inertia_zz + k34
+    k36 = link2_section_inertia_xx - k35
+    k37 = link2_section_inertia_yy + k34
+    k38 = k36 + k37
+    k39 = 0.5 * k38
 
     # inertia of the base, about the origin
-    k41 = 4.0 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k42 = 2.0 * k8
-    k43 = 2.0 * k14
-    k44 = 4.0 * base_arm_length * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k45 = k42 + k43 + k44
-    k46 = k42 + k43
-    k47 = 4.0 * k20
-    k48 = 4.0 * base_arm_length * base_arm_mass_per_length
+    k40 = base_arm_mass_per_length * k6
+    k41 = 2.0 * k8
+    k42 = k13 + k41 + 4.0 * k7
+    k43 = k13 + k41
+    k44 = 2.0 * k19
+    k45 = base_arm_length * base_arm_mass_per_length
 
     # inertias of the links
-    k49 = 0.5 * link2_length * link2_length * link2_mass_per_length
-    k50 = link2_length * link2_mass_per_length
+    k46 = 0.5 * link2_mass_per_length * k26
+    k47 = link2_length * link2_mass_per_length
 
     # inertia of the base, with that of link 1 which joint 5 does not move
-    k51 = base_arm_length * k50
-    k52 = 2.0 * base_arm_length
-    k53 = base_arm_length * k51
-    k54 = k48 + k50
-    k55 = k41 + k51
-    k56 = k45 + k53
+    k48 = base_arm_length * k47
+    k49 = 2.0 * base_arm_length
+    k50 = 4.0 * k45 + k47
+    k51 = 4.0 * k40 + k48
+    k52 = k42 + base_arm_length * k48
 
     # constant terms and factors of the functions
-    k57 = k28 - k34
-    k58 = k46 - k56
-    k59 = gravity * k54
+    k53 = k27 - k33
+    k54 = k43 - k52
+    k55 = 4.0 * k19
+    k56 = gravity * k50
 
     # inertia of the base, about the origin
-    k60 = 0.5 * base_arm_length * base_arm_length * base_arm_mass_per_length
-    k61 = base_arm_length * base_arm_mass_per_length
+    k57 = 0.5 * k40
 
     # constant terms and factors of the functions
-    k62 = base_arm_length * k60
-    k63 = k8 + k14
-    k64 = k62 + k63
-    k65 = k46 + k47
-    k66 = 2.0 * k46
-    k67 = 1.0 / k66
-    k68 = 1.0 / k65
-    k69 = 1.0 / k54
-    k70 = 0.5 * k47
-    k71 = 0.5 * k54
-    k72 = 0.5 * k40
-    if not k54 > 0.0:
+    k58 = k8 + k14
+    k59 = base_arm_length * k57 + k58
+    k60 = k43 + k44
+    k61 = 2.0 * k43
+    k62 = 1.0 / k61
+    k63 = 1.0 / k60
+    k64 = 1.0 / k50
+    k65 = k46 * k64
+    k66 = 0.5 * k50
+    k67 = 0.25 * k38
+    k68 = k39 + k60
+    k69 = k56 * k64
+    if not k50 > 0.0:
         raise ZeroDivisionError
     return (
-        gravity, base_arm_length, k8, k14, k20, link2_length, k28, k34, k40, k46, k47, k49, k50,
-        k52, k54, k55, k56, k57, k58, k59, k60, k61, k63, k64, k65, k67, k68, k69, k70, k71, k72,
+        gravity, base_arm_length, k8, k14, k19, k20, link2_length, k27, k33, k39, k43, k44, k45,
+        k46, k47, k49, k50, k51, k52, k53, k54, k55, k56, k57, k58, k59, k61, k62, k63, k64, k65,
+        k66, k67, k68, k69,
     )
 
 
@@ -611,7 +606,7 @@ def mass_matrix_and_residual(
         both
     residual: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6
         [N m], x [N], y [N], z [N]
-    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 324 operations, 5 sine-cosine pairs.
+    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 313 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _mass_matrix_and_residual,
@@ -625,18 +620,20 @@ def mass_matrix_and_residual(
 def _mass_matrix_and_residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k54 = k[14]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
-    k59 = k[19]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k49 = k[15]
+    k50 = k[16]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
+    k55 = k[21]
+    k56 = k[22]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -649,7 +646,7 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     v_theta_6 = v[4]
 
     # attitude
-    t1 = cos(theta_m1)
+    t1 = -cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
@@ -659,179 +656,180 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
-    t9 = sin(t7)
+    t9 = -sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
     # motion of the base
-    t12 = t2 * gravity
-    t13 = t1 * gravity
+    t12 = gravity * t2
+    t13 = gravity * t1
     t14 = v_theta_m1 * t4
     t15 = v_theta_m1 * t3
-    t16 = v_theta_0 * t15
-    t17 = t3 * t13
-    t18 = t4 * t13
-    t19 = t14 * t15
-    t20 = 2.0 * t16
-    t21 = 2.0 * v_theta_0 * t14
-    t22 = v_theta_1 + t14
-    t23 = t22 * t22
-    t24 = v_theta_0 * v_theta_0 + t23
-    t25 = t19 - 2.0 * t22 * t15
-    t26 = t15 * t15 + t23
-    t27 = t21 - 2.0 * t22 * v_theta_0
+    t16 = v_theta_0 * t14
+    t17 = v_theta_0 * t15
+    t18 = t3 * t13
+    t19 = t4 * t13
+    t20 = t14 * t15
+    t21 = 2.0 * t17
+    t22 = 2.0 * t16
+    t23 = v_theta_1 + t14
+    t24 = t23 * t23
+    t25 = v_theta_0 * v_theta_0 + t24
+    t26 = t20 - 2.0 * t23 * t15
+    t27 = t15 * t15 + t24
+    t28 = t22 - 2.0 * t23 * v_theta_0
 
     # motion of link 1
-    t28 = t5 * t24
-    t29 = t5 * t20 - t6 * t26
-    t30 = t5 * t25 + t6 * t27
-    t31 = t18 + base_arm_length * t28
-    t32 = t12 + base_arm_length * t29
-    t33 = v_theta_5 + t22
-    t34 = t21 - v_theta_0 * t33
-    t35 = t19 - t15 * t33
-    t36 = t8 * t15 + v_theta_0 * t9
-    t37 = v_theta_0 * t8 - t9 * t15
-    t38 = t9 * t34 + t8 * t35
-    t39 = t9 * t31 + t8 * t32
-    t40 = t33 * t36
-    t41 = t38 - t40
-    t42 = t16 - t36 * t37
-    t43 = t9 * t35 + t33 * t37 - t8 * t34
-    t44 = t38 + t40
+    t29 = t5 * t25
+    t30 = t5 * t21 - t6 * t27
+    t31 = t5 * t26 + t6 * t28
+    t32 = base_arm_length * t29 - t19
+    t33 = t12 + base_arm_length * t30
+    t34 = v_theta_5 + t23
+    t35 = t22 - v_theta_0 * t34
+    t36 = t20 - t15 * t34
+    t37 = t8 * t15 - v_theta_0 * t9
+    t38 = v_theta_0 * t8 + t9 * t15
+    t39 = t8 * t36 - t9 * t35
+    t40 = t8 * t33 - t9 * t32
+    t41 = t34 * t37
+    t42 = t39 - t41
+    t43 = t17 - t37 * t38
+    t44 = t34 * t38 - t9 * t36 - t8 * t35
+    t45 = t39 + t41
 
     # motion of link 2
-    t45 = v_theta_6 - t37
-    t46 = t45 * t45
-    t47 = t33 * t33 + t46
-    t48 = t42 - 2.0 * t45 * t36
-    t49 = t36 * t36 + t46
-    t50 = t43 + 2.0 * t45 * t33
+    t46 = v_theta_6 - t38
+    t47 = t46 * t46
+    t48 = t34 * t34 + t47
+    t49 = t43 - 2.0 * t46 * t37
+    t50 = t37 * t37 + t47
+    t51 = t44 + 2.0 * t46 * t34
 
     # inertia of link 2, turned by the joints
-    t51 = k49 * t10
-    t52 = k49 * t11
-    t53 = t11 * k57
-    t54 = t11 * t53
-    t55 = k28 - t54
-    t56 = k34 + t54
-    t57 = t10 * t53
+    t52 = k46 * t10
+    t53 = k46 * t11
+    t54 = k53 * t11
+    t55 = t11 * t54
+    t56 = k27 - t55
+    t57 = k33 + t55
+    t58 = t10 * t54
 
     # inertia forces of link 2, about joint 6
-    t58 = t39 * t52 + t48 * t57 - t50 * t56
-    t59 = t39 * t51 + t48 * t55 - t50 * t57
-    t60 = (t17 - base_arm_length * t30) * t51
-    t61 = t57 * (t47 - t49)
-    t62 = (t9 * t32 - t8 * t31) * t52
-    t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61
-    t64 = k49 * (t11 * t44 - t10 * t47)
-    t65 = k49 * (t10 * t41 + t11 * t49)
-    t66 = k49 * (t11 * t50 - t10 * t48)
+    t59 = t51 * t57 - t40 * t53 - t49 * t58
+    t60 = t51 * t58 - t40 * t52 - t49 * t56
+    t61 = (t18 + base_arm_length * t31) * t52
+    t62 = t58 * (t48 - t50)
+    t63 = (t9 * t33 + t8 * t32) * t53
+    t64 = t61 + t42 * t56 + t45 * t57 - t62 - t63
+    t65 = k46 * (t11 * t45 - t10 * t48)
+    t66 = k46 * (t10 * t42 + t11 * t50)
+    t67 = k46 * (t11 * t51 - t10 * t49)
 
     # inertia forces of links 1 and 2, about joint 5
-    t67 = t58 - k40 * t43
-    t68 = t59 + k40 * t42
-    t69 = t8 * t64 + t9 * t66
-    t70 = t9 * t64 - t8 * t66
+    t68 = t59 + k39 * t44
+    t69 = t60 - k39 * t43
+    t70 = t8 * t65 - t9 * t67
+    t71 = t9 * t65 + t8 * t67
 
     # step from the base to link 1
-    t71 = t5 * base_arm_length
-    t72 = t6 * base_arm_length
+    t72 = base_arm_length * t5
+    t73 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t73 = t5 * k55
-    t74 = t6 * k55
-    t75 = t6 * k58
-    t76 = t6 * t75
-    t77 = k56 + t76
-    t78 = k46 - t76
-    t79 = t5 * t75
+    t74 = k51 * t5
+    t75 = k51 * t6
+    t76 = k54 * t6
+    t77 = t6 * t76
+    t78 = k52 + t77
+    t79 = k43 - t77
+    t80 = t5 * t76
 
     # inertia forces of the base and links 1 and 2
-    t80 = t27 * t78
-    t81 = t17 * t74 + t25 * t79 - k47 * t21 - t80
-    t82 = t27 * t79
-    t83 = k47 * t19 + t25 * t77 - t17 * t73 - t82
-    t84 = t79 * (t24 - t26)
-    t85 = t12 * t73 + t18 * t74 + t20 * t77 - t84
-    t86 = t69 - k55 * t28
-    t87 = t70 + k55 * t29
-    t88 = t65 + k55 * t30
-    t89 = t9 * t63 + t8 * t67 + t65 * t72 - t81
-    t90 = t8 * t63 + t65 * t71 + t83 - t9 * t67
-    t91 = t68 + t70 * t71 + t85 - t69 * t72
+    t81 = t28 * t79
+    t82 = t26 * t80 - t18 * t75 - k55 * t16 - t81
+    t83 = t18 * t74
+    t84 = t28 * t80 - k44 * t20 - t26 * t78 - t83
+    t85 = t80 * (t25 - t27)
+    t86 = t12 * t74 + t21 * t78 - t19 * t75 - t85
+    t87 = k51 * t29 - t70
+    t88 = t71 - k51 * t30
+    t89 = t66 + k51 * t31
+    t90 = t9 * t64 + t8 * t68 + t82 - t66 * t73
+    t91 = t84 + t9 * t68 - t8 * t64 - t66 * t72
+    t92 = t69 + t71 * t72 + t70 * t73 - t86
 
     # inertia forces on attitude and position
-    t92 = t3 * t88 + t4 * t86
-    t93 = t3 * t86 - t4 * t88
-    t94 = t4 * t91 - t3 * t89
-    t95 = t1 * t87 + t2 * t92
-    t96 = t2 * t87 + k59 - t1 * t92
+    t93 = t4 * t87 - t3 * t89
+    t94 = t3 * t87 + t4 * t89
+    t95 = t4 * t92 - t3 * t90
+    t96 = t2 * t93 - t1 * t88
+    t97 = t2 * t88 + t1 * t93 - k56
 
     # composite inertia of links 1 and 2, about joint 5
-    t97 = t8 * t51
-    t98 = t9 * t51
-    t99 = t8 * t57
-    t100 = t9 * t57
-    t101 = t9 * (k40 - t55)
-    t102 = t9 * t101
-    t103 = t55 + t102
-    t104 = k40 - t102
+    t98 = t8 * t52
+    t99 = t9 * t52
+    t100 = t8 * t58
+    t101 = t9 * t58
+    t102 = t9 * (k39 - t56)
+    t103 = t9 * t102
+    t104 = t56 + t103
+    t105 = k39 - t103
 
     # composite inertia of the base and links 1 and 2
-    t105 = t99 + t52 * t71
-    t106 = t100 + t52 * t72
-    t107 = t73 + t97
+    t106 = t100 + t53 * t72
+    t107 = t101 - t53 * t73
     t108 = t74 + t98
-    t109 = t77 + t103 + 2.0 * t97 * t71
-    t110 = t78 + t104 + 2.0 * t98 * t72
-    t111 = k47 + t56
-    t112 = t79 + t8 * t101 - t71 * t98 - t72 * t97
+    t109 = t99 - t75
+    t110 = t78 + t104 + t98 * k49 * t5
+    t111 = t79 + t105 - t99 * k49 * t6
+    t112 = k44 + t57
+    t113 = t80 + t72 * t99 - t8 * t102 - t73 * t98
 
     # mass matrix, columns of the joints carried in to joint 5
-    t113 = t103 + t104
-    t114 = t113 + t71 * t97 + t72 * t98
-    t115 = t55 + t56
-    t116 = t8 * t52
-    t117 = t9 * t52
-    t118 = t8 * t115 + t51 * t71
-    t119 = t72 * t116 - t71 * t117
+    t114 = t104 + t105
+    t115 = t114 + t72 * t98 - t73 * t99
+    t116 = t56 + t57
+    t117 = t8 * t53
+    t118 = t9 * t53
+    t119 = t8 * t116 + t52 * t72
+    t120 = t73 * t117 + t72 * t118
 
     # mass matrix of attitude and position
-    t120 = t109 + t110
-    t121 = t4 * t108
-    t122 = t3 * t108
-    t123 = t4 * t120 - t3 * t105
-    t124 = t1 * t107 - t2 * t121
-    t125 = t1 * t121 + t2 * t107
-    t126 = t109 + t111
-    t127 = t3 * t112 - t4 * t106
-    t128 = t3 * t52 - t4 * t107
-    t129 = t4 * t52 + t3 * t107
-    t130 = t4 * (2.0 * t3 * t105 - t4 * (t109 - t111))
-    t131 = t2 * t129
-    t132 = t1 * t129
-    t133 = t110 + t111 - t130
-    t134 = t1 * t108 - t2 * t128
-    t135 = t1 * t128 + t2 * t108
+    t121 = t110 + t111
+    t122 = t4 * t109
+    t123 = t3 * t109
+    t124 = t4 * t121 - t3 * t106
+    t125 = t2 * t122 - t1 * t108
+    t126 = t1 * t122 + t2 * t108
+    t127 = t110 + t112
+    t128 = t3 * t113 + t4 * t107
+    t129 = t3 * t53 - t4 * t108
+    t130 = t4 * t53 + t3 * t108
+    t131 = t4 * (2.0 * t3 * t106 - t4 * (t110 - t112))
+    t132 = t2 * t130
+    t133 = t1 * t130
+    t134 = t111 + t112 - t131
+    t135 = t1 * t109 - t2 * t129
+    t136 = t1 * t129 + t2 * t109
 
     # mass matrix between the joints and attitude and position
-    t136 = t4 * t98
-    t137 = t3 * t98
-    t138 = t4 * t114 - t3 * t99
-    t139 = t1 * t97 - t2 * t136
-    t140 = t1 * t136 + t2 * t97
-    t141 = t3 * t51 + t4 * t116
-    t142 = t4 * t51 - t3 * t116
-    t143 = t3 * (t9 * t115 + t51 * t72) + t4 * t119
-    t144 = t1 * t117 + t2 * t141
-    t145 = t1 * t141 - t2 * t117
+    t137 = t4 * t99
+    t138 = t3 * t99
+    t139 = t4 * t115 - t3 * t100
+    t140 = t2 * t137 - t1 * t98
+    t141 = t1 * t137 + t2 * t98
+    t142 = t3 * t52 + t4 * t117
+    t143 = t4 * t52 - t3 * t117
+    t144 = t3 * (t52 * t73 - t9 * t116) + t4 * t120
+    t145 = t1 * t118 + t2 * t142
+    t146 = t2 * t118 - t1 * t142
     return (
-        t133, t127, t123, t138, t143, 0.0, -t135, t134, t127, t126, -t106, -t100, -t118, t128, t131,
-        -t132, t123, -t106, t120, t114, t119, -t122, t124, t125, t138, -t100, t114, t113, 0.0,
-        -t137, t139, t140, t143, -t118, t119, 0.0, t115, t142, -t144, t145, 0.0, t128, -t122, -t137,
-        t142, k54, 0.0, 0.0, -t135, t131, t124, t139, -t144, 0.0, k54, 0.0, t134, -t132, t125, t140,
-        t145, 0.0, 0.0, k54, -t94, -t90, -t91, -t68, t63, -t93, -t95, -t96,
+        t134, t128, t124, t139, t144, 0.0, t136, t135, t128, t127, t107, t101, -t119, t129, t132,
+        t133, t124, t107, t121, t115, t120, t123, t125, t126, t139, t101, t115, t114, 0.0, t138,
+        t140, t141, t144, -t119, t120, 0.0, t116, t143, -t145, t146, 0.0, t129, t123, t138, t143,
+        k50, 0.0, 0.0, t136, t132, t125, t140, -t145, 0.0, k50, 0.0, t135, t133, t126, t141, t146,
+        0.0, 0.0, k50, t95, t91, t92, t69, t64, t94, t96, t97,
     )
 
 
@@ -850,7 +848,7 @@ def mass_matrix(
     Returns:
     mass_matrix: array (..., 8, 8); [kg m^2] between angles, [kg] between lengths, [kg m] between
         both
-    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 136 operations, 5 sine-cosine pairs.
+    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 132 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _mass_matrix,
@@ -862,17 +860,18 @@ def mass_matrix(
 
 def _mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k54 = k[14]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k49 = k[15]
+    k50 = k[16]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -880,7 +879,7 @@ def _mass_matrix(k, sin, cos, q):
     theta_6 = q[4]
 
     # attitude
-    t1 = cos(theta_m1)
+    t1 = -cos(theta_m1)
     t2 = sin(theta_m1)
     t3 = cos(theta_0)
     t4 = sin(theta_0)
@@ -890,25 +889,25 @@ def _mass_matrix(k, sin, cos, q):
     # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
-    t9 = sin(t7)
+    t9 = -sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k49 * t10
-    t13 = k49 * t11
-    t14 = t11 * k57
+    t12 = k46 * t10
+    t13 = k46 * t11
+    t14 = k53 * t11
     t15 = t11 * t14
-    t16 = k28 - t15
-    t17 = k34 + t15
+    t16 = k27 - t15
+    t17 = k33 + t15
     t18 = t10 * t14
 
     # step from the base to link 1
-    t19 = t5 * base_arm_length
-    t20 = t6 * base_arm_length
+    t19 = base_arm_length * t5
+    t20 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t21 = t6 * k58
+    t21 = k54 * t6
     t22 = t6 * t21
 
     # composite inertia of links 1 and 2, about joint 5
@@ -916,39 +915,39 @@ def _mass_matrix(k, sin, cos, q):
     t24 = t9 * t12
     t25 = t8 * t18
     t26 = t9 * t18
-    t27 = t9 * (k40 - t16)
+    t27 = t9 * (k39 - t16)
     t28 = t9 * t27
     t29 = t16 + t28
-    t30 = k40 - t28
+    t30 = k39 - t28
 
     # composite inertia of the base and links 1 and 2
-    t31 = t19 * t24 + t20 * t23 - t8 * t27
+    t31 = t19 * t24 - t8 * t27 - t20 * t23
     t32 = t25 + t13 * t19
-    t33 = t26 + t13 * t20
-    t34 = t5 * k55 + t23
-    t35 = t6 * k55 + t24
-    t36 = k56 + t22 + t29 + 2.0 * t23 * t19
-    t37 = k46 + t30 + 2.0 * t24 * t20 - t22
-    t38 = k47 + t17
+    t33 = t26 - t13 * t20
+    t34 = k51 * t5 + t23
+    t35 = t24 - k51 * t6
+    t36 = k52 + t22 + t29 + t23 * k49 * t5
+    t37 = k43 + t30 - t22 - t24 * k49 * t6
+    t38 = k44 + t17
 
     # mass matrix, columns of the joints carried in to joint 5
     t39 = t29 + t30
-    t40 = t39 + t19 * t23 + t20 * t24
+    t40 = t39 + t19 * t23 - t20 * t24
     t41 = t16 + t17
     t42 = t8 * t13
     t43 = t9 * t13
     t44 = t8 * t41 + t12 * t19
-    t45 = t20 * t42 - t19 * t43
+    t45 = t20 * t42 + t19 * t43
 
     # mass matrix of attitude and position
     t46 = t36 + t37
     t47 = t4 * t35
     t48 = t3 * t35
     t49 = t4 * t46 - t3 * t32
-    t50 = t1 * t34 - t2 * t47
+    t50 = t2 * t47 - t1 * t34
     t51 = t1 * t47 + t2 * t34
     t52 = t36 + t38
-    t53 = t3 * (t5 * t21 - t31) - t4 * t33
+    t53 = t3 * (t5 * t21 + t31) + t4 * t33
     t54 = t3 * t13 - t4 * t34
     t55 = t4 * t13 + t3 * t34
     t56 = t4 * (2.0 * t3 * t32 - t4 * (t36 - t38))
@@ -962,18 +961,18 @@ def _mass_matrix(k, sin, cos, q):
     t62 = t4 * t24
     t63 = t3 * t24
     t64 = t4 * t40 - t3 * t25
-    t65 = t1 * t23 - t2 * t62
+    t65 = t2 * t62 - t1 * t23
     t66 = t1 * t62 + t2 * t23
     t67 = t3 * t12 + t4 * t42
     t68 = t4 * t12 - t3 * t42
-    t69 = t3 * (t9 * t41 + t12 * t20) + t4 * t45
+    t69 = t3 * (t12 * t20 - t9 * t41) + t4 * t45
     t70 = t1 * t43 + t2 * t67
-    t71 = t1 * t67 - t2 * t43
+    t71 = t2 * t43 - t1 * t67
     return (
-        t59, t53, t49, t64, t69, 0.0, -t61, t60, t53, t52, -t33, -t26, -t44, t54, t57, -t58, t49,
-        -t33, t46, t40, t45, -t48, t50, t51, t64, -t26, t40, t39, 0.0, -t63, t65, t66, t69, -t44,
-        t45, 0.0, t41, t68, -t70, t71, 0.0, t54, -t48, -t63, t68, k54, 0.0, 0.0, -t61, t57, t50,
-        t65, -t70, 0.0, k54, 0.0, t60, -t58, t51, t66, t71, 0.0, 0.0, k54,
+        t59, t53, t49, t64, t69, 0.0, t61, t60, t53, t52, t33, t26, -t44, t54, t57, t58, t49, t33,
+        t46, t40, t45, t48, t50, t51, t64, t26, t40, t39, 0.0, t63, t65, t66, t69, -t44, t45, 0.0,
+        t41, t68, -t70, t71, 0.0, t54, t48, t63, t68, k50, 0.0, 0.0, t61, t57, t50, t65, -t70, 0.0,
+        k50, 0.0, t60, t58, t51, t66, t71, 0.0, 0.0, k50,
     )
 
 
@@ -996,7 +995,7 @@ def residual(
     Returns:
     residual: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6
         [N m], x [N], y [N], z [N]
-    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 205 operations, 5 sine-cosine pairs.
+    Source: eqs. 5, 11 and 18, reduced to the free coordinates. 198 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _residual,
@@ -1010,17 +1009,18 @@ def residual(
 def _residual(k, sin, cos, q, v):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
-    k59 = k[19]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
+    k55 = k[21]
+    k56 = k[22]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1048,110 +1048,111 @@ def _residual(k, sin, cos, q, v):
     t11 = sin(theta_6)
 
     # motion of the base
-    t12 = t2 * gravity
-    t13 = t1 * gravity
+    t12 = gravity * t2
+    t13 = gravity * t1
     t14 = v_theta_m1 * t4
     t15 = v_theta_m1 * t3
-    t16 = v_theta_0 * t15
-    t17 = t3 * t13
-    t18 = t4 * t13
-    t19 = t14 * t15
-    t20 = 2.0 * t16
-    t21 = 2.0 * v_theta_0 * t14
-    t22 = v_theta_1 + t14
-    t23 = t22 * t22
-    t24 = v_theta_0 * v_theta_0 + t23
-    t25 = t19 - 2.0 * t22 * t15
-    t26 = t15 * t15 + t23
-    t27 = t21 - 2.0 * t22 * v_theta_0
+    t16 = v_theta_0 * t14
+    t17 = v_theta_0 * t15
+    t18 = t3 * t13
+    t19 = t4 * t13
+    t20 = t14 * t15
+    t21 = 2.0 * t17
+    t22 = 2.0 * t16
+    t23 = v_theta_1 + t14
+    t24 = t23 * t23
+    t25 = v_theta_0 * v_theta_0 + t24
+    t26 = t20 - 2.0 * t23 * t15
+    t27 = t15 * t15 + t24
+    t28 = t22 - 2.0 * t23 * v_theta_0
 
     # motion of link 1
-    t28 = t5 * t24
-    t29 = t5 * t20 - t6 * t26
-    t30 = t5 * t25 + t6 * t27
-    t31 = t18 + base_arm_length * t28
-    t32 = t12 + base_arm_length * t29
-    t33 = v_theta_5 + t22
-    t34 = t21 - v_theta_0 * t33
-    t35 = t19 - t15 * t33
-    t36 = t8 * t15 + v_theta_0 * t9
-    t37 = v_theta_0 * t8 - t9 * t15
-    t38 = t9 * t34 + t8 * t35
-    t39 = t9 * t31 + t8 * t32
-    t40 = t33 * t36
-    t41 = t38 - t40
-    t42 = t16 - t36 * t37
-    t43 = t9 * t35 + t33 * t37 - t8 * t34
-    t44 = t38 + t40
+    t29 = t5 * t25
+    t30 = t5 * t21 - t6 * t27
+    t31 = t5 * t26 + t6 * t28
+    t32 = t19 + base_arm_length * t29
+    t33 = t12 + base_arm_length * t30
+    t34 = v_theta_5 + t23
+    t35 = t22 - v_theta_0 * t34
+    t36 = t20 - t15 * t34
+    t37 = t8 * t15 + v_theta_0 * t9
+    t38 = v_theta_0 * t8 - t9 * t15
+    t39 = t9 * t35 + t8 * t36
+    t40 = t9 * t32 + t8 * t33
+    t41 = t34 * t37
+    t42 = t39 - t41
+    t43 = t17 - t37 * t38
+    t44 = t9 * t36 + t34 * t38 - t8 * t35
+    t45 = t39 + t41
 
     # motion of link 2
-    t45 = v_theta_6 - t37
-    t46 = t45 * t45
-    t47 = t33 * t33 + t46
-    t48 = t42 - 2.0 * t45 * t36
-    t49 = t36 * t36 + t46
-    t50 = t43 + 2.0 * t45 * t33
+    t46 = v_theta_6 - t38
+    t47 = t46 * t46
+    t48 = t34 * t34 + t47
+    t49 = t43 - 2.0 * t46 * t37
+    t50 = t37 * t37 + t47
+    t51 = t44 + 2.0 * t46 * t34
 
     # inertia of link 2, turned by the joints
-    t51 = k49 * t10
-    t52 = k49 * t11
-    t53 = t11 * k57
-    t54 = t11 * t53
-    t55 = k28 - t54
-    t56 = k34 + t54
-    t57 = t10 * t53
+    t52 = k46 * t10
+    t53 = k46 * t11
+    t54 = k53 * t11
+    t55 = t11 * t54
+    t56 = k27 - t55
+    t57 = k33 + t55
+    t58 = t10 * t54
 
     # inertia forces of link 2, about joint 6
-    t58 = t39 * t52 + t48 * t57 - t50 * t56
-    t59 = t39 * t51 + t48 * t55 - t50 * t57
-    t60 = (t17 - base_arm_length * t30) * t51
-    t61 = t57 * (t47 - t49)
-    t62 = (t9 * t32 - t8 * t31) * t52
-    t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61
-    t64 = k49 * (t11 * t44 - t10 * t47)
-    t65 = k49 * (t10 * t41 + t11 * t49)
-    t66 = k49 * (t11 * t50 - t10 * t48)
+    t59 = t51 * t57 - t40 * t53 - t49 * t58
+    t60 = t51 * t58 - t40 * t52 - t49 * t56
+    t61 = (t18 - base_arm_length * t31) * t52
+    t62 = t58 * (t48 - t50)
+    t63 = (t9 * t33 - t8 * t32) * t53
+    t64 = t63 + t42 * t56 + t45 * t57 - t61 - t62
+    t65 = k46 * (t11 * t45 - t10 * t48)
+    t66 = k46 * (t10 * t42 + t11 * t50)
+    t67 = k46 * (t11 * t51 - t10 * t49)
 
     # inertia forces of links 1 and 2, about joint 5
-    t67 = t58 - k40 * t43
-    t68 = t59 + k40 * t42
-    t69 = t8 * t64 + t9 * t66
-    t70 = t9 * t64 - t8 * t66
+    t68 = t59 + k39 * t44
+    t69 = t60 - k39 * t43
+    t70 = t8 * t65 + t9 * t67
+    t71 = t8 * t67 - t9 * t65
 
     # step from the base to link 1
-    t71 = t5 * base_arm_length
-    t72 = t6 * base_arm_length
+    t72 = base_arm_length * t5
+    t73 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t73 = t5 * k55
-    t74 = t6 * k55
-    t75 = t6 * k58
-    t76 = t6 * t75
-    t77 = k56 + t76
-    t78 = t5 * t75
+    t74 = k51 * t5
+    t75 = k51 * t6
+    t76 = k54 * t6
+    t77 = t6 * t76
+    t78 = k52 + t77
+    t79 = t5 * t76
 
     # inertia forces of the base and links 1 and 2
-    t79 = t27 * (k46 - t76)
-    t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79
-    t81 = t27 * t78
-    t82 = k47 * t19 + t25 * t77 - t17 * t73 - t81
-    t83 = t78 * (t24 - t26)
-    t84 = t12 * t73 + t18 * t74 + t20 * t77 - t83
-    t85 = t69 - k55 * t28
-    t86 = t70 + k55 * t29
-    t87 = t65 + k55 * t30
-    t88 = t9 * t63 + t8 * t67 + t65 * t72 - t80
-    t89 = t8 * t63 + t65 * t71 + t82 - t9 * t67
-    t90 = t68 + t70 * t71 + t84 - t69 * t72
+    t80 = t28 * (k43 - t77)
+    t81 = t18 * t75 + t26 * t79 - k55 * t16 - t80
+    t82 = t26 * t78
+    t83 = t18 * t74 + t28 * t79 - k44 * t20 - t82
+    t84 = t79 * (t25 - t27)
+    t85 = t12 * t74 + t19 * t75 + t21 * t78 - t84
+    t86 = k51 * t29 - t70
+    t87 = t71 - k51 * t30
+    t88 = t66 + k51 * t31
+    t89 = t8 * t68 + t81 - t9 * t64 - t66 * t73
+    t90 = t83 - t8 * t64 - t9 * t68 - t66 * t72
+    t91 = t69 + t71 * t72 + t70 * t73 - t85
 
     # inertia forces on attitude and position
-    t91 = t3 * t87 + t4 * t85
-    t92 = t3 * t85 - t4 * t87
-    t93 = t4 * t90 - t3 * t88
-    t94 = t1 * t86 + t2 * t91
-    t95 = t2 * t86 + k59 - t1 * t91
+    t92 = t4 * t86 - t3 * t88
+    t93 = t3 * t86 + t4 * t88
+    t94 = t4 * t91 - t3 * t89
+    t95 = t1 * t87 + t2 * t92
+    t96 = t2 * t87 - t1 * t92 - k56
     return (
-        -t93, -t89, -t90, -t68, t63, -t92, -t94, -t95,
+        t94, t90, t91, t69, t64, t93, t95, t96,
     )
 
 
@@ -1181,7 +1182,7 @@ def input_matrix(
 
 def _input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k52 = k[13]
+    k49 = k[15]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1194,24 +1195,26 @@ def _input_matrix(k, sin, cos, q):
     t5 = cos(theta_1)
     t6 = sin(theta_1)
 
+    # composite inertia of the base and links 1 and 2
+    t7 = k49 * t5
+
     # thrust direction and generalised forces of motor 1
-    t7 = t2 * t3
-    t8 = t1 * t3
+    t8 = t2 * t3
+    t9 = t1 * t3
 
     # thrust direction and generalised forces of motor 2
-    t9 = t4 * t5
-    t10 = t3 * t5
-    t11 = t4 * base_arm_length
-    t12 = t1 * t6 + t2 * t9
-    t13 = t2 * t6 - t1 * t9
+    t10 = t4 * t5
+    t11 = t3 * t5
+    t12 = base_arm_length * t4
+    t13 = t1 * t6 + t2 * t10
+    t14 = t2 * t6 - t1 * t10
 
     # thrust direction and generalised forces of motor 3
-    t14 = t5 * k52
-    t15 = t3 * t6 * k52
+    t15 = t3 * k49 * t6
     return (
-        0.0, t11, t15, t11, 0.0, 0.0, 0.0, 0.0, -t14, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
+        0.0, t12, t15, t12, 0.0, 0.0, 0.0, 0.0, -t7, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, t4,
-        t10, t4, -t10, 0.0, 0.0, -t7, t12, -t7, -t12, 0.0, 0.0, t8, t13, t8, -t13, 0.0, 0.0,
+        t11, t4, -t11, 0.0, 0.0, -t8, t13, -t8, -t13, 0.0, 0.0, t9, t14, t9, -t14, 0.0, 0.0,
     )
 
 
@@ -1238,7 +1241,7 @@ def forward_dynamics(
     Returns:
     acceleration: array (..., 8); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
         a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
-    Source: eq. 19, solved for the free coordinates. 255 operations, 5 sine-cosine pairs.
+    Source: eq. 19, solved for the free coordinates. 248 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _forward_dynamics,
@@ -1253,17 +1256,19 @@ def forward_dynamics(
 def _forward_dynamics(k, sin, cos, q, v, u):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k54 = k[14]
-    k57 = k[17]
-    k65 = k[24]
-    k67 = k[25]
-    k68 = k[26]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k50 = k[16]
+    k53 = k[19]
+    k55 = k[21]
+    k61 = k[26]
+    k62 = k[27]
+    k63 = k[28]
+    k68 = k[33]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1299,133 +1304,135 @@ def _forward_dynamics(k, sin, cos, q, v, u):
     # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
-    t14 = v_theta_0 * t13
-    t15 = t12 * t13
-    t16 = 2.0 * v_theta_0 * t12
-    t17 = v_theta_1 + t12
-    t18 = v_theta_0 * t17
-    t19 = t13 * t17
-    t20 = t17 * t17
+    t14 = v_theta_0 * t12
+    t15 = v_theta_0 * t13
+    t16 = t12 * t13
+    t17 = 2.0 * t14
+    t18 = v_theta_1 + t12
+    t19 = t18 * t18
 
     # motion of link 1
-    t21 = v_theta_5 + t17
-    t22 = t16 - v_theta_0 * t21
-    t23 = t15 - t13 * t21
-    t24 = t8 * t13 + v_theta_0 * t9
-    t25 = v_theta_0 * t8 - t9 * t13
-    t26 = t9 * t22 + t8 * t23
-    t27 = t21 * t24
-    t28 = t26 - t27
-    t29 = t14 - t24 * t25
-    t30 = t9 * t23 + t21 * t25 - t8 * t22
-    t31 = t26 + t27
+    t20 = v_theta_5 + t18
+    t21 = t17 - v_theta_0 * t20
+    t22 = t16 - t13 * t20
+    t23 = t8 * t13 + v_theta_0 * t9
+    t24 = v_theta_0 * t8 - t9 * t13
+    t25 = t9 * t21 + t8 * t22
+    t26 = t20 * t23
+    t27 = t25 - t26
+    t28 = t15 - t23 * t24
+    t29 = t9 * t22 + t20 * t24 - t8 * t21
+    t30 = t25 + t26
 
     # motion of link 2
-    t32 = v_theta_6 - t25
-    t33 = t32 * t32
-    t34 = t21 * t21 + t33
-    t35 = t29 - 2.0 * t32 * t24
-    t36 = t24 * t24 + t33
-    t37 = t30 + 2.0 * t32 * t21
+    t31 = v_theta_6 - t24
+    t32 = t31 * t31
+    t33 = t20 * t20 + t32
+    t34 = t28 - 2.0 * t31 * t23
+    t35 = t23 * t23 + t32
+    t36 = 2.0 * t31 * t20 + t29
 
     # inertia of link 2, turned by the joints
-    t38 = k49 * t10
-    t39 = k49 * t11
-    t40 = t11 * k57
-    t41 = t11 * t40
-    t42 = k28 - t41
-    t43 = k34 + t41
-    t44 = t10 * t40
-
-    # force and moment of all thrusts
-    t45 = F_1 * base_arm_length - F_3 * base_arm_length
-    t46 = F_2 - F_4
+    t37 = k46 * t10
+    t38 = k46 * t11
+    t39 = k53 * t11
+    t40 = t11 * t39
+    t41 = k27 - t40
+    t42 = k33 + t40
+    t43 = t10 * t39
 
     # articulated inertia and load of link 2, about joint 6
-    t47 = t28 * t42 + t31 * t43 - t44 * (t34 - t36)
+    t44 = t43 * (t33 - t35)
+    t45 = k46 * (t11 * t30 - t10 * t33)
+    t46 = k46 * (t10 * t27 + t11 * t35)
+    t47 = k46 * (t10 * t34 - t11 * t36)
+
+    # force and moment of all thrusts
+    t48 = base_arm_length * (F_1 - F_3)
+    t49 = F_2 - F_4
 
     # equation of joint 6, its acceleration eliminated
-    t48 = 1.0 / (t42 + t43)
-    t49 = t48 * (tau_6 + t47)
-    t50 = t39 * t48
-    t51 = t38 * t48
-    t52 = k49 * (t11 * t31 - t10 * t34) - t39 * t49
-    t53 = k49 * (t10 * t28 + t11 * t36) - t38 * t49
-    t54 = t38 * t50
-
-    # articulated inertia and load of links 1 and 2, about joint 5
-    t55 = k40 * t30 + t37 * t43 - t35 * t44
+    t50 = 1.0 / (t41 + t42)
+    t51 = t50 * (tau_6 + t27 * t41 + t30 * t42 - t44)
+    t52 = t38 * t50
+    t53 = t37 * t50
+    t54 = t38 * t51
+    t55 = t37 * t52
 
     # equation of joint 5, its acceleration eliminated
-    t56 = 1.0 / (k40 + t42)
-    t57 = tau_5 + t37 * t44 - k40 * t29 - t35 * t42
+    t56 = 1.0 / (k39 + t41)
+    t57 = tau_5 + t43 * t36 - t34 * t41 - k39 * t28
     t58 = t56 * t57
-    t59 = t38 * t56
-    t60 = t44 * t56
-    t61 = k49 * (t11 * t37 - t10 * t35) - t38 * t58
-    t62 = t39 - t44 * t59
+    t59 = t37 * t56
+    t60 = t43 * t56
+    t61 = t37 * t58
+    t62 = t38 - t43 * t59
 
     # articulated inertia and load of the base and links 1 and 2
-    t63 = t5 * t46
-    t64 = t6 * t46
-    t65 = k47 * t16 + k46 * (t16 - 2.0 * t17 * v_theta_0)
-    t66 = k47 * t15 + k46 * (t15 - 2.0 * t17 * t13)
-    t67 = t6 * t45 - t65
-    t68 = t5 * t45 - t66
-    t69 = F_2 * base_arm_length + F_4 * base_arm_length - 2.0 * k46 * t14
-    t70 = F_1 + F_3 + t53
-    t71 = t55 + t8 * t67 - t44 * t58 - t9 * t68
+    t63 = t5 * t49
+    t64 = t6 * t49
+    t65 = k43 * (t17 - 2.0 * t18 * v_theta_0)
+    t66 = k43 * (t16 - 2.0 * t18 * t13)
+    t67 = k55 * t14 + t65 - t6 * t48
+    t68 = k44 * t16 + t66 - t5 * t48
+    t69 = t9 * t64
+    t70 = t9 * t68
+    t71 = t8 * t67
+    t72 = F_1 + F_3 + t46 - t37 * t51
+    t73 = t43 * (t34 + t58)
+    t74 = t42 * t36 + k39 * t29 + t70 - t71 - t73
 
     # acceleration of the base, by LDL^T
-    t72 = 1.0 / (k40 + t43 + k65 - t44 * t60)
-    t73 = t62 * t72
-    t74 = t61 + t8 * t64 - t9 * t63 - t71 * t73
-    t75 = 1.0 / (k54 - t38 * t59 - t62 * t73)
-    t76 = 1.0 / (k54 - t38 * t51)
-    t77 = t54 * t76
-    t78 = t52 + t70 * t77 - t8 * t63 - t9 * t64
-    t79 = 1.0 / (k54 - t39 * t50 - t54 * t77)
-    t80 = t78 * t79
-    t81 = t77 * t80 + t70 * t76
-    t82 = t74 * t75
-    t83 = t73 * t82 - t71 * t72
-    t84 = (tau_6 + t8 * t68 + t9 * t67) * k68
-    t85 = (tau_5 - t69) * k67
+    t75 = 1.0 / (t42 + k68 - t43 * t60)
+    t76 = t62 * t75
+    t77 = t74 * t76
+    t78 = t8 * t64 - t9 * t63 - t47 - t61 - t77
+    t79 = 1.0 / (k50 - t37 * t59 - t62 * t76)
+    t80 = 1.0 / (k50 - t37 * t53)
+    t81 = t55 * t80
+    t82 = t45 + t81 * t72 - t8 * t63 - t69 - t54
+    t83 = 1.0 / (k50 - t38 * t52 - t55 * t81)
+    t84 = t82 * t83
+    t85 = t81 * t84 + t80 * t72
+    t86 = t78 * t79
+    t87 = t76 * t86 - t74 * t75
+    t88 = k63 * (tau_6 - t8 * t68 - t9 * t67)
+    t89 = k62 * (base_arm_length * (F_2 + F_4) - tau_5 - k61 * t15)
 
     # acceleration of joint 5
-    t86 = t85 + t58 + t60 * t83 - t59 * t82
+    t90 = t58 + t60 * t87 - t89 - t59 * t86
 
     # acceleration of joint 6
-    t87 = t84 + t49 - t50 * t80 - t51 * t81
+    t91 = t51 + t88 - t52 * t84 - t53 * t85
 
     # acceleration of the base
-    t88 = t8 * t83 - t9 * t84
-    t89 = t8 * t84 + t9 * t83
+    t92 = t8 * t87 - t9 * t88
+    t93 = t8 * t88 + t9 * t87
 
     # acceleration of the origin from that of the base centre
-    t90 = t14 - t85
-    t91 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t14 - t90)
-    t92 = t6 * (t13 * t13 + t20) - t5 * (t14 + t90)
-    t93 = t6 * (t18 + t18 + t88 - t16)
-    t94 = base_arm_length * (t5 * (t19 + t19 - t15 - t89) + t93)
-    t95 = t8 * t80 + t9 * t82 - base_arm_length * t91
-    t96 = t8 * t82 + base_arm_length * t92 - t9 * t80
-    t97 = t81 - t94
+    t94 = t15 + t89
+    t95 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t15 - t94)
+    t96 = t6 * (t13 * t13 + t19) - t5 * (t15 + t94)
+    t97 = t6 * (t17 - t92 - 2.0 * v_theta_0 * t18)
+    t98 = t5 * (t16 + t93 - 2.0 * t13 * t18) + t97
+    t99 = t8 * t84 + t9 * t86 - base_arm_length * t95
+    t100 = t8 * t86 + base_arm_length * t96 - t9 * t84
+    t101 = t85 + base_arm_length * t98
 
     # acceleration of the origin, in world axes
-    t98 = t3 * t97 + t4 * t95
-    t99 = t4 * t97 - t3 * t95
-    t100 = t1 * t96 - t2 * t98
+    t102 = t3 * t101 + t4 * t99
+    t103 = t4 * t101 - t3 * t99
+    t104 = t1 * t100 - t2 * t102
 
     # accelerations of the attitude angles
-    t101 = 1.0 / t3
-    t102 = t88 * t101
-    t103 = t85 + t4 * t102
+    t105 = 1.0 / t3
+    t106 = t105 * t92
+    t107 = t89 - t4 * t106
 
     # acceleration of the origin, in world axes
-    t104 = gravity - t1 * t98 - t2 * t96
+    t108 = t1 * t102 + t2 * t100 - gravity
     return (
-        t102, t89, -t103, t86, t87, t99, t100, -t104,
+        t106, t93, t107, t90, t91, t103, t104, t108,
     )
 
 
@@ -1450,7 +1457,7 @@ def inverse_dynamics(
     Returns:
     force: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
         m], x [N], y [N], z [N]
-    Source: eqs. 4-6. 228 operations, 5 sine-cosine pairs.
+    Source: eqs. 4-6. 225 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _inverse_dynamics,
@@ -1465,17 +1472,17 @@ def inverse_dynamics(
 def _inverse_dynamics(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k54 = k[14]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k50 = k[16]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1533,28 +1540,28 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
     t27 = t21 * t21 + t25
 
     # inertia of link 2, turned by the joints
-    t28 = k49 * t10
-    t29 = k49 * t11
-    t30 = t11 * k57
+    t28 = k46 * t10
+    t29 = k46 * t11
+    t30 = k53 * t11
     t31 = t11 * t30
-    t32 = k28 - t31
-    t33 = k34 + t31
+    t32 = k27 - t31
+    t33 = k33 + t31
     t34 = t10 * t30
 
     # inertia forces of link 2, about joint 6
     t35 = t34 * (t26 - t27)
 
     # step from the base to link 1
-    t36 = t5 * base_arm_length
-    t37 = t6 * base_arm_length
+    t36 = base_arm_length * t5
+    t37 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t38 = t5 * k55
-    t39 = t6 * k55
-    t40 = t6 * k58
+    t38 = k51 * t5
+    t39 = k51 * t6
+    t40 = k54 * t6
     t41 = t6 * t40
-    t42 = k56 + t41
-    t43 = k46 - t41
+    t42 = k52 + t41
+    t43 = k43 - t41
     t44 = t5 * t40
 
     # inertia forces of the base and links 1 and 2
@@ -1595,43 +1602,43 @@ def _inverse_dynamics(k, sin, cos, q, v, a):
 
     # inertia forces of link 2, about joint 6
     t73 = t34 * t70 + t33 * t72 - t29 * t65
-    t74 = t32 * t70 + t34 * t72 - t28 * t65
+    t74 = t28 * t65 - t32 * t70 - t34 * t72
     t75 = t28 * (t49 + base_arm_length * t60)
     t76 = t29 * (t8 * t61 + t9 * t62)
     t77 = t35 + t75 + t32 * t69 - t76 - t33 * t71
-    t78 = k49 * (t10 * t26 - t11 * t71)
-    t79 = k49 * (t11 * t27 - t10 * t69)
-    t80 = k49 * (t10 * t70 + t11 * t72)
+    t78 = k46 * (t10 * t26 - t11 * t71)
+    t79 = k46 * (t11 * t27 - t10 * t69)
+    t80 = k46 * (t10 * t70 + t11 * t72)
 
     # inertia forces of links 1 and 2, about joint 5
-    t81 = t73 + k40 * t67
-    t82 = t74 + k40 * t66
+    t81 = t73 + k39 * t67
+    t82 = t74 - k39 * t66
     t83 = t9 * t80 - t8 * t78
     t84 = t9 * t78 + t8 * t80
 
     # inertia forces of the base and links 1 and 2
     t85 = t44 * t55
-    t86 = t39 * t49 + t43 * t57 - k47 * t52 - t85
+    t86 = t39 * t49 + t43 * t57 - k44 * t52 - t85
     t87 = t42 * t55
-    t88 = k47 * t51 + t44 * t57 - t38 * t49 - t87
+    t88 = k44 * t51 + t44 * t57 - t38 * t49 - t87
     t89 = t38 * t47
     t90 = t42 * t54
     t91 = t45 + t39 * t50 + t43 * t56 - t89 - t90
-    t92 = t83 - k55 * t58
-    t93 = t84 + k55 * t59
-    t94 = t79 - k55 * t60
+    t92 = t83 - k51 * t58
+    t93 = t84 + k51 * t59
+    t94 = t79 - k51 * t60
     t95 = t9 * t77 + t8 * t81 + t86 - t37 * t79
     t96 = t9 * t81 + t36 * t79 + t88 - t8 * t77
-    t97 = t82 + t37 * t83 + t36 * t84 + t91
+    t97 = t82 - t37 * t83 - t36 * t84 - t91
 
     # inertia forces on attitude and position
     t98 = t4 * t92 + t3 * t94
-    t99 = t3 * t95 - t4 * t97
-    t100 = t3 * t92 + a_x * k54 - t4 * t94
-    t101 = t2 * t98 + a_y * k54 - t1 * t93
-    t102 = t1 * t98 + t2 * t93 - k54 * t46
+    t99 = t3 * t95 + t4 * t97
+    t100 = t3 * t92 + k50 * a_x - t4 * t94
+    t101 = t2 * t98 + k50 * a_y - t1 * t93
+    t102 = k50 * t46 - t1 * t98 - t2 * t93
     return (
-        t99, t96, -t97, -t82, t77, t100, t101, -t102,
+        t99, t96, t97, t82, t77, t100, t101, t102,
     )
 
 
@@ -1651,7 +1658,7 @@ def hybrid_mass_matrix(
     Returns:
     mass_matrix: array (..., 14, 14); [kg m^2] between angles, [kg] between lengths, [kg m] between
         both
-    Source: eqs. 15, 18 and 19. 160 operations, 5 sine-cosine pairs.
+    Source: eqs. 15, 18 and 19. 156 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _hybrid_mass_matrix,
@@ -1663,20 +1670,21 @@ def hybrid_mass_matrix(
 
 def _hybrid_mass_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k54 = k[14]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
-    k60 = k[20]
-    k63 = k[22]
-    k64 = k[23]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k49 = k[15]
+    k50 = k[16]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
+    k57 = k[23]
+    k58 = k[24]
+    k59 = k[25]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1694,25 +1702,25 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     # angles and places of the joints
     t7 = theta_1 + theta_5
     t8 = cos(t7)
-    t9 = sin(t7)
+    t9 = -sin(t7)
     t10 = cos(theta_6)
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k49 * t10
-    t13 = k49 * t11
-    t14 = t11 * k57
+    t12 = k46 * t10
+    t13 = k46 * t11
+    t14 = k53 * t11
     t15 = t11 * t14
-    t16 = k28 - t15
-    t17 = k34 + t15
+    t16 = k27 - t15
+    t17 = k33 + t15
     t18 = t10 * t14
 
     # step from the base to link 1
-    t19 = t5 * base_arm_length
-    t20 = t6 * base_arm_length
+    t19 = base_arm_length * t5
+    t20 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t21 = t6 * k58
+    t21 = k54 * t6
     t22 = t6 * t21
 
     # composite inertia of links 1 and 2, about joint 5
@@ -1720,90 +1728,89 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t24 = t9 * t12
     t25 = t8 * t18
     t26 = t9 * t18
-    t27 = t9 * (k40 - t16)
+    t27 = t9 * (k39 - t16)
     t28 = t9 * t27
     t29 = t16 + t28
-    t30 = k40 - t28
+    t30 = k39 - t28
 
     # composite inertia of the base and links 1 and 2
-    t31 = t19 * t24 + t20 * t23 - t8 * t27
+    t31 = t19 * t24 - t8 * t27 - t20 * t23
     t32 = t25 + t13 * t19
-    t33 = t26 + t13 * t20
-    t34 = t5 * k55 + t23
-    t35 = t6 * k55 + t24
-    t36 = k56 + t22 + t29 + 2.0 * t23 * t19
-    t37 = k46 + t30 + 2.0 * t24 * t20 - t22
-    t38 = k47 + t17
+    t33 = t26 - t13 * t20
+    t34 = k51 * t5 + t23
+    t35 = t24 - k51 * t6
+    t36 = k52 + t22 + t29 + t23 * k49 * t5
+    t37 = k43 + t30 - t22 - t24 * k49 * t6
+    t38 = k44 + t17
 
     # mass matrix, columns of the joints carried in to joint 5
     t39 = t29 + t30
-    t40 = t39 + t19 * t23 + t20 * t24
+    t40 = t39 + t19 * t23 - t20 * t24
     t41 = t16 + t17
     t42 = t8 * t13
     t43 = t9 * t13
     t44 = t8 * t41 + t12 * t19
-    t45 = t20 * t42 - t19 * t43
+    t45 = t20 * t42 + t19 * t43
 
     # mass matrix of attitude and position
     t46 = t36 + t37
     t47 = t4 * t35
     t48 = t3 * t35
     t49 = t4 * t46 - t3 * t32
-    t50 = t1 * t34 - t2 * t47
-    t51 = t1 * t47 + t2 * t34
+    t50 = t1 * t34 + t2 * t47
+    t51 = t2 * t34 - t1 * t47
     t52 = t36 + t38
-    t53 = t3 * (t5 * t21 - t31) - t4 * t33
+    t53 = t3 * (t5 * t21 + t31) + t4 * t33
     t54 = t3 * t13 - t4 * t34
     t55 = t4 * t13 + t3 * t34
     t56 = t4 * (2.0 * t3 * t32 - t4 * (t36 - t38))
     t57 = t2 * t55
     t58 = t1 * t55
     t59 = t37 + t38 - t56
-    t60 = t1 * t35 - t2 * t54
-    t61 = t1 * t54 + t2 * t35
+    t60 = -t1 * t35 - t2 * t54
+    t61 = t2 * t35 - t1 * t54
 
     # mass matrix between the joints and attitude and position
     t62 = t4 * t24
     t63 = t3 * t24
     t64 = t4 * t40 - t3 * t25
-    t65 = t1 * t23 - t2 * t62
-    t66 = t1 * t62 + t2 * t23
+    t65 = t1 * t23 + t2 * t62
+    t66 = t2 * t23 - t1 * t62
     t67 = t3 * t12 + t4 * t42
     t68 = t4 * t12 - t3 * t42
-    t69 = t3 * (t9 * t41 + t12 * t20) + t4 * t45
-    t70 = t1 * t43 + t2 * t67
-    t71 = t1 * t67 - t2 * t43
+    t69 = t3 * (t12 * t20 - t9 * t41) + t4 * t45
+    t70 = t1 * t43 - t2 * t67
+    t71 = t1 * t67 + t2 * t43
 
     # composite inertia of the base and base arm 2
-    t72 = t6 * k60
-    t73 = t5 * k60
+    t72 = k57 * t6
+    t73 = k57 * t5
 
     # mass matrix, column of joint 2
     t74 = t4 * t73
     t75 = t3 * t73
-    t76 = t4 * k63
+    t76 = k58 * t4
     t77 = t1 * t72 + t2 * t74
     t78 = t2 * t72 - t1 * t74
 
     # mass matrix, column of joint 3
     t79 = t4 * t72
     t80 = t3 * t72
-    t81 = t4 * k64
+    t81 = k59 * t4
     t82 = t1 * t73 - t2 * t79
     t83 = t1 * t79 + t2 * t73
     return (
-        t59, t53, t49, t76, t81, t76, t64, t69, 0.0, -t61, t60, 0.0, 0.0, 0.0, t53, t52, -t33, 0.0,
-        0.0, 0.0, -t26, -t44, t54, t57, -t58, 0.0, 0.0, 0.0, t49, -t33, t46, k63, k64, k63, t40,
-        t45, -t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k63, k63, 0.0, 0.0, 0.0, 0.0, t75, t77, t78,
-        -1.0, 0.0, 0.0, t81, 0.0, k64, 0.0, k63, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76,
-        0.0, k63, 0.0, 0.0, k63, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, -t26, t40, 0.0,
-        0.0, 0.0, t39, 0.0, -t63, t65, t66, 0.0, 0.0, 0.0, t69, -t44, t45, 0.0, 0.0, 0.0, 0.0, t41,
-        t68, -t70, t71, 0.0, 0.0, 0.0, 0.0, t54, -t48, t75, -t80, -t75, -t63, t68, k54, 0.0, 0.0,
-        0.0, 0.0, 0.0, -t61, t57, t50, t77, t82, -t77, t65, -t70, 0.0, k54, 0.0, 0.0, 0.0, 0.0, t60,
-        -t58, t51, t78, t83, -t78, t66, t71, 0.0, 0.0, k54, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
-        0.0,
+        t59, t53, t49, t76, t81, t76, t64, t69, 0.0, t61, t60, 0.0, 0.0, 0.0, t53, t52, t33, 0.0,
+        0.0, 0.0, t26, -t44, t54, t57, -t58, 0.0, 0.0, 0.0, t49, t33, t46, k58, k59, k58, t40, t45,
+        t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k58, k58, 0.0, 0.0, 0.0, 0.0, t75, t77, t78, -1.0,
+        0.0, 0.0, t81, 0.0, k59, 0.0, k58, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76, 0.0,
+        k58, 0.0, 0.0, k58, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, t26, t40, 0.0, 0.0,
+        0.0, t39, 0.0, t63, t65, t66, 0.0, 0.0, 0.0, t69, -t44, t45, 0.0, 0.0, 0.0, 0.0, t41, t68,
+        t70, t71, 0.0, 0.0, 0.0, 0.0, t54, t48, t75, -t80, -t75, t63, t68, k50, 0.0, 0.0, 0.0, 0.0,
+        0.0, t61, t57, t50, t77, t82, -t77, t65, t70, 0.0, k50, 0.0, 0.0, 0.0, 0.0, t60, -t58, t51,
+        t78, t83, -t78, t66, t71, 0.0, 0.0, k50, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
     )
 
 
@@ -1826,7 +1833,7 @@ def hybrid_residual(
     residual: array (..., 14); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3
         [N m], theta_4 [N m], theta_5 [N m], theta_6 [N m], x [N], y [N], z [N], tau_prime_2
         [rad/s^2], tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2]
-    Source: eqs. 15, 18 and 19. 241 operations, 5 sine-cosine pairs.
+    Source: eqs. 15, 18 and 19. 230 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _hybrid_residual,
@@ -1842,18 +1849,19 @@ def _hybrid_residual(k, sin, cos, q, v):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
-    k59 = k[19]
-    k60 = k[20]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
+    k55 = k[21]
+    k56 = k[22]
+    k57 = k[23]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -1881,132 +1889,148 @@ def _hybrid_residual(k, sin, cos, q, v):
     t11 = sin(theta_6)
 
     # motion of the base
-    t12 = t2 * gravity
-    t13 = t1 * gravity
+    t12 = gravity * t2
+    t13 = gravity * t1
     t14 = v_theta_m1 * t4
     t15 = v_theta_m1 * t3
-    t16 = v_theta_0 * t15
-    t17 = t3 * t13
-    t18 = t4 * t13
-    t19 = t14 * t15
-    t20 = 2.0 * t16
-    t21 = 2.0 * v_theta_0 * t14
-    t22 = v_theta_1 + t14
-    t23 = t22 * t22
-    t24 = v_theta_0 * v_theta_0 + t23
-    t25 = t19 - 2.0 * t22 * t15
-    t26 = t15 * t15 + t23
-    t27 = t21 - 2.0 * t22 * v_theta_0
+    t16 = v_theta_0 * t14
+    t17 = v_theta_0 * t15
+    t18 = t3 * t13
+    t19 = t4 * t13
+    t20 = t14 * t15
+    t21 = 2.0 * t17
+    t22 = 2.0 * t16
+    t23 = v_theta_1 + t14
+    t24 = t23 * t23
+    t25 = v_theta_0 * v_theta_0 + t24
+    t26 = t20 - 2.0 * t23 * t15
+    t27 = t15 * t15 + t24
+    t28 = t22 - 2.0 * t23 * v_theta_0
 
     # motion of link 1
-    t28 = t5 * t24
-    t29 = t5 * t20 - t6 * t26
-    t30 = t5 * t25 + t6 * t27
-    t31 = t18 + base_arm_length * t28
-    t32 = t12 + base_arm_length * t29
-    t33 = v_theta_5 + t22
-    t34 = t21 - v_theta_0 * t33
-    t35 = t19 - t15 * t33
-    t36 = t8 * t15 + v_theta_0 * t9
-    t37 = v_theta_0 * t8 - t9 * t15
-    t38 = t9 * t34 + t8 * t35
-    t39 = t9 * t31 + t8 * t32
-    t40 = t33 * t36
-    t41 = t38 - t40
-    t42 = t16 - t36 * t37
-    t43 = t9 * t35 + t33 * t37 - t8 * t34
-    t44 = t38 + t40
+    t29 = t5 * t25
+    t30 = t6 * t27 - t5 * t21
+    t31 = t5 * t26 + t6 * t28
+    t32 = t19 + base_arm_length * t29
+    t33 = t12 - base_arm_length * t30
+    t34 = v_theta_5 + t23
+    t35 = t22 - v_theta_0 * t34
+    t36 = t20 - t15 * t34
+    t37 = t8 * t15 + v_theta_0 * t9
+    t38 = v_theta_0 * t8 - t9 * t15
+    t39 = t9 * t35 + t8 * t36
+    t40 = t9 * t32 + t8 * t33
+    t41 = t34 * t37
+    t42 = t39 - t41
+    t43 = t17 - t37 * t38
+    t44 = t9 * t36 + t34 * t38 - t8 * t35
+    t45 = t39 + t41
 
     # motion of link 2
-    t45 = v_theta_6 - t37
-    t46 = t45 * t45
-    t47 = t33 * t33 + t46
-    t48 = t42 - 2.0 * t45 * t36
-    t49 = t36 * t36 + t46
-    t50 = t43 + 2.0 * t45 * t33
+    t46 = v_theta_6 - t38
+    t47 = t46 * t46
+    t48 = t34 * t34 + t47
+    t49 = t43 - 2.0 * t46 * t37
+    t50 = t37 * t37 + t47
+    t51 = 2.0 * t46 * t34 + t44
 
     # inertia of link 2, turned by the joints
-    t51 = k49 * t10
-    t52 = k49 * t11
-    t53 = t11 * k57
-    t54 = t11 * t53
-    t55 = k28 - t54
-    t56 = k34 + t54
-    t57 = t10 * t53
+    t52 = k46 * t10
+    t53 = k46 * t11
+    t54 = k53 * t11
+    t55 = t11 * t54
+    t56 = k27 - t55
+    t57 = k33 + t55
+    t58 = t10 * t54
 
     # inertia forces of link 2, about joint 6
-    t58 = t39 * t52 + t48 * t57 - t50 * t56
-    t59 = t39 * t51 + t48 * t55 - t50 * t57
-    t60 = (t17 - base_arm_length * t30) * t51
-    t61 = t57 * (t47 - t49)
-    t62 = (t9 * t32 - t8 * t31) * t52
-    t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61
-    t64 = k49 * (t11 * t44 - t10 * t47)
-    t65 = k49 * (t10 * t41 + t11 * t49)
-    t66 = k49 * (t11 * t50 - t10 * t48)
+    t59 = (t18 - base_arm_length * t31) * t52
+    t60 = t58 * (t48 - t50)
+    t61 = (t9 * t33 - t8 * t32) * t53
+    t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60
+    t63 = k46 * (t11 * t45 - t10 * t48)
+    t64 = k46 * (t10 * t42 + t11 * t50)
+    t65 = k46 * (t10 * t49 - t11 * t51)
 
     # inertia forces of links 1 and 2, about joint 5
-    t67 = t58 - k40 * t43
-    t68 = t59 + k40 * t42
-    t69 = t8 * t64 + t9 * t66
-    t70 = t9 * t64 - t8 * t66
+    t66 = k39 * t44
+    t67 = k39 * t43
+    t68 = t40 * t53 + t49 * t58 - t57 * t51 - t66
+    t69 = t58 * t51 - t40 * t52 - t49 * t56 - t67
+    t70 = t8 * t63 - t9 * t65
+    t71 = t9 * t63 + t8 * t65
+    t72 = t9 * t62
+    t73 = t8 * t68
+    t74 = t8 * t62
+    t75 = t9 * t68
 
     # step from the base to link 1
-    t71 = t5 * base_arm_length
-    t72 = t6 * base_arm_length
-
-    # inertia of the base, turned by the joints
-    t73 = t5 * k55
-    t74 = t6 * k55
-    t75 = t6 * k58
-    t76 = t6 * t75
-    t77 = k56 + t76
-    t78 = t5 * t75
+    t76 = base_arm_length * t5
+    t77 = base_arm_length * t6
 
     # inertia forces of the base and links 1 and 2
-    t79 = t27 * (k46 - t76)
-    t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79
-    t81 = t27 * t78
-    t82 = k47 * t19 + t25 * t77 - t17 * t73 - t81
-    t83 = t78 * (t24 - t26)
-    t84 = t12 * t73 + t18 * t74 + t20 * t77 - t83
-    t85 = t69 - k55 * t28
-    t86 = t70 + k55 * t29
-    t87 = t65 + k55 * t30
-    t88 = t9 * t63 + t8 * t67 + t65 * t72 - t80
-    t89 = t8 * t63 + t65 * t71 + t82 - t9 * t67
-    t90 = t68 + t70 * t71 + t84 - t69 * t72
+    t78 = t64 * t77
+    t79 = t64 * t76
+    t80 = t76 * t71
+    t81 = t77 * t70
+
+    # inertia of the base, turned by the joints
+    t82 = k51 * t5
+    t83 = k51 * t6
+    t84 = k54 * t6
+    t85 = t6 * t84
+    t86 = k52 + t85
+    t87 = t5 * t84
+
+    # inertia forces of the base and links 1 and 2
+    t88 = t18 * t83
+    t89 = t26 * t87
+    t90 = k55 * t16
+    t91 = t28 * (k43 - t85)
+    t92 = k44 * t20
+    t93 = t26 * t86
+    t94 = t18 * t82
+    t95 = t28 * t87
+    t96 = t12 * t82
+    t97 = t19 * t83
+    t98 = t21 * t86
+    t99 = t87 * (t25 - t27)
+    t100 = k51 * t29 - t70
+    t101 = k51 * t30 - t71
+    t102 = t64 + k51 * t31
+    t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73
+    t104 = t94 + t95 + t75 - t74 - t79 - t92 - t93
+    t105 = t99 + t69 + t81 - t96 - t97 - t98 - t80
 
     # inertia forces on attitude and position
-    t91 = t3 * t87 + t4 * t85
-    t92 = t3 * t85 - t4 * t87
-    t93 = t4 * t90 - t3 * t88
-    t94 = t1 * t86 + t2 * t91
-    t95 = t2 * t86 + k59 - t1 * t91
+    t106 = t3 * t102 - t4 * t100
+    t107 = t4 * t102 + t3 * t100
+    t108 = t4 * t105 - t3 * t103
+    t109 = t1 * t101 - t2 * t106
+    t110 = t2 * t101 + t1 * t106 - k56
 
     # motion of the base
-    t96 = v_theta_0 * t5 - t6 * t15
-    t97 = (t5 * t15 + v_theta_0 * t6) * t96
-    t98 = t16 + t97
-    t99 = t16 - t97
+    t111 = v_theta_0 * t5 - t6 * t15
+    t112 = (t5 * t15 + v_theta_0 * t6) * t111
+    t113 = t17 + t112
+    t114 = t112 - t17
 
     # motion of base arm 2
-    t100 = base_arm_length * (t23 + t96 * t96)
+    t115 = base_arm_length * (t24 + t111 * t111)
 
     # inertia forces of base arm 2, about joint 2
-    t101 = k8 * t99
-    t102 = k14 * t98
-    t103 = k60 * (t6 * t12 - t5 * t18 - t100)
-    t104 = t101 + t102 + t103
+    t116 = k57 * (t5 * t19 + t115 - t6 * t12)
+    t117 = k8 * t114 - k14 * t113
+    t118 = t116 + t117
 
     # inertia forces of base arm 3, about joint 3
-    t105 = k60 * (t5 * t12 + t6 * t18 + base_arm_length * t98)
-    t106 = k8 * t98 + k14 * t99 + t105
+    t119 = k57 * (t5 * t12 + t6 * t19 + base_arm_length * t113)
+    t120 = k14 * t114 - k8 * t113 - t119
 
     # inertia forces of base arm 4, about joint 4
-    t107 = t101 + t102 - t103
+    t121 = t117 - t116
     return (
-        -t93, -t89, -t90, -t104, -t106, -t107, -t68, t63, -t92, -t94, -t95, 0.0, 0.0, 0.0,
+        t108, t104, t105, t118, t120, t121, t69, t62, t107, t109, t110, 0.0, 0.0, 0.0,
     )
 
 
@@ -2036,7 +2060,7 @@ def hybrid_input_matrix(
 
 def _hybrid_input_matrix(k, sin, cos, q):
     base_arm_length = k[1]
-    k52 = k[13]
+    k49 = k[15]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2049,26 +2073,28 @@ def _hybrid_input_matrix(k, sin, cos, q):
     t5 = cos(theta_1)
     t6 = sin(theta_1)
 
+    # composite inertia of the base and links 1 and 2
+    t7 = k49 * t5
+
     # thrust direction and generalised forces of motor 1
-    t7 = t2 * t3
-    t8 = t1 * t3
+    t8 = t2 * t3
+    t9 = t1 * t3
 
     # thrust direction and generalised forces of motor 2
-    t9 = t4 * t5
-    t10 = t3 * t5
-    t11 = t4 * base_arm_length
-    t12 = t1 * t6 + t2 * t9
-    t13 = t2 * t6 - t1 * t9
+    t10 = t4 * t5
+    t11 = t3 * t5
+    t12 = base_arm_length * t4
+    t13 = t1 * t6 + t2 * t10
+    t14 = t2 * t6 - t1 * t10
 
     # thrust direction and generalised forces of motor 3
-    t14 = t5 * k52
-    t15 = t3 * t6 * k52
+    t15 = t3 * k49 * t6
     return (
-        0.0, t11, t15, t11, 0.0, 0.0, 0.0, 0.0, -t14, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
+        0.0, t12, t15, t12, 0.0, 0.0, 0.0, 0.0, -t7, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0,
         base_arm_length, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, 0.0, base_arm_length, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
-        0.0, 0.0, 0.0, 1.0, t4, t10, t4, -t10, 0.0, 0.0, -t7, t12, -t7, -t12, 0.0, 0.0, t8, t13, t8,
-        -t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 1.0, t4, t11, t4, -t11, 0.0, 0.0, -t8, t13, -t8, -t13, 0.0, 0.0, t9, t14, t9,
+        -t14, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0,
     )
 
@@ -2095,7 +2121,7 @@ def constraint_torques(
 
     Returns:
     torque: array (..., 3); tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m]
-    Source: eqs. 14 and 15. 57 operations, 3 sine-cosine pairs.
+    Source: eqs. 14 and 15. 54 operations, 3 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _constraint_torques,
@@ -2113,7 +2139,7 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    k60 = k[20]
+    k57 = k[23]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2154,21 +2180,20 @@ def _constraint_torques(k, sin, cos, q, v, a, u):
     t17 = t10 - t15
 
     # inertia forces of base arm 2, about joint 2
-    t18 = k14 * t16
-    t19 = k8 * t17
-    t20 = k60 * (t11 - t6 * t13 - t5 * t14)
+    t18 = k57 * (t11 - t6 * t13 - t5 * t14)
 
     # constraint torque on base arm 2
-    t21 = F_2 * base_arm_length + t19 + t20 - t18
+    t19 = k14 * t16 - k8 * t17
+    t20 = t19 - base_arm_length * F_2 - t18
 
     # inertia forces of base arm 3, about joint 3
-    t22 = k60 * (t5 * t13 + base_arm_length * t16 - t6 * t14)
-    t23 = k8 * t16 + t22 - k14 * t17
+    t21 = k57 * (t5 * t13 + base_arm_length * t16 - t6 * t14)
+    t22 = k8 * t16 + t21 - k14 * t17
 
     # constraint torque on base arm 4
-    t24 = F_4 * base_arm_length + t19 - t18 - t20
+    t23 = t18 + t19 - base_arm_length * F_4
     return (
-        -t21, t23, -t24,
+        t20, t22, t23,
     )
 
 
@@ -2192,7 +2217,7 @@ def gibbs(
 
     Returns:
     value: array (...); [W/s]
-    Source: eqs. 2 and 3. 319 operations, 5 sine-cosine pairs.
+    Source: eqs. 2 and 3. 257 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _gibbs,
@@ -2207,19 +2232,19 @@ def gibbs(
 def _gibbs(k, sin, cos, q, v, a):
     gravity = k[0]
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
-    k70 = k[28]
-    k71 = k[29]
-    k72 = k[30]
+    k19 = k[4]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
+    k66 = k[31]
+    k67 = k[32]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2257,163 +2282,136 @@ def _gibbs(k, sin, cos, q, v, a):
     # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
-    t14 = v_theta_0 * t12
-    t15 = v_theta_0 * t13
-    t16 = v_theta_1 + t12
-    t17 = v_theta_0 * t16
-    t18 = t13 * t16
-    t19 = t16 * t16
+    t14 = v_theta_0 * t13
+    t15 = v_theta_1 + t12
+    t16 = v_theta_0 * t15
+    t17 = t13 * t15
+    t18 = t15 * t15
 
     # motion of link 1
-    t20 = v_theta_5 + t16
-    t21 = t8 * t13 + v_theta_0 * t9
-    t22 = v_theta_0 * t8 - t9 * t13
-    t23 = t21 * t22
-    t24 = t20 * t22
+    t19 = v_theta_5 + t15
+    t20 = t8 * t13 + v_theta_0 * t9
+    t21 = v_theta_0 * t8 - t9 * t13
+    t22 = t20 * t21
+    t23 = t19 * t21
 
     # motion of link 2
-    t25 = v_theta_6 - t22
+    t24 = v_theta_6 - t21
 
     # inertia of link 2, turned by the joints
-    t26 = k49 * t10
-    t27 = k49 * t11
-    t28 = t11 * k57
-    t29 = t11 * t28
-    t30 = k28 - t29
-    t31 = k34 + t29
-    t32 = t10 * t28
+    t25 = k46 * t10
+    t26 = k46 * t11
+    t27 = k53 * t11
+    t28 = t11 * t27
+    t29 = k27 - t28
+    t30 = k33 + t28
+    t31 = t10 * t27
 
     # inertia of the base, turned by the joints
-    t33 = t5 * k55
-    t34 = t6 * k55
-    t35 = t6 * k58
-    t36 = t6 * t35
-    t37 = k56 + t36
-    t38 = k46 - t36
-    t39 = t5 * t35
+    t32 = k51 * t5
+    t33 = k51 * t6
+    t34 = k54 * t6
+    t35 = t6 * t34
+    t36 = k52 + t35
+    t37 = k43 - t35
+    t38 = t5 * t34
 
     # motion of the base
-    t40 = a_z + gravity
-    t41 = a_y * t1 + t2 * t40
-    t42 = t1 * t40 - a_y * t2
-    t43 = a_x * t4 + t3 * t42
-    t44 = a_x * t3 - t4 * t42
-    t45 = a_theta_0 + t12 * t13
-    t46 = t14 + t14 - a_theta_m1 * t3
-    t47 = a_theta_1 + t15 + a_theta_m1 * t4
-    t48 = t17 - t46
-    t49 = t18 - t45
+    t39 = a_z + gravity
+    t40 = a_y * t1 + t2 * t39
+    t41 = t1 * t39 - a_y * t2
+    t42 = a_x * t4 + t3 * t41
+    t43 = a_x * t3 - t4 * t41
+    t44 = a_theta_0 + t12 * t13
+    t45 = 2.0 * v_theta_0 * t12 - a_theta_m1 * t3
+    t46 = a_theta_1 + t14 + a_theta_m1 * t4
+    t47 = t16 - t45
+    t48 = t17 - t44
 
     # motion of link 1
-    t50 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t15 - t47)
-    t51 = t6 * (t13 * t13 + t19) - t5 * (t15 + t47)
-    t52 = t6 * (2.0 * t16 * v_theta_0 - t46)
-    t53 = base_arm_length * (t5 * (2.0 * t16 * t13 - t45) + t52)
-    t54 = t44 - base_arm_length * t50
-    t55 = t41 - base_arm_length * t51
-    t56 = t43 + t53
-    t57 = a_theta_5 + t47
-    t58 = v_theta_0 * t20 - t46
-    t59 = t13 * t20 - t45
-    t60 = t8 * t58 - t9 * t59
-    t61 = t8 * t54 + t9 * t55
-    t62 = t8 * t55 - t9 * t54
+    t49 = t5 * (v_theta_0 * v_theta_0 + t18) - t6 * (t14 - t46)
+    t50 = t6 * (t13 * t13 + t18) - t5 * (t14 + t46)
+    t51 = t6 * (2.0 * t15 * v_theta_0 - t45)
+    t52 = base_arm_length * (t5 * (2.0 * t15 * t13 - t44) + t51)
+    t53 = t43 - base_arm_length * t49
+    t54 = t40 - base_arm_length * t50
+    t55 = t42 + t52
+    t56 = a_theta_5 + t46
+    t57 = v_theta_0 * t19 - t45
+    t58 = t13 * t19 - t44
+    t59 = t9 * t58 - t8 * t57
+    t60 = t8 * t53 + t9 * t54
+    t61 = t8 * t54 - t9 * t53
 
     # motion of link 2
-    t63 = a_theta_6 + t9 * t58 + t8 * t59
-    t64 = t20 * t25 + t24 + t60
-    t65 = t21 * t25 + t23 - t57
+    t62 = a_theta_6 + t8 * t58 + t9 * t57
+    t63 = t23 + t19 * t24 - t59
+    t64 = t22 + t20 * t24 - t56
 
     # Gibbs function of the base
-    t66 = t48 * t48 * k70
-    t67 = k70 * t49 * t49
-    t68 = t41 * t41 * k71
-    t69 = k71 * t43 * t43
-    t70 = k71 * t44 * t44
-    t71 = 0.5 * t47 * t37 * t47
-    t72 = 0.5 * t49 * t37 * t49
-    t73 = 0.5 * t47 * t38 * t47
-    t74 = 0.5 * t48 * t38 * t48
-    t75 = t47 * t33 * t41
-    t76 = t48 * t34 * t43
-    t77 = t49 * t33 * t43
-    t78 = t13 * t39
-    t79 = t47 * t13 * t78
-    t80 = t41 * t13 * t13 * t34
-    t81 = t41 * t16 * t16 * t34
-    t82 = t47 * t34 * t44
-    t83 = t44 * t16 * t16 * t33
-    t84 = v_theta_0 * t33
-    t85 = t44 * v_theta_0 * t84
-    t86 = v_theta_0 * t39
-    t87 = t47 * v_theta_0 * t86
-    t88 = t49 * t39 * t48
-    t89 = t41 * t13 * t84
-    t90 = t43 * t16 * t13 * t33
-    t91 = v_theta_0 * t34
-    t92 = t43 * t16 * t91
-    t93 = t44 * t13 * t91
-    t94 = t47 * t13 * v_theta_0 * t37
-    t95 = v_theta_0 * t38
-    t96 = t48 * t16 * t95
-    t97 = t49 * t16 * t13 * t37
-    t98 = k47 * t17 * t48
-    t99 = k47 * t18 * t49
-    t100 = t47 * t13 * t95
-    t101 = t48 * t16 * t78
-    t102 = t49 * t16 * t86
-    t103 = (
-        t66 + t67 + t68 + t69 + t70 + t71 + t72 + t73 + t74 + t75 + t76 + t77 + t79 + t89 + t90 +
-        t92 + t93 + t94 + t96 + t97 - t80 - t81 - t82 - t83 - t85 - t87 - t88 - t98 - t99 - t100 -
-        t101 - t102
-    )
-
-    # Gibbs function of link 1
-    t104 = k72 * t60 * t60
-    t105 = k40 * t24 * t60
-    t106 = k40 * t23 * t57
-    t107 = t57 * t57 * k72 + t104 + t105 - t106
+    t65 = t15 * t32
+    t66 = v_theta_0 * t32
+    t67 = v_theta_0 * t38
+    t68 = v_theta_0 * t67 * t46
+    t69 = v_theta_0 * t33
 
     # Gibbs function of link 2
-    t108 = 0.5 * t63 * t30 * t63
-    t109 = 0.5 * t65 * t30 * t65
-    t110 = 0.5 * t63 * t31 * t63
-    t111 = 0.5 * t64 * t31 * t64
-    t112 = t63 * t26 * t56
-    t113 = t20 * t32
-    t114 = t63 * t20 * t113
-    t115 = t65 * t32 * t64
-    t116 = t56 * t21 * t21 * t27
-    t117 = t56 * t25 * t25 * t27
-    t118 = t63 * t27 * t61
-    t119 = t20 * t26
-    t120 = t61 * t20 * t119
-    t121 = t61 * t25 * t25 * t26
-    t122 = t64 * t27 * t62
-    t123 = t65 * t26 * t62
-    t124 = t21 * t32
-    t125 = t63 * t21 * t124
-    t126 = t56 * t21 * t119
-    t127 = t20 * t27
-    t128 = t61 * t21 * t127
-    t129 = t63 * t21 * t20 * t30
-    t130 = t20 * t31
-    t131 = t64 * t25 * t130
-    t132 = t64 * t25 * t124
-    t133 = t65 * t25 * t113
-    t134 = t65 * t25 * t21 * t30
-    t135 = t62 * t25 * t127
-    t136 = t62 * t25 * t21 * t26
-    t137 = t63 * t21 * t130
-    t138 = (
-        t108 + t109 + t110 + t111 + t112 + t114 + t115 + t126 + t128 + t129 + t131 + t132 + t133 +
-        t134 - t116 - t117 - t118 - t120 - t121 - t122 - t123 - t125 - t135 - t136 - t137
-    )
+    t70 = t63 * t30 * t63
+    t71 = t19 * t31
+    t72 = t19 * t25
+    t73 = t19 * t72 * t60
+    t74 = t24 * t25
+    t75 = t26 * t61 * t63
+    t76 = t19 * t26
 
     # sum over the links
-    t139 = t103 + t107 + t138
+    t77 = t48 * t15 * t36
+    t78 = t24 * t29 * t64
+    t79 = t38 * t48
+    t80 = k44 * t16
+    t81 = t24 * t26 * t55
+    t82 = t71 * t64
+    t83 = k44 * t17
+    t84 = t32 * t42 + k19 * t48 - t15 * t67 - t83
+    t85 = t48 * t84
+    t86 = k66 * t43
+    t87 = t15 * t65 + v_theta_0 * t66 + t33 * t46 - t86
+    t88 = t43 * t87
+    t89 = t15 * t15 * t33 - k66 * t40 - t32 * t46
+    t90 = t40 * t89
+    t91 = t62 * (t19 * t71 + t25 * t55 - t26 * t60)
+    t92 = t42 * (t15 * t69 + k66 * t42)
+    t93 = k67 * (t56 * t56 + t59 * t59)
+    t94 = k39 * (t23 * t59 + t22 * t56)
+    t95 = t64 * (t25 * t61 - t31 * t63)
+    t96 = t46 * t46
+    t97 = t36 * (t48 * t48 + t96)
+    t98 = t37 * (t47 * t47 + t96)
+    t99 = t40 * (t13 * t33 - t66)
+    t100 = (t20 * t26 - t72) * t55
+    t101 = t13 * t38 - v_theta_0 * t37
+    t102 = t15 * t101
+    t103 = t33 * t42 + k19 * t47 - t79 - t80 - t102
+    t104 = t47 * t103
+    t105 = t20 * t31 + t19 * t30
+    t106 = t63 * t105
+    t107 = t81 + t74 * t60 + t76 * t61 - t82 - t106
+    t108 = t24 * t107
+    t109 = t46 * (v_theta_0 * t36 + t101)
+    t110 = t42 * t65 + t43 * t69 + t77 + t109 - t99
+    t111 = t13 * t110
+    t112 = t62 * (t19 * t29 - t105)
+    t113 = t76 * t60 + t78 + t112 - t74 * t61 - t100
+    t114 = t20 * t113
+    t115 = t62 * (t29 + t30) * t62
+    t116 = t64 * t29 * t64 + t70 + t97 + t98 + t115
+    t117 = 0.5 * t116
+    t118 = (
+        t85 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t68 - t73 - t75 - t88 - t90 - t94 - t95
+        - t108
+    )
     return (
-        t139,
+        t118,
     )
 
 
@@ -2432,7 +2430,7 @@ def kinetic_energy(
 
     Returns:
     energy: array (...); [J]
-    Source: eq. 2 with rates for accelerations. 137 operations, 5 sine-cosine pairs.
+    Source: eq. 2 with rates for accelerations. 115 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _kinetic_energy,
@@ -2445,17 +2443,17 @@ def kinetic_energy(
 
 def _kinetic_energy(k, sin, cos, q, v):
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k46 = k[9]
-    k49 = k[11]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
-    k70 = k[28]
-    k71 = k[29]
-    k72 = k[30]
+    k19 = k[4]
+    k27 = k[7]
+    k33 = k[8]
+    k43 = k[10]
+    k46 = k[13]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
+    k66 = k[31]
+    k67 = k[32]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2497,69 +2495,53 @@ def _kinetic_energy(k, sin, cos, q, v):
     t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
 
     # inertia of link 2, turned by the joints
-    t17 = k49 * t10
-    t18 = k49 * t11
-    t19 = t11 * k57
+    t17 = k46 * t10
+    t18 = k46 * t11
+    t19 = k53 * t11
     t20 = t11 * t19
-    t21 = k28 - t20
-    t22 = k34 + t20
 
     # inertia of the base, turned by the joints
-    t23 = t5 * k55
-    t24 = t6 * k55
-    t25 = t6 * k58
-    t26 = t6 * t25
-    t27 = k56 + t26
-    t28 = k46 - t26
+    t21 = k51 * t5
+    t22 = k51 * t6
+    t23 = k54 * t6
+    t24 = t6 * t23
+    t25 = k52 + t24
+    t26 = k43 - t24
 
     # motion of the base
-    t29 = v_y * t1 + v_z * t2
-    t30 = v_z * t1 - v_y * t2
-    t31 = t3 * t30 + v_x * t4
-    t32 = v_x * t3 - t4 * t30
+    t27 = v_y * t1 + v_z * t2
+    t28 = v_z * t1 - v_y * t2
+    t29 = t3 * t28 + v_x * t4
+    t30 = v_x * t3 - t4 * t28
 
     # motion of link 1
-    t33 = t32 - base_arm_length * t6 * t13
-    t34 = t29 + base_arm_length * t5 * t13
-    t35 = t31 - base_arm_length * (v_theta_0 * t5 - t6 * t12)
-    t36 = t8 * t34 - t9 * t33
+    t31 = t30 - base_arm_length * t6 * t13
+    t32 = t27 + base_arm_length * t5 * t13
+    t33 = t8 * t32 - t9 * t31
 
     # Gibbs function of the base
-    t37 = t12 * t12 * k70
-    t38 = v_theta_0 * v_theta_0 * k70
-    t39 = k71 * t29 * t29
-    t40 = k71 * t31 * t31
-    t41 = k71 * t32 * t32
-    t42 = 0.5 * t13 * t13 * t27
-    t43 = 0.5 * v_theta_0 * v_theta_0 * t27
-    t44 = 0.5 * t12 * t12 * t28
-    t45 = 0.5 * t13 * t13 * t28
-    t46 = t13 * t23 * t29
-    t47 = t12 * t24 * t31
-    t48 = t12 * v_theta_0 * t5 * t25
-    t49 = v_theta_0 * t23 * t31
-    t50 = t13 * t24 * t32
-    t51 = t37 + t38 + t39 + t40 + t41 + t42 + t43 + t44 + t45 + t46 + t47 + t48 - t49 - t50
-
-    # Gibbs function of link 1
-    t52 = t14 * t14 * k72 + t15 * t15 * k72
-
-    # Gibbs function of link 2
-    t53 = 0.5 * t14 * t14 * t21
-    t54 = 0.5 * t16 * t16 * t21
-    t55 = 0.5 * t15 * t15 * t22
-    t56 = 0.5 * t16 * t16 * t22
-    t57 = t14 * t17 * t36
-    t58 = t16 * t17 * t35
-    t59 = t15 * t14 * t10 * t19
-    t60 = t15 * t18 * t36
-    t61 = t16 * t18 * (t8 * t33 + t9 * t34)
-    t62 = t53 + t54 + t55 + t56 + t57 + t58 - t59 - t60 - t61
+    t34 = t12 * t12 * t26
 
     # sum over the links
-    t63 = t51 + t52 + t62
+    t35 = v_theta_0 * t5 * t23 + k19 * t12 + t22 * t29
+    t36 = t12 * t35
+    t37 = k66 * (t27 * t27 + t29 * t29 + t30 * t30)
+    t38 = t15 * t10 * t19 - k67 * t14 - t17 * t33
+    t39 = t14 * t38
+    t40 = v_theta_0 * (k19 * v_theta_0 - t21 * t29)
+    t41 = t13 * (t21 * t27 - t22 * t30)
+    t42 = t15 * (k67 * t15 - t18 * t33)
+    t43 = t17 * (t29 - base_arm_length * (v_theta_0 * t5 - t6 * t12))
+    t44 = t16 * (t43 - t18 * (t8 * t31 + t9 * t32))
+    t45 = t16 * t16
+    t46 = (k27 - t20) * (t14 * t14 + t45)
+    t47 = (k33 + t20) * (t15 * t15 + t45)
+    t48 = t13 * t13 * (t25 + t26)
+    t49 = v_theta_0 * v_theta_0 * t25 + t34 + t46 + t47 + t48
+    t50 = 0.5 * t49
+    t51 = t36 + t37 + t40 + t41 + t42 + t44 + t50 - t39
     return (
-        t63,
+        t51,
     )
 
 
@@ -2587,9 +2569,9 @@ def potential_energy(
 
 def _potential_energy(k, sin, cos, q):
     gravity = k[0]
-    k49 = k[11]
-    k54 = k[14]
-    k55 = k[15]
+    k46 = k[13]
+    k50 = k[16]
+    k51 = k[17]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2613,13 +2595,13 @@ def _potential_energy(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k49 * t10
+    t12 = k46 * t10
 
     # first moment of mass above Z = 0, and its weight
-    t13 = t4 * (t5 * k55 + t8 * t12)
-    t14 = t2 * (t6 * k55 + t9 * t12)
-    t15 = t1 * (t3 * k49 * t11 - t13) + t14
-    t16 = gravity * (t15 + z * k54)
+    t13 = t4 * (k51 * t5 + t8 * t12)
+    t14 = t2 * (k51 * t6 + t9 * t12)
+    t15 = t1 * (t3 * k46 * t11 - t13) + t14
+    t16 = gravity * (t15 + k50 * z)
     return (
         t16,
     )
@@ -2640,7 +2622,7 @@ def gravity_forces(
     Returns:
     force: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
         m], x [N], y [N], z [N]
-    Source: eqs. 5 and 6 at rest. 49 operations, 5 sine-cosine pairs.
+    Source: eqs. 5 and 6 at rest. 44 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _gravity_forces,
@@ -2651,10 +2633,12 @@ def gravity_forces(
 
 
 def _gravity_forces(k, sin, cos, q):
-    k49 = k[11]
-    k55 = k[15]
-    k59 = k[19]
-    k69 = k[27]
+    k46 = k[13]
+    k51 = k[17]
+    k56 = k[22]
+    k64 = k[29]
+    k65 = k[30]
+    k69 = k[34]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2677,37 +2661,37 @@ def _gravity_forces(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k49 * t10
+    t12 = k46 * t10
 
     # composite inertia of links 1 and 2, about joint 5
     t13 = t8 * t12
     t14 = t9 * t12
 
     # centre of mass from the origin
-    t15 = k49 * t11 * k69
+    t15 = k65 * t11
 
     # axes of the base
     t16 = t1 * t4
 
     # centre of mass from the origin
-    t17 = (t5 * k55 + t13) * k69
+    t17 = k64 * (k51 * t5 + t13)
 
     # columns of the base
     t18 = t3 * t17 + t4 * t15
-    t19 = t2 * (t3 * t15 - t4 * t17)
-    t20 = t1 * (t6 * k55 + t14) * k69 - t19
+    t19 = t1 * k64 * (k51 * t6 + t14)
+    t20 = t2 * (t3 * t15 - t4 * t17) - t19
 
     # column of joint 6
     t21 = t15 * (t2 * t9 - t8 * t16)
 
     # weight at the centre of mass
-    t22 = k59 * t20
-    t23 = k59 * t1 * t18
-    t24 = k59 * (t2 * t3 * t18 + t4 * t20)
-    t25 = k59 * (t14 * k69 * t16 + t2 * t13 * k69)
-    t26 = k59 * (t21 - t1 * t3 * t12 * k69)
+    t22 = k56 * t20
+    t23 = k56 * t1 * t18
+    t24 = k56 * (t4 * t20 - t2 * t3 * t18)
+    t25 = k69 * (t2 * t13 + t14 * t16)
+    t26 = k56 * (t21 - t1 * t3 * k65 * t10)
     return (
-        -t22, t23, -t24, -t25, t26, 0.0, 0.0, -k59,
+        t22, t23, t24, -t25, t26, 0.0, 0.0, -k56,
     )
 
 
@@ -2729,7 +2713,7 @@ def wrench_forces(
     Returns:
     force: array (..., 8); theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
         m], x [N], y [N], z [N]
-    Source: eq. 7. 187 operations, 5 sine-cosine pairs.
+    Source: eq. 7. 186 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _wrench_forces,
@@ -2742,7 +2726,7 @@ def wrench_forces(
 
 def _wrench_forces(k, sin, cos, q, W):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2777,8 +2761,8 @@ def _wrench_forces(k, sin, cos, q, W):
     t11 = sin(theta_6)
 
     # step from the base to link 1
-    t12 = t5 * base_arm_length
-    t13 = t6 * base_arm_length
+    t12 = base_arm_length * t5
+    t13 = base_arm_length * t6
 
     # axes of the base
     t14 = t2 * t3
@@ -2820,27 +2804,27 @@ def _wrench_forces(k, sin, cos, q, W):
     # wrench on tip, in the frame of its link
     t43 = W_tip_fx * t30 + W_tip_fy * t31 + W_tip_fz * t32
     t44 = W_tip_fx * t33 + W_tip_fz * t35 - W_tip_fy * t34
-    t45 = W_tip_fy * t28 + W_tip_fz * t29 - W_tip_fx * t27
+    t45 = W_tip_fx * t27 - W_tip_fy * t28 - W_tip_fz * t29
     t46 = W_tip_tx * t30 + W_tip_ty * t31 + W_tip_tz * t32
     t47 = W_tip_tx * t33 + W_tip_tz * t35 - W_tip_ty * t34
-    t48 = W_tip_ty * t28 + W_tip_tz * t29 - W_tip_tx * t27
-    t49 = t47 + link2_length * t45
-    t50 = t48 - link2_length * t44
+    t48 = W_tip_tx * t27 - W_tip_ty * t28 - W_tip_tz * t29
+    t49 = t47 - link2_length * t45
+    t50 = t48 + link2_length * t44
 
     # wrenches carried in to the base
     t51 = t10 * t43 - t11 * t44
     t52 = t11 * t43 + t10 * t44
     t53 = t10 * t46 - t11 * t49
     t54 = t11 * t46 + t10 * t49
-    t55 = t8 * t51 - t9 * t45
-    t56 = t8 * t45 + t9 * t51
-    t57 = t8 * t53 + t13 * t52 - t9 * t50
-    t58 = t8 * t50 + t9 * t53 - t12 * t52
-    t59 = t54 + t12 * t56 - t13 * t55
+    t55 = t8 * t51 + t9 * t45
+    t56 = t8 * t45 - t9 * t51
+    t57 = t8 * t53 + t9 * t50 + t13 * t52
+    t58 = t8 * t50 + t12 * t52 - t9 * t53
+    t59 = t54 - t12 * t56 - t13 * t55
     t60 = t5 * t36 + t55 - t6 * t37
-    t61 = t6 * t36 + t5 * t37 + t56
+    t61 = t6 * t36 + t5 * t37 - t56
     t62 = t38 + t52
-    t63 = t6 * t39 + t5 * t42 + t58
+    t63 = t6 * t39 + t5 * t42 - t58
     t64 = t41 + base_arm_length * t37 + t59
     t65 = t3 * t62 - t4 * t60
     t66 = t3 * t60 + t4 * t62
@@ -2849,7 +2833,7 @@ def _wrench_forces(k, sin, cos, q, W):
     t69 = t1 * t61 - t2 * t65
     t70 = t1 * t65 + t2 * t61
     return (
-        t68, t63, t64, t54, -t50, t66, t69, t70,
+        t68, t63, t64, t54, t50, t66, t69, t70,
     )
 
 
@@ -2876,7 +2860,7 @@ def forward_dynamics_with_wrenches(
     Returns:
     acceleration: array (..., 8); a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
         a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
-    Source: eq. 19, solved for the free coordinates. 399 operations, 5 sine-cosine pairs.
+    Source: eq. 19, solved for the free coordinates. 392 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _forward_dynamics_with_wrenches,
@@ -2892,18 +2876,20 @@ def forward_dynamics_with_wrenches(
 def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     gravity = k[0]
     base_arm_length = k[1]
-    link2_length = k[5]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k54 = k[14]
-    k57 = k[17]
-    k65 = k[24]
-    k67 = k[25]
-    k68 = k[26]
+    link2_length = k[6]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k50 = k[16]
+    k53 = k[19]
+    k55 = k[21]
+    k61 = k[26]
+    k62 = k[27]
+    k63 = k[28]
+    k68 = k[33]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -2951,200 +2937,224 @@ def _forward_dynamics_with_wrenches(k, sin, cos, q, v, u, W):
     # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
-    t14 = v_theta_0 * t13
-    t15 = t12 * t13
-    t16 = 2.0 * v_theta_0 * t12
-    t17 = v_theta_1 + t12
-    t18 = v_theta_0 * t17
-    t19 = t13 * t17
-    t20 = t17 * t17
+    t14 = v_theta_0 * t12
+    t15 = v_theta_0 * t13
+    t16 = t12 * t13
+    t17 = 2.0 * t14
+    t18 = v_theta_1 + t12
+    t19 = t18 * t18
 
     # motion of link 1
-    t21 = v_theta_5 + t17
-    t22 = t16 - v_theta_0 * t21
-    t23 = t15 - t13 * t21
-    t24 = t8 * t13 + v_theta_0 * t9
-    t25 = v_theta_0 * t8 - t9 * t13
-    t26 = t9 * t22 + t8 * t23
-    t27 = t21 * t24
-    t28 = t26 - t27
-    t29 = t14 - t24 * t25
-    t30 = t9 * t23 + t21 * t25 - t8 * t22
-    t31 = t26 + t27
+    t20 = v_theta_5 + t18
+    t21 = t17 - v_theta_0 * t20
+    t22 = t16 - t13 * t20
+    t23 = t8 * t13 + v_theta_0 * t9
+    t24 = v_theta_0 * t8 - t9 * t13
+    t25 = t9 * t21 + t8 * t22
+    t26 = t20 * t23
+    t27 = t25 - t26
+    t28 = t15 - t23 * t24
+    t29 = t9 * t22 + t20 * t24 - t8 * t21
+    t30 = t25 + t26
 
     # motion of link 2
-    t32 = v_theta_6 - t25
-    t33 = t32 * t32
-    t34 = t21 * t21 + t33
-    t35 = t29 - 2.0 * t32 * t24
-    t36 = t24 * t24 + t33
-    t37 = t30 + 2.0 * t32 * t21
+    t31 = v_theta_6 - t24
+    t32 = t31 * t31
+    t33 = t20 * t20 + t32
+    t34 = t28 - 2.0 * t31 * t23
+    t35 = t23 * t23 + t32
+    t36 = 2.0 * t31 * t20 + t29
 
     # inertia of link 2, turned by the joints
-    t38 = k49 * t10
-    t39 = k49 * t11
-    t40 = t11 * k57
-    t41 = t11 * t40
-    t42 = k28 - t41
-    t43 = k34 + t41
-    t44 = t10 * t40
+    t37 = k46 * t10
+    t38 = k46 * t11
+    t39 = k53 * t11
+    t40 = t11 * t39
+    t41 = k27 - t40
+    t42 = k33 + t40
+    t43 = t10 * t39
 
     # articulated inertia and load of link 2, about joint 6
-    t45 = k49 * (t11 * t31 - t10 * t34)
-    t46 = k49 * (t10 * t28 + t11 * t36)
-
-    # axes of the base
-    t47 = t2 * t3
-    t48 = t1 * t3
-    t49 = t3 * t5
-
-    # articulated inertia and load of link 2, about joint 6
-    t50 = t28 * t42 + t31 * t43 - t44 * (t34 - t36)
-
-    # equation of joint 6, its acceleration eliminated
-    t51 = 1.0 / (t42 + t43)
-    t52 = t39 * t51
-    t53 = t38 * t51
-    t54 = t38 * t52
-
-    # equation of joint 5, its acceleration eliminated
-    t55 = 1.0 / (k40 + t42)
-    t56 = t38 * t55
-    t57 = t44 * t55
-    t58 = t39 - t44 * t56
-
-    # articulated inertia and load of the base and links 1 and 2
-    t59 = k47 * t16 + k46 * (t16 - 2.0 * t17 * v_theta_0)
-    t60 = k47 * t15 + k46 * (t15 - 2.0 * t17 * t13)
-
-    # acceleration of the base, by LDL^T
-    t61 = 1.0 / (k40 + t43 + k65 - t44 * t57)
-    t62 = t58 * t61
-    t63 = 1.0 / (k54 - t38 * t56 - t58 * t62)
-    t64 = 1.0 / (k54 - t38 * t53)
-    t65 = t54 * t64
-    t66 = 1.0 / (k54 - t39 * t52 - t54 * t65)
-
-    # accelerations of the attitude angles
-    t67 = 1.0 / t3
-
-    # axes of the base
-    t68 = t2 * t4
-    t69 = t1 * t4
-    t70 = t1 * t6 + t5 * t68
-    t71 = t2 * t6 - t5 * t69
-    t72 = t3 * t6
-    t73 = t1 * t5 - t6 * t68
-    t74 = t2 * t5 + t6 * t69
-
-    # joint 5 and the axes of link 1
-    t75 = t3 * t8
-    t76 = t1 * t9 + t8 * t68
-    t77 = t2 * t9 - t8 * t69
-    t78 = t3 * t9
-    t79 = t1 * t8 - t9 * t68
-    t80 = t2 * t8 + t9 * t69
-
-    # joint 6 and the axes of link 2
-    t81 = t10 * t75 + t4 * t11
-    t82 = t10 * t76 - t11 * t47
-    t83 = t10 * t77 + t11 * t48
-    t84 = t4 * t10 - t11 * t75
-    t85 = t11 * t76 + t10 * t47
-    t86 = t10 * t48 - t11 * t77
-
-    # wrench on base, in the frame of its link
-    t87 = W_base_fx * t49 + W_base_fy * t70 + W_base_fz * t71
-    t88 = W_base_fy * t73 + W_base_fz * t74 - W_base_fx * t72
-    t89 = W_base_fx * t4 + W_base_fz * t48 - W_base_fy * t47
-    t90 = W_base_tx * t49 + W_base_ty * t70 + W_base_tz * t71
-    t91 = W_base_ty * t73 + W_base_tz * t74 - W_base_tx * t72
-    t92 = W_base_tx * t4 + W_base_tz * t48 - W_base_ty * t47
-
-    # wrench on tip, in the frame of its link
-    t93 = W_tip_fx * t81 + W_tip_fy * t82 + W_tip_fz * t83
-    t94 = W_tip_fx * t84 + W_tip_fz * t86 - W_tip_fy * t85
-    t95 = W_tip_fy * t79 + W_tip_fz * t80 - W_tip_fx * t78
-    t96 = W_tip_tx * t81 + W_tip_ty * t82 + W_tip_tz * t83
-    t97 = W_tip_tx * t84 + W_tip_tz * t86 - W_tip_ty * t85
-    t98 = W_tip_ty * t79 + W_tip_tz * t80 - W_tip_tx * t78
-    t99 = t97 + link2_length * t95
-
-    # articulated inertia and load of link 2, about joint 6
-    t100 = t10 * t96 - t11 * t99
-    t101 = t11 * t96 + t10 * t99
-
-    # thrusts and wrenches together
-    t102 = F_2 + t87 - F_4
-    t103 = F_1 * base_arm_length + t91 - F_3 * base_arm_length
-    t104 = F_2 * base_arm_length + F_4 * base_arm_length + t92
-
-    # articulated inertia and load of link 2, about joint 6
-    t105 = k49 * (t11 * t37 - t10 * t35) + t95
-
-    # equation of joint 6, its acceleration eliminated
-    t106 = t51 * (tau_6 + t50 + link2_length * t94 - t98)
-    t107 = t45 + t11 * t94 - t10 * t93 - t39 * t106
-    t108 = t46 + t11 * t93 + t10 * t94 - t38 * t106
+    t44 = t42 * t36
+    t45 = t34 * t41
+    t46 = t43 * t36
+    t47 = t43 * (t33 - t35)
+    t48 = t27 * t41
+    t49 = t30 * t42
+    t50 = k46 * (t11 * t30 - t10 * t33)
+    t51 = k46 * (t10 * t27 + t11 * t35)
+    t52 = k46 * (t10 * t34 - t11 * t36)
 
     # articulated inertia and load of links 1 and 2, about joint 5
-    t109 = k40 * t30 + t37 * t43 - t35 * t44 - t100
-    t110 = k40 * t29 + t35 * t42 - t37 * t44 - t101
+    t53 = k39 * t29
+    t54 = k39 * t28
+
+    # axes of the base
+    t55 = t2 * t3
+    t56 = t1 * t3
+    t57 = t3 * t5
+
+    # equation of joint 6, its acceleration eliminated
+    t58 = 1.0 / (t41 + t42)
+    t59 = t38 * t58
+    t60 = t37 * t58
+    t61 = t37 * t59
 
     # equation of joint 5, its acceleration eliminated
-    t111 = t55 * (tau_5 - t110)
+    t62 = 1.0 / (k39 + t41)
+    t63 = t37 * t62
+    t64 = t43 * t62
+    t65 = t38 - t43 * t63
 
     # articulated inertia and load of the base and links 1 and 2
-    t112 = t6 * t88 - t5 * t102
-    t113 = t5 * t88 + t6 * t102
-    t114 = t59 + t5 * t90 - t6 * t103
-    t115 = t60 - t6 * t90 - t5 * t103
-    t116 = t105 + t9 * t112 + t8 * t113 - t38 * t111
-    t117 = F_1 + F_3 + t89 + t108
-    t118 = t109 + t9 * t115 - t44 * t111 - t8 * t114
+    t66 = k43 * (t17 - 2.0 * t18 * v_theta_0)
+    t67 = k43 * (t16 - 2.0 * t18 * t13)
+    t68 = k61 * t15
 
     # acceleration of the base, by LDL^T
-    t119 = t107 + t8 * t112 + t65 * t117 - t9 * t113
-    t120 = t66 * t119
-    t121 = t65 * t120 + t64 * t117
-    t122 = t63 * (t116 - t62 * t118)
-    t123 = t62 * t122 - t61 * t118
-    t124 = k68 * (tau_6 - t9 * t114 - t8 * t115)
-    t125 = k67 * (tau_5 + 2.0 * k46 * t14 - t104)
-
-    # acceleration of joint 5
-    t126 = t125 + t111 + t57 * t123 - t56 * t122
-
-    # acceleration of joint 6
-    t127 = t124 + t106 - t52 * t120 - t53 * t121
-
-    # acceleration of the base
-    t128 = t8 * t123 - t9 * t124
-    t129 = t9 * t123 + t8 * t124
-
-    # acceleration of the origin from that of the base centre
-    t130 = t14 - t125
-    t131 = t5 * (v_theta_0 * v_theta_0 + t20) - t6 * (t14 - t130)
-    t132 = t6 * (t13 * t13 + t20) - t5 * (t14 + t130)
-    t133 = t6 * (t18 + t18 + t128 - t16)
-    t134 = base_arm_length * (t5 * (t19 + t19 - t15 - t129) + t133)
-    t135 = t8 * t120 + t9 * t122 - base_arm_length * t131
-    t136 = t8 * t122 + base_arm_length * t132 - t9 * t120
-    t137 = t121 - t134
-
-    # acceleration of the origin, in world axes
-    t138 = t4 * t135 + t3 * t137
-    t139 = t4 * t137 - t3 * t135
-    t140 = t1 * t136 - t2 * t138
+    t69 = 1.0 / (t42 + k68 - t43 * t64)
+    t70 = t65 * t69
+    t71 = 1.0 / (k50 - t37 * t63 - t65 * t70)
+    t72 = 1.0 / (k50 - t37 * t60)
+    t73 = t61 * t72
+    t74 = 1.0 / (k50 - t38 * t59 - t61 * t73)
 
     # accelerations of the attitude angles
-    t141 = t67 * t128
-    t142 = t125 + t4 * t141
+    t75 = 1.0 / t3
+
+    # axes of the base
+    t76 = t2 * t4
+    t77 = t1 * t4
+    t78 = t1 * t6 + t5 * t76
+    t79 = t2 * t6 - t5 * t77
+    t80 = t3 * t6
+    t81 = t1 * t5 - t6 * t76
+    t82 = t2 * t5 + t6 * t77
+
+    # joint 5 and the axes of link 1
+    t83 = t3 * t8
+    t84 = t1 * t9 + t8 * t76
+    t85 = t2 * t9 - t8 * t77
+    t86 = t3 * t9
+    t87 = t1 * t8 - t9 * t76
+    t88 = t2 * t8 + t9 * t77
+
+    # joint 6 and the axes of link 2
+    t89 = t10 * t83 + t4 * t11
+    t90 = t10 * t84 - t11 * t55
+    t91 = t10 * t85 + t11 * t56
+    t92 = t4 * t10 - t11 * t83
+    t93 = t11 * t84 + t10 * t55
+    t94 = t10 * t56 - t11 * t85
+
+    # wrench on base, in the frame of its link
+    t95 = W_base_fz * t79
+    t96 = W_base_fy * t81 + W_base_fz * t82 - W_base_fx * t80
+    t97 = W_base_fx * t4
+    t98 = W_base_fz * t56
+    t99 = W_base_fy * t55
+    t100 = W_base_tx * t57 + W_base_ty * t78 + W_base_tz * t79
+    t101 = W_base_tz * t56
+    t102 = W_base_ty * t55
+
+    # wrench on tip, in the frame of its link
+    t103 = W_tip_fx * t89 + W_tip_fy * t90 + W_tip_fz * t91
+    t104 = W_tip_fx * t92 + W_tip_fz * t94 - W_tip_fy * t93
+    t105 = W_tip_fx * t86 - W_tip_fy * t87 - W_tip_fz * t88
+    t106 = W_tip_tx * t89 + W_tip_ty * t90 + W_tip_tz * t91
+    t107 = W_tip_tx * t86
+    t108 = W_tip_ty * t87
+    t109 = W_tip_tz * t88
+    t110 = link2_length * t105
+    t111 = W_tip_tx * t92 + W_tip_tz * t94 - W_tip_ty * t93 - t110
+    t112 = link2_length * t104
+
+    # articulated inertia and load of link 2, about joint 6
+    t113 = t10 * t103
+    t114 = t11 * t104
+    t115 = t11 * t103
+    t116 = t10 * t104
+    t117 = t10 * t106
+    t118 = t11 * t111
+    t119 = t10 * t111
+
+    # thrusts and wrenches together
+    t120 = F_2 + W_base_fx * t57 + W_base_fy * t78 + t95 - F_4
+    t121 = base_arm_length * (F_1 - F_3)
+    t122 = W_base_ty * t81 + W_base_tz * t82 + t121 - W_base_tx * t80
+
+    # equation of joint 6, its acceleration eliminated
+    t123 = tau_6 + t48 + t49 + t107 + t112 - t47 - t108 - t109
+    t124 = t58 * t123
+    t125 = t38 * t124
+    t126 = t37 * t124
+
+    # equation of joint 5, its acceleration eliminated
+    t127 = tau_5 + t11 * t106 + t46 + t119 - t45 - t54
+    t128 = t62 * t127
+
+    # articulated inertia and load of the base and links 1 and 2
+    t129 = t6 * t96 - t5 * t120
+    t130 = t5 * t96 + t6 * t120
+    t131 = k55 * t14 + t66 + t5 * t100 - t6 * t122
+    t132 = k44 * t16 + t67 - t6 * t100 - t5 * t122
+    t133 = t9 * t130
+    t134 = t8 * t129
+    t135 = t9 * t129
+    t136 = t8 * t130
+    t137 = t8 * t131
+    t138 = t9 * t132
+    t139 = F_1 + F_3 + t51 + t97 + t98 + t115 + t116 - t99 - t126
+    t140 = t43 * (t34 + t128)
+    t141 = t117 + t137 + t140 - t44 - t53 - t118 - t138
+    t142 = base_arm_length * (F_2 + F_4)
+    t143 = W_base_tx * t4 + t101 + t142 - tau_5 - t68 - t102
+
+    # acceleration of the base, by LDL^T
+    t144 = t70 * t141
+    t145 = t105 + t52 + t37 * t128 - t135 - t136 - t144
+    t146 = t73 * t139
+    t147 = t50 + t114 + t134 + t146 - t113 - t125 - t133
+    t148 = t74 * t147
+    t149 = t73 * t148 + t72 * t139
+    t150 = t71 * t145
+    t151 = t69 * t141 - t70 * t150
+    t152 = k63 * (tau_6 - t9 * t131 - t8 * t132)
+    t153 = k62 * t143
+
+    # acceleration of joint 5
+    t154 = t128 + t63 * t150 + t64 * t151 - t153
+
+    # acceleration of joint 6
+    t155 = t124 + t152 - t59 * t148 - t60 * t149
+
+    # acceleration of the base
+    t156 = t8 * t151 - t9 * t152
+    t157 = t9 * t151 + t8 * t152
+
+    # acceleration of the origin from that of the base centre
+    t158 = t15 + t153
+    t159 = t5 * (v_theta_0 * v_theta_0 + t19) - t6 * (t15 - t158)
+    t160 = t6 * (t13 * t13 + t19) - t5 * (t15 + t158)
+    t161 = t6 * (t17 - 2.0 * v_theta_0 * t18 - t156)
+    t162 = t5 * (t16 + t157 - 2.0 * t13 * t18) + t161
+    t163 = t8 * t148 - t9 * t150 - base_arm_length * t159
+    t164 = base_arm_length * t160 - t8 * t150 - t9 * t148
+    t165 = t149 + base_arm_length * t162
 
     # acceleration of the origin, in world axes
-    t143 = gravity - t1 * t138 - t2 * t136
+    t166 = t4 * t163 + t3 * t165
+    t167 = t4 * t165 - t3 * t163
+    t168 = t1 * t164 - t2 * t166
+
+    # accelerations of the attitude angles
+    t169 = t75 * t156
+    t170 = t153 - t4 * t169
+
+    # acceleration of the origin, in world axes
+    t171 = t1 * t166 + t2 * t164 - gravity
     return (
-        t141, t129, -t142, t126, t127, t139, t140, -t143,
+        t169, t157, t170, t154, t155, t167, t168, t171,
     )
 
 
@@ -3174,7 +3184,7 @@ def joint_wrenches(
     Returns:
     wrenches: array (..., 5, 6); [N] in the first three, [N m] in the others, a row for each of
         base_arm2, base_arm3, base_arm4, link1, link2
-    Source: eqs. 6 and 14, all six components. 268 operations, 5 sine-cosine pairs.
+    Source: eqs. 6 and 14, all six components. 255 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _joint_wrenches,
@@ -3192,15 +3202,15 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
     base_arm_length = k[1]
     k8 = k[2]
     k14 = k[3]
-    k20 = k[4]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k49 = k[11]
-    k50 = k[12]
-    k57 = k[17]
-    k60 = k[20]
-    k61 = k[21]
+    k20 = k[5]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k45 = k[12]
+    k46 = k[13]
+    k47 = k[14]
+    k53 = k[19]
+    k57 = k[23]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3241,161 +3251,158 @@ def _joint_wrenches(k, sin, cos, q, v, a, u):
     # motion of the base
     t12 = v_theta_m1 * t4
     t13 = v_theta_m1 * t3
-    t14 = v_theta_0 * t12
-    t15 = v_theta_0 * t13
-    t16 = v_theta_1 + t12
-    t17 = t16 * t16
+    t14 = v_theta_0 * t13
+    t15 = v_theta_1 + t12
+    t16 = t15 * t15
 
     # motion of link 1
-    t18 = v_theta_5 + t16
-    t19 = t8 * t13 + v_theta_0 * t9
-    t20 = v_theta_0 * t8 - t9 * t13
-    t21 = t18 * t19
+    t17 = v_theta_5 + t15
+    t18 = t8 * t13 + v_theta_0 * t9
+    t19 = v_theta_0 * t8 - t9 * t13
+    t20 = t17 * t18
 
     # motion of link 2
-    t22 = v_theta_6 - t20
-    t23 = t22 * t22
-    t24 = t18 * t18 + t23
-    t25 = t19 * t19 + t23
+    t21 = v_theta_6 - t19
+    t22 = t21 * t21
+    t23 = t17 * t17 + t22
+    t24 = t18 * t18 + t22
 
     # inertia of link 2, turned by the joints
-    t26 = k49 * t10
-    t27 = k49 * t11
-    t28 = t11 * k57
-    t29 = t11 * t28
-    t30 = k28 - t29
-    t31 = k34 + t29
-    t32 = t10 * t28
+    t25 = k46 * t10
+    t26 = k46 * t11
+    t27 = k53 * t11
+    t28 = t11 * t27
+    t29 = k27 - t28
+    t30 = k33 + t28
+    t31 = t10 * t27
 
     # inertia forces of link 2, about joint 6
-    t33 = t32 * (t24 - t25)
+    t32 = t31 * (t23 - t24)
 
     # motion of the base
-    t34 = t5 * t13 + v_theta_0 * t6
-    t35 = v_theta_0 * t5 - t6 * t13
-    t36 = t34 * t35
-    t37 = t16 * t34
-    t38 = t16 * t35
-    t39 = t17 + t35 * t35
+    t33 = t5 * t13 + v_theta_0 * t6
+    t34 = v_theta_0 * t5 - t6 * t13
+    t35 = t33 * t34
+    t36 = t15 * t33
+    t37 = t15 * t34
+    t38 = t16 + t34 * t34
 
     # inertia forces of base arm 2, about joint 2
-    t40 = k60 * (t17 + t34 * t34)
+    t39 = k57 * (t16 + t33 * t33)
 
     # motion of the base
-    t41 = a_z + gravity
-    t42 = a_y * t1 + t2 * t41
-    t43 = t1 * t41 - a_y * t2
-    t44 = a_x * t4 + t3 * t43
-    t45 = a_x * t3 - t4 * t43
-    t46 = a_theta_0 + t12 * t13
-    t47 = t14 + t14 - a_theta_m1 * t3
-    t48 = a_theta_1 + t15 + a_theta_m1 * t4
-    t49 = v_theta_0 * t16 - t47
-    t50 = t13 * t16 - t46
+    t40 = a_z + gravity
+    t41 = a_y * t1 + t2 * t40
+    t42 = t1 * t40 - a_y * t2
+    t43 = a_x * t4 + t3 * t42
+    t44 = a_x * t3 - t4 * t42
+    t45 = a_theta_0 + t12 * t13
+    t46 = 2.0 * v_theta_0 * t12 - a_theta_m1 * t3
+    t47 = a_theta_1 + t14 + a_theta_m1 * t4
+    t48 = v_theta_0 * t15 - t46
+    t49 = t13 * t15 - t45
 
     # motion of link 1
-    t51 = t5 * (v_theta_0 * v_theta_0 + t17) - t6 * (t15 - t48)
-    t52 = t6 * (t13 * t13 + t17) - t5 * (t15 + t48)
-    t53 = t6 * (2.0 * t16 * v_theta_0 - t47)
-    t54 = base_arm_length * (t5 * (2.0 * t16 * t13 - t46) + t53)
-    t55 = t45 - base_arm_length * t51
-    t56 = t42 - base_arm_length * t52
-    t57 = t44 + t54
-    t58 = v_theta_0 * t18 - t47
-    t59 = t13 * t18 - t46
-    t60 = t8 * t55 + t9 * t56
-    t61 = t8 * t56 - t9 * t55
-    t62 = t19 * t20 - a_theta_5 - t48
-    t63 = t18 * t20 + t8 * t58 - t9 * t59
+    t50 = t5 * (v_theta_0 * v_theta_0 + t16) - t6 * (t14 - t47)
+    t51 = t6 * (t13 * t13 + t16) - t5 * (t14 + t47)
+    t52 = t6 * (2.0 * t15 * v_theta_0 - t46)
+    t53 = base_arm_length * (t5 * (2.0 * t15 * t13 - t45) + t52)
+    t54 = t44 - base_arm_length * t50
+    t55 = t41 - base_arm_length * t51
+    t56 = t43 + t53
+    t57 = v_theta_0 * t17 - t46
+    t58 = t13 * t17 - t45
+    t59 = t8 * t54 + t9 * t55
+    t60 = t8 * t55 - t9 * t54
+    t61 = a_theta_5 + t47 - t18 * t19
+    t62 = t17 * t19 + t8 * t57 - t9 * t58
 
     # motion of link 2
-    t64 = a_theta_6 + t9 * t58 + t8 * t59
-    t65 = t21 + t64
-    t66 = 2.0 * t22 * t19 + t62
-    t67 = t21 - t64
-    t68 = 2.0 * t22 * t18 + t63
+    t63 = a_theta_6 + t8 * t58 + t9 * t57
+    t64 = t20 + t63
+    t65 = 2.0 * t21 * t18 - t61
+    t66 = t20 - t63
+    t67 = 2.0 * t21 * t17 + t62
 
     # inertia forces of link 2, about joint 6
-    t69 = t27 * t61
-    t70 = t26 * t61
-    t71 = t27 * t60
-    t72 = t31 * t67
-    t73 = t33 + t26 * t57 + t30 * t65 - t71 - t72
+    t68 = t26 * t60
+    t69 = t31 * t67
+    t70 = t26 * t59
+    t71 = t30 * t66
+    t72 = t32 + t25 * t56 + t29 * t64 - t70 - t71
 
     # motion of the base
-    t74 = t5 * t49 - t6 * t50
-    t75 = t6 * t49 + t5 * t50
-    t76 = t36 + t48
-    t77 = t37 + t75
-    t78 = t36 - t48
-    t79 = t38 + t74
+    t73 = t6 * t49 - t5 * t48
+    t74 = t5 * t49 + t6 * t48
+    t75 = t35 + t47
+    t76 = t36 + t74
+    t77 = t47 - t35
+    t78 = t37 - t73
 
     # motion of base arm 2
-    t80 = base_arm_length * t39 - t6 * t42 - t5 * t45
-    t81 = t5 * t42 + base_arm_length * t76 - t6 * t45
-    t82 = t44 + base_arm_length * t77
+    t79 = t6 * t41 + t5 * t44 - base_arm_length * t38
+    t80 = t5 * t41 + base_arm_length * t75 - t6 * t44
+    t81 = t43 + base_arm_length * t76
 
     # inertia forces of base arm 2, about joint 2
-    t83 = k60 * t78
-    t84 = k61 * t80
-    t85 = k61 * t81
-    t86 = t40 + t85
-    t87 = k61 * t82
-    t88 = k60 * t79
-    t89 = t87 - t88
-    t90 = k8 * t79
-    t91 = k20 * (t38 - t74)
-    t92 = k60 * t82
-    t93 = t91 + t92 - t90
-    t94 = k20 * (t37 - t75)
-    t95 = t94 - k14 * t77
-    t96 = k14 * t76
-    t97 = k8 * t78
-    t98 = k60 * t80
+    t82 = k57 * t77
+    t83 = k45 * t79
+    t84 = k45 * t80
+    t85 = t39 + t84
+    t86 = k45 * t81
+    t87 = k57 * t78
+    t88 = t86 - t87
+    t89 = k20 * (t37 + t73)
+    t90 = k57 * t81
+    t91 = k8 * t78 - t89
+    t92 = t91 - t90
+    t93 = k20 * (t36 - t74)
+    t94 = t93 - k14 * t76
+    t95 = k57 * t79
 
     # wrench through joint 2
-    t99 = F_2 * base_arm_length + t97 + t98 - t96
+    t96 = k14 * t75 + k8 * t77
+    t97 = t95 + t96 - base_arm_length * F_2
 
     # inertia forces of base arm 3, about joint 3
-    t100 = k60 * t39 + t84
-    t101 = t85 + k60 * t76
-    t102 = t91 - k14 * t79
-    t103 = k8 * t76 + k60 * t81 - k14 * t78
+    t98 = t83 - k57 * t38
+    t99 = t84 + k57 * t75
+    t100 = k14 * t78 - t89
+    t101 = k8 * t75 + k57 * t80 + k14 * t77
 
     # inertia forces of base arm 4, about joint 4
-    t104 = t40 - t85
-    t105 = t87 + t88
-    t106 = t90 + t92 - t91
+    t102 = t84 - t39
+    t103 = t86 + t87
+    t104 = t90 + t91
 
     # wrench through joint 4
-    t107 = F_4 * base_arm_length + t97 - t96 - t98
+    t105 = t96 - base_arm_length * F_4 - t95
 
     # wrench through joint 2
-    t108 = F_2 + t83 + t84
+    t106 = t82 + t83 - F_2
 
     # wrench through joint 3
-    t109 = F_3 - t87 - k60 * t77
-    t110 = F_3 * base_arm_length + t94 - t92 - k8 * t77
+    t107 = t86 + k57 * t76 - F_3
+    t108 = base_arm_length * F_3 + t93 - t90 - k8 * t76
 
     # wrench through joint 4
-    t111 = F_4 + t83 - t84
+    t109 = t82 - F_4 - t83
 
     # inertia forces of link 2, about joint 6
-    t112 = t27 * t67 + k50 * t60 - t24 * t26
-    t113 = t26 * t65 + k50 * t57 - t25 * t27
-    t114 = t26 * t66 + t27 * t68 - k50 * t61
-    t115 = t32 * t66 + t31 * t68 + k40 * t63 - t69
-    t116 = t30 * t66 + t32 * t68 + k40 * t62 - t70
+    t110 = t26 * t66 + k47 * t59 - t23 * t25
+    t111 = t25 * t64 + k47 * t56 - t24 * t26
+    t112 = t25 * t65 + t26 * t67 - k47 * t60
+    t113 = t31 * t65 + t30 * t67 + k39 * t62 - t68
+    t114 = t25 * t60 + k39 * t61 - t29 * t65 - t69
 
     # wrench through joint 6, in its frame
-    t117 = t10 * t112 + t11 * t113
-    t118 = t10 * t113 - t11 * t112
-    t119 = t10 * t115 - t11 * t116
-    t120 = t11 * t115 + t10 * t116
+    t115 = t10 * t110 + t11 * t111
+    t116 = t10 * t111 - t11 * t110
+    t117 = t10 * t113 + t11 * t114
+    t118 = t10 * t114 - t11 * t113
     return (
-        -t86, -t108, t89, -t95, -t93, -t99, -t100, t101, -t109, -t102, t110, t103, -t104, -t111,
-        t105, t95, -t106, -t107, t112, -t114, t113, t115, -t73, -t116, t117, t118, t114, t119,
-        -t120, t73,
+        -t85, t106, t88, -t94, t92, t97, t98, t99, t107, t100, t108, t101, t102, t109, t103, t94,
+        -t104, t105, t110, -t112, t111, t113, -t72, t114, t115, t116, t112, t117, t118, t72,
     )
 
 
@@ -3411,7 +3418,7 @@ def positions(
 
     Returns:
     position: array (..., 9, 3); O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip [m]
-    Source: forward kinematics. 71 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 62 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _positions,
@@ -3423,8 +3430,8 @@ def positions(
 
 def _positions(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[5]
-    k52 = k[13]
+    link2_length = k[6]
+    k49 = k[15]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3456,42 +3463,34 @@ def _positions(k, sin, cos, q):
     t15 = t1 * t6 + t5 * t13
     t16 = t2 * t6 - t5 * t14
 
-    # joint 5 and the axes of link 1
-    t17 = base_arm_length * t12
-    t18 = base_arm_length * t15
-    t19 = base_arm_length * t16
-
     # joint 6 and the axes of link 2
-    t20 = t10 * (t1 * t9 + t8 * t13)
-    t21 = t10 * (t2 * t9 - t8 * t14)
-
-    # position of tip
-    t22 = t17 + link2_length * (t10 * t3 * t8 + t4 * t11)
+    t17 = t10 * (t1 * t9 + t8 * t13)
+    t18 = t10 * (t2 * t9 - t8 * t14)
 
     # base centre and rotors
-    t23 = base_arm_length * t3 * t6
-    t24 = base_arm_length * (t1 * t5 - t6 * t13)
-    t25 = base_arm_length * (t2 * t5 + t6 * t14)
+    t19 = base_arm_length * t3 * t6
+    t20 = base_arm_length * (t1 * t5 - t6 * t13)
+    t21 = base_arm_length * (t2 * t5 + t6 * t14)
 
     # positions in the world
-    t26 = x + t17
-    t27 = y + t18
-    t28 = z + t19
-    t29 = x + t17 + t23
-    t30 = y + t18 - t24
-    t31 = z + t19 - t25
-    t32 = x + k52 * t12
-    t33 = y + k52 * t15
-    t34 = z + k52 * t16
-    t35 = x + t17 - t23
-    t36 = y + t18 + t24
-    t37 = z + t19 + t25
-    t38 = x + t22
-    t39 = y + t18 + link2_length * (t20 - t11 * t2 * t3)
-    t40 = z + t19 + link2_length * (t21 + t11 * t1 * t3)
+    t22 = x + base_arm_length * t12
+    t23 = y + base_arm_length * t15
+    t24 = z + base_arm_length * t16
+    t25 = t19 + t22
+    t26 = t23 - t20
+    t27 = t24 - t21
+    t28 = x + k49 * t12
+    t29 = y + k49 * t15
+    t30 = z + k49 * t16
+    t31 = t22 - t19
+    t32 = t20 + t23
+    t33 = t21 + t24
+    t34 = link2_length * (t10 * t3 * t8 + t4 * t11) + t22
+    t35 = link2_length * (t17 - t11 * t2 * t3) + t23
+    t36 = link2_length * (t18 + t11 * t1 * t3) + t24
     return (
-        x, y, z, t26, t27, t28, x, y, z, t29, t30, t31, t32, t33, t34, t35, t36, t37, t26, t27, t28,
-        t26, t27, t28, t38, t39, t40,
+        x, y, z, t22, t23, t24, x, y, z, t25, t26, t27, t28, t29, t30, t31, t32, t33, t22, t23, t24,
+        t22, t23, t24, t34, t35, t36,
     )
 
 
@@ -3510,7 +3509,7 @@ def tip_pose(
 
     Returns:
     pose: array (..., 4, 4); axes [1] and position [m]
-    Source: forward kinematics. 59 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 58 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _tip_pose,
@@ -3522,7 +3521,7 @@ def tip_pose(
 
 def _tip_pose(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3558,7 +3557,7 @@ def _tip_pose(k, sin, cos, q):
     t17 = t1 * t9 + t8 * t14
     t18 = t2 * t9 - t8 * t15
     t19 = t3 * t9
-    t20 = t1 * t8 - t9 * t14
+    t20 = t9 * t14 - t1 * t8
     t21 = t2 * t8 + t9 * t15
 
     # joint 6 and the axes of link 2
@@ -3576,7 +3575,7 @@ def _tip_pose(k, sin, cos, q):
     t31 = y + t28
     t32 = z + t29
     return (
-        t22, t25, t19, t30, t23, -t26, -t20, t31, t24, t27, -t21, t32, 0.0, 0.0, 0.0, 1.0,
+        t22, t25, t19, t30, t23, -t26, t20, t31, t24, t27, -t21, t32, 0.0, 0.0, 0.0, 1.0,
     )
 
 
@@ -3594,7 +3593,7 @@ def tip_jacobian(
 
     Returns:
     jacobian: array (..., 6, 8); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
-    Source: forward kinematics. 87 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 83 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _tip_jacobian,
@@ -3606,7 +3605,7 @@ def tip_jacobian(
 
 def _tip_jacobian(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3637,9 +3636,9 @@ def _tip_jacobian(k, sin, cos, q):
     # joint 5 and the axes of link 1
     t16 = base_arm_length * t3 * t5
     t17 = base_arm_length * (t1 * t6 + t5 * t14)
-    t18 = base_arm_length * (t2 * t6 - t5 * t15)
+    t18 = base_arm_length * (t5 * t15 - t2 * t6)
     t19 = t3 * t9
-    t20 = t1 * t8 - t9 * t14
+    t20 = t9 * t14 - t1 * t8
     t21 = t2 * t8 + t9 * t15
 
     # joint 6 and the axes of link 2
@@ -3649,32 +3648,32 @@ def _tip_jacobian(k, sin, cos, q):
     # position of tip
     t24 = t16 + link2_length * (t10 * t3 * t8 + t4 * t11)
     t25 = t17 + link2_length * t22
-    t26 = t18 + link2_length * t23
+    t26 = t18 - link2_length * t23
 
     # columns of the base
-    t27 = t1 * t26 - t2 * t25
+    t27 = t1 * t26 + t2 * t25
     t28 = t2 * t24
     t29 = t1 * t24
-    t30 = t13 * t25 + t12 * t26
-    t31 = t13 * t24 - t4 * t26
+    t30 = t12 * t26 - t13 * t25
+    t31 = t13 * t24 + t4 * t26
     t32 = t12 * t24 + t4 * t25
 
     # column of joint 5
-    t33 = t16 - t24
-    t34 = t17 - t25
-    t35 = t18 - t26
-    t36 = t13 * t34 + t12 * t35
-    t37 = t4 * t35 - t13 * t33
+    t33 = t24 - t16
+    t34 = t25 - t17
+    t35 = t26 - t18
+    t36 = t12 * t35 - t13 * t34
+    t37 = t4 * t35 + t13 * t33
     t38 = t12 * t33 + t4 * t34
 
     # column of joint 6
-    t39 = t20 * t35 - t21 * t34
-    t40 = t19 * t35 + t21 * t33
-    t41 = t19 * t34 + t20 * t33
+    t39 = t21 * t34 - t20 * t35
+    t40 = t19 * t35 - t21 * t33
+    t41 = t19 * t34 - t20 * t33
     return (
-        0.0, t27, -t30, t36, t39, 1.0, 0.0, 0.0, -t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29,
-        t32, -t38, -t41, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12,
-        -t20, 0.0, 0.0, 0.0, 0.0, t2, t13, t13, -t21, 0.0, 0.0, 0.0,
+        0.0, -t27, t30, t36, t39, 1.0, 0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29,
+        t32, t38, t41, 0.0, 0.0, 1.0, 1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12,
+        t20, 0.0, 0.0, 0.0, 0.0, t2, t13, t13, -t21, 0.0, 0.0, 0.0,
     )
 
 
@@ -3696,7 +3695,7 @@ def tip_bias_acceleration(
 
     Returns:
     bias_acceleration: array (..., 6); [m/s^2] in the first three, [rad/s^2] in the others
-    Source: forward kinematics. 120 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 119 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _tip_bias_acceleration,
@@ -3709,7 +3708,7 @@ def tip_bias_acceleration(
 
 def _tip_bias_acceleration(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3763,14 +3762,14 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t31 = t28 * t28
 
     # acceleration of tip that the base adds
-    t32 = t5 * base_arm_length
-    t33 = t6 * base_arm_length
+    t32 = base_arm_length * t5
+    t33 = base_arm_length * t6
 
     # acceleration of tip that link 2 adds
     t34 = link2_length * t10
     t35 = link2_length * t11
     t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35
-    t37 = (t24 - t25) * t34 + (t22 * t22 + t31) * t35
+    t37 = (t25 - t24) * t34 - (t22 * t22 + t31) * t35
     t38 = (t27 + 2.0 * t28 * t19) * t35
     t39 = (t26 - 2.0 * t28 * t22) * t34 - t38
 
@@ -3785,11 +3784,11 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t45 = (t13 * t13 + t18) * t33
     t46 = t40 + 2.0 * t14 * t32 - t45
     t47 = (t16 - 2.0 * t17 * v_theta_0) * t33
-    t48 = t37 + (t15 - 2.0 * t17 * t13) * t32 + t47
+    t48 = t37 - (t15 - 2.0 * t17 * t13) * t32 - t47
 
     # acceleration of tip in world axes
-    t49 = t4 * t44 - t3 * t48
-    t50 = t3 * t44 + t4 * t48
+    t49 = t4 * t44 + t3 * t48
+    t50 = t4 * t48 - t3 * t44
     t51 = t1 * t46 - t2 * t49
     t52 = t1 * t49 + t2 * t46
     t53 = t3 * t30 - t4 * t41
@@ -3797,7 +3796,7 @@ def _tip_bias_acceleration(k, sin, cos, q, v):
     t55 = t1 * t42 - t2 * t53
     t56 = t1 * t53 + t2 * t42
     return (
-        -t50, t51, t52, t54, t55, t56,
+        t50, t51, t52, t54, t55, t56,
     )
 
 
@@ -3813,7 +3812,7 @@ def frame_poses(
 
     Returns:
     poses: array (..., 2, 4, 4); axes [1] and position [m], a block for each of base, tip
-    Source: forward kinematics. 71 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 67 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_poses,
@@ -3825,7 +3824,7 @@ def frame_poses(
 
 def _frame_poses(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3863,36 +3862,33 @@ def _frame_poses(k, sin, cos, q):
     t21 = t2 * t5 + t6 * t16
 
     # joint 5 and the axes of link 1
-    t22 = base_arm_length * t14
-    t23 = base_arm_length * t17
-    t24 = base_arm_length * t18
-    t25 = t3 * t8
-    t26 = t1 * t9 + t8 * t15
-    t27 = t2 * t9 - t8 * t16
-    t28 = t3 * t9
-    t29 = t1 * t8 - t9 * t15
-    t30 = t2 * t8 + t9 * t16
+    t22 = t3 * t8
+    t23 = t1 * t9 + t8 * t15
+    t24 = t2 * t9 - t8 * t16
+    t25 = t3 * t9
+    t26 = t9 * t15 - t1 * t8
+    t27 = t2 * t8 + t9 * t16
 
     # joint 6 and the axes of link 2
-    t31 = t10 * t25 + t4 * t11
-    t32 = t10 * t26 - t11 * t12
-    t33 = t10 * t27 + t11 * t13
-    t34 = t4 * t10 - t11 * t25
-    t35 = t11 * t26 + t10 * t12
-    t36 = t10 * t13 - t11 * t27
+    t28 = t10 * t22 + t4 * t11
+    t29 = t10 * t23 - t11 * t12
+    t30 = t10 * t24 + t11 * t13
+    t31 = t4 * t10 - t11 * t22
+    t32 = t11 * t23 + t10 * t12
+    t33 = t10 * t13 - t11 * t24
 
     # position of base
-    t37 = x + t22
-    t38 = y + t23
-    t39 = z + t24
+    t34 = x + base_arm_length * t14
+    t35 = y + base_arm_length * t17
+    t36 = z + base_arm_length * t18
 
     # position of tip
-    t40 = x + t22 + link2_length * t31
-    t41 = y + t23 + link2_length * t32
-    t42 = z + t24 + link2_length * t33
+    t37 = link2_length * t28 + t34
+    t38 = link2_length * t29 + t35
+    t39 = link2_length * t30 + t36
     return (
-        t14, -t19, t4, t37, t17, t20, -t12, t38, t18, t21, t13, t39, 0.0, 0.0, 0.0, 1.0, t31, t34,
-        t28, t40, t32, -t35, -t29, t41, t33, t36, -t30, t42, 0.0, 0.0, 0.0, 1.0,
+        t14, -t19, t4, t34, t17, t20, -t12, t35, t18, t21, t13, t36, 0.0, 0.0, 0.0, 1.0, t28, t31,
+        t25, t37, t29, -t32, t26, t38, t30, t33, -t27, t39, 0.0, 0.0, 0.0, 1.0,
     )
 
 
@@ -3911,7 +3907,7 @@ def frame_jacobians(
     Returns:
     jacobians: array (..., 2, 6, 8); [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
         a block for each of base, tip
-    Source: forward kinematics. 104 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 99 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_jacobians,
@@ -3923,7 +3919,7 @@ def frame_jacobians(
 
 def _frame_jacobians(k, sin, cos, q):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -3954,9 +3950,9 @@ def _frame_jacobians(k, sin, cos, q):
     # joint 5 and the axes of link 1
     t16 = base_arm_length * t3 * t5
     t17 = base_arm_length * (t1 * t6 + t5 * t14)
-    t18 = base_arm_length * (t2 * t6 - t5 * t15)
+    t18 = base_arm_length * (t5 * t15 - t2 * t6)
     t19 = t3 * t9
-    t20 = t1 * t8 - t9 * t14
+    t20 = t9 * t14 - t1 * t8
     t21 = t2 * t8 + t9 * t15
 
     # joint 6 and the axes of link 2
@@ -3966,43 +3962,43 @@ def _frame_jacobians(k, sin, cos, q):
     # position of tip
     t24 = t16 + link2_length * (t10 * t3 * t8 + t4 * t11)
     t25 = t17 + link2_length * t22
-    t26 = t18 + link2_length * t23
+    t26 = t18 - link2_length * t23
 
     # columns of the base
-    t27 = t1 * t26 - t2 * t25
+    t27 = -t1 * t26 - t2 * t25
     t28 = t2 * t24
     t29 = t1 * t24
-    t30 = t13 * t25 + t12 * t26
-    t31 = t13 * t24 - t4 * t26
+    t30 = t12 * t26 - t13 * t25
+    t31 = t13 * t24 + t4 * t26
     t32 = t12 * t24 + t4 * t25
 
     # column of joint 5
-    t33 = t16 - t24
-    t34 = t17 - t25
-    t35 = t18 - t26
-    t36 = t13 * t34 + t12 * t35
-    t37 = t4 * t35 - t13 * t33
+    t33 = t24 - t16
+    t34 = t25 - t17
+    t35 = t26 - t18
+    t36 = t12 * t35 - t13 * t34
+    t37 = t4 * t35 + t13 * t33
     t38 = t12 * t33 + t4 * t34
 
     # column of joint 6
-    t39 = t20 * t35 - t21 * t34
-    t40 = t19 * t35 + t21 * t33
-    t41 = t19 * t34 + t20 * t33
+    t39 = t21 * t34 - t20 * t35
+    t40 = t19 * t35 - t21 * t33
+    t41 = t19 * t34 - t20 * t33
 
     # columns of the base
-    t42 = t1 * t18 - t2 * t17
+    t42 = t1 * t18 + t2 * t17
     t43 = t2 * t16
     t44 = t1 * t16
-    t45 = t13 * t17 + t12 * t18
-    t46 = t13 * t16 - t4 * t18
+    t45 = t12 * t18 - t13 * t17
+    t46 = t13 * t16 + t4 * t18
     t47 = t12 * t16 + t4 * t17
     return (
-        0.0, t42, -t45, 0.0, 0.0, 1.0, 0.0, 0.0, -t18, t43, t46, 0.0, 0.0, 0.0, 1.0, 0.0, t17, -t44,
+        0.0, -t42, t45, 0.0, 0.0, 1.0, 0.0, 0.0, t18, t43, t46, 0.0, 0.0, 0.0, 1.0, 0.0, t17, -t44,
         t47, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, t4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t1, -t12, 0.0,
-        0.0, 0.0, 0.0, 0.0, 0.0, t2, t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t27, -t30, t36, t39, 1.0,
-        0.0, 0.0, -t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29, t32, -t38, -t41, 0.0, 0.0,
-        1.0, 1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12, -t20, 0.0, 0.0, 0.0, 0.0,
-        t2, t13, t13, -t21, 0.0, 0.0, 0.0,
+        0.0, 0.0, 0.0, 0.0, 0.0, t2, t13, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t27, t30, t36, t39, 1.0,
+        0.0, 0.0, t26, t28, t31, t37, t40, 0.0, 1.0, 0.0, t25, -t29, t32, t38, t41, 0.0, 0.0, 1.0,
+        1.0, 0.0, t4, t4, t19, 0.0, 0.0, 0.0, 0.0, t1, -t12, -t12, t20, 0.0, 0.0, 0.0, 0.0, t2, t13,
+        t13, -t21, 0.0, 0.0, 0.0,
     )
 
 
@@ -4022,7 +4018,7 @@ def frame_velocities(
     Returns:
     velocities: array (..., 2, 6); [m/s] in the first three, [rad/s] in the others, a row for each
         of base, tip
-    Source: forward kinematics. 124 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 123 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_velocities,
@@ -4035,7 +4031,7 @@ def frame_velocities(
 
 def _frame_velocities(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -4077,8 +4073,8 @@ def _frame_velocities(k, sin, cos, q, v):
     t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
 
     # motion of base in world axes
-    t17 = t5 * base_arm_length
-    t18 = t6 * base_arm_length
+    t17 = base_arm_length * t5
+    t18 = base_arm_length * t6
 
     # axes of the base
     t19 = t2 * t3
@@ -4126,10 +4122,10 @@ def _frame_velocities(k, sin, cos, q, v):
     t47 = v_y + t26 * t43 + t19 * t44 + t29 * t45
     t48 = v_z + t27 * t43 + t30 * t45 - t20 * t44
     t49 = t15 * t25 + t4 * t14 + t16 * t28
-    t50 = t14 * t19 + t16 * t29 - t15 * t26
+    t50 = t15 * t26 - t14 * t19 - t16 * t29
     t51 = t15 * t27 + t14 * t20 - t16 * t30
     return (
-        t37, t38, t39, t40, t41, t42, t46, t47, t48, t49, -t50, t51,
+        t37, t38, t39, t40, t41, t42, t46, t47, t48, t49, t50, t51,
     )
 
 
@@ -4152,7 +4148,7 @@ def frame_bias_accelerations(
     Returns:
     bias_accelerations: array (..., 2, 6); [m/s^2] in the first three, [rad/s^2] in the others, a
         row for each of base, tip
-    Source: forward kinematics. 181 operations, 5 sine-cosine pairs.
+    Source: forward kinematics. 177 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _frame_bias_accelerations,
@@ -4165,7 +4161,7 @@ def frame_bias_accelerations(
 
 def _frame_bias_accelerations(k, sin, cos, q, v):
     base_arm_length = k[1]
-    link2_length = k[5]
+    link2_length = k[6]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -4204,14 +4200,14 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     t20 = t15 - t13 * t18
     t21 = t18 * t18
     t22 = v_theta_0 * v_theta_0 + t21
-    t23 = t15 - 2.0 * t18 * t13
+    t23 = 2.0 * t18 * t13 - t15
     t24 = t13 * t13 + t21
     t25 = t17 - 2.0 * t18 * v_theta_0
 
     # motion of link 1
     t26 = base_arm_length * t5 * t22
     t27 = base_arm_length * (t5 * t16 - t6 * t24)
-    t28 = base_arm_length * (t5 * t23 + t6 * t25)
+    t28 = base_arm_length * (t6 * t25 - t5 * t23)
     t29 = v_theta_5 + t18
     t30 = t17 - v_theta_0 * t29
     t31 = t15 - t13 * t29
@@ -4229,8 +4225,8 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     t41 = t38 * t38
 
     # motion of base in world axes
-    t42 = t5 * base_arm_length
-    t43 = t6 * base_arm_length
+    t42 = base_arm_length * t5
+    t43 = base_arm_length * t6
 
     # axes of the base
     t44 = t2 * t3
@@ -4260,26 +4256,26 @@ def _frame_bias_accelerations(k, sin, cos, q, v):
     # motion of base in world axes
     t61 = t22 * t42
     t62 = t16 * t42 - t24 * t43
-    t63 = t23 * t42 + t25 * t43
-    t64 = t3 * t61 + t4 * t63
-    t65 = t1 * t62 + t44 * t63 - t46 * t61
-    t66 = t47 * t61 + t2 * t62 - t45 * t63
-    t67 = t3 * t19 - t4 * t14
-    t68 = t19 * t46 + t14 * t44 - t1 * t20
+    t63 = t23 * t42 - t25 * t43
+    t64 = t4 * t63 - t3 * t61
+    t65 = t1 * t62 - t46 * t61 - t44 * t63
+    t66 = t47 * t61 + t2 * t62 + t45 * t63
+    t67 = t4 * t14 - t3 * t19
+    t68 = t1 * t20 - t19 * t46 - t14 * t44
     t69 = t19 * t47 + t2 * t20 + t14 * t45
 
     # motion of tip in world axes
     t70 = t54 + (t34 + t35) * t56 - t57
     t71 = t28 + (t34 - t35) * t55 + t58
     t72 = t9 * t26 + t8 * t27 + t59 - t60
-    t73 = t4 * t71 + t51 * t72 - t48 * t70
+    t73 = t48 * t70 - t4 * t71 - t51 * t72
     t74 = t49 * t70 + t44 * t71 + t52 * t72
     t75 = t50 * t70 + t53 * t72 - t45 * t71
     t76 = t4 * t40 + t39 * t48 - t34 * t51
     t77 = t39 * t49 + t34 * t52 - t40 * t44
     t78 = t39 * t50 + t40 * t45 + t34 * t53
     return (
-        -t64, t65, t66, -t67, -t68, t69, -t73, t74, t75, t76, t77, t78,
+        t64, t65, t66, t67, t68, t69, t73, t74, t75, t76, t77, t78,
     )
 
 
@@ -4295,7 +4291,7 @@ def centre_of_mass(
 
     Returns:
     position: array (..., 3); [m]
-    Source: the first moment of mass. 27 operations, 5 sine-cosine pairs.
+    Source: the first moment of mass. 26 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _centre_of_mass,
@@ -4306,9 +4302,10 @@ def centre_of_mass(
 
 
 def _centre_of_mass(k, sin, cos, q):
-    k49 = k[11]
-    k55 = k[15]
-    k69 = k[27]
+    k46 = k[13]
+    k51 = k[17]
+    k64 = k[29]
+    k65 = k[30]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -4334,12 +4331,12 @@ def _centre_of_mass(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k49 * t10
+    t12 = k46 * t10
 
     # centre of mass from the origin
-    t13 = k49 * t11 * k69
-    t14 = (t5 * k55 + t8 * t12) * k69
-    t15 = (t6 * k55 + t9 * t12) * k69
+    t13 = k65 * t11
+    t14 = k64 * (k51 * t5 + t8 * t12)
+    t15 = k64 * (k51 * t6 + t9 * t12)
 
     # centre of mass in the world
     t16 = t3 * t13 - t4 * t14
@@ -4365,7 +4362,7 @@ def centre_of_mass_jacobian(
 
     Returns:
     jacobian: array (..., 3, 8); [m/rad or 1]
-    Source: the first moment of mass. 76 operations, 5 sine-cosine pairs.
+    Source: the first moment of mass. 69 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _centre_of_mass_jacobian,
@@ -4376,9 +4373,10 @@ def centre_of_mass_jacobian(
 
 
 def _centre_of_mass_jacobian(k, sin, cos, q):
-    k49 = k[11]
-    k55 = k[15]
-    k69 = k[27]
+    k46 = k[13]
+    k51 = k[17]
+    k64 = k[29]
+    k65 = k[30]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -4387,8 +4385,8 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
 
     # attitude
     t1 = cos(theta_m1)
-    t2 = sin(theta_m1)
-    t3 = cos(theta_0)
+    t2 = -sin(theta_m1)
+    t3 = -cos(theta_0)
     t4 = sin(theta_0)
     t5 = cos(theta_1)
     t6 = sin(theta_1)
@@ -4401,7 +4399,7 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t11 = sin(theta_6)
 
     # inertia of link 2, turned by the joints
-    t12 = k49 * t10
+    t12 = k46 * t10
 
     # composite inertia of links 1 and 2, about joint 5
     t13 = t8 * t12
@@ -4412,47 +4410,47 @@ def _centre_of_mass_jacobian(k, sin, cos, q):
     t16 = t1 * t3
 
     # column of joint 5
-    t17 = t13 * k69
-    t18 = t14 * k69
+    t17 = k64 * t13
+    t18 = k64 * t14
 
     # centre of mass from the origin
-    t19 = k49 * t11 * k69
+    t19 = k65 * t11
 
     # column of joint 6
-    t20 = t12 * k69
+    t20 = k65 * t10
 
     # axes of the base
     t21 = t2 * t4
     t22 = t1 * t4
 
     # centre of mass from the origin
-    t23 = (t5 * k55 + t13) * k69
-    t24 = (t6 * k55 + t14) * k69
+    t23 = k64 * (k51 * t5 + t13)
+    t24 = k64 * (k51 * t6 + t14)
 
     # columns of the base
-    t25 = t3 * t19 - t4 * t23
-    t26 = t3 * t23 + t4 * t19
+    t25 = t3 * t19 + t4 * t23
+    t26 = t3 * t23 - t4 * t19
     t27 = t1 * t24 - t2 * t25
     t28 = t1 * t25 + t2 * t24
-    t29 = t1 * t28 - t2 * t27
+    t29 = t2 * t27 - t1 * t28
     t30 = t2 * t26
     t31 = t1 * t26
     t32 = t16 * t27 + t15 * t28
-    t33 = t16 * t26 - t4 * t28
-    t34 = t15 * t26 + t4 * t27
+    t33 = t16 * t26 + t4 * t28
+    t34 = t4 * t27 - t15 * t26
 
     # column of joint 5
     t35 = t3 * t18
-    t36 = t18 * t21 - t1 * t17
-    t37 = t18 * t22 + t2 * t17
+    t36 = t18 * t21 + t1 * t17
+    t37 = t18 * t22 - t2 * t17
 
     # column of joint 6
-    t38 = t19 * t3 * t8 - t4 * t20
-    t39 = t19 * (t1 * t9 + t8 * t21) + t15 * t20
-    t40 = t19 * (t2 * t9 - t8 * t22) - t16 * t20
+    t38 = t19 * t3 * t8 + t4 * t20
+    t39 = t19 * (t8 * t21 - t1 * t9) - t15 * t20
+    t40 = t19 * (t2 * t9 + t8 * t22) - t16 * t20
     return (
-        0.0, t29, -t32, -t35, -t38, 1.0, 0.0, 0.0, -t28, t30, t33, -t36, -t39, 0.0, 1.0, 0.0, t27,
-        -t31, t34, t37, -t40, 0.0, 0.0, 1.0,
+        0.0, t29, t32, t35, t38, 1.0, 0.0, 0.0, t28, t30, t33, t36, t39, 0.0, 1.0, 0.0, t27, t31,
+        t34, t37, t40, 0.0, 0.0, 1.0,
     )
 
 
@@ -4473,7 +4471,7 @@ def centroidal_momentum(
 
     Returns:
     momentum: array (..., 6); [kg m/s] in the first three, [kg m^2/s] in the others
-    Source: eq. 6 with rates for accelerations. 163 operations, 5 sine-cosine pairs.
+    Source: eq. 6 with rates for accelerations. 156 operations, 5 sine-cosine pairs.
     """
     entries, batch = _evaluate(
         _centroidal_momentum,
@@ -4486,18 +4484,19 @@ def centroidal_momentum(
 
 def _centroidal_momentum(k, sin, cos, q, v):
     base_arm_length = k[1]
-    k28 = k[6]
-    k34 = k[7]
-    k40 = k[8]
-    k46 = k[9]
-    k47 = k[10]
-    k49 = k[11]
-    k54 = k[14]
-    k55 = k[15]
-    k56 = k[16]
-    k57 = k[17]
-    k58 = k[18]
-    k69 = k[27]
+    k27 = k[7]
+    k33 = k[8]
+    k39 = k[9]
+    k43 = k[10]
+    k44 = k[11]
+    k46 = k[13]
+    k50 = k[16]
+    k51 = k[17]
+    k52 = k[18]
+    k53 = k[19]
+    k54 = k[20]
+    k64 = k[29]
+    k65 = k[30]
     theta_m1 = q[0]
     theta_0 = q[1]
     theta_1 = q[2]
@@ -4539,84 +4538,101 @@ def _centroidal_momentum(k, sin, cos, q, v):
     t16 = v_theta_6 + t9 * t12 - v_theta_0 * t8
 
     # inertia of link 2, turned by the joints
-    t17 = k49 * t10
-    t18 = k49 * t11
-    t19 = t11 * k57
+    t17 = k46 * t10
+    t18 = k46 * t11
+    t19 = k53 * t11
     t20 = t11 * t19
-    t21 = k28 - t20
-    t22 = k34 + t20
+    t21 = k27 - t20
+    t22 = k33 + t20
     t23 = t10 * t19
 
     # step from the base to link 1
-    t24 = t5 * base_arm_length
-    t25 = t6 * base_arm_length
+    t24 = base_arm_length * t5
+    t25 = base_arm_length * t6
 
     # inertia of the base, turned by the joints
-    t26 = t6 * k58
+    t26 = k54 * t6
     t27 = t6 * t26
-    t28 = k56 + t27
-    t29 = k46 - t27
+    t28 = k52 + t27
+    t29 = k43 - t27
     t30 = t5 * t26
 
     # motion of link 1
     t31 = v_theta_0 * t5 - t6 * t12
 
     # centre of mass from the origin
-    t32 = t18 * k69
-
-    # motion of link 1
-    t33 = t6 * t13
-    t34 = t5 * t13
-    t35 = base_arm_length * t33
-    t36 = base_arm_length * t34
-
-    # centre of mass from the origin
-    t37 = (t5 * k55 + t8 * t17) * k69
-    t38 = (t6 * k55 + t9 * t17) * k69
-
-    # motion of link 1
-    t39 = t9 * t35 + t8 * t36
-
-    # inertia forces of link 2, about joint 6
-    t40 = t14 * t23 + t18 * t39 - t15 * t22
-    t41 = t14 * t21 + t17 * t39 - t15 * t23
-    t42 = t17 * base_arm_length * t31
-    t43 = t18 * (t9 * t36 - t8 * t35)
-    t44 = t16 * t21 + t16 * t22 - t42 - t43
-    t45 = k49 * t11 * t16
-    t46 = k49 * t10 * t16
-    t47 = k49 * (t11 * t15 - t10 * t14)
-
-    # inertia forces of links 1 and 2, about joint 5
-    t48 = t40 - k40 * t15
-    t49 = t9 * t47 - t8 * t45
-    t50 = t9 * t45 + t8 * t47
+    t32 = k65 * t11
 
     # inertia forces of the base and links 1 and 2
-    t51 = t25 * t49 + t24 * t50 - t41 - k40 * t14
-    t52 = v_theta_0 * t30 + t12 * t29 + k47 * t12
-    t53 = t12 * t30 + v_theta_0 * t28 + v_theta_0 * k47
-    t54 = t49 - k55 * t33
-    t55 = t50 - k55 * t34
-    t56 = t46 - k55 * t31
-    t57 = t9 * t44 + t25 * t46 + t52 - t8 * t48
-    t58 = t8 * t44 + t9 * t48 + t24 * t46 - t53
-    t59 = t51 - t13 * t28 - t13 * t29
+    t33 = t12 * t30
+    t34 = v_theta_0 * t30
+
+    # inertia forces of link 2, about joint 6
+    t35 = t15 * t23
+
+    # motion of link 1
+    t36 = t6 * t13
+    t37 = t5 * t13
+    t38 = base_arm_length * t36
+    t39 = base_arm_length * t37
+
+    # centre of mass from the origin
+    t40 = k64 * (k51 * t5 + t8 * t17)
+    t41 = k64 * (k51 * t6 + t9 * t17)
+
+    # motion of link 1
+    t42 = t9 * t38 + t8 * t39
+
+    # inertia forces of link 2, about joint 6
+    t43 = t17 * t42
+    t44 = t18 * (t9 * t39 - t8 * t38)
+    t45 = t17 * base_arm_length * t31 + t44 - (t21 + t22) * t16
+    t46 = k46 * t11 * t16
+    t47 = k46 * t10 * t16
+    t48 = k46 * (t11 * t15 - t10 * t14)
+
+    # inertia forces of links 1 and 2, about joint 5
+    t49 = t14 * t23 + t18 * t42 - t15 * (k39 + t22)
+    t50 = t9 * t48 - t8 * t46
+    t51 = t8 * t48 + t9 * t46
+    t52 = t9 * t45
+    t53 = t8 * t49
+    t54 = t8 * t45
+    t55 = t9 * t49
+
+    # inertia forces of the base and links 1 and 2
+    t56 = t25 * t47
+    t57 = t24 * t47
+    t58 = t25 * t50
+    t59 = t24 * t51
+    t60 = k51 * t36 - t50
+    t61 = k51 * t37 - t51
+    t62 = k51 * t31 - t47
 
     # momentum in world axes
-    t60 = t38 * t56 + t32 * t55 - t57
-    t61 = t58 + t32 * t54 - t37 * t56
-    t62 = t37 * t55 + t38 * t54 - t59
-    t63 = t3 * t56 - t4 * t54
-    t64 = v_x * k54 + t3 * t54 + t4 * t56
-    t65 = v_y * k54 - t1 * t55 - t2 * t63
-    t66 = v_z * k54 + t1 * t63 - t2 * t55
-    t67 = t3 * t62 + t4 * t60
-    t68 = t4 * t62 - t3 * t60
-    t69 = t1 * t61 + t2 * t67
-    t70 = t1 * t67 - t2 * t61
+    t63 = t41 * t62
+    t64 = t32 * t61
+    t65 = t12 * (k44 + t29)
+    t66 = t34 + t56 + t63 + t64 + t65 - t52 - t53
+    t67 = t40 * t62
+    t68 = t32 * t60
+    t69 = v_theta_0 * (k44 + t28)
+    t70 = t33 + t54 + t68 + t69 - t55 - t57 - t67
+    t71 = t40 * t61
+    t72 = t41 * t60
+    t73 = t14 * (k39 + t21)
+    t74 = t13 * (t28 + t29)
+    t75 = t35 + t58 + t59 + t71 + t72 - t43 - t74 - t73
+    t76 = t3 * t62 - t4 * t60
+    t77 = k50 * v_x - t3 * t60 - t4 * t62
+    t78 = k50 * v_y + t1 * t61 + t2 * t76
+    t79 = k50 * v_z + t2 * t61 - t1 * t76
+    t80 = t3 * t75 + t4 * t66
+    t81 = t3 * t66 - t4 * t75
+    t82 = t1 * t70 + t2 * t80
+    t83 = t2 * t70 - t1 * t80
     return (
-        t64, t65, t66, t68, -t69, t70,
+        t77, t78, t79, t81, t82, t83,
     )
 
 

@@ -386,6 +386,7 @@ const Constants
     R(0.5),
     R(0.041666666666666664),
     R(1.9080000000000002e-06),
+    R(4.2399999999999983e-07),
     R(2.1199999999999991e-07),
     R(3.0),
     R(9.0),
@@ -393,6 +394,7 @@ const Constants
     R(2.1199999999999991e-07),
     R(0.083337149333333332),
     R(8.4799999999999965e-07),
+    R(0.5),
     R(4.5),
     R(3.0),
     R(1.0),
@@ -401,18 +403,20 @@ const Constants
     R(1.3333371493333335),
     R(8.9999980920000002),
     -R(1.2500000000000002),
+    R(1.6959999999999993e-06),
     R(49.050000000000004),
     R(0.125),
-    R(0.5),
     R(0.041668574666666666),
     R(0.10416857466666667),
-    R(0.08333799733333333),
+    R(0.16667429866666666),
     R(5.9997252605808677),
     R(11.999328421586901),
     R(0.20000000000000001),
-    R(4.2399999999999983e-07),
+    R(0.90000000000000002),
     R(2.5),
     R(1.0599999999999996e-07),
+    R(0.08333820933333333),
+    R(9.8100000000000023),
 };
 
 int quadrotor_2link_init_constants(
@@ -438,10 +442,9 @@ int quadrotor_2link_init_constants(
     const STEPWISE real k3 = base_arm_section_inertia_yy - k2;
     const STEPWISE real k4 = base_arm_section_inertia_zz - k1;
     const STEPWISE real k5 = k3 + k4;
-    const STEPWISE real k6 = R(0.5) * k5;
-    const STEPWISE real k7 = R(0.33333333333333331) * base_arm_length * base_arm_length *
-        base_arm_length * base_arm_mass_per_length;
-    const STEPWISE real k8 = k6 + k7;
+    const STEPWISE real k6 = base_arm_length * base_arm_length;
+    const STEPWISE real k7 = base_arm_mass_per_length * base_arm_length * k6;
+    const STEPWISE real k8 = R(0.5) * k5 + R(0.33333333333333331) * k7;
     const STEPWISE real k9 = base_arm_section_inertia_yy - base_arm_section_inertia_zz;
     const STEPWISE real k10 = base_arm_section_inertia_yy - k9;
     const STEPWISE real k11 = base_arm_section_inertia_zz - k10;
@@ -461,68 +464,64 @@ int quadrotor_2link_init_constants(
     const STEPWISE real k23 = link2_section_inertia_yy - k22;
     const STEPWISE real k24 = link2_section_inertia_zz - k21;
     const STEPWISE real k25 = k23 + k24;
-    const STEPWISE real k26 = R(0.5) * k25;
-    const STEPWISE real k27 = R(0.33333333333333331) * link2_length * link2_length * link2_length *
-        link2_mass_per_length;
-    const STEPWISE real k28 = k26 + k27;
-    const STEPWISE real k29 = link2_section_inertia_yy - link2_section_inertia_zz;
-    const STEPWISE real k30 = link2_section_inertia_yy - k29;
-    const STEPWISE real k31 = link2_section_inertia_zz - k30;
-    const STEPWISE real k32 = link2_section_inertia_xx - k29;
-    const STEPWISE real k33 = k31 + k32;
-    const STEPWISE real k34 = R(0.5) * k33;
-    const STEPWISE real k35 = link2_section_inertia_xx - link2_section_inertia_zz;
-    const STEPWISE real k36 = link2_section_inertia_zz + k35;
-    const STEPWISE real k37 = link2_section_inertia_xx - k36;
-    const STEPWISE real k38 = link2_section_inertia_yy + k35;
-    const STEPWISE real k39 = k37 + k38;
-    const STEPWISE real k40 = R(0.5) * k39;
+    const STEPWISE real k26 = link2_length * link2_length;
+    const STEPWISE real k27 = R(0.5) * k25 + R(0.33333333333333331) * link2_mass_per_length *
+        link2_length * k26;
+    const STEPWISE real k28 = link2_section_inertia_yy - link2_section_inertia_zz;
+    const STEPWISE real k29 = link2_section_inertia_yy - k28;
+    const STEPWISE real k30 = link2_section_inertia_zz - k29;
+    const STEPWISE real k31 = link2_section_inertia_xx - k28;
+    const STEPWISE real k32 = k30 + k31;
+    const STEPWISE real k33 = R(0.5) * k32;
+    const STEPWISE real k34 = link2_section_inertia_xx - link2_section_inertia_zz;
+    const STEPWISE real k35 = link2_section_inertia_zz + k34;
+    const STEPWISE real k36 = link2_section_inertia_xx - k35;
+    const STEPWISE real k37 = link2_section_inertia_yy + k34;
+    const STEPWISE real k38 = k36 + k37;
+    const STEPWISE real k39 = R(0.5) * k38;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k41 = R(4.0) * base_arm_length * base_arm_length * base_arm_mass_per_length;
-    const STEPWISE real k42 = R(2.0) * k8;
-    const STEPWISE real k43 = R(2.0) * k14;
-    const STEPWISE real k44 = R(4.0) * base_arm_length * base_arm_length * base_arm_length *
-        base_arm_mass_per_length;
-    const STEPWISE real k45 = k42 + k43 + k44;
-    const STEPWISE real k46 = k42 + k43;
-    const STEPWISE real k47 = R(4.0) * k20;
-    const STEPWISE real k48 = R(4.0) * base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k40 = base_arm_mass_per_length * k6;
+    const STEPWISE real k41 = R(2.0) * k8;
+    const STEPWISE real k42 = k13 + k41 + R(4.0) * k7;
+    const STEPWISE real k43 = k13 + k41;
+    const STEPWISE real k44 = R(2.0) * k19;
+    const STEPWISE real k45 = base_arm_length * base_arm_mass_per_length;
 
     /* inertias of the links */
-    const STEPWISE real k49 = R(0.5) * link2_length * link2_length * link2_mass_per_length;
-    const STEPWISE real k50 = link2_length * link2_mass_per_length;
+    const STEPWISE real k46 = R(0.5) * link2_mass_per_length * k26;
+    const STEPWISE real k47 = link2_length * link2_mass_per_length;
 
     /* inertia of the base, with that of link 1 which joint 5 does not move */
-    const STEPWISE real k51 = base_arm_length * k50;
-    const STEPWISE real k52 = R(2.0) * base_arm_length;
-    const STEPWISE real k53 = base_arm_length * k51;
-    const STEPWISE real k54 = k48 + k50;
-    const STEPWISE real k55 = k41 + k51;
-    const STEPWISE real k56 = k45 + k53;
+    const STEPWISE real k48 = base_arm_length * k47;
+    const STEPWISE real k49 = R(2.0) * base_arm_length;
+    const STEPWISE real k50 = R(4.0) * k45 + k47;
+    const STEPWISE real k51 = R(4.0) * k40 + k48;
+    const STEPWISE real k52 = k42 + base_arm_length * k48;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k57 = k28 - k34;
-    const STEPWISE real k58 = k46 - k56;
-    const STEPWISE real k59 = gravity * k54;
+    const STEPWISE real k53 = k27 - k33;
+    const STEPWISE real k54 = k43 - k52;
+    const STEPWISE real k55 = R(4.0) * k19;
+    const STEPWISE real k56 = gravity * k50;
 
     /* inertia of the base, about the origin */
-    const STEPWISE real k60 = R(0.5) * base_arm_length * base_arm_length * base_arm_mass_per_length;
-    const STEPWISE real k61 = base_arm_length * base_arm_mass_per_length;
+    const STEPWISE real k57 = R(0.5) * k40;
 
     /* constant terms and factors of the functions */
-    const STEPWISE real k62 = base_arm_length * k60;
-    const STEPWISE real k63 = k8 + k14;
-    const STEPWISE real k64 = k62 + k63;
-    const STEPWISE real k65 = k46 + k47;
-    const STEPWISE real k66 = R(2.0) * k46;
-    const STEPWISE real k67 = R(1.0) / k66;
-    const STEPWISE real k68 = R(1.0) / k65;
-    const STEPWISE real k69 = R(1.0) / k54;
-    const STEPWISE real k70 = R(0.5) * k47;
-    const STEPWISE real k71 = R(0.5) * k54;
-    const STEPWISE real k72 = R(0.5) * k40;
-    int good = k54 > R(0.0);
+    const STEPWISE real k58 = k8 + k14;
+    const STEPWISE real k59 = base_arm_length * k57 + k58;
+    const STEPWISE real k60 = k43 + k44;
+    const STEPWISE real k61 = R(2.0) * k43;
+    const STEPWISE real k62 = R(1.0) / k61;
+    const STEPWISE real k63 = R(1.0) / k60;
+    const STEPWISE real k64 = R(1.0) / k50;
+    const STEPWISE real k65 = k46 * k64;
+    const STEPWISE real k66 = R(0.5) * k50;
+    const STEPWISE real k67 = R(0.25) * k38;
+    const STEPWISE real k68 = k39 + k60;
+    const STEPWISE real k69 = k56 * k64;
+    int good = k50 > R(0.0);
     for (int i = 0; i < 11; ++i) {
         good &= is_finite(parameters[i]);
     }
@@ -534,16 +533,24 @@ int quadrotor_2link_init_constants(
     good &= is_finite(k8);
     constants->k14 = k14;
     good &= is_finite(k14);
+    constants->k19 = k19;
+    good &= is_finite(k19);
     constants->k20 = k20;
     good &= is_finite(k20);
     constants->link2_length = link2_length;
     good &= is_finite(link2_length);
-    constants->k28 = k28;
-    good &= is_finite(k28);
-    constants->k34 = k34;
-    good &= is_finite(k34);
-    constants->k40 = k40;
-    good &= is_finite(k40);
+    constants->k27 = k27;
+    good &= is_finite(k27);
+    constants->k33 = k33;
+    good &= is_finite(k33);
+    constants->k39 = k39;
+    good &= is_finite(k39);
+    constants->k43 = k43;
+    good &= is_finite(k43);
+    constants->k44 = k44;
+    good &= is_finite(k44);
+    constants->k45 = k45;
+    good &= is_finite(k45);
     constants->k46 = k46;
     good &= is_finite(k46);
     constants->k47 = k47;
@@ -552,8 +559,12 @@ int quadrotor_2link_init_constants(
     good &= is_finite(k49);
     constants->k50 = k50;
     good &= is_finite(k50);
+    constants->k51 = k51;
+    good &= is_finite(k51);
     constants->k52 = k52;
     good &= is_finite(k52);
+    constants->k53 = k53;
+    good &= is_finite(k53);
     constants->k54 = k54;
     good &= is_finite(k54);
     constants->k55 = k55;
@@ -566,28 +577,24 @@ int quadrotor_2link_init_constants(
     good &= is_finite(k58);
     constants->k59 = k59;
     good &= is_finite(k59);
-    constants->k60 = k60;
-    good &= is_finite(k60);
     constants->k61 = k61;
     good &= is_finite(k61);
+    constants->k62 = k62;
+    good &= is_finite(k62);
     constants->k63 = k63;
     good &= is_finite(k63);
     constants->k64 = k64;
     good &= is_finite(k64);
     constants->k65 = k65;
     good &= is_finite(k65);
+    constants->k66 = k66;
+    good &= is_finite(k66);
     constants->k67 = k67;
     good &= is_finite(k67);
     constants->k68 = k68;
     good &= is_finite(k68);
     constants->k69 = k69;
     good &= is_finite(k69);
-    constants->k70 = k70;
-    good &= is_finite(k70);
-    constants->k71 = k71;
-    good &= is_finite(k71);
-    constants->k72 = k72;
-    good &= is_finite(k72);
     return !good;
 }
 
@@ -630,18 +637,20 @@ static INLINE void mass_matrix_and_residual_lane(
     (void)q;
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
     const real k49 = constants->k49;
+    const real k50 = constants->k50;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
     const real k54 = constants->k54;
     const real k55 = constants->k55;
     const real k56 = constants->k56;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
-    const real k59 = constants->k59;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -661,238 +670,245 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[28 * stride] = R(0.0);
     mass_matrix[35 * stride] = R(0.0);
     mass_matrix[40 * stride] = R(0.0);
-    mass_matrix[45 * stride] = k54;
+    mass_matrix[45 * stride] = k50;
     mass_matrix[46 * stride] = R(0.0);
     mass_matrix[47 * stride] = R(0.0);
     mass_matrix[53 * stride] = R(0.0);
-    mass_matrix[54 * stride] = k54;
+    mass_matrix[54 * stride] = k50;
     mass_matrix[55 * stride] = R(0.0);
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
-    mass_matrix[63 * stride] = k54;
+    mass_matrix[63 * stride] = k50;
+
+    /* attitude */
+    const real t1 = -c1;
+
+    /* angles and places of the joints */
+    const real t9 = -s4;
 
     /* motion of the base */
-    const real t12 = s1 * gravity;
-    const real t13 = c1 * gravity;
+    const real t12 = gravity * s1;
+    const real t13 = gravity * t1;
     const real t14 = v_theta_m1 * s2;
     const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_0 * t15;
-    const real t17 = c2 * t13;
-    const real t18 = s2 * t13;
-    const real t19 = t14 * t15;
-    const real t20 = R(2.0) * t16;
-    const real t21 = R(2.0) * v_theta_0 * t14;
-    const real t22 = v_theta_1 + t14;
-    const real t23 = t22 * t22;
-    const real t24 = v_theta_0 * v_theta_0 + t23;
-    const real t25 = t19 - R(2.0) * t22 * t15;
-    const real t26 = t15 * t15 + t23;
-    const real t27 = t21 - R(2.0) * t22 * v_theta_0;
+    const real t16 = v_theta_0 * t14;
+    const real t17 = v_theta_0 * t15;
+    const real t18 = c2 * t13;
+    const real t19 = s2 * t13;
+    const real t20 = t14 * t15;
+    const real t21 = R(2.0) * t17;
+    const real t22 = R(2.0) * t16;
+    const real t23 = v_theta_1 + t14;
+    const real t24 = t23 * t23;
+    const real t25 = v_theta_0 * v_theta_0 + t24;
+    const real t26 = t20 - R(2.0) * t23 * t15;
+    const real t27 = t15 * t15 + t24;
+    const real t28 = t22 - R(2.0) * t23 * v_theta_0;
 
     /* motion of link 1 */
-    const real t28 = c3 * t24;
-    const real t29 = c3 * t20 - s3 * t26;
-    const real t30 = c3 * t25 + s3 * t27;
-    const real t31 = t18 + base_arm_length * t28;
-    const real t32 = t12 + base_arm_length * t29;
-    const real t33 = v_theta_5 + t22;
-    const real t34 = t21 - v_theta_0 * t33;
-    const real t35 = t19 - t15 * t33;
-    const real t36 = c4 * t15 + v_theta_0 * s4;
-    const real t37 = v_theta_0 * c4 - s4 * t15;
-    const real t38 = s4 * t34 + c4 * t35;
-    const real t39 = s4 * t31 + c4 * t32;
-    const real t40 = t33 * t36;
-    const real t41 = t38 - t40;
-    const real t42 = t16 - t36 * t37;
-    const real t43 = s4 * t35 + t33 * t37 - c4 * t34;
-    const real t44 = t38 + t40;
+    const real t29 = c3 * t25;
+    const real t30 = c3 * t21 - s3 * t27;
+    const real t31 = c3 * t26 + s3 * t28;
+    const real t32 = base_arm_length * t29 - t19;
+    const real t33 = t12 + base_arm_length * t30;
+    const real t34 = v_theta_5 + t23;
+    const real t35 = t22 - v_theta_0 * t34;
+    const real t36 = t20 - t15 * t34;
+    const real t37 = c4 * t15 - v_theta_0 * t9;
+    const real t38 = v_theta_0 * c4 + t9 * t15;
+    const real t39 = c4 * t36 - t9 * t35;
+    const real t40 = c4 * t33 - t9 * t32;
+    const real t41 = t34 * t37;
+    const real t42 = t39 - t41;
+    const real t43 = t17 - t37 * t38;
+    const real t44 = t34 * t38 - t9 * t36 - c4 * t35;
+    const real t45 = t39 + t41;
 
     /* motion of link 2 */
-    const real t45 = v_theta_6 - t37;
-    const real t46 = t45 * t45;
-    const real t47 = t33 * t33 + t46;
-    const real t48 = t42 - R(2.0) * t45 * t36;
-    const real t49 = t36 * t36 + t46;
-    const real t50 = t43 + R(2.0) * t45 * t33;
+    const real t46 = v_theta_6 - t38;
+    const real t47 = t46 * t46;
+    const real t48 = t34 * t34 + t47;
+    const real t49 = t43 - R(2.0) * t46 * t37;
+    const real t50 = t37 * t37 + t47;
+    const real t51 = t44 + R(2.0) * t46 * t34;
 
     /* inertia of link 2, turned by the joints */
-    const real t51 = k49 * c5;
-    const real t52 = k49 * s5;
-    const real t53 = s5 * k57;
-    const real t54 = s5 * t53;
-    const real t55 = k28 - t54;
-    const real t56 = k34 + t54;
-    const real t57 = c5 * t53;
+    const real t52 = k46 * c5;
+    const real t53 = k46 * s5;
+    const real t54 = k53 * s5;
+    const real t55 = s5 * t54;
+    const real t56 = k27 - t55;
+    const real t57 = k33 + t55;
+    const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t58 = t39 * t52 + t48 * t57 - t50 * t56;
-    const real t59 = t39 * t51 + t48 * t55 - t50 * t57;
-    const real t60 = (t17 - base_arm_length * t30) * t51;
-    const real t61 = t57 * (t47 - t49);
-    const real t62 = (s4 * t32 - c4 * t31) * t52;
-    const real t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61;
-    residual[4 * stride] = t63;
-    const real t64 = k49 * (s5 * t44 - c5 * t47);
-    const real t65 = k49 * (c5 * t41 + s5 * t49);
-    const real t66 = k49 * (s5 * t50 - c5 * t48);
+    const real t59 = t51 * t57 - t40 * t53 - t49 * t58;
+    const real t60 = t51 * t58 - t40 * t52 - t49 * t56;
+    const real t61 = (t18 + base_arm_length * t31) * t52;
+    const real t62 = t58 * (t48 - t50);
+    const real t63 = (t9 * t33 + c4 * t32) * t53;
+    const real t64 = t61 + t42 * t56 + t45 * t57 - t62 - t63;
+    residual[4 * stride] = t64;
+    const real t65 = k46 * (s5 * t45 - c5 * t48);
+    const real t66 = k46 * (c5 * t42 + s5 * t50);
+    const real t67 = k46 * (s5 * t51 - c5 * t49);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t67 = t58 - k40 * t43;
-    const real t68 = t59 + k40 * t42;
-    residual[3 * stride] = -t68;
-    const real t69 = c4 * t64 + s4 * t66;
-    const real t70 = s4 * t64 - c4 * t66;
+    const real t68 = t59 + k39 * t44;
+    const real t69 = t60 - k39 * t43;
+    residual[3 * stride] = t69;
+    const real t70 = c4 * t65 - t9 * t67;
+    const real t71 = t9 * t65 + c4 * t67;
 
     /* step from the base to link 1 */
-    const real t71 = c3 * base_arm_length;
-    const real t72 = s3 * base_arm_length;
+    const real t72 = base_arm_length * c3;
+    const real t73 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t73 = c3 * k55;
-    const real t74 = s3 * k55;
-    const real t75 = s3 * k58;
-    const real t76 = s3 * t75;
-    const real t77 = k56 + t76;
-    const real t78 = k46 - t76;
-    const real t79 = c3 * t75;
+    const real t74 = k51 * c3;
+    const real t75 = k51 * s3;
+    const real t76 = k54 * s3;
+    const real t77 = s3 * t76;
+    const real t78 = k52 + t77;
+    const real t79 = k43 - t77;
+    const real t80 = c3 * t76;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t80 = t27 * t78;
-    const real t81 = t17 * t74 + t25 * t79 - k47 * t21 - t80;
-    const real t82 = t27 * t79;
-    const real t83 = k47 * t19 + t25 * t77 - t17 * t73 - t82;
-    const real t84 = t79 * (t24 - t26);
-    const real t85 = t12 * t73 + t18 * t74 + t20 * t77 - t84;
-    const real t86 = t69 - k55 * t28;
-    const real t87 = t70 + k55 * t29;
-    const real t88 = t65 + k55 * t30;
-    const real t89 = s4 * t63 + c4 * t67 + t65 * t72 - t81;
-    const real t90 = c4 * t63 + t65 * t71 + t83 - s4 * t67;
-    residual[1 * stride] = -t90;
-    const real t91 = t68 + t70 * t71 + t85 - t69 * t72;
-    residual[2 * stride] = -t91;
+    const real t81 = t28 * t79;
+    const real t82 = t26 * t80 - t18 * t75 - k55 * t16 - t81;
+    const real t83 = t18 * t74;
+    const real t84 = t28 * t80 - k44 * t20 - t26 * t78 - t83;
+    const real t85 = t80 * (t25 - t27);
+    const real t86 = t12 * t74 + t21 * t78 - t19 * t75 - t85;
+    const real t87 = k51 * t29 - t70;
+    const real t88 = t71 - k51 * t30;
+    const real t89 = t66 + k51 * t31;
+    const real t90 = t9 * t64 + c4 * t68 + t82 - t66 * t73;
+    const real t91 = t84 + t9 * t68 - c4 * t64 - t66 * t72;
+    residual[1 * stride] = t91;
+    const real t92 = t69 + t71 * t72 + t70 * t73 - t86;
+    residual[2 * stride] = t92;
 
     /* inertia forces on attitude and position */
-    const real t92 = c2 * t88 + s2 * t86;
-    const real t93 = c2 * t86 - s2 * t88;
-    residual[5 * stride] = -t93;
-    const real t94 = s2 * t91 - c2 * t89;
-    residual[0 * stride] = -t94;
-    const real t95 = c1 * t87 + s1 * t92;
-    residual[6 * stride] = -t95;
-    const real t96 = s1 * t87 + k59 - c1 * t92;
-    residual[7 * stride] = -t96;
+    const real t93 = s2 * t87 - c2 * t89;
+    const real t94 = c2 * t87 + s2 * t89;
+    residual[5 * stride] = t94;
+    const real t95 = s2 * t92 - c2 * t90;
+    residual[0 * stride] = t95;
+    const real t96 = s1 * t93 - t1 * t88;
+    residual[6 * stride] = t96;
+    const real t97 = s1 * t88 + t1 * t93 - k56;
+    residual[7 * stride] = t97;
 
     /* composite inertia of links 1 and 2, about joint 5 */
-    const real t97 = c4 * t51;
-    const real t98 = s4 * t51;
-    const real t99 = c4 * t57;
-    const real t100 = s4 * t57;
-    mass_matrix[11 * stride] = -t100;
-    mass_matrix[25 * stride] = -t100;
-    const real t101 = s4 * (k40 - t55);
-    const real t102 = s4 * t101;
-    const real t103 = t55 + t102;
-    const real t104 = k40 - t102;
+    const real t98 = c4 * t52;
+    const real t99 = t9 * t52;
+    const real t100 = c4 * t58;
+    const real t101 = t9 * t58;
+    mass_matrix[11 * stride] = t101;
+    mass_matrix[25 * stride] = t101;
+    const real t102 = t9 * (k39 - t56);
+    const real t103 = t9 * t102;
+    const real t104 = t56 + t103;
+    const real t105 = k39 - t103;
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t105 = t99 + t52 * t71;
-    const real t106 = t100 + t52 * t72;
-    mass_matrix[10 * stride] = -t106;
-    mass_matrix[17 * stride] = -t106;
-    const real t107 = t73 + t97;
+    const real t106 = t100 + t53 * t72;
+    const real t107 = t101 - t53 * t73;
+    mass_matrix[10 * stride] = t107;
+    mass_matrix[17 * stride] = t107;
     const real t108 = t74 + t98;
-    const real t109 = t77 + t103 + R(2.0) * t97 * t71;
-    const real t110 = t78 + t104 + R(2.0) * t98 * t72;
-    const real t111 = k47 + t56;
-    const real t112 = t79 + c4 * t101 - t71 * t98 - t72 * t97;
+    const real t109 = t99 - t75;
+    const real t110 = t78 + t104 + t98 * k49 * c3;
+    const real t111 = t79 + t105 - t99 * k49 * s3;
+    const real t112 = k44 + t57;
+    const real t113 = t80 + t72 * t99 - c4 * t102 - t73 * t98;
 
     /* mass matrix, columns of the joints carried in to joint 5 */
-    const real t113 = t103 + t104;
-    mass_matrix[27 * stride] = t113;
-    const real t114 = t113 + t71 * t97 + t72 * t98;
-    mass_matrix[19 * stride] = t114;
-    mass_matrix[26 * stride] = t114;
-    const real t115 = t55 + t56;
-    mass_matrix[36 * stride] = t115;
-    const real t116 = c4 * t52;
-    const real t117 = s4 * t52;
-    const real t118 = c4 * t115 + t51 * t71;
-    mass_matrix[12 * stride] = -t118;
-    mass_matrix[33 * stride] = -t118;
-    const real t119 = t72 * t116 - t71 * t117;
-    mass_matrix[20 * stride] = t119;
-    mass_matrix[34 * stride] = t119;
+    const real t114 = t104 + t105;
+    mass_matrix[27 * stride] = t114;
+    const real t115 = t114 + t72 * t98 - t73 * t99;
+    mass_matrix[19 * stride] = t115;
+    mass_matrix[26 * stride] = t115;
+    const real t116 = t56 + t57;
+    mass_matrix[36 * stride] = t116;
+    const real t117 = c4 * t53;
+    const real t118 = t9 * t53;
+    const real t119 = c4 * t116 + t52 * t72;
+    mass_matrix[12 * stride] = -t119;
+    mass_matrix[33 * stride] = -t119;
+    const real t120 = t73 * t117 + t72 * t118;
+    mass_matrix[20 * stride] = t120;
+    mass_matrix[34 * stride] = t120;
 
     /* mass matrix of attitude and position */
-    const real t120 = t109 + t110;
-    mass_matrix[18 * stride] = t120;
-    const real t121 = s2 * t108;
-    const real t122 = c2 * t108;
-    mass_matrix[21 * stride] = -t122;
-    mass_matrix[42 * stride] = -t122;
-    const real t123 = s2 * t120 - c2 * t105;
-    mass_matrix[2 * stride] = t123;
-    mass_matrix[16 * stride] = t123;
-    const real t124 = c1 * t107 - s1 * t121;
-    mass_matrix[22 * stride] = t124;
-    mass_matrix[50 * stride] = t124;
-    const real t125 = c1 * t121 + s1 * t107;
-    mass_matrix[23 * stride] = t125;
-    mass_matrix[58 * stride] = t125;
-    const real t126 = t109 + t111;
-    mass_matrix[9 * stride] = t126;
-    const real t127 = c2 * t112 - s2 * t106;
-    mass_matrix[1 * stride] = t127;
-    mass_matrix[8 * stride] = t127;
-    const real t128 = c2 * t52 - s2 * t107;
-    mass_matrix[13 * stride] = t128;
-    mass_matrix[41 * stride] = t128;
-    const real t129 = s2 * t52 + c2 * t107;
-    const real t130 = s2 * (R(2.0) * c2 * t105 - s2 * (t109 - t111));
-    const real t131 = s1 * t129;
-    mass_matrix[14 * stride] = t131;
-    mass_matrix[49 * stride] = t131;
-    const real t132 = c1 * t129;
-    mass_matrix[15 * stride] = -t132;
-    mass_matrix[57 * stride] = -t132;
-    const real t133 = t110 + t111 - t130;
-    mass_matrix[0 * stride] = t133;
-    const real t134 = c1 * t108 - s1 * t128;
-    mass_matrix[7 * stride] = t134;
-    mass_matrix[56 * stride] = t134;
-    const real t135 = c1 * t128 + s1 * t108;
-    mass_matrix[6 * stride] = -t135;
-    mass_matrix[48 * stride] = -t135;
+    const real t121 = t110 + t111;
+    mass_matrix[18 * stride] = t121;
+    const real t122 = s2 * t109;
+    const real t123 = c2 * t109;
+    mass_matrix[21 * stride] = t123;
+    mass_matrix[42 * stride] = t123;
+    const real t124 = s2 * t121 - c2 * t106;
+    mass_matrix[2 * stride] = t124;
+    mass_matrix[16 * stride] = t124;
+    const real t125 = s1 * t122 - t1 * t108;
+    mass_matrix[22 * stride] = t125;
+    mass_matrix[50 * stride] = t125;
+    const real t126 = t1 * t122 + s1 * t108;
+    mass_matrix[23 * stride] = t126;
+    mass_matrix[58 * stride] = t126;
+    const real t127 = t110 + t112;
+    mass_matrix[9 * stride] = t127;
+    const real t128 = c2 * t113 + s2 * t107;
+    mass_matrix[1 * stride] = t128;
+    mass_matrix[8 * stride] = t128;
+    const real t129 = c2 * t53 - s2 * t108;
+    mass_matrix[13 * stride] = t129;
+    mass_matrix[41 * stride] = t129;
+    const real t130 = s2 * t53 + c2 * t108;
+    const real t131 = s2 * (R(2.0) * c2 * t106 - s2 * (t110 - t112));
+    const real t132 = s1 * t130;
+    mass_matrix[14 * stride] = t132;
+    mass_matrix[49 * stride] = t132;
+    const real t133 = t1 * t130;
+    mass_matrix[15 * stride] = t133;
+    mass_matrix[57 * stride] = t133;
+    const real t134 = t111 + t112 - t131;
+    mass_matrix[0 * stride] = t134;
+    const real t135 = t1 * t109 - s1 * t129;
+    mass_matrix[7 * stride] = t135;
+    mass_matrix[56 * stride] = t135;
+    const real t136 = t1 * t129 + s1 * t109;
+    mass_matrix[6 * stride] = t136;
+    mass_matrix[48 * stride] = t136;
 
     /* mass matrix between the joints and attitude and position */
-    const real t136 = s2 * t98;
-    const real t137 = c2 * t98;
-    mass_matrix[29 * stride] = -t137;
-    mass_matrix[43 * stride] = -t137;
-    const real t138 = s2 * t114 - c2 * t99;
-    mass_matrix[3 * stride] = t138;
-    mass_matrix[24 * stride] = t138;
-    const real t139 = c1 * t97 - s1 * t136;
-    mass_matrix[30 * stride] = t139;
-    mass_matrix[51 * stride] = t139;
-    const real t140 = c1 * t136 + s1 * t97;
-    mass_matrix[31 * stride] = t140;
-    mass_matrix[59 * stride] = t140;
-    const real t141 = c2 * t51 + s2 * t116;
-    const real t142 = s2 * t51 - c2 * t116;
-    mass_matrix[37 * stride] = t142;
-    mass_matrix[44 * stride] = t142;
-    const real t143 = c2 * (s4 * t115 + t51 * t72) + s2 * t119;
-    mass_matrix[4 * stride] = t143;
-    mass_matrix[32 * stride] = t143;
-    const real t144 = c1 * t117 + s1 * t141;
-    mass_matrix[38 * stride] = -t144;
-    mass_matrix[52 * stride] = -t144;
-    const real t145 = c1 * t141 - s1 * t117;
-    mass_matrix[39 * stride] = t145;
-    mass_matrix[60 * stride] = t145;
+    const real t137 = s2 * t99;
+    const real t138 = c2 * t99;
+    mass_matrix[29 * stride] = t138;
+    mass_matrix[43 * stride] = t138;
+    const real t139 = s2 * t115 - c2 * t100;
+    mass_matrix[3 * stride] = t139;
+    mass_matrix[24 * stride] = t139;
+    const real t140 = s1 * t137 - t1 * t98;
+    mass_matrix[30 * stride] = t140;
+    mass_matrix[51 * stride] = t140;
+    const real t141 = t1 * t137 + s1 * t98;
+    mass_matrix[31 * stride] = t141;
+    mass_matrix[59 * stride] = t141;
+    const real t142 = c2 * t52 + s2 * t117;
+    const real t143 = s2 * t52 - c2 * t117;
+    mass_matrix[37 * stride] = t143;
+    mass_matrix[44 * stride] = t143;
+    const real t144 = c2 * (t52 * t73 - t9 * t116) + s2 * t120;
+    mass_matrix[4 * stride] = t144;
+    mass_matrix[32 * stride] = t144;
+    const real t145 = t1 * t118 + s1 * t142;
+    mass_matrix[38 * stride] = -t145;
+    mass_matrix[52 * stride] = -t145;
+    const real t146 = s1 * t118 - t1 * t142;
+    mass_matrix[39 * stride] = t146;
+    mass_matrix[60 * stride] = t146;
 }
 
 void
@@ -1007,17 +1023,18 @@ static INLINE void mass_matrix_lane(
 {
     (void)q;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
     const real k49 = constants->k49;
+    const real k50 = constants->k50;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
     const real k54 = constants->k54;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1032,71 +1049,77 @@ static INLINE void mass_matrix_lane(
     mass_matrix[28 * stride] = R(0.0);
     mass_matrix[35 * stride] = R(0.0);
     mass_matrix[40 * stride] = R(0.0);
-    mass_matrix[45 * stride] = k54;
+    mass_matrix[45 * stride] = k50;
     mass_matrix[46 * stride] = R(0.0);
     mass_matrix[47 * stride] = R(0.0);
     mass_matrix[53 * stride] = R(0.0);
-    mass_matrix[54 * stride] = k54;
+    mass_matrix[54 * stride] = k50;
     mass_matrix[55 * stride] = R(0.0);
     mass_matrix[61 * stride] = R(0.0);
     mass_matrix[62 * stride] = R(0.0);
-    mass_matrix[63 * stride] = k54;
+    mass_matrix[63 * stride] = k50;
+
+    /* attitude */
+    const real t1 = -c1;
+
+    /* angles and places of the joints */
+    const real t9 = -s4;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k49 * c5;
-    const real t13 = k49 * s5;
-    const real t14 = s5 * k57;
+    const real t12 = k46 * c5;
+    const real t13 = k46 * s5;
+    const real t14 = k53 * s5;
     const real t15 = s5 * t14;
-    const real t16 = k28 - t15;
-    const real t17 = k34 + t15;
+    const real t16 = k27 - t15;
+    const real t17 = k33 + t15;
     const real t18 = c5 * t14;
 
     /* step from the base to link 1 */
-    const real t19 = c3 * base_arm_length;
-    const real t20 = s3 * base_arm_length;
+    const real t19 = base_arm_length * c3;
+    const real t20 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = s3 * k58;
+    const real t21 = k54 * s3;
     const real t22 = s3 * t21;
 
     /* composite inertia of links 1 and 2, about joint 5 */
     const real t23 = c4 * t12;
-    const real t24 = s4 * t12;
+    const real t24 = t9 * t12;
     const real t25 = c4 * t18;
-    const real t26 = s4 * t18;
-    mass_matrix[11 * stride] = -t26;
-    mass_matrix[25 * stride] = -t26;
-    const real t27 = s4 * (k40 - t16);
-    const real t28 = s4 * t27;
+    const real t26 = t9 * t18;
+    mass_matrix[11 * stride] = t26;
+    mass_matrix[25 * stride] = t26;
+    const real t27 = t9 * (k39 - t16);
+    const real t28 = t9 * t27;
     const real t29 = t16 + t28;
-    const real t30 = k40 - t28;
+    const real t30 = k39 - t28;
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t31 = t19 * t24 + t20 * t23 - c4 * t27;
+    const real t31 = t19 * t24 - c4 * t27 - t20 * t23;
     const real t32 = t25 + t13 * t19;
-    const real t33 = t26 + t13 * t20;
-    mass_matrix[10 * stride] = -t33;
-    mass_matrix[17 * stride] = -t33;
-    const real t34 = c3 * k55 + t23;
-    const real t35 = s3 * k55 + t24;
-    const real t36 = k56 + t22 + t29 + R(2.0) * t23 * t19;
-    const real t37 = k46 + t30 + R(2.0) * t24 * t20 - t22;
-    const real t38 = k47 + t17;
+    const real t33 = t26 - t13 * t20;
+    mass_matrix[10 * stride] = t33;
+    mass_matrix[17 * stride] = t33;
+    const real t34 = k51 * c3 + t23;
+    const real t35 = t24 - k51 * s3;
+    const real t36 = k52 + t22 + t29 + t23 * k49 * c3;
+    const real t37 = k43 + t30 - t22 - t24 * k49 * s3;
+    const real t38 = k44 + t17;
 
     /* mass matrix, columns of the joints carried in to joint 5 */
     const real t39 = t29 + t30;
     mass_matrix[27 * stride] = t39;
-    const real t40 = t39 + t19 * t23 + t20 * t24;
+    const real t40 = t39 + t19 * t23 - t20 * t24;
     mass_matrix[19 * stride] = t40;
     mass_matrix[26 * stride] = t40;
     const real t41 = t16 + t17;
     mass_matrix[36 * stride] = t41;
     const real t42 = c4 * t13;
-    const real t43 = s4 * t13;
+    const real t43 = t9 * t13;
     const real t44 = c4 * t41 + t12 * t19;
     mass_matrix[12 * stride] = -t44;
     mass_matrix[33 * stride] = -t44;
-    const real t45 = t20 * t42 - t19 * t43;
+    const real t45 = t20 * t42 + t19 * t43;
     mass_matrix[20 * stride] = t45;
     mass_matrix[34 * stride] = t45;
 
@@ -1105,20 +1128,20 @@ static INLINE void mass_matrix_lane(
     mass_matrix[18 * stride] = t46;
     const real t47 = s2 * t35;
     const real t48 = c2 * t35;
-    mass_matrix[21 * stride] = -t48;
-    mass_matrix[42 * stride] = -t48;
+    mass_matrix[21 * stride] = t48;
+    mass_matrix[42 * stride] = t48;
     const real t49 = s2 * t46 - c2 * t32;
     mass_matrix[2 * stride] = t49;
     mass_matrix[16 * stride] = t49;
-    const real t50 = c1 * t34 - s1 * t47;
+    const real t50 = s1 * t47 - t1 * t34;
     mass_matrix[22 * stride] = t50;
     mass_matrix[50 * stride] = t50;
-    const real t51 = c1 * t47 + s1 * t34;
+    const real t51 = t1 * t47 + s1 * t34;
     mass_matrix[23 * stride] = t51;
     mass_matrix[58 * stride] = t51;
     const real t52 = t36 + t38;
     mass_matrix[9 * stride] = t52;
-    const real t53 = c2 * (c3 * t21 - t31) - s2 * t33;
+    const real t53 = c2 * (c3 * t21 + t31) + s2 * t33;
     mass_matrix[1 * stride] = t53;
     mass_matrix[8 * stride] = t53;
     const real t54 = c2 * t13 - s2 * t34;
@@ -1129,43 +1152,43 @@ static INLINE void mass_matrix_lane(
     const real t57 = s1 * t55;
     mass_matrix[14 * stride] = t57;
     mass_matrix[49 * stride] = t57;
-    const real t58 = c1 * t55;
-    mass_matrix[15 * stride] = -t58;
-    mass_matrix[57 * stride] = -t58;
+    const real t58 = t1 * t55;
+    mass_matrix[15 * stride] = t58;
+    mass_matrix[57 * stride] = t58;
     const real t59 = t37 + t38 - t56;
     mass_matrix[0 * stride] = t59;
-    const real t60 = c1 * t35 - s1 * t54;
+    const real t60 = t1 * t35 - s1 * t54;
     mass_matrix[7 * stride] = t60;
     mass_matrix[56 * stride] = t60;
-    const real t61 = c1 * t54 + s1 * t35;
-    mass_matrix[6 * stride] = -t61;
-    mass_matrix[48 * stride] = -t61;
+    const real t61 = t1 * t54 + s1 * t35;
+    mass_matrix[6 * stride] = t61;
+    mass_matrix[48 * stride] = t61;
 
     /* mass matrix between the joints and attitude and position */
     const real t62 = s2 * t24;
     const real t63 = c2 * t24;
-    mass_matrix[29 * stride] = -t63;
-    mass_matrix[43 * stride] = -t63;
+    mass_matrix[29 * stride] = t63;
+    mass_matrix[43 * stride] = t63;
     const real t64 = s2 * t40 - c2 * t25;
     mass_matrix[3 * stride] = t64;
     mass_matrix[24 * stride] = t64;
-    const real t65 = c1 * t23 - s1 * t62;
+    const real t65 = s1 * t62 - t1 * t23;
     mass_matrix[30 * stride] = t65;
     mass_matrix[51 * stride] = t65;
-    const real t66 = c1 * t62 + s1 * t23;
+    const real t66 = t1 * t62 + s1 * t23;
     mass_matrix[31 * stride] = t66;
     mass_matrix[59 * stride] = t66;
     const real t67 = c2 * t12 + s2 * t42;
     const real t68 = s2 * t12 - c2 * t42;
     mass_matrix[37 * stride] = t68;
     mass_matrix[44 * stride] = t68;
-    const real t69 = c2 * (s4 * t41 + t12 * t20) + s2 * t45;
+    const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t45;
     mass_matrix[4 * stride] = t69;
     mass_matrix[32 * stride] = t69;
-    const real t70 = c1 * t43 + s1 * t67;
+    const real t70 = t1 * t43 + s1 * t67;
     mass_matrix[38 * stride] = -t70;
     mass_matrix[52 * stride] = -t70;
-    const real t71 = c1 * t67 - s1 * t43;
+    const real t71 = s1 * t43 - t1 * t67;
     mass_matrix[39 * stride] = t71;
     mass_matrix[60 * stride] = t71;
 }
@@ -1269,17 +1292,18 @@ static INLINE void residual_lane(
     (void)q;
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k49 = constants->k49;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
+    const real k54 = constants->k54;
     const real k55 = constants->k55;
     const real k56 = constants->k56;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
-    const real k59 = constants->k59;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -1297,116 +1321,117 @@ static INLINE void residual_lane(
     const real c5 = cosine[4 * stride];
 
     /* motion of the base */
-    const real t12 = s1 * gravity;
-    const real t13 = c1 * gravity;
+    const real t12 = gravity * s1;
+    const real t13 = gravity * c1;
     const real t14 = v_theta_m1 * s2;
     const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_0 * t15;
-    const real t17 = c2 * t13;
-    const real t18 = s2 * t13;
-    const real t19 = t14 * t15;
-    const real t20 = R(2.0) * t16;
-    const real t21 = R(2.0) * v_theta_0 * t14;
-    const real t22 = v_theta_1 + t14;
-    const real t23 = t22 * t22;
-    const real t24 = v_theta_0 * v_theta_0 + t23;
-    const real t25 = t19 - R(2.0) * t22 * t15;
-    const real t26 = t15 * t15 + t23;
-    const real t27 = t21 - R(2.0) * t22 * v_theta_0;
+    const real t16 = v_theta_0 * t14;
+    const real t17 = v_theta_0 * t15;
+    const real t18 = c2 * t13;
+    const real t19 = s2 * t13;
+    const real t20 = t14 * t15;
+    const real t21 = R(2.0) * t17;
+    const real t22 = R(2.0) * t16;
+    const real t23 = v_theta_1 + t14;
+    const real t24 = t23 * t23;
+    const real t25 = v_theta_0 * v_theta_0 + t24;
+    const real t26 = t20 - R(2.0) * t23 * t15;
+    const real t27 = t15 * t15 + t24;
+    const real t28 = t22 - R(2.0) * t23 * v_theta_0;
 
     /* motion of link 1 */
-    const real t28 = c3 * t24;
-    const real t29 = c3 * t20 - s3 * t26;
-    const real t30 = c3 * t25 + s3 * t27;
-    const real t31 = t18 + base_arm_length * t28;
-    const real t32 = t12 + base_arm_length * t29;
-    const real t33 = v_theta_5 + t22;
-    const real t34 = t21 - v_theta_0 * t33;
-    const real t35 = t19 - t15 * t33;
-    const real t36 = c4 * t15 + v_theta_0 * s4;
-    const real t37 = v_theta_0 * c4 - s4 * t15;
-    const real t38 = s4 * t34 + c4 * t35;
-    const real t39 = s4 * t31 + c4 * t32;
-    const real t40 = t33 * t36;
-    const real t41 = t38 - t40;
-    const real t42 = t16 - t36 * t37;
-    const real t43 = s4 * t35 + t33 * t37 - c4 * t34;
-    const real t44 = t38 + t40;
+    const real t29 = c3 * t25;
+    const real t30 = c3 * t21 - s3 * t27;
+    const real t31 = c3 * t26 + s3 * t28;
+    const real t32 = t19 + base_arm_length * t29;
+    const real t33 = t12 + base_arm_length * t30;
+    const real t34 = v_theta_5 + t23;
+    const real t35 = t22 - v_theta_0 * t34;
+    const real t36 = t20 - t15 * t34;
+    const real t37 = c4 * t15 + v_theta_0 * s4;
+    const real t38 = v_theta_0 * c4 - s4 * t15;
+    const real t39 = s4 * t35 + c4 * t36;
+    const real t40 = s4 * t32 + c4 * t33;
+    const real t41 = t34 * t37;
+    const real t42 = t39 - t41;
+    const real t43 = t17 - t37 * t38;
+    const real t44 = s4 * t36 + t34 * t38 - c4 * t35;
+    const real t45 = t39 + t41;
 
     /* motion of link 2 */
-    const real t45 = v_theta_6 - t37;
-    const real t46 = t45 * t45;
-    const real t47 = t33 * t33 + t46;
-    const real t48 = t42 - R(2.0) * t45 * t36;
-    const real t49 = t36 * t36 + t46;
-    const real t50 = t43 + R(2.0) * t45 * t33;
+    const real t46 = v_theta_6 - t38;
+    const real t47 = t46 * t46;
+    const real t48 = t34 * t34 + t47;
+    const real t49 = t43 - R(2.0) * t46 * t37;
+    const real t50 = t37 * t37 + t47;
+    const real t51 = t44 + R(2.0) * t46 * t34;
 
     /* inertia of link 2, turned by the joints */
-    const real t51 = k49 * c5;
-    const real t52 = k49 * s5;
-    const real t53 = s5 * k57;
-    const real t54 = s5 * t53;
-    const real t55 = k28 - t54;
-    const real t56 = k34 + t54;
-    const real t57 = c5 * t53;
+    const real t52 = k46 * c5;
+    const real t53 = k46 * s5;
+    const real t54 = k53 * s5;
+    const real t55 = s5 * t54;
+    const real t56 = k27 - t55;
+    const real t57 = k33 + t55;
+    const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t58 = t39 * t52 + t48 * t57 - t50 * t56;
-    const real t59 = t39 * t51 + t48 * t55 - t50 * t57;
-    const real t60 = (t17 - base_arm_length * t30) * t51;
-    const real t61 = t57 * (t47 - t49);
-    const real t62 = (s4 * t32 - c4 * t31) * t52;
-    const real t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61;
-    residual[4 * stride] = t63;
-    const real t64 = k49 * (s5 * t44 - c5 * t47);
-    const real t65 = k49 * (c5 * t41 + s5 * t49);
-    const real t66 = k49 * (s5 * t50 - c5 * t48);
+    const real t59 = t51 * t57 - t40 * t53 - t49 * t58;
+    const real t60 = t51 * t58 - t40 * t52 - t49 * t56;
+    const real t61 = (t18 - base_arm_length * t31) * t52;
+    const real t62 = t58 * (t48 - t50);
+    const real t63 = (s4 * t33 - c4 * t32) * t53;
+    const real t64 = t63 + t42 * t56 + t45 * t57 - t61 - t62;
+    residual[4 * stride] = t64;
+    const real t65 = k46 * (s5 * t45 - c5 * t48);
+    const real t66 = k46 * (c5 * t42 + s5 * t50);
+    const real t67 = k46 * (s5 * t51 - c5 * t49);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t67 = t58 - k40 * t43;
-    const real t68 = t59 + k40 * t42;
-    residual[3 * stride] = -t68;
-    const real t69 = c4 * t64 + s4 * t66;
-    const real t70 = s4 * t64 - c4 * t66;
+    const real t68 = t59 + k39 * t44;
+    const real t69 = t60 - k39 * t43;
+    residual[3 * stride] = t69;
+    const real t70 = c4 * t65 + s4 * t67;
+    const real t71 = c4 * t67 - s4 * t65;
 
     /* step from the base to link 1 */
-    const real t71 = c3 * base_arm_length;
-    const real t72 = s3 * base_arm_length;
+    const real t72 = base_arm_length * c3;
+    const real t73 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t73 = c3 * k55;
-    const real t74 = s3 * k55;
-    const real t75 = s3 * k58;
-    const real t76 = s3 * t75;
-    const real t77 = k56 + t76;
-    const real t78 = c3 * t75;
+    const real t74 = k51 * c3;
+    const real t75 = k51 * s3;
+    const real t76 = k54 * s3;
+    const real t77 = s3 * t76;
+    const real t78 = k52 + t77;
+    const real t79 = c3 * t76;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t79 = t27 * (k46 - t76);
-    const real t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79;
-    const real t81 = t27 * t78;
-    const real t82 = k47 * t19 + t25 * t77 - t17 * t73 - t81;
-    const real t83 = t78 * (t24 - t26);
-    const real t84 = t12 * t73 + t18 * t74 + t20 * t77 - t83;
-    const real t85 = t69 - k55 * t28;
-    const real t86 = t70 + k55 * t29;
-    const real t87 = t65 + k55 * t30;
-    const real t88 = s4 * t63 + c4 * t67 + t65 * t72 - t80;
-    const real t89 = c4 * t63 + t65 * t71 + t82 - s4 * t67;
-    residual[1 * stride] = -t89;
-    const real t90 = t68 + t70 * t71 + t84 - t69 * t72;
-    residual[2 * stride] = -t90;
+    const real t80 = t28 * (k43 - t77);
+    const real t81 = t18 * t75 + t26 * t79 - k55 * t16 - t80;
+    const real t82 = t26 * t78;
+    const real t83 = t18 * t74 + t28 * t79 - k44 * t20 - t82;
+    const real t84 = t79 * (t25 - t27);
+    const real t85 = t12 * t74 + t19 * t75 + t21 * t78 - t84;
+    const real t86 = k51 * t29 - t70;
+    const real t87 = t71 - k51 * t30;
+    const real t88 = t66 + k51 * t31;
+    const real t89 = c4 * t68 + t81 - s4 * t64 - t66 * t73;
+    const real t90 = t83 - c4 * t64 - s4 * t68 - t66 * t72;
+    residual[1 * stride] = t90;
+    const real t91 = t69 + t71 * t72 + t70 * t73 - t85;
+    residual[2 * stride] = t91;
 
     /* inertia forces on attitude and position */
-    const real t91 = c2 * t87 + s2 * t85;
-    const real t92 = c2 * t85 - s2 * t87;
-    residual[5 * stride] = -t92;
-    const real t93 = s2 * t90 - c2 * t88;
-    residual[0 * stride] = -t93;
-    const real t94 = c1 * t86 + s1 * t91;
-    residual[6 * stride] = -t94;
-    const real t95 = s1 * t86 + k59 - c1 * t91;
-    residual[7 * stride] = -t95;
+    const real t92 = s2 * t86 - c2 * t88;
+    const real t93 = c2 * t86 + s2 * t88;
+    residual[5 * stride] = t93;
+    const real t94 = s2 * t91 - c2 * t89;
+    residual[0 * stride] = t94;
+    const real t95 = c1 * t87 + s1 * t92;
+    residual[6 * stride] = t95;
+    const real t96 = s1 * t87 - c1 * t92 - k56;
+    residual[7 * stride] = t96;
 }
 
 void
@@ -1508,7 +1533,7 @@ static INLINE void input_matrix_lane(
 {
     (void)q;
     const real base_arm_length = constants->base_arm_length;
-    const real k52 = constants->k52;
+    const real k49 = constants->k49;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -1550,33 +1575,35 @@ static INLINE void input_matrix_lane(
     input_matrix[46 * stride] = R(0.0);
     input_matrix[47 * stride] = R(0.0);
 
+    /* composite inertia of the base and links 1 and 2 */
+    const real t7 = k49 * c3;
+    input_matrix[8 * stride] = -t7;
+
     /* thrust direction and generalised forces of motor 1 */
-    const real t7 = s1 * c2;
-    input_matrix[36 * stride] = -t7;
-    input_matrix[38 * stride] = -t7;
-    const real t8 = c1 * c2;
-    input_matrix[42 * stride] = t8;
-    input_matrix[44 * stride] = t8;
+    const real t8 = s1 * c2;
+    input_matrix[36 * stride] = -t8;
+    input_matrix[38 * stride] = -t8;
+    const real t9 = c1 * c2;
+    input_matrix[42 * stride] = t9;
+    input_matrix[44 * stride] = t9;
 
     /* thrust direction and generalised forces of motor 2 */
-    const real t9 = s2 * c3;
-    const real t10 = c2 * c3;
-    input_matrix[31 * stride] = t10;
-    input_matrix[33 * stride] = -t10;
-    const real t11 = s2 * base_arm_length;
-    input_matrix[1 * stride] = t11;
-    input_matrix[3 * stride] = t11;
-    const real t12 = c1 * s3 + s1 * t9;
-    input_matrix[37 * stride] = t12;
-    input_matrix[39 * stride] = -t12;
-    const real t13 = s1 * s3 - c1 * t9;
-    input_matrix[43 * stride] = t13;
-    input_matrix[45 * stride] = -t13;
+    const real t10 = s2 * c3;
+    const real t11 = c2 * c3;
+    input_matrix[31 * stride] = t11;
+    input_matrix[33 * stride] = -t11;
+    const real t12 = base_arm_length * s2;
+    input_matrix[1 * stride] = t12;
+    input_matrix[3 * stride] = t12;
+    const real t13 = c1 * s3 + s1 * t10;
+    input_matrix[37 * stride] = t13;
+    input_matrix[39 * stride] = -t13;
+    const real t14 = s1 * s3 - c1 * t10;
+    input_matrix[43 * stride] = t14;
+    input_matrix[45 * stride] = -t14;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t14 = c3 * k52;
-    input_matrix[8 * stride] = -t14;
-    const real t15 = c2 * s3 * k52;
+    const real t15 = c2 * k49 * s3;
     input_matrix[2 * stride] = t15;
 }
 
@@ -1681,16 +1708,18 @@ static INLINE void forward_dynamics_lane(
     (void)q;
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k49 = constants->k49;
-    const real k54 = constants->k54;
-    const real k57 = constants->k57;
-    const real k65 = constants->k65;
-    const real k67 = constants->k67;
+    const real k50 = constants->k50;
+    const real k53 = constants->k53;
+    const real k55 = constants->k55;
+    const real k61 = constants->k61;
+    const real k62 = constants->k62;
+    const real k63 = constants->k63;
     const real k68 = constants->k68;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
@@ -1717,139 +1746,141 @@ static INLINE void forward_dynamics_lane(
     /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t13;
-    const real t15 = t12 * t13;
-    const real t16 = R(2.0) * v_theta_0 * t12;
-    const real t17 = v_theta_1 + t12;
-    const real t18 = v_theta_0 * t17;
-    const real t19 = t13 * t17;
-    const real t20 = t17 * t17;
+    const real t14 = v_theta_0 * t12;
+    const real t15 = v_theta_0 * t13;
+    const real t16 = t12 * t13;
+    const real t17 = R(2.0) * t14;
+    const real t18 = v_theta_1 + t12;
+    const real t19 = t18 * t18;
 
     /* motion of link 1 */
-    const real t21 = v_theta_5 + t17;
-    const real t22 = t16 - v_theta_0 * t21;
-    const real t23 = t15 - t13 * t21;
-    const real t24 = c4 * t13 + v_theta_0 * s4;
-    const real t25 = v_theta_0 * c4 - s4 * t13;
-    const real t26 = s4 * t22 + c4 * t23;
-    const real t27 = t21 * t24;
-    const real t28 = t26 - t27;
-    const real t29 = t14 - t24 * t25;
-    const real t30 = s4 * t23 + t21 * t25 - c4 * t22;
-    const real t31 = t26 + t27;
+    const real t20 = v_theta_5 + t18;
+    const real t21 = t17 - v_theta_0 * t20;
+    const real t22 = t16 - t13 * t20;
+    const real t23 = c4 * t13 + v_theta_0 * s4;
+    const real t24 = v_theta_0 * c4 - s4 * t13;
+    const real t25 = s4 * t21 + c4 * t22;
+    const real t26 = t20 * t23;
+    const real t27 = t25 - t26;
+    const real t28 = t15 - t23 * t24;
+    const real t29 = s4 * t22 + t20 * t24 - c4 * t21;
+    const real t30 = t25 + t26;
 
     /* motion of link 2 */
-    const real t32 = v_theta_6 - t25;
-    const real t33 = t32 * t32;
-    const real t34 = t21 * t21 + t33;
-    const real t35 = t29 - R(2.0) * t32 * t24;
-    const real t36 = t24 * t24 + t33;
-    const real t37 = t30 + R(2.0) * t32 * t21;
+    const real t31 = v_theta_6 - t24;
+    const real t32 = t31 * t31;
+    const real t33 = t20 * t20 + t32;
+    const real t34 = t28 - R(2.0) * t31 * t23;
+    const real t35 = t23 * t23 + t32;
+    const real t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t38 = k49 * c5;
-    const real t39 = k49 * s5;
-    const real t40 = s5 * k57;
-    const real t41 = s5 * t40;
-    const real t42 = k28 - t41;
-    const real t43 = k34 + t41;
-    const real t44 = c5 * t40;
-
-    /* force and moment of all thrusts */
-    const real t45 = F_1 * base_arm_length - F_3 * base_arm_length;
-    const real t46 = F_2 - F_4;
+    const real t37 = k46 * c5;
+    const real t38 = k46 * s5;
+    const real t39 = k53 * s5;
+    const real t40 = s5 * t39;
+    const real t41 = k27 - t40;
+    const real t42 = k33 + t40;
+    const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t47 = t28 * t42 + t31 * t43 - t44 * (t34 - t36);
+    const real t44 = t43 * (t33 - t35);
+    const real t45 = k46 * (s5 * t30 - c5 * t33);
+    const real t46 = k46 * (c5 * t27 + s5 * t35);
+    const real t47 = k46 * (c5 * t34 - s5 * t36);
+
+    /* force and moment of all thrusts */
+    const real t48 = base_arm_length * (F_1 - F_3);
+    const real t49 = F_2 - F_4;
 
     /* equation of joint 6, its acceleration eliminated */
-    const real t48 = R(1.0) / (t42 + t43);
-    const real t49 = t48 * (tau_6 + t47);
-    const real t50 = t39 * t48;
-    const real t51 = t38 * t48;
-    const real t52 = k49 * (s5 * t31 - c5 * t34) - t39 * t49;
-    const real t53 = k49 * (c5 * t28 + s5 * t36) - t38 * t49;
-    const real t54 = t38 * t50;
-
-    /* articulated inertia and load of links 1 and 2, about joint 5 */
-    const real t55 = k40 * t30 + t37 * t43 - t35 * t44;
+    const real t50 = R(1.0) / (t41 + t42);
+    const real t51 = t50 * (tau_6 + t27 * t41 + t30 * t42 - t44);
+    const real t52 = t38 * t50;
+    const real t53 = t37 * t50;
+    const real t54 = t38 * t51;
+    const real t55 = t37 * t52;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t56 = R(1.0) / (k40 + t42);
-    const real t57 = tau_5 + t37 * t44 - k40 * t29 - t35 * t42;
+    const real t56 = R(1.0) / (k39 + t41);
+    const real t57 = tau_5 + t43 * t36 - t34 * t41 - k39 * t28;
     const real t58 = t56 * t57;
-    const real t59 = t38 * t56;
-    const real t60 = t44 * t56;
-    const real t61 = k49 * (s5 * t37 - c5 * t35) - t38 * t58;
-    const real t62 = t39 - t44 * t59;
+    const real t59 = t37 * t56;
+    const real t60 = t43 * t56;
+    const real t61 = t37 * t58;
+    const real t62 = t38 - t43 * t59;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t63 = c3 * t46;
-    const real t64 = s3 * t46;
-    const real t65 = k47 * t16 + k46 * (t16 - R(2.0) * t17 * v_theta_0);
-    const real t66 = k47 * t15 + k46 * (t15 - R(2.0) * t17 * t13);
-    const real t67 = s3 * t45 - t65;
-    const real t68 = c3 * t45 - t66;
-    const real t69 = F_2 * base_arm_length + F_4 * base_arm_length - R(2.0) * k46 * t14;
-    const real t70 = F_1 + F_3 + t53;
-    const real t71 = t55 + c4 * t67 - t44 * t58 - s4 * t68;
+    const real t63 = c3 * t49;
+    const real t64 = s3 * t49;
+    const real t65 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
+    const real t66 = k43 * (t16 - R(2.0) * t18 * t13);
+    const real t67 = k55 * t14 + t65 - s3 * t48;
+    const real t68 = k44 * t16 + t66 - c3 * t48;
+    const real t69 = s4 * t64;
+    const real t70 = s4 * t68;
+    const real t71 = c4 * t67;
+    const real t72 = F_1 + F_3 + t46 - t37 * t51;
+    const real t73 = t43 * (t34 + t58);
+    const real t74 = t42 * t36 + k39 * t29 + t70 - t71 - t73;
 
     /* acceleration of the base, by LDL^T */
-    const real t72 = R(1.0) / (k40 + t43 + k65 - t44 * t60);
-    const real t73 = t62 * t72;
-    const real t74 = t61 + c4 * t64 - s4 * t63 - t71 * t73;
-    const real t75 = R(1.0) / (k54 - t38 * t59 - t62 * t73);
-    const real t76 = R(1.0) / (k54 - t38 * t51);
-    const real t77 = t54 * t76;
-    const real t78 = t52 + t70 * t77 - c4 * t63 - s4 * t64;
-    const real t79 = R(1.0) / (k54 - t39 * t50 - t54 * t77);
-    const real t80 = t78 * t79;
-    const real t81 = t77 * t80 + t70 * t76;
-    const real t82 = t74 * t75;
-    const real t83 = t73 * t82 - t71 * t72;
-    const real t84 = (tau_6 + c4 * t68 + s4 * t67) * k68;
-    const real t85 = (tau_5 - t69) * k67;
+    const real t75 = R(1.0) / (t42 + k68 - t43 * t60);
+    const real t76 = t62 * t75;
+    const real t77 = t74 * t76;
+    const real t78 = c4 * t64 - s4 * t63 - t47 - t61 - t77;
+    const real t79 = R(1.0) / (k50 - t37 * t59 - t62 * t76);
+    const real t80 = R(1.0) / (k50 - t37 * t53);
+    const real t81 = t55 * t80;
+    const real t82 = t45 + t81 * t72 - c4 * t63 - t69 - t54;
+    const real t83 = R(1.0) / (k50 - t38 * t52 - t55 * t81);
+    const real t84 = t82 * t83;
+    const real t85 = t81 * t84 + t80 * t72;
+    const real t86 = t78 * t79;
+    const real t87 = t76 * t86 - t74 * t75;
+    const real t88 = k63 * (tau_6 - c4 * t68 - s4 * t67);
+    const real t89 = k62 * (base_arm_length * (F_2 + F_4) - tau_5 - k61 * t15);
 
     /* acceleration of joint 5 */
-    const real t86 = t85 + t58 + t60 * t83 - t59 * t82;
-    acceleration[3 * stride] = t86;
+    const real t90 = t58 + t60 * t87 - t89 - t59 * t86;
+    acceleration[3 * stride] = t90;
 
     /* acceleration of joint 6 */
-    const real t87 = t84 + t49 - t50 * t80 - t51 * t81;
-    acceleration[4 * stride] = t87;
+    const real t91 = t51 + t88 - t52 * t84 - t53 * t85;
+    acceleration[4 * stride] = t91;
 
     /* acceleration of the base */
-    const real t88 = c4 * t83 - s4 * t84;
-    const real t89 = c4 * t84 + s4 * t83;
-    acceleration[1 * stride] = t89;
+    const real t92 = c4 * t87 - s4 * t88;
+    const real t93 = c4 * t88 + s4 * t87;
+    acceleration[1 * stride] = t93;
 
     /* acceleration of the origin from that of the base centre */
-    const real t90 = t14 - t85;
-    const real t91 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t14 - t90);
-    const real t92 = s3 * (t13 * t13 + t20) - c3 * (t14 + t90);
-    const real t93 = s3 * (t18 + t18 + t88 - t16);
-    const real t94 = base_arm_length * (c3 * (t19 + t19 - t15 - t89) + t93);
-    const real t95 = c4 * t80 + s4 * t82 - base_arm_length * t91;
-    const real t96 = c4 * t82 + base_arm_length * t92 - s4 * t80;
-    const real t97 = t81 - t94;
+    const real t94 = t15 + t89;
+    const real t95 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t94);
+    const real t96 = s3 * (t13 * t13 + t19) - c3 * (t15 + t94);
+    const real t97 = s3 * (t17 - t92 - R(2.0) * v_theta_0 * t18);
+    const real t98 = c3 * (t16 + t93 - R(2.0) * t13 * t18) + t97;
+    const real t99 = c4 * t84 + s4 * t86 - base_arm_length * t95;
+    const real t100 = c4 * t86 + base_arm_length * t96 - s4 * t84;
+    const real t101 = t85 + base_arm_length * t98;
 
     /* acceleration of the origin, in world axes */
-    const real t98 = c2 * t97 + s2 * t95;
-    const real t99 = s2 * t97 - c2 * t95;
-    acceleration[5 * stride] = t99;
-    const real t100 = c1 * t96 - s1 * t98;
-    acceleration[6 * stride] = t100;
+    const real t102 = c2 * t101 + s2 * t99;
+    const real t103 = s2 * t101 - c2 * t99;
+    acceleration[5 * stride] = t103;
+    const real t104 = c1 * t100 - s1 * t102;
+    acceleration[6 * stride] = t104;
 
     /* accelerations of the attitude angles */
-    const real t101 = R(1.0) / c2;
-    const real t102 = t88 * t101;
-    acceleration[0 * stride] = t102;
-    const real t103 = t85 + s2 * t102;
-    acceleration[2 * stride] = -t103;
+    const real t105 = R(1.0) / c2;
+    const real t106 = t105 * t92;
+    acceleration[0 * stride] = t106;
+    const real t107 = t89 - s2 * t106;
+    acceleration[2 * stride] = t107;
 
     /* acceleration of the origin, in world axes */
-    const real t104 = gravity - c1 * t98 - s1 * t96;
-    acceleration[7 * stride] = -t104;
+    const real t108 = c1 * t102 + s1 * t100 - gravity;
+    acceleration[7 * stride] = t108;
 }
 
 void
@@ -1977,17 +2008,17 @@ static INLINE void inverse_dynamics_lane(
     (void)q;
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k49 = constants->k49;
+    const real k50 = constants->k50;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
     const real k54 = constants->k54;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2035,28 +2066,28 @@ static INLINE void inverse_dynamics_lane(
     const real t27 = t21 * t21 + t25;
 
     /* inertia of link 2, turned by the joints */
-    const real t28 = k49 * c5;
-    const real t29 = k49 * s5;
-    const real t30 = s5 * k57;
+    const real t28 = k46 * c5;
+    const real t29 = k46 * s5;
+    const real t30 = k53 * s5;
     const real t31 = s5 * t30;
-    const real t32 = k28 - t31;
-    const real t33 = k34 + t31;
+    const real t32 = k27 - t31;
+    const real t33 = k33 + t31;
     const real t34 = c5 * t30;
 
     /* inertia forces of link 2, about joint 6 */
     const real t35 = t34 * (t26 - t27);
 
     /* step from the base to link 1 */
-    const real t36 = c3 * base_arm_length;
-    const real t37 = s3 * base_arm_length;
+    const real t36 = base_arm_length * c3;
+    const real t37 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t38 = c3 * k55;
-    const real t39 = s3 * k55;
-    const real t40 = s3 * k58;
+    const real t38 = k51 * c3;
+    const real t39 = k51 * s3;
+    const real t40 = k54 * s3;
     const real t41 = s3 * t40;
-    const real t42 = k56 + t41;
-    const real t43 = k46 - t41;
+    const real t42 = k52 + t41;
+    const real t43 = k43 - t41;
     const real t44 = c3 * t40;
 
     /* inertia forces of the base and links 1 and 2 */
@@ -2097,49 +2128,49 @@ static INLINE void inverse_dynamics_lane(
 
     /* inertia forces of link 2, about joint 6 */
     const real t73 = t34 * t70 + t33 * t72 - t29 * t65;
-    const real t74 = t32 * t70 + t34 * t72 - t28 * t65;
+    const real t74 = t28 * t65 - t32 * t70 - t34 * t72;
     const real t75 = t28 * (t49 + base_arm_length * t60);
     const real t76 = t29 * (c4 * t61 + s4 * t62);
     const real t77 = t35 + t75 + t32 * t69 - t76 - t33 * t71;
     force[4 * stride] = t77;
-    const real t78 = k49 * (c5 * t26 - s5 * t71);
-    const real t79 = k49 * (s5 * t27 - c5 * t69);
-    const real t80 = k49 * (c5 * t70 + s5 * t72);
+    const real t78 = k46 * (c5 * t26 - s5 * t71);
+    const real t79 = k46 * (s5 * t27 - c5 * t69);
+    const real t80 = k46 * (c5 * t70 + s5 * t72);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t81 = t73 + k40 * t67;
-    const real t82 = t74 + k40 * t66;
-    force[3 * stride] = -t82;
+    const real t81 = t73 + k39 * t67;
+    const real t82 = t74 - k39 * t66;
+    force[3 * stride] = t82;
     const real t83 = s4 * t80 - c4 * t78;
     const real t84 = s4 * t78 + c4 * t80;
 
     /* inertia forces of the base and links 1 and 2 */
     const real t85 = t44 * t55;
-    const real t86 = t39 * t49 + t43 * t57 - k47 * t52 - t85;
+    const real t86 = t39 * t49 + t43 * t57 - k44 * t52 - t85;
     const real t87 = t42 * t55;
-    const real t88 = k47 * t51 + t44 * t57 - t38 * t49 - t87;
+    const real t88 = k44 * t51 + t44 * t57 - t38 * t49 - t87;
     const real t89 = t38 * t47;
     const real t90 = t42 * t54;
     const real t91 = t45 + t39 * t50 + t43 * t56 - t89 - t90;
-    const real t92 = t83 - k55 * t58;
-    const real t93 = t84 + k55 * t59;
-    const real t94 = t79 - k55 * t60;
+    const real t92 = t83 - k51 * t58;
+    const real t93 = t84 + k51 * t59;
+    const real t94 = t79 - k51 * t60;
     const real t95 = s4 * t77 + c4 * t81 + t86 - t37 * t79;
     const real t96 = s4 * t81 + t36 * t79 + t88 - c4 * t77;
     force[1 * stride] = t96;
-    const real t97 = t82 + t37 * t83 + t36 * t84 + t91;
-    force[2 * stride] = -t97;
+    const real t97 = t82 - t37 * t83 - t36 * t84 - t91;
+    force[2 * stride] = t97;
 
     /* inertia forces on attitude and position */
     const real t98 = s2 * t92 + c2 * t94;
-    const real t99 = c2 * t95 - s2 * t97;
+    const real t99 = c2 * t95 + s2 * t97;
     force[0 * stride] = t99;
-    const real t100 = c2 * t92 + a_x * k54 - s2 * t94;
+    const real t100 = c2 * t92 + k50 * a_x - s2 * t94;
     force[5 * stride] = t100;
-    const real t101 = s1 * t98 + a_y * k54 - c1 * t93;
+    const real t101 = s1 * t98 + k50 * a_y - c1 * t93;
     force[6 * stride] = t101;
-    const real t102 = c1 * t98 + s1 * t93 - k54 * t46;
-    force[7 * stride] = -t102;
+    const real t102 = k50 * t46 - c1 * t98 - s1 * t93;
+    force[7 * stride] = t102;
 }
 
 void
@@ -2260,20 +2291,21 @@ static INLINE void hybrid_mass_matrix_lane(
 {
     (void)q;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
     const real k49 = constants->k49;
+    const real k50 = constants->k50;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
     const real k54 = constants->k54;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
     const real k57 = constants->k57;
     const real k58 = constants->k58;
-    const real k60 = constants->k60;
-    const real k63 = constants->k63;
-    const real k64 = constants->k64;
+    const real k59 = constants->k59;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2284,80 +2316,83 @@ static INLINE void hybrid_mass_matrix_lane(
     const real c4 = cosine[3 * stride];
     const real s5 = sine[4 * stride];
     const real c5 = cosine[4 * stride];
-    mass_matrix[31 * stride] = k63;
-    mass_matrix[32 * stride] = k64;
-    mass_matrix[33 * stride] = k63;
-    mass_matrix[44 * stride] = k63;
-    mass_matrix[45 * stride] = k63;
+    mass_matrix[31 * stride] = k58;
+    mass_matrix[32 * stride] = k59;
+    mass_matrix[33 * stride] = k58;
+    mass_matrix[44 * stride] = k58;
+    mass_matrix[45 * stride] = k58;
     mass_matrix[53 * stride] = -R(1.0);
-    mass_matrix[58 * stride] = k64;
-    mass_matrix[60 * stride] = k63;
+    mass_matrix[58 * stride] = k59;
+    mass_matrix[60 * stride] = k58;
     mass_matrix[68 * stride] = -R(1.0);
-    mass_matrix[72 * stride] = k63;
-    mass_matrix[75 * stride] = k63;
+    mass_matrix[72 * stride] = k58;
+    mass_matrix[75 * stride] = k58;
     mass_matrix[83 * stride] = -R(1.0);
-    mass_matrix[120 * stride] = k54;
-    mass_matrix[135 * stride] = k54;
-    mass_matrix[150 * stride] = k54;
+    mass_matrix[120 * stride] = k50;
+    mass_matrix[135 * stride] = k50;
+    mass_matrix[150 * stride] = k50;
     mass_matrix[157 * stride] = R(1.0);
     mass_matrix[172 * stride] = R(1.0);
     mass_matrix[187 * stride] = R(1.0);
 
+    /* angles and places of the joints */
+    const real t9 = -s4;
+
     /* inertia of link 2, turned by the joints */
-    const real t12 = k49 * c5;
-    const real t13 = k49 * s5;
-    const real t14 = s5 * k57;
+    const real t12 = k46 * c5;
+    const real t13 = k46 * s5;
+    const real t14 = k53 * s5;
     const real t15 = s5 * t14;
-    const real t16 = k28 - t15;
-    const real t17 = k34 + t15;
+    const real t16 = k27 - t15;
+    const real t17 = k33 + t15;
     const real t18 = c5 * t14;
 
     /* step from the base to link 1 */
-    const real t19 = c3 * base_arm_length;
-    const real t20 = s3 * base_arm_length;
+    const real t19 = base_arm_length * c3;
+    const real t20 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t21 = s3 * k58;
+    const real t21 = k54 * s3;
     const real t22 = s3 * t21;
 
     /* composite inertia of links 1 and 2, about joint 5 */
     const real t23 = c4 * t12;
-    const real t24 = s4 * t12;
+    const real t24 = t9 * t12;
     const real t25 = c4 * t18;
-    const real t26 = s4 * t18;
-    mass_matrix[20 * stride] = -t26;
-    mass_matrix[85 * stride] = -t26;
-    const real t27 = s4 * (k40 - t16);
-    const real t28 = s4 * t27;
+    const real t26 = t9 * t18;
+    mass_matrix[20 * stride] = t26;
+    mass_matrix[85 * stride] = t26;
+    const real t27 = t9 * (k39 - t16);
+    const real t28 = t9 * t27;
     const real t29 = t16 + t28;
-    const real t30 = k40 - t28;
+    const real t30 = k39 - t28;
 
     /* composite inertia of the base and links 1 and 2 */
-    const real t31 = t19 * t24 + t20 * t23 - c4 * t27;
+    const real t31 = t19 * t24 - c4 * t27 - t20 * t23;
     const real t32 = t25 + t13 * t19;
-    const real t33 = t26 + t13 * t20;
-    mass_matrix[16 * stride] = -t33;
-    mass_matrix[29 * stride] = -t33;
-    const real t34 = c3 * k55 + t23;
-    const real t35 = s3 * k55 + t24;
-    const real t36 = k56 + t22 + t29 + R(2.0) * t23 * t19;
-    const real t37 = k46 + t30 + R(2.0) * t24 * t20 - t22;
-    const real t38 = k47 + t17;
+    const real t33 = t26 - t13 * t20;
+    mass_matrix[16 * stride] = t33;
+    mass_matrix[29 * stride] = t33;
+    const real t34 = k51 * c3 + t23;
+    const real t35 = t24 - k51 * s3;
+    const real t36 = k52 + t22 + t29 + t23 * k49 * c3;
+    const real t37 = k43 + t30 - t22 - t24 * k49 * s3;
+    const real t38 = k44 + t17;
 
     /* mass matrix, columns of the joints carried in to joint 5 */
     const real t39 = t29 + t30;
     mass_matrix[90 * stride] = t39;
-    const real t40 = t39 + t19 * t23 + t20 * t24;
+    const real t40 = t39 + t19 * t23 - t20 * t24;
     mass_matrix[34 * stride] = t40;
     mass_matrix[86 * stride] = t40;
     const real t41 = t16 + t17;
     mass_matrix[105 * stride] = t41;
     const real t42 = c4 * t13;
-    const real t43 = s4 * t13;
+    const real t43 = t9 * t13;
     const real t44 = c4 * t41 + t12 * t19;
     mass_matrix[21 * stride] = -t44;
     mass_matrix[99 * stride] = -t44;
-    const real t45 = t20 * t42 - t19 * t43;
+    const real t45 = t20 * t42 + t19 * t43;
     mass_matrix[35 * stride] = t45;
     mass_matrix[100 * stride] = t45;
 
@@ -2366,20 +2401,20 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[30 * stride] = t46;
     const real t47 = s2 * t35;
     const real t48 = c2 * t35;
-    mass_matrix[36 * stride] = -t48;
-    mass_matrix[114 * stride] = -t48;
+    mass_matrix[36 * stride] = t48;
+    mass_matrix[114 * stride] = t48;
     const real t49 = s2 * t46 - c2 * t32;
     mass_matrix[2 * stride] = t49;
     mass_matrix[28 * stride] = t49;
-    const real t50 = c1 * t34 - s1 * t47;
+    const real t50 = c1 * t34 + s1 * t47;
     mass_matrix[37 * stride] = t50;
     mass_matrix[128 * stride] = t50;
-    const real t51 = c1 * t47 + s1 * t34;
+    const real t51 = s1 * t34 - c1 * t47;
     mass_matrix[38 * stride] = t51;
     mass_matrix[142 * stride] = t51;
     const real t52 = t36 + t38;
     mass_matrix[15 * stride] = t52;
-    const real t53 = c2 * (c3 * t21 - t31) - s2 * t33;
+    const real t53 = c2 * (c3 * t21 + t31) + s2 * t33;
     mass_matrix[1 * stride] = t53;
     mass_matrix[14 * stride] = t53;
     const real t54 = c2 * t13 - s2 * t34;
@@ -2395,44 +2430,44 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[141 * stride] = -t58;
     const real t59 = t37 + t38 - t56;
     mass_matrix[0 * stride] = t59;
-    const real t60 = c1 * t35 - s1 * t54;
+    const real t60 = -c1 * t35 - s1 * t54;
     mass_matrix[10 * stride] = t60;
     mass_matrix[140 * stride] = t60;
-    const real t61 = c1 * t54 + s1 * t35;
-    mass_matrix[9 * stride] = -t61;
-    mass_matrix[126 * stride] = -t61;
+    const real t61 = s1 * t35 - c1 * t54;
+    mass_matrix[9 * stride] = t61;
+    mass_matrix[126 * stride] = t61;
 
     /* mass matrix between the joints and attitude and position */
     const real t62 = s2 * t24;
     const real t63 = c2 * t24;
-    mass_matrix[92 * stride] = -t63;
-    mass_matrix[118 * stride] = -t63;
+    mass_matrix[92 * stride] = t63;
+    mass_matrix[118 * stride] = t63;
     const real t64 = s2 * t40 - c2 * t25;
     mass_matrix[6 * stride] = t64;
     mass_matrix[84 * stride] = t64;
-    const real t65 = c1 * t23 - s1 * t62;
+    const real t65 = c1 * t23 + s1 * t62;
     mass_matrix[93 * stride] = t65;
     mass_matrix[132 * stride] = t65;
-    const real t66 = c1 * t62 + s1 * t23;
+    const real t66 = s1 * t23 - c1 * t62;
     mass_matrix[94 * stride] = t66;
     mass_matrix[146 * stride] = t66;
     const real t67 = c2 * t12 + s2 * t42;
     const real t68 = s2 * t12 - c2 * t42;
     mass_matrix[106 * stride] = t68;
     mass_matrix[119 * stride] = t68;
-    const real t69 = c2 * (s4 * t41 + t12 * t20) + s2 * t45;
+    const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t45;
     mass_matrix[7 * stride] = t69;
     mass_matrix[98 * stride] = t69;
-    const real t70 = c1 * t43 + s1 * t67;
-    mass_matrix[107 * stride] = -t70;
-    mass_matrix[133 * stride] = -t70;
-    const real t71 = c1 * t67 - s1 * t43;
+    const real t70 = c1 * t43 - s1 * t67;
+    mass_matrix[107 * stride] = t70;
+    mass_matrix[133 * stride] = t70;
+    const real t71 = c1 * t67 + s1 * t43;
     mass_matrix[108 * stride] = t71;
     mass_matrix[147 * stride] = t71;
 
     /* composite inertia of the base and base arm 2 */
-    const real t72 = s3 * k60;
-    const real t73 = c3 * k60;
+    const real t72 = k57 * s3;
+    const real t73 = k57 * c3;
 
     /* mass matrix, column of joint 2 */
     const real t74 = s2 * t73;
@@ -2441,7 +2476,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[78 * stride] = -t75;
     mass_matrix[115 * stride] = t75;
     mass_matrix[117 * stride] = -t75;
-    const real t76 = s2 * k63;
+    const real t76 = k58 * s2;
     mass_matrix[3 * stride] = t76;
     mass_matrix[5 * stride] = t76;
     mass_matrix[42 * stride] = t76;
@@ -2462,7 +2497,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t80 = c2 * t72;
     mass_matrix[64 * stride] = -t80;
     mass_matrix[116 * stride] = -t80;
-    const real t81 = s2 * k64;
+    const real t81 = k59 * s2;
     mass_matrix[4 * stride] = t81;
     mass_matrix[56 * stride] = t81;
     const real t82 = c1 * t73 - s1 * t79;
@@ -2580,18 +2615,19 @@ static INLINE void hybrid_residual_lane(
     const real base_arm_length = constants->base_arm_length;
     const real k8 = constants->k8;
     const real k14 = constants->k14;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k49 = constants->k49;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
+    const real k54 = constants->k54;
     const real k55 = constants->k55;
     const real k56 = constants->k56;
     const real k57 = constants->k57;
-    const real k58 = constants->k58;
-    const real k59 = constants->k59;
-    const real k60 = constants->k60;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -2612,141 +2648,157 @@ static INLINE void hybrid_residual_lane(
     residual[13 * stride] = R(0.0);
 
     /* motion of the base */
-    const real t12 = s1 * gravity;
-    const real t13 = c1 * gravity;
+    const real t12 = gravity * s1;
+    const real t13 = gravity * c1;
     const real t14 = v_theta_m1 * s2;
     const real t15 = v_theta_m1 * c2;
-    const real t16 = v_theta_0 * t15;
-    const real t17 = c2 * t13;
-    const real t18 = s2 * t13;
-    const real t19 = t14 * t15;
-    const real t20 = R(2.0) * t16;
-    const real t21 = R(2.0) * v_theta_0 * t14;
-    const real t22 = v_theta_1 + t14;
-    const real t23 = t22 * t22;
-    const real t24 = v_theta_0 * v_theta_0 + t23;
-    const real t25 = t19 - R(2.0) * t22 * t15;
-    const real t26 = t15 * t15 + t23;
-    const real t27 = t21 - R(2.0) * t22 * v_theta_0;
+    const real t16 = v_theta_0 * t14;
+    const real t17 = v_theta_0 * t15;
+    const real t18 = c2 * t13;
+    const real t19 = s2 * t13;
+    const real t20 = t14 * t15;
+    const real t21 = R(2.0) * t17;
+    const real t22 = R(2.0) * t16;
+    const real t23 = v_theta_1 + t14;
+    const real t24 = t23 * t23;
+    const real t25 = v_theta_0 * v_theta_0 + t24;
+    const real t26 = t20 - R(2.0) * t23 * t15;
+    const real t27 = t15 * t15 + t24;
+    const real t28 = t22 - R(2.0) * t23 * v_theta_0;
 
     /* motion of link 1 */
-    const real t28 = c3 * t24;
-    const real t29 = c3 * t20 - s3 * t26;
-    const real t30 = c3 * t25 + s3 * t27;
-    const real t31 = t18 + base_arm_length * t28;
-    const real t32 = t12 + base_arm_length * t29;
-    const real t33 = v_theta_5 + t22;
-    const real t34 = t21 - v_theta_0 * t33;
-    const real t35 = t19 - t15 * t33;
-    const real t36 = c4 * t15 + v_theta_0 * s4;
-    const real t37 = v_theta_0 * c4 - s4 * t15;
-    const real t38 = s4 * t34 + c4 * t35;
-    const real t39 = s4 * t31 + c4 * t32;
-    const real t40 = t33 * t36;
-    const real t41 = t38 - t40;
-    const real t42 = t16 - t36 * t37;
-    const real t43 = s4 * t35 + t33 * t37 - c4 * t34;
-    const real t44 = t38 + t40;
+    const real t29 = c3 * t25;
+    const real t30 = s3 * t27 - c3 * t21;
+    const real t31 = c3 * t26 + s3 * t28;
+    const real t32 = t19 + base_arm_length * t29;
+    const real t33 = t12 - base_arm_length * t30;
+    const real t34 = v_theta_5 + t23;
+    const real t35 = t22 - v_theta_0 * t34;
+    const real t36 = t20 - t15 * t34;
+    const real t37 = c4 * t15 + v_theta_0 * s4;
+    const real t38 = v_theta_0 * c4 - s4 * t15;
+    const real t39 = s4 * t35 + c4 * t36;
+    const real t40 = s4 * t32 + c4 * t33;
+    const real t41 = t34 * t37;
+    const real t42 = t39 - t41;
+    const real t43 = t17 - t37 * t38;
+    const real t44 = s4 * t36 + t34 * t38 - c4 * t35;
+    const real t45 = t39 + t41;
 
     /* motion of link 2 */
-    const real t45 = v_theta_6 - t37;
-    const real t46 = t45 * t45;
-    const real t47 = t33 * t33 + t46;
-    const real t48 = t42 - R(2.0) * t45 * t36;
-    const real t49 = t36 * t36 + t46;
-    const real t50 = t43 + R(2.0) * t45 * t33;
+    const real t46 = v_theta_6 - t38;
+    const real t47 = t46 * t46;
+    const real t48 = t34 * t34 + t47;
+    const real t49 = t43 - R(2.0) * t46 * t37;
+    const real t50 = t37 * t37 + t47;
+    const real t51 = R(2.0) * t46 * t34 + t44;
 
     /* inertia of link 2, turned by the joints */
-    const real t51 = k49 * c5;
-    const real t52 = k49 * s5;
-    const real t53 = s5 * k57;
-    const real t54 = s5 * t53;
-    const real t55 = k28 - t54;
-    const real t56 = k34 + t54;
-    const real t57 = c5 * t53;
+    const real t52 = k46 * c5;
+    const real t53 = k46 * s5;
+    const real t54 = k53 * s5;
+    const real t55 = s5 * t54;
+    const real t56 = k27 - t55;
+    const real t57 = k33 + t55;
+    const real t58 = c5 * t54;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t58 = t39 * t52 + t48 * t57 - t50 * t56;
-    const real t59 = t39 * t51 + t48 * t55 - t50 * t57;
-    const real t60 = (t17 - base_arm_length * t30) * t51;
-    const real t61 = t57 * (t47 - t49);
-    const real t62 = (s4 * t32 - c4 * t31) * t52;
-    const real t63 = t62 + t41 * t55 + t44 * t56 - t60 - t61;
-    residual[7 * stride] = t63;
-    const real t64 = k49 * (s5 * t44 - c5 * t47);
-    const real t65 = k49 * (c5 * t41 + s5 * t49);
-    const real t66 = k49 * (s5 * t50 - c5 * t48);
+    const real t59 = (t18 - base_arm_length * t31) * t52;
+    const real t60 = t58 * (t48 - t50);
+    const real t61 = (s4 * t33 - c4 * t32) * t53;
+    const real t62 = t61 + t42 * t56 + t45 * t57 - t59 - t60;
+    residual[7 * stride] = t62;
+    const real t63 = k46 * (s5 * t45 - c5 * t48);
+    const real t64 = k46 * (c5 * t42 + s5 * t50);
+    const real t65 = k46 * (c5 * t49 - s5 * t51);
 
     /* inertia forces of links 1 and 2, about joint 5 */
-    const real t67 = t58 - k40 * t43;
-    const real t68 = t59 + k40 * t42;
-    residual[6 * stride] = -t68;
-    const real t69 = c4 * t64 + s4 * t66;
-    const real t70 = s4 * t64 - c4 * t66;
+    const real t66 = k39 * t44;
+    const real t67 = k39 * t43;
+    const real t68 = t40 * t53 + t49 * t58 - t57 * t51 - t66;
+    const real t69 = t58 * t51 - t40 * t52 - t49 * t56 - t67;
+    residual[6 * stride] = t69;
+    const real t70 = c4 * t63 - s4 * t65;
+    const real t71 = s4 * t63 + c4 * t65;
+    const real t72 = s4 * t62;
+    const real t73 = c4 * t68;
+    const real t74 = c4 * t62;
+    const real t75 = s4 * t68;
 
     /* step from the base to link 1 */
-    const real t71 = c3 * base_arm_length;
-    const real t72 = s3 * base_arm_length;
-
-    /* inertia of the base, turned by the joints */
-    const real t73 = c3 * k55;
-    const real t74 = s3 * k55;
-    const real t75 = s3 * k58;
-    const real t76 = s3 * t75;
-    const real t77 = k56 + t76;
-    const real t78 = c3 * t75;
+    const real t76 = base_arm_length * c3;
+    const real t77 = base_arm_length * s3;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t79 = t27 * (k46 - t76);
-    const real t80 = t17 * t74 + t25 * t78 - k47 * t21 - t79;
-    const real t81 = t27 * t78;
-    const real t82 = k47 * t19 + t25 * t77 - t17 * t73 - t81;
-    const real t83 = t78 * (t24 - t26);
-    const real t84 = t12 * t73 + t18 * t74 + t20 * t77 - t83;
-    const real t85 = t69 - k55 * t28;
-    const real t86 = t70 + k55 * t29;
-    const real t87 = t65 + k55 * t30;
-    const real t88 = s4 * t63 + c4 * t67 + t65 * t72 - t80;
-    const real t89 = c4 * t63 + t65 * t71 + t82 - s4 * t67;
-    residual[1 * stride] = -t89;
-    const real t90 = t68 + t70 * t71 + t84 - t69 * t72;
-    residual[2 * stride] = -t90;
+    const real t78 = t64 * t77;
+    const real t79 = t64 * t76;
+    const real t80 = t76 * t71;
+    const real t81 = t77 * t70;
+
+    /* inertia of the base, turned by the joints */
+    const real t82 = k51 * c3;
+    const real t83 = k51 * s3;
+    const real t84 = k54 * s3;
+    const real t85 = s3 * t84;
+    const real t86 = k52 + t85;
+    const real t87 = c3 * t84;
+
+    /* inertia forces of the base and links 1 and 2 */
+    const real t88 = t18 * t83;
+    const real t89 = t26 * t87;
+    const real t90 = k55 * t16;
+    const real t91 = t28 * (k43 - t85);
+    const real t92 = k44 * t20;
+    const real t93 = t26 * t86;
+    const real t94 = t18 * t82;
+    const real t95 = t28 * t87;
+    const real t96 = t12 * t82;
+    const real t97 = t19 * t83;
+    const real t98 = t21 * t86;
+    const real t99 = t87 * (t25 - t27);
+    const real t100 = k51 * t29 - t70;
+    const real t101 = k51 * t30 - t71;
+    const real t102 = t64 + k51 * t31;
+    const real t103 = t88 + t89 - t72 - t78 - t90 - t91 - t73;
+    const real t104 = t94 + t95 + t75 - t74 - t79 - t92 - t93;
+    residual[1 * stride] = t104;
+    const real t105 = t99 + t69 + t81 - t96 - t97 - t98 - t80;
+    residual[2 * stride] = t105;
 
     /* inertia forces on attitude and position */
-    const real t91 = c2 * t87 + s2 * t85;
-    const real t92 = c2 * t85 - s2 * t87;
-    residual[8 * stride] = -t92;
-    const real t93 = s2 * t90 - c2 * t88;
-    residual[0 * stride] = -t93;
-    const real t94 = c1 * t86 + s1 * t91;
-    residual[9 * stride] = -t94;
-    const real t95 = s1 * t86 + k59 - c1 * t91;
-    residual[10 * stride] = -t95;
+    const real t106 = c2 * t102 - s2 * t100;
+    const real t107 = s2 * t102 + c2 * t100;
+    residual[8 * stride] = t107;
+    const real t108 = s2 * t105 - c2 * t103;
+    residual[0 * stride] = t108;
+    const real t109 = c1 * t101 - s1 * t106;
+    residual[9 * stride] = t109;
+    const real t110 = s1 * t101 + c1 * t106 - k56;
+    residual[10 * stride] = t110;
 
     /* motion of the base */
-    const real t96 = v_theta_0 * c3 - s3 * t15;
-    const real t97 = (c3 * t15 + v_theta_0 * s3) * t96;
-    const real t98 = t16 + t97;
-    const real t99 = t16 - t97;
+    const real t111 = v_theta_0 * c3 - s3 * t15;
+    const real t112 = (c3 * t15 + v_theta_0 * s3) * t111;
+    const real t113 = t17 + t112;
+    const real t114 = t112 - t17;
 
     /* motion of base arm 2 */
-    const real t100 = base_arm_length * (t23 + t96 * t96);
+    const real t115 = base_arm_length * (t24 + t111 * t111);
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t101 = k8 * t99;
-    const real t102 = k14 * t98;
-    const real t103 = k60 * (s3 * t12 - c3 * t18 - t100);
-    const real t104 = t101 + t102 + t103;
-    residual[3 * stride] = -t104;
+    const real t116 = k57 * (c3 * t19 + t115 - s3 * t12);
+    const real t117 = k8 * t114 - k14 * t113;
+    const real t118 = t116 + t117;
+    residual[3 * stride] = t118;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t105 = k60 * (c3 * t12 + s3 * t18 + base_arm_length * t98);
-    const real t106 = k8 * t98 + k14 * t99 + t105;
-    residual[4 * stride] = -t106;
+    const real t119 = k57 * (c3 * t12 + s3 * t19 + base_arm_length * t113);
+    const real t120 = k14 * t114 - k8 * t113 - t119;
+    residual[4 * stride] = t120;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t107 = t101 + t102 - t103;
-    residual[5 * stride] = -t107;
+    const real t121 = t117 - t116;
+    residual[5 * stride] = t121;
 }
 
 void
@@ -2848,7 +2900,7 @@ static INLINE void hybrid_input_matrix_lane(
 {
     (void)q;
     const real base_arm_length = constants->base_arm_length;
-    const real k52 = constants->k52;
+    const real k49 = constants->k49;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -2864,33 +2916,35 @@ static INLINE void hybrid_input_matrix_lane(
     input_matrix[48 * stride] = s2;
     input_matrix[50 * stride] = s2;
 
+    /* composite inertia of the base and links 1 and 2 */
+    const real t7 = k49 * c3;
+    input_matrix[8 * stride] = -t7;
+
     /* thrust direction and generalised forces of motor 1 */
-    const real t7 = s1 * c2;
-    input_matrix[54 * stride] = -t7;
-    input_matrix[56 * stride] = -t7;
-    const real t8 = c1 * c2;
-    input_matrix[60 * stride] = t8;
-    input_matrix[62 * stride] = t8;
+    const real t8 = s1 * c2;
+    input_matrix[54 * stride] = -t8;
+    input_matrix[56 * stride] = -t8;
+    const real t9 = c1 * c2;
+    input_matrix[60 * stride] = t9;
+    input_matrix[62 * stride] = t9;
 
     /* thrust direction and generalised forces of motor 2 */
-    const real t9 = s2 * c3;
-    const real t10 = c2 * c3;
-    input_matrix[49 * stride] = t10;
-    input_matrix[51 * stride] = -t10;
-    const real t11 = s2 * base_arm_length;
-    input_matrix[1 * stride] = t11;
-    input_matrix[3 * stride] = t11;
-    const real t12 = c1 * s3 + s1 * t9;
-    input_matrix[55 * stride] = t12;
-    input_matrix[57 * stride] = -t12;
-    const real t13 = s1 * s3 - c1 * t9;
-    input_matrix[61 * stride] = t13;
-    input_matrix[63 * stride] = -t13;
+    const real t10 = s2 * c3;
+    const real t11 = c2 * c3;
+    input_matrix[49 * stride] = t11;
+    input_matrix[51 * stride] = -t11;
+    const real t12 = base_arm_length * s2;
+    input_matrix[1 * stride] = t12;
+    input_matrix[3 * stride] = t12;
+    const real t13 = c1 * s3 + s1 * t10;
+    input_matrix[55 * stride] = t13;
+    input_matrix[57 * stride] = -t13;
+    const real t14 = s1 * s3 - c1 * t10;
+    input_matrix[61 * stride] = t14;
+    input_matrix[63 * stride] = -t14;
 
     /* thrust direction and generalised forces of motor 3 */
-    const real t14 = c3 * k52;
-    input_matrix[8 * stride] = -t14;
-    const real t15 = c2 * s3 * k52;
+    const real t15 = c2 * k49 * s3;
     input_matrix[2 * stride] = t15;
 }
 
@@ -2999,7 +3053,7 @@ static INLINE void constraint_torques_lane(
     const real base_arm_length = constants->base_arm_length;
     const real k8 = constants->k8;
     const real k14 = constants->k14;
-    const real k60 = constants->k60;
+    const real k57 = constants->k57;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3035,22 +3089,21 @@ static INLINE void constraint_torques_lane(
     const real t17 = t10 - t15;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t18 = k14 * t16;
-    const real t19 = k8 * t17;
-    const real t20 = k60 * (t11 - s3 * t13 - c3 * t14);
+    const real t18 = k57 * (t11 - s3 * t13 - c3 * t14);
 
     /* constraint torque on base arm 2 */
-    const real t21 = F_2 * base_arm_length + t19 + t20 - t18;
-    torque[0 * stride] = -t21;
+    const real t19 = k14 * t16 - k8 * t17;
+    const real t20 = t19 - base_arm_length * F_2 - t18;
+    torque[0 * stride] = t20;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t22 = k60 * (c3 * t13 + base_arm_length * t16 - s3 * t14);
-    const real t23 = k8 * t16 + t22 - k14 * t17;
-    torque[1 * stride] = t23;
+    const real t21 = k57 * (c3 * t13 + base_arm_length * t16 - s3 * t14);
+    const real t22 = k8 * t16 + t21 - k14 * t17;
+    torque[1 * stride] = t22;
 
     /* constraint torque on base arm 4 */
-    const real t24 = F_4 * base_arm_length + t19 - t18 - t20;
-    torque[2 * stride] = -t24;
+    const real t23 = t18 + t19 - base_arm_length * F_4;
+    torque[2 * stride] = t23;
 }
 
 void
@@ -3188,19 +3241,19 @@ static INLINE void gibbs_lane(
     (void)q;
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k19 = constants->k19;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k49 = constants->k49;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
-    const real k70 = constants->k70;
-    const real k71 = constants->k71;
-    const real k72 = constants->k72;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
+    const real k54 = constants->k54;
+    const real k66 = constants->k66;
+    const real k67 = constants->k67;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3228,159 +3281,133 @@ static INLINE void gibbs_lane(
     /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t12;
-    const real t15 = v_theta_0 * t13;
-    const real t16 = v_theta_1 + t12;
-    const real t17 = v_theta_0 * t16;
-    const real t18 = t13 * t16;
-    const real t19 = t16 * t16;
+    const real t14 = v_theta_0 * t13;
+    const real t15 = v_theta_1 + t12;
+    const real t16 = v_theta_0 * t15;
+    const real t17 = t13 * t15;
+    const real t18 = t15 * t15;
 
     /* motion of link 1 */
-    const real t20 = v_theta_5 + t16;
-    const real t21 = c4 * t13 + v_theta_0 * s4;
-    const real t22 = v_theta_0 * c4 - s4 * t13;
-    const real t23 = t21 * t22;
-    const real t24 = t20 * t22;
+    const real t19 = v_theta_5 + t15;
+    const real t20 = c4 * t13 + v_theta_0 * s4;
+    const real t21 = v_theta_0 * c4 - s4 * t13;
+    const real t22 = t20 * t21;
+    const real t23 = t19 * t21;
 
     /* motion of link 2 */
-    const real t25 = v_theta_6 - t22;
+    const real t24 = v_theta_6 - t21;
 
     /* inertia of link 2, turned by the joints */
-    const real t26 = k49 * c5;
-    const real t27 = k49 * s5;
-    const real t28 = s5 * k57;
-    const real t29 = s5 * t28;
-    const real t30 = k28 - t29;
-    const real t31 = k34 + t29;
-    const real t32 = c5 * t28;
+    const real t25 = k46 * c5;
+    const real t26 = k46 * s5;
+    const real t27 = k53 * s5;
+    const real t28 = s5 * t27;
+    const real t29 = k27 - t28;
+    const real t30 = k33 + t28;
+    const real t31 = c5 * t27;
 
     /* inertia of the base, turned by the joints */
-    const real t33 = c3 * k55;
-    const real t34 = s3 * k55;
-    const real t35 = s3 * k58;
-    const real t36 = s3 * t35;
-    const real t37 = k56 + t36;
-    const real t38 = k46 - t36;
-    const real t39 = c3 * t35;
+    const real t32 = k51 * c3;
+    const real t33 = k51 * s3;
+    const real t34 = k54 * s3;
+    const real t35 = s3 * t34;
+    const real t36 = k52 + t35;
+    const real t37 = k43 - t35;
+    const real t38 = c3 * t34;
 
     /* motion of the base */
-    const real t40 = a_z + gravity;
-    const real t41 = a_y * c1 + s1 * t40;
-    const real t42 = c1 * t40 - a_y * s1;
-    const real t43 = a_x * s2 + c2 * t42;
-    const real t44 = a_x * c2 - s2 * t42;
-    const real t45 = a_theta_0 + t12 * t13;
-    const real t46 = t14 + t14 - a_theta_m1 * c2;
-    const real t47 = a_theta_1 + t15 + a_theta_m1 * s2;
-    const real t48 = t17 - t46;
-    const real t49 = t18 - t45;
+    const real t39 = a_z + gravity;
+    const real t40 = a_y * c1 + s1 * t39;
+    const real t41 = c1 * t39 - a_y * s1;
+    const real t42 = a_x * s2 + c2 * t41;
+    const real t43 = a_x * c2 - s2 * t41;
+    const real t44 = a_theta_0 + t12 * t13;
+    const real t45 = R(2.0) * v_theta_0 * t12 - a_theta_m1 * c2;
+    const real t46 = a_theta_1 + t14 + a_theta_m1 * s2;
+    const real t47 = t16 - t45;
+    const real t48 = t17 - t44;
 
     /* motion of link 1 */
-    const real t50 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t47);
-    const real t51 = s3 * (t13 * t13 + t19) - c3 * (t15 + t47);
-    const real t52 = s3 * (R(2.0) * t16 * v_theta_0 - t46);
-    const real t53 = base_arm_length * (c3 * (R(2.0) * t16 * t13 - t45) + t52);
-    const real t54 = t44 - base_arm_length * t50;
-    const real t55 = t41 - base_arm_length * t51;
-    const real t56 = t43 + t53;
-    const real t57 = a_theta_5 + t47;
-    const real t58 = v_theta_0 * t20 - t46;
-    const real t59 = t13 * t20 - t45;
-    const real t60 = c4 * t58 - s4 * t59;
-    const real t61 = c4 * t54 + s4 * t55;
-    const real t62 = c4 * t55 - s4 * t54;
+    const real t49 = c3 * (v_theta_0 * v_theta_0 + t18) - s3 * (t14 - t46);
+    const real t50 = s3 * (t13 * t13 + t18) - c3 * (t14 + t46);
+    const real t51 = s3 * (R(2.0) * t15 * v_theta_0 - t45);
+    const real t52 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t44) + t51);
+    const real t53 = t43 - base_arm_length * t49;
+    const real t54 = t40 - base_arm_length * t50;
+    const real t55 = t42 + t52;
+    const real t56 = a_theta_5 + t46;
+    const real t57 = v_theta_0 * t19 - t45;
+    const real t58 = t13 * t19 - t44;
+    const real t59 = s4 * t58 - c4 * t57;
+    const real t60 = c4 * t53 + s4 * t54;
+    const real t61 = c4 * t54 - s4 * t53;
 
     /* motion of link 2 */
-    const real t63 = a_theta_6 + s4 * t58 + c4 * t59;
-    const real t64 = t20 * t25 + t24 + t60;
-    const real t65 = t21 * t25 + t23 - t57;
+    const real t62 = a_theta_6 + c4 * t58 + s4 * t57;
+    const real t63 = t23 + t19 * t24 - t59;
+    const real t64 = t22 + t20 * t24 - t56;
 
     /* Gibbs function of the base */
-    const real t66 = t48 * t48 * k70;
-    const real t67 = k70 * t49 * t49;
-    const real t68 = t41 * t41 * k71;
-    const real t69 = k71 * t43 * t43;
-    const real t70 = k71 * t44 * t44;
-    const real t71 = R(0.5) * t47 * t37 * t47;
-    const real t72 = R(0.5) * t49 * t37 * t49;
-    const real t73 = R(0.5) * t47 * t38 * t47;
-    const real t74 = R(0.5) * t48 * t38 * t48;
-    const real t75 = t47 * t33 * t41;
-    const real t76 = t48 * t34 * t43;
-    const real t77 = t49 * t33 * t43;
-    const real t78 = t13 * t39;
-    const real t79 = t47 * t13 * t78;
-    const real t80 = t41 * t13 * t13 * t34;
-    const real t81 = t41 * t16 * t16 * t34;
-    const real t82 = t47 * t34 * t44;
-    const real t83 = t44 * t16 * t16 * t33;
-    const real t84 = v_theta_0 * t33;
-    const real t85 = t44 * v_theta_0 * t84;
-    const real t86 = v_theta_0 * t39;
-    const real t87 = t47 * v_theta_0 * t86;
-    const real t88 = t49 * t39 * t48;
-    const real t89 = t41 * t13 * t84;
-    const real t90 = t43 * t16 * t13 * t33;
-    const real t91 = v_theta_0 * t34;
-    const real t92 = t43 * t16 * t91;
-    const real t93 = t44 * t13 * t91;
-    const real t94 = t47 * t13 * v_theta_0 * t37;
-    const real t95 = v_theta_0 * t38;
-    const real t96 = t48 * t16 * t95;
-    const real t97 = t49 * t16 * t13 * t37;
-    const real t98 = k47 * t17 * t48;
-    const real t99 = k47 * t18 * t49;
-    const real t100 = t47 * t13 * t95;
-    const real t101 = t48 * t16 * t78;
-    const real t102 = t49 * t16 * t86;
-    const real t103 = t66 + t67 + t68 + t69 + t70 + t71 + t72 + t73 + t74 + t75 + t76 + t77 + t79 +
-        t89 + t90 + t92 + t93 + t94 + t96 + t97 - t80 - t81 - t82 - t83 - t85 - t87 - t88 - t98 -
-        t99 - t100 - t101 - t102;
-
-    /* Gibbs function of link 1 */
-    const real t104 = k72 * t60 * t60;
-    const real t105 = k40 * t24 * t60;
-    const real t106 = k40 * t23 * t57;
-    const real t107 = t57 * t57 * k72 + t104 + t105 - t106;
+    const real t65 = t15 * t32;
+    const real t66 = v_theta_0 * t32;
+    const real t67 = v_theta_0 * t38;
+    const real t68 = v_theta_0 * t67 * t46;
+    const real t69 = v_theta_0 * t33;
 
     /* Gibbs function of link 2 */
-    const real t108 = R(0.5) * t63 * t30 * t63;
-    const real t109 = R(0.5) * t65 * t30 * t65;
-    const real t110 = R(0.5) * t63 * t31 * t63;
-    const real t111 = R(0.5) * t64 * t31 * t64;
-    const real t112 = t63 * t26 * t56;
-    const real t113 = t20 * t32;
-    const real t114 = t63 * t20 * t113;
-    const real t115 = t65 * t32 * t64;
-    const real t116 = t56 * t21 * t21 * t27;
-    const real t117 = t56 * t25 * t25 * t27;
-    const real t118 = t63 * t27 * t61;
-    const real t119 = t20 * t26;
-    const real t120 = t61 * t20 * t119;
-    const real t121 = t61 * t25 * t25 * t26;
-    const real t122 = t64 * t27 * t62;
-    const real t123 = t65 * t26 * t62;
-    const real t124 = t21 * t32;
-    const real t125 = t63 * t21 * t124;
-    const real t126 = t56 * t21 * t119;
-    const real t127 = t20 * t27;
-    const real t128 = t61 * t21 * t127;
-    const real t129 = t63 * t21 * t20 * t30;
-    const real t130 = t20 * t31;
-    const real t131 = t64 * t25 * t130;
-    const real t132 = t64 * t25 * t124;
-    const real t133 = t65 * t25 * t113;
-    const real t134 = t65 * t25 * t21 * t30;
-    const real t135 = t62 * t25 * t127;
-    const real t136 = t62 * t25 * t21 * t26;
-    const real t137 = t63 * t21 * t130;
-    const real t138 = t108 + t109 + t110 + t111 + t112 + t114 + t115 + t126 + t128 + t129 + t131 +
-        t132 + t133 + t134 - t116 - t117 - t118 - t120 - t121 - t122 - t123 - t125 - t135 - t136 -
-        t137;
+    const real t70 = t63 * t30 * t63;
+    const real t71 = t19 * t31;
+    const real t72 = t19 * t25;
+    const real t73 = t19 * t72 * t60;
+    const real t74 = t24 * t25;
+    const real t75 = t26 * t61 * t63;
+    const real t76 = t19 * t26;
 
     /* sum over the links */
-    const real t139 = t103 + t107 + t138;
-    value[0 * stride] = t139;
+    const real t77 = t48 * t15 * t36;
+    const real t78 = t24 * t29 * t64;
+    const real t79 = t38 * t48;
+    const real t80 = k44 * t16;
+    const real t81 = t24 * t26 * t55;
+    const real t82 = t71 * t64;
+    const real t83 = k44 * t17;
+    const real t84 = t32 * t42 + k19 * t48 - t15 * t67 - t83;
+    const real t85 = t48 * t84;
+    const real t86 = k66 * t43;
+    const real t87 = t15 * t65 + v_theta_0 * t66 + t33 * t46 - t86;
+    const real t88 = t43 * t87;
+    const real t89 = t15 * t15 * t33 - k66 * t40 - t32 * t46;
+    const real t90 = t40 * t89;
+    const real t91 = t62 * (t19 * t71 + t25 * t55 - t26 * t60);
+    const real t92 = t42 * (t15 * t69 + k66 * t42);
+    const real t93 = k67 * (t56 * t56 + t59 * t59);
+    const real t94 = k39 * (t23 * t59 + t22 * t56);
+    const real t95 = t64 * (t25 * t61 - t31 * t63);
+    const real t96 = t46 * t46;
+    const real t97 = t36 * (t48 * t48 + t96);
+    const real t98 = t37 * (t47 * t47 + t96);
+    const real t99 = t40 * (t13 * t33 - t66);
+    const real t100 = (t20 * t26 - t72) * t55;
+    const real t101 = t13 * t38 - v_theta_0 * t37;
+    const real t102 = t15 * t101;
+    const real t103 = t33 * t42 + k19 * t47 - t79 - t80 - t102;
+    const real t104 = t47 * t103;
+    const real t105 = t20 * t31 + t19 * t30;
+    const real t106 = t63 * t105;
+    const real t107 = t81 + t74 * t60 + t76 * t61 - t82 - t106;
+    const real t108 = t24 * t107;
+    const real t109 = t46 * (v_theta_0 * t36 + t101);
+    const real t110 = t42 * t65 + t43 * t69 + t77 + t109 - t99;
+    const real t111 = t13 * t110;
+    const real t112 = t62 * (t19 * t29 - t105);
+    const real t113 = t76 * t60 + t78 + t112 - t74 * t61 - t100;
+    const real t114 = t20 * t113;
+    const real t115 = t62 * (t29 + t30) * t62;
+    const real t116 = t64 * t29 * t64 + t70 + t97 + t98 + t115;
+    const real t117 = R(0.5) * t116;
+    const real t118 = t85 + t91 + t92 + t93 + t104 + t111 + t114 + t117 - t68 - t73 - t75 - t88 -
+        t90 - t94 - t95 - t108;
+    value[0 * stride] = t118;
 }
 
 void
@@ -3503,17 +3530,17 @@ static INLINE void kinetic_energy_lane(
 {
     (void)q;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
+    const real k19 = constants->k19;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k43 = constants->k43;
     const real k46 = constants->k46;
-    const real k49 = constants->k49;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
-    const real k70 = constants->k70;
-    const real k71 = constants->k71;
-    const real k72 = constants->k72;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
+    const real k54 = constants->k54;
+    const real k66 = constants->k66;
+    const real k67 = constants->k67;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -3545,69 +3572,52 @@ static INLINE void kinetic_energy_lane(
     const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
 
     /* inertia of link 2, turned by the joints */
-    const real t17 = k49 * c5;
-    const real t18 = k49 * s5;
-    const real t19 = s5 * k57;
+    const real t17 = k46 * c5;
+    const real t18 = k46 * s5;
+    const real t19 = k53 * s5;
     const real t20 = s5 * t19;
-    const real t21 = k28 - t20;
-    const real t22 = k34 + t20;
 
     /* inertia of the base, turned by the joints */
-    const real t23 = c3 * k55;
-    const real t24 = s3 * k55;
-    const real t25 = s3 * k58;
-    const real t26 = s3 * t25;
-    const real t27 = k56 + t26;
-    const real t28 = k46 - t26;
+    const real t21 = k51 * c3;
+    const real t22 = k51 * s3;
+    const real t23 = k54 * s3;
+    const real t24 = s3 * t23;
+    const real t25 = k52 + t24;
+    const real t26 = k43 - t24;
 
     /* motion of the base */
-    const real t29 = v_y * c1 + v_z * s1;
-    const real t30 = v_z * c1 - v_y * s1;
-    const real t31 = c2 * t30 + v_x * s2;
-    const real t32 = v_x * c2 - s2 * t30;
+    const real t27 = v_y * c1 + v_z * s1;
+    const real t28 = v_z * c1 - v_y * s1;
+    const real t29 = c2 * t28 + v_x * s2;
+    const real t30 = v_x * c2 - s2 * t28;
 
     /* motion of link 1 */
-    const real t33 = t32 - base_arm_length * s3 * t13;
-    const real t34 = t29 + base_arm_length * c3 * t13;
-    const real t35 = t31 - base_arm_length * (v_theta_0 * c3 - s3 * t12);
-    const real t36 = c4 * t34 - s4 * t33;
+    const real t31 = t30 - base_arm_length * s3 * t13;
+    const real t32 = t27 + base_arm_length * c3 * t13;
+    const real t33 = c4 * t32 - s4 * t31;
 
     /* Gibbs function of the base */
-    const real t37 = t12 * t12 * k70;
-    const real t38 = v_theta_0 * v_theta_0 * k70;
-    const real t39 = k71 * t29 * t29;
-    const real t40 = k71 * t31 * t31;
-    const real t41 = k71 * t32 * t32;
-    const real t42 = R(0.5) * t13 * t13 * t27;
-    const real t43 = R(0.5) * v_theta_0 * v_theta_0 * t27;
-    const real t44 = R(0.5) * t12 * t12 * t28;
-    const real t45 = R(0.5) * t13 * t13 * t28;
-    const real t46 = t13 * t23 * t29;
-    const real t47 = t12 * t24 * t31;
-    const real t48 = t12 * v_theta_0 * c3 * t25;
-    const real t49 = v_theta_0 * t23 * t31;
-    const real t50 = t13 * t24 * t32;
-    const real t51 = t37 + t38 + t39 + t40 + t41 + t42 + t43 + t44 + t45 + t46 + t47 + t48 - t49 -
-        t50;
-
-    /* Gibbs function of link 1 */
-    const real t52 = t14 * t14 * k72 + t15 * t15 * k72;
-
-    /* Gibbs function of link 2 */
-    const real t53 = R(0.5) * t14 * t14 * t21;
-    const real t54 = R(0.5) * t16 * t16 * t21;
-    const real t55 = R(0.5) * t15 * t15 * t22;
-    const real t56 = R(0.5) * t16 * t16 * t22;
-    const real t57 = t14 * t17 * t36;
-    const real t58 = t16 * t17 * t35;
-    const real t59 = t15 * t14 * c5 * t19;
-    const real t60 = t15 * t18 * t36;
-    const real t61 = t16 * t18 * (c4 * t33 + s4 * t34);
-    const real t62 = t53 + t54 + t55 + t56 + t57 + t58 - t59 - t60 - t61;
+    const real t34 = t12 * t12 * t26;
 
     /* sum over the links */
-    const real t63 = t51 + t52 + t62;
-    energy[0 * stride] = t63;
+    const real t35 = v_theta_0 * c3 * t23 + k19 * t12 + t22 * t29;
+    const real t36 = t12 * t35;
+    const real t37 = k66 * (t27 * t27 + t29 * t29 + t30 * t30);
+    const real t38 = t15 * c5 * t19 - k67 * t14 - t17 * t33;
+    const real t39 = t14 * t38;
+    const real t40 = v_theta_0 * (k19 * v_theta_0 - t21 * t29);
+    const real t41 = t13 * (t21 * t27 - t22 * t30);
+    const real t42 = t15 * (k67 * t15 - t18 * t33);
+    const real t43 = t17 * (t29 - base_arm_length * (v_theta_0 * c3 - s3 * t12));
+    const real t44 = t16 * (t43 - t18 * (c4 * t31 + s4 * t32));
+    const real t45 = t16 * t16;
+    const real t46 = (k27 - t20) * (t14 * t14 + t45);
+    const real t47 = (k33 + t20) * (t15 * t15 + t45);
+    const real t48 = t13 * t13 * (t25 + t26);
+    const real t49 = v_theta_0 * v_theta_0 * t25 + t34 + t46 + t47 + t48;
+    const real t50 = R(0.5) * t49;
+    const real t51 = t36 + t37 + t40 + t41 + t42 + t44 + t50 - t39;
+    energy[0 * stride] = t51;
 }
 
 void
@@ -3715,9 +3725,9 @@ static INLINE void potential_energy_lane(
     const int stride)
 {
     const real gravity = constants->gravity;
-    const real k49 = constants->k49;
-    const real k54 = constants->k54;
-    const real k55 = constants->k55;
+    const real k46 = constants->k46;
+    const real k50 = constants->k50;
+    const real k51 = constants->k51;
     const real z = q[7 * stride];
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -3731,13 +3741,13 @@ static INLINE void potential_energy_lane(
     const real c5 = cosine[4 * stride];
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k49 * c5;
+    const real t12 = k46 * c5;
 
     /* first moment of mass above Z = 0, and its weight */
-    const real t13 = s2 * (c3 * k55 + c4 * t12);
-    const real t14 = s1 * (s3 * k55 + s4 * t12);
-    const real t15 = c1 * (c2 * k49 * s5 - t13) + t14;
-    const real t16 = gravity * (t15 + z * k54);
+    const real t13 = s2 * (k51 * c3 + c4 * t12);
+    const real t14 = s1 * (k51 * s3 + s4 * t12);
+    const real t15 = c1 * (c2 * k46 * s5 - t13) + t14;
+    const real t16 = gravity * (t15 + k50 * z);
     energy[0 * stride] = t16;
 }
 
@@ -3835,9 +3845,11 @@ static INLINE void gravity_forces_lane(
     const int stride)
 {
     (void)q;
-    const real k49 = constants->k49;
-    const real k55 = constants->k55;
-    const real k59 = constants->k59;
+    const real k46 = constants->k46;
+    const real k51 = constants->k51;
+    const real k56 = constants->k56;
+    const real k64 = constants->k64;
+    const real k65 = constants->k65;
     const real k69 = constants->k69;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
@@ -3851,42 +3863,42 @@ static INLINE void gravity_forces_lane(
     const real c5 = cosine[4 * stride];
     force[5 * stride] = R(0.0);
     force[6 * stride] = R(0.0);
-    force[7 * stride] = -k59;
+    force[7 * stride] = -k56;
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k49 * c5;
+    const real t12 = k46 * c5;
 
     /* composite inertia of links 1 and 2, about joint 5 */
     const real t13 = c4 * t12;
     const real t14 = s4 * t12;
 
     /* centre of mass from the origin */
-    const real t15 = k49 * s5 * k69;
+    const real t15 = k65 * s5;
 
     /* axes of the base */
     const real t16 = c1 * s2;
 
     /* centre of mass from the origin */
-    const real t17 = (c3 * k55 + t13) * k69;
+    const real t17 = k64 * (k51 * c3 + t13);
 
     /* columns of the base */
     const real t18 = c2 * t17 + s2 * t15;
-    const real t19 = s1 * (c2 * t15 - s2 * t17);
-    const real t20 = c1 * (s3 * k55 + t14) * k69 - t19;
+    const real t19 = c1 * k64 * (k51 * s3 + t14);
+    const real t20 = s1 * (c2 * t15 - s2 * t17) - t19;
 
     /* column of joint 6 */
     const real t21 = t15 * (s1 * s4 - c4 * t16);
 
     /* weight at the centre of mass */
-    const real t22 = k59 * t20;
-    force[0 * stride] = -t22;
-    const real t23 = k59 * c1 * t18;
+    const real t22 = k56 * t20;
+    force[0 * stride] = t22;
+    const real t23 = k56 * c1 * t18;
     force[1 * stride] = t23;
-    const real t24 = k59 * (s1 * c2 * t18 + s2 * t20);
-    force[2 * stride] = -t24;
-    const real t25 = k59 * (t14 * k69 * t16 + s1 * t13 * k69);
+    const real t24 = k56 * (s2 * t20 - s1 * c2 * t18);
+    force[2 * stride] = t24;
+    const real t25 = k69 * (s1 * t13 + t14 * t16);
     force[3 * stride] = -t25;
-    const real t26 = k59 * (t21 - c1 * c2 * t12 * k69);
+    const real t26 = k56 * (t21 - c1 * c2 * k65 * c5);
     force[4 * stride] = t26;
 }
 
@@ -4013,8 +4025,8 @@ static INLINE void wrench_forces_lane(
     const real c5 = cosine[4 * stride];
 
     /* step from the base to link 1 */
-    const real t12 = c3 * base_arm_length;
-    const real t13 = s3 * base_arm_length;
+    const real t12 = base_arm_length * c3;
+    const real t13 = base_arm_length * s3;
 
     /* axes of the base */
     const real t14 = s1 * c2;
@@ -4056,13 +4068,13 @@ static INLINE void wrench_forces_lane(
     /* wrench on tip, in the frame of its link */
     const real t43 = W_tip_fx * t30 + W_tip_fy * t31 + W_tip_fz * t32;
     const real t44 = W_tip_fx * t33 + W_tip_fz * t35 - W_tip_fy * t34;
-    const real t45 = W_tip_fy * t28 + W_tip_fz * t29 - W_tip_fx * t27;
+    const real t45 = W_tip_fx * t27 - W_tip_fy * t28 - W_tip_fz * t29;
     const real t46 = W_tip_tx * t30 + W_tip_ty * t31 + W_tip_tz * t32;
     const real t47 = W_tip_tx * t33 + W_tip_tz * t35 - W_tip_ty * t34;
-    const real t48 = W_tip_ty * t28 + W_tip_tz * t29 - W_tip_tx * t27;
-    const real t49 = t47 + link2_length * t45;
-    const real t50 = t48 - link2_length * t44;
-    force[4 * stride] = -t50;
+    const real t48 = W_tip_tx * t27 - W_tip_ty * t28 - W_tip_tz * t29;
+    const real t49 = t47 - link2_length * t45;
+    const real t50 = t48 + link2_length * t44;
+    force[4 * stride] = t50;
 
     /* wrenches carried in to the base */
     const real t51 = c5 * t43 - s5 * t44;
@@ -4070,15 +4082,15 @@ static INLINE void wrench_forces_lane(
     const real t53 = c5 * t46 - s5 * t49;
     const real t54 = s5 * t46 + c5 * t49;
     force[3 * stride] = t54;
-    const real t55 = c4 * t51 - s4 * t45;
-    const real t56 = c4 * t45 + s4 * t51;
-    const real t57 = c4 * t53 + t13 * t52 - s4 * t50;
-    const real t58 = c4 * t50 + s4 * t53 - t12 * t52;
-    const real t59 = t54 + t12 * t56 - t13 * t55;
+    const real t55 = c4 * t51 + s4 * t45;
+    const real t56 = c4 * t45 - s4 * t51;
+    const real t57 = c4 * t53 + s4 * t50 + t13 * t52;
+    const real t58 = c4 * t50 + t12 * t52 - s4 * t53;
+    const real t59 = t54 - t12 * t56 - t13 * t55;
     const real t60 = c3 * t36 + t55 - s3 * t37;
-    const real t61 = s3 * t36 + c3 * t37 + t56;
+    const real t61 = s3 * t36 + c3 * t37 - t56;
     const real t62 = t38 + t52;
-    const real t63 = s3 * t39 + c3 * t42 + t58;
+    const real t63 = s3 * t39 + c3 * t42 - t58;
     force[1 * stride] = t63;
     const real t64 = t41 + base_arm_length * t37 + t59;
     force[2 * stride] = t64;
@@ -4211,16 +4223,18 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     const real gravity = constants->gravity;
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k49 = constants->k49;
-    const real k54 = constants->k54;
-    const real k57 = constants->k57;
-    const real k65 = constants->k65;
-    const real k67 = constants->k67;
+    const real k50 = constants->k50;
+    const real k53 = constants->k53;
+    const real k55 = constants->k55;
+    const real k61 = constants->k61;
+    const real k62 = constants->k62;
+    const real k63 = constants->k63;
     const real k68 = constants->k68;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
@@ -4259,206 +4273,230 @@ static INLINE void forward_dynamics_with_wrenches_lane(
     /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t13;
-    const real t15 = t12 * t13;
-    const real t16 = R(2.0) * v_theta_0 * t12;
-    const real t17 = v_theta_1 + t12;
-    const real t18 = v_theta_0 * t17;
-    const real t19 = t13 * t17;
-    const real t20 = t17 * t17;
+    const real t14 = v_theta_0 * t12;
+    const real t15 = v_theta_0 * t13;
+    const real t16 = t12 * t13;
+    const real t17 = R(2.0) * t14;
+    const real t18 = v_theta_1 + t12;
+    const real t19 = t18 * t18;
 
     /* motion of link 1 */
-    const real t21 = v_theta_5 + t17;
-    const real t22 = t16 - v_theta_0 * t21;
-    const real t23 = t15 - t13 * t21;
-    const real t24 = c4 * t13 + v_theta_0 * s4;
-    const real t25 = v_theta_0 * c4 - s4 * t13;
-    const real t26 = s4 * t22 + c4 * t23;
-    const real t27 = t21 * t24;
-    const real t28 = t26 - t27;
-    const real t29 = t14 - t24 * t25;
-    const real t30 = s4 * t23 + t21 * t25 - c4 * t22;
-    const real t31 = t26 + t27;
+    const real t20 = v_theta_5 + t18;
+    const real t21 = t17 - v_theta_0 * t20;
+    const real t22 = t16 - t13 * t20;
+    const real t23 = c4 * t13 + v_theta_0 * s4;
+    const real t24 = v_theta_0 * c4 - s4 * t13;
+    const real t25 = s4 * t21 + c4 * t22;
+    const real t26 = t20 * t23;
+    const real t27 = t25 - t26;
+    const real t28 = t15 - t23 * t24;
+    const real t29 = s4 * t22 + t20 * t24 - c4 * t21;
+    const real t30 = t25 + t26;
 
     /* motion of link 2 */
-    const real t32 = v_theta_6 - t25;
-    const real t33 = t32 * t32;
-    const real t34 = t21 * t21 + t33;
-    const real t35 = t29 - R(2.0) * t32 * t24;
-    const real t36 = t24 * t24 + t33;
-    const real t37 = t30 + R(2.0) * t32 * t21;
+    const real t31 = v_theta_6 - t24;
+    const real t32 = t31 * t31;
+    const real t33 = t20 * t20 + t32;
+    const real t34 = t28 - R(2.0) * t31 * t23;
+    const real t35 = t23 * t23 + t32;
+    const real t36 = R(2.0) * t31 * t20 + t29;
 
     /* inertia of link 2, turned by the joints */
-    const real t38 = k49 * c5;
-    const real t39 = k49 * s5;
-    const real t40 = s5 * k57;
-    const real t41 = s5 * t40;
-    const real t42 = k28 - t41;
-    const real t43 = k34 + t41;
-    const real t44 = c5 * t40;
+    const real t37 = k46 * c5;
+    const real t38 = k46 * s5;
+    const real t39 = k53 * s5;
+    const real t40 = s5 * t39;
+    const real t41 = k27 - t40;
+    const real t42 = k33 + t40;
+    const real t43 = c5 * t39;
 
     /* articulated inertia and load of link 2, about joint 6 */
-    const real t45 = k49 * (s5 * t31 - c5 * t34);
-    const real t46 = k49 * (c5 * t28 + s5 * t36);
-
-    /* axes of the base */
-    const real t47 = s1 * c2;
-    const real t48 = c1 * c2;
-    const real t49 = c2 * c3;
-
-    /* articulated inertia and load of link 2, about joint 6 */
-    const real t50 = t28 * t42 + t31 * t43 - t44 * (t34 - t36);
-
-    /* equation of joint 6, its acceleration eliminated */
-    const real t51 = R(1.0) / (t42 + t43);
-    const real t52 = t39 * t51;
-    const real t53 = t38 * t51;
-    const real t54 = t38 * t52;
-
-    /* equation of joint 5, its acceleration eliminated */
-    const real t55 = R(1.0) / (k40 + t42);
-    const real t56 = t38 * t55;
-    const real t57 = t44 * t55;
-    const real t58 = t39 - t44 * t56;
-
-    /* articulated inertia and load of the base and links 1 and 2 */
-    const real t59 = k47 * t16 + k46 * (t16 - R(2.0) * t17 * v_theta_0);
-    const real t60 = k47 * t15 + k46 * (t15 - R(2.0) * t17 * t13);
-
-    /* acceleration of the base, by LDL^T */
-    const real t61 = R(1.0) / (k40 + t43 + k65 - t44 * t57);
-    const real t62 = t58 * t61;
-    const real t63 = R(1.0) / (k54 - t38 * t56 - t58 * t62);
-    const real t64 = R(1.0) / (k54 - t38 * t53);
-    const real t65 = t54 * t64;
-    const real t66 = R(1.0) / (k54 - t39 * t52 - t54 * t65);
-
-    /* accelerations of the attitude angles */
-    const real t67 = R(1.0) / c2;
-
-    /* axes of the base */
-    const real t68 = s1 * s2;
-    const real t69 = c1 * s2;
-    const real t70 = c1 * s3 + c3 * t68;
-    const real t71 = s1 * s3 - c3 * t69;
-    const real t72 = c2 * s3;
-    const real t73 = c1 * c3 - s3 * t68;
-    const real t74 = s1 * c3 + s3 * t69;
-
-    /* joint 5 and the axes of link 1 */
-    const real t75 = c2 * c4;
-    const real t76 = c1 * s4 + c4 * t68;
-    const real t77 = s1 * s4 - c4 * t69;
-    const real t78 = c2 * s4;
-    const real t79 = c1 * c4 - s4 * t68;
-    const real t80 = s1 * c4 + s4 * t69;
-
-    /* joint 6 and the axes of link 2 */
-    const real t81 = c5 * t75 + s2 * s5;
-    const real t82 = c5 * t76 - s5 * t47;
-    const real t83 = c5 * t77 + s5 * t48;
-    const real t84 = s2 * c5 - s5 * t75;
-    const real t85 = s5 * t76 + c5 * t47;
-    const real t86 = c5 * t48 - s5 * t77;
-
-    /* wrench on base, in the frame of its link */
-    const real t87 = W_base_fx * t49 + W_base_fy * t70 + W_base_fz * t71;
-    const real t88 = W_base_fy * t73 + W_base_fz * t74 - W_base_fx * t72;
-    const real t89 = W_base_fx * s2 + W_base_fz * t48 - W_base_fy * t47;
-    const real t90 = W_base_tx * t49 + W_base_ty * t70 + W_base_tz * t71;
-    const real t91 = W_base_ty * t73 + W_base_tz * t74 - W_base_tx * t72;
-    const real t92 = W_base_tx * s2 + W_base_tz * t48 - W_base_ty * t47;
-
-    /* wrench on tip, in the frame of its link */
-    const real t93 = W_tip_fx * t81 + W_tip_fy * t82 + W_tip_fz * t83;
-    const real t94 = W_tip_fx * t84 + W_tip_fz * t86 - W_tip_fy * t85;
-    const real t95 = W_tip_fy * t79 + W_tip_fz * t80 - W_tip_fx * t78;
-    const real t96 = W_tip_tx * t81 + W_tip_ty * t82 + W_tip_tz * t83;
-    const real t97 = W_tip_tx * t84 + W_tip_tz * t86 - W_tip_ty * t85;
-    const real t98 = W_tip_ty * t79 + W_tip_tz * t80 - W_tip_tx * t78;
-    const real t99 = t97 + link2_length * t95;
-
-    /* articulated inertia and load of link 2, about joint 6 */
-    const real t100 = c5 * t96 - s5 * t99;
-    const real t101 = s5 * t96 + c5 * t99;
-
-    /* thrusts and wrenches together */
-    const real t102 = F_2 + t87 - F_4;
-    const real t103 = F_1 * base_arm_length + t91 - F_3 * base_arm_length;
-    const real t104 = F_2 * base_arm_length + F_4 * base_arm_length + t92;
-
-    /* articulated inertia and load of link 2, about joint 6 */
-    const real t105 = k49 * (s5 * t37 - c5 * t35) + t95;
-
-    /* equation of joint 6, its acceleration eliminated */
-    const real t106 = t51 * (tau_6 + t50 + link2_length * t94 - t98);
-    const real t107 = t45 + s5 * t94 - c5 * t93 - t39 * t106;
-    const real t108 = t46 + s5 * t93 + c5 * t94 - t38 * t106;
+    const real t44 = t42 * t36;
+    const real t45 = t34 * t41;
+    const real t46 = t43 * t36;
+    const real t47 = t43 * (t33 - t35);
+    const real t48 = t27 * t41;
+    const real t49 = t30 * t42;
+    const real t50 = k46 * (s5 * t30 - c5 * t33);
+    const real t51 = k46 * (c5 * t27 + s5 * t35);
+    const real t52 = k46 * (c5 * t34 - s5 * t36);
 
     /* articulated inertia and load of links 1 and 2, about joint 5 */
-    const real t109 = k40 * t30 + t37 * t43 - t35 * t44 - t100;
-    const real t110 = k40 * t29 + t35 * t42 - t37 * t44 - t101;
+    const real t53 = k39 * t29;
+    const real t54 = k39 * t28;
+
+    /* axes of the base */
+    const real t55 = s1 * c2;
+    const real t56 = c1 * c2;
+    const real t57 = c2 * c3;
+
+    /* equation of joint 6, its acceleration eliminated */
+    const real t58 = R(1.0) / (t41 + t42);
+    const real t59 = t38 * t58;
+    const real t60 = t37 * t58;
+    const real t61 = t37 * t59;
 
     /* equation of joint 5, its acceleration eliminated */
-    const real t111 = t55 * (tau_5 - t110);
+    const real t62 = R(1.0) / (k39 + t41);
+    const real t63 = t37 * t62;
+    const real t64 = t43 * t62;
+    const real t65 = t38 - t43 * t63;
 
     /* articulated inertia and load of the base and links 1 and 2 */
-    const real t112 = s3 * t88 - c3 * t102;
-    const real t113 = c3 * t88 + s3 * t102;
-    const real t114 = t59 + c3 * t90 - s3 * t103;
-    const real t115 = t60 - s3 * t90 - c3 * t103;
-    const real t116 = t105 + s4 * t112 + c4 * t113 - t38 * t111;
-    const real t117 = F_1 + F_3 + t89 + t108;
-    const real t118 = t109 + s4 * t115 - t44 * t111 - c4 * t114;
+    const real t66 = k43 * (t17 - R(2.0) * t18 * v_theta_0);
+    const real t67 = k43 * (t16 - R(2.0) * t18 * t13);
+    const real t68 = k61 * t15;
 
     /* acceleration of the base, by LDL^T */
-    const real t119 = t107 + c4 * t112 + t65 * t117 - s4 * t113;
-    const real t120 = t66 * t119;
-    const real t121 = t65 * t120 + t64 * t117;
-    const real t122 = t63 * (t116 - t62 * t118);
-    const real t123 = t62 * t122 - t61 * t118;
-    const real t124 = k68 * (tau_6 - s4 * t114 - c4 * t115);
-    const real t125 = k67 * (tau_5 + R(2.0) * k46 * t14 - t104);
-
-    /* acceleration of joint 5 */
-    const real t126 = t125 + t111 + t57 * t123 - t56 * t122;
-    acceleration[3 * stride] = t126;
-
-    /* acceleration of joint 6 */
-    const real t127 = t124 + t106 - t52 * t120 - t53 * t121;
-    acceleration[4 * stride] = t127;
-
-    /* acceleration of the base */
-    const real t128 = c4 * t123 - s4 * t124;
-    const real t129 = s4 * t123 + c4 * t124;
-    acceleration[1 * stride] = t129;
-
-    /* acceleration of the origin from that of the base centre */
-    const real t130 = t14 - t125;
-    const real t131 = c3 * (v_theta_0 * v_theta_0 + t20) - s3 * (t14 - t130);
-    const real t132 = s3 * (t13 * t13 + t20) - c3 * (t14 + t130);
-    const real t133 = s3 * (t18 + t18 + t128 - t16);
-    const real t134 = base_arm_length * (c3 * (t19 + t19 - t15 - t129) + t133);
-    const real t135 = c4 * t120 + s4 * t122 - base_arm_length * t131;
-    const real t136 = c4 * t122 + base_arm_length * t132 - s4 * t120;
-    const real t137 = t121 - t134;
-
-    /* acceleration of the origin, in world axes */
-    const real t138 = s2 * t135 + c2 * t137;
-    const real t139 = s2 * t137 - c2 * t135;
-    acceleration[5 * stride] = t139;
-    const real t140 = c1 * t136 - s1 * t138;
-    acceleration[6 * stride] = t140;
+    const real t69 = R(1.0) / (t42 + k68 - t43 * t64);
+    const real t70 = t65 * t69;
+    const real t71 = R(1.0) / (k50 - t37 * t63 - t65 * t70);
+    const real t72 = R(1.0) / (k50 - t37 * t60);
+    const real t73 = t61 * t72;
+    const real t74 = R(1.0) / (k50 - t38 * t59 - t61 * t73);
 
     /* accelerations of the attitude angles */
-    const real t141 = t67 * t128;
-    acceleration[0 * stride] = t141;
-    const real t142 = t125 + s2 * t141;
-    acceleration[2 * stride] = -t142;
+    const real t75 = R(1.0) / c2;
+
+    /* axes of the base */
+    const real t76 = s1 * s2;
+    const real t77 = c1 * s2;
+    const real t78 = c1 * s3 + c3 * t76;
+    const real t79 = s1 * s3 - c3 * t77;
+    const real t80 = c2 * s3;
+    const real t81 = c1 * c3 - s3 * t76;
+    const real t82 = s1 * c3 + s3 * t77;
+
+    /* joint 5 and the axes of link 1 */
+    const real t83 = c2 * c4;
+    const real t84 = c1 * s4 + c4 * t76;
+    const real t85 = s1 * s4 - c4 * t77;
+    const real t86 = c2 * s4;
+    const real t87 = c1 * c4 - s4 * t76;
+    const real t88 = s1 * c4 + s4 * t77;
+
+    /* joint 6 and the axes of link 2 */
+    const real t89 = c5 * t83 + s2 * s5;
+    const real t90 = c5 * t84 - s5 * t55;
+    const real t91 = c5 * t85 + s5 * t56;
+    const real t92 = s2 * c5 - s5 * t83;
+    const real t93 = s5 * t84 + c5 * t55;
+    const real t94 = c5 * t56 - s5 * t85;
+
+    /* wrench on base, in the frame of its link */
+    const real t95 = W_base_fz * t79;
+    const real t96 = W_base_fy * t81 + W_base_fz * t82 - W_base_fx * t80;
+    const real t97 = W_base_fx * s2;
+    const real t98 = W_base_fz * t56;
+    const real t99 = W_base_fy * t55;
+    const real t100 = W_base_tx * t57 + W_base_ty * t78 + W_base_tz * t79;
+    const real t101 = W_base_tz * t56;
+    const real t102 = W_base_ty * t55;
+
+    /* wrench on tip, in the frame of its link */
+    const real t103 = W_tip_fx * t89 + W_tip_fy * t90 + W_tip_fz * t91;
+    const real t104 = W_tip_fx * t92 + W_tip_fz * t94 - W_tip_fy * t93;
+    const real t105 = W_tip_fx * t86 - W_tip_fy * t87 - W_tip_fz * t88;
+    const real t106 = W_tip_tx * t89 + W_tip_ty * t90 + W_tip_tz * t91;
+    const real t107 = W_tip_tx * t86;
+    const real t108 = W_tip_ty * t87;
+    const real t109 = W_tip_tz * t88;
+    const real t110 = link2_length * t105;
+    const real t111 = W_tip_tx * t92 + W_tip_tz * t94 - W_tip_ty * t93 - t110;
+    const real t112 = link2_length * t104;
+
+    /* articulated inertia and load of link 2, about joint 6 */
+    const real t113 = c5 * t103;
+    const real t114 = s5 * t104;
+    const real t115 = s5 * t103;
+    const real t116 = c5 * t104;
+    const real t117 = c5 * t106;
+    const real t118 = s5 * t111;
+    const real t119 = c5 * t111;
+
+    /* thrusts and wrenches together */
+    const real t120 = F_2 + W_base_fx * t57 + W_base_fy * t78 + t95 - F_4;
+    const real t121 = base_arm_length * (F_1 - F_3);
+    const real t122 = W_base_ty * t81 + W_base_tz * t82 + t121 - W_base_tx * t80;
+
+    /* equation of joint 6, its acceleration eliminated */
+    const real t123 = tau_6 + t48 + t49 + t107 + t112 - t47 - t108 - t109;
+    const real t124 = t58 * t123;
+    const real t125 = t38 * t124;
+    const real t126 = t37 * t124;
+
+    /* equation of joint 5, its acceleration eliminated */
+    const real t127 = tau_5 + s5 * t106 + t46 + t119 - t45 - t54;
+    const real t128 = t62 * t127;
+
+    /* articulated inertia and load of the base and links 1 and 2 */
+    const real t129 = s3 * t96 - c3 * t120;
+    const real t130 = c3 * t96 + s3 * t120;
+    const real t131 = k55 * t14 + t66 + c3 * t100 - s3 * t122;
+    const real t132 = k44 * t16 + t67 - s3 * t100 - c3 * t122;
+    const real t133 = s4 * t130;
+    const real t134 = c4 * t129;
+    const real t135 = s4 * t129;
+    const real t136 = c4 * t130;
+    const real t137 = c4 * t131;
+    const real t138 = s4 * t132;
+    const real t139 = F_1 + F_3 + t51 + t97 + t98 + t115 + t116 - t99 - t126;
+    const real t140 = t43 * (t34 + t128);
+    const real t141 = t117 + t137 + t140 - t44 - t53 - t118 - t138;
+    const real t142 = base_arm_length * (F_2 + F_4);
+    const real t143 = W_base_tx * s2 + t101 + t142 - tau_5 - t68 - t102;
+
+    /* acceleration of the base, by LDL^T */
+    const real t144 = t70 * t141;
+    const real t145 = t105 + t52 + t37 * t128 - t135 - t136 - t144;
+    const real t146 = t73 * t139;
+    const real t147 = t50 + t114 + t134 + t146 - t113 - t125 - t133;
+    const real t148 = t74 * t147;
+    const real t149 = t73 * t148 + t72 * t139;
+    const real t150 = t71 * t145;
+    const real t151 = t69 * t141 - t70 * t150;
+    const real t152 = k63 * (tau_6 - s4 * t131 - c4 * t132);
+    const real t153 = k62 * t143;
+
+    /* acceleration of joint 5 */
+    const real t154 = t128 + t63 * t150 + t64 * t151 - t153;
+    acceleration[3 * stride] = t154;
+
+    /* acceleration of joint 6 */
+    const real t155 = t124 + t152 - t59 * t148 - t60 * t149;
+    acceleration[4 * stride] = t155;
+
+    /* acceleration of the base */
+    const real t156 = c4 * t151 - s4 * t152;
+    const real t157 = s4 * t151 + c4 * t152;
+    acceleration[1 * stride] = t157;
+
+    /* acceleration of the origin from that of the base centre */
+    const real t158 = t15 + t153;
+    const real t159 = c3 * (v_theta_0 * v_theta_0 + t19) - s3 * (t15 - t158);
+    const real t160 = s3 * (t13 * t13 + t19) - c3 * (t15 + t158);
+    const real t161 = s3 * (t17 - R(2.0) * v_theta_0 * t18 - t156);
+    const real t162 = c3 * (t16 + t157 - R(2.0) * t13 * t18) + t161;
+    const real t163 = c4 * t148 - s4 * t150 - base_arm_length * t159;
+    const real t164 = base_arm_length * t160 - c4 * t150 - s4 * t148;
+    const real t165 = t149 + base_arm_length * t162;
 
     /* acceleration of the origin, in world axes */
-    const real t143 = gravity - c1 * t138 - s1 * t136;
-    acceleration[7 * stride] = -t143;
+    const real t166 = s2 * t163 + c2 * t165;
+    const real t167 = s2 * t165 - c2 * t163;
+    acceleration[5 * stride] = t167;
+    const real t168 = c1 * t164 - s1 * t166;
+    acceleration[6 * stride] = t168;
+
+    /* accelerations of the attitude angles */
+    const real t169 = t75 * t156;
+    acceleration[0 * stride] = t169;
+    const real t170 = t153 - s2 * t169;
+    acceleration[2 * stride] = t170;
+
+    /* acceleration of the origin, in world axes */
+    const real t171 = c1 * t166 + s1 * t164 - gravity;
+    acceleration[7 * stride] = t171;
 }
 
 void
@@ -4604,14 +4642,14 @@ static INLINE void joint_wrenches_lane(
     const real k8 = constants->k8;
     const real k14 = constants->k14;
     const real k20 = constants->k20;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
-    const real k49 = constants->k49;
-    const real k50 = constants->k50;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k45 = constants->k45;
+    const real k46 = constants->k46;
+    const real k47 = constants->k47;
+    const real k53 = constants->k53;
     const real k57 = constants->k57;
-    const real k60 = constants->k60;
-    const real k61 = constants->k61;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -4642,187 +4680,185 @@ static INLINE void joint_wrenches_lane(
     /* motion of the base */
     const real t12 = v_theta_m1 * s2;
     const real t13 = v_theta_m1 * c2;
-    const real t14 = v_theta_0 * t12;
-    const real t15 = v_theta_0 * t13;
-    const real t16 = v_theta_1 + t12;
-    const real t17 = t16 * t16;
+    const real t14 = v_theta_0 * t13;
+    const real t15 = v_theta_1 + t12;
+    const real t16 = t15 * t15;
 
     /* motion of link 1 */
-    const real t18 = v_theta_5 + t16;
-    const real t19 = c4 * t13 + v_theta_0 * s4;
-    const real t20 = v_theta_0 * c4 - s4 * t13;
-    const real t21 = t18 * t19;
+    const real t17 = v_theta_5 + t15;
+    const real t18 = c4 * t13 + v_theta_0 * s4;
+    const real t19 = v_theta_0 * c4 - s4 * t13;
+    const real t20 = t17 * t18;
 
     /* motion of link 2 */
-    const real t22 = v_theta_6 - t20;
-    const real t23 = t22 * t22;
-    const real t24 = t18 * t18 + t23;
-    const real t25 = t19 * t19 + t23;
+    const real t21 = v_theta_6 - t19;
+    const real t22 = t21 * t21;
+    const real t23 = t17 * t17 + t22;
+    const real t24 = t18 * t18 + t22;
 
     /* inertia of link 2, turned by the joints */
-    const real t26 = k49 * c5;
-    const real t27 = k49 * s5;
-    const real t28 = s5 * k57;
-    const real t29 = s5 * t28;
-    const real t30 = k28 - t29;
-    const real t31 = k34 + t29;
-    const real t32 = c5 * t28;
+    const real t25 = k46 * c5;
+    const real t26 = k46 * s5;
+    const real t27 = k53 * s5;
+    const real t28 = s5 * t27;
+    const real t29 = k27 - t28;
+    const real t30 = k33 + t28;
+    const real t31 = c5 * t27;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t33 = t32 * (t24 - t25);
+    const real t32 = t31 * (t23 - t24);
 
     /* motion of the base */
-    const real t34 = c3 * t13 + v_theta_0 * s3;
-    const real t35 = v_theta_0 * c3 - s3 * t13;
-    const real t36 = t34 * t35;
-    const real t37 = t16 * t34;
-    const real t38 = t16 * t35;
-    const real t39 = t17 + t35 * t35;
+    const real t33 = c3 * t13 + v_theta_0 * s3;
+    const real t34 = v_theta_0 * c3 - s3 * t13;
+    const real t35 = t33 * t34;
+    const real t36 = t15 * t33;
+    const real t37 = t15 * t34;
+    const real t38 = t16 + t34 * t34;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t40 = k60 * (t17 + t34 * t34);
+    const real t39 = k57 * (t16 + t33 * t33);
 
     /* motion of the base */
-    const real t41 = a_z + gravity;
-    const real t42 = a_y * c1 + s1 * t41;
-    const real t43 = c1 * t41 - a_y * s1;
-    const real t44 = a_x * s2 + c2 * t43;
-    const real t45 = a_x * c2 - s2 * t43;
-    const real t46 = a_theta_0 + t12 * t13;
-    const real t47 = t14 + t14 - a_theta_m1 * c2;
-    const real t48 = a_theta_1 + t15 + a_theta_m1 * s2;
-    const real t49 = v_theta_0 * t16 - t47;
-    const real t50 = t13 * t16 - t46;
+    const real t40 = a_z + gravity;
+    const real t41 = a_y * c1 + s1 * t40;
+    const real t42 = c1 * t40 - a_y * s1;
+    const real t43 = a_x * s2 + c2 * t42;
+    const real t44 = a_x * c2 - s2 * t42;
+    const real t45 = a_theta_0 + t12 * t13;
+    const real t46 = R(2.0) * v_theta_0 * t12 - a_theta_m1 * c2;
+    const real t47 = a_theta_1 + t14 + a_theta_m1 * s2;
+    const real t48 = v_theta_0 * t15 - t46;
+    const real t49 = t13 * t15 - t45;
 
     /* motion of link 1 */
-    const real t51 = c3 * (v_theta_0 * v_theta_0 + t17) - s3 * (t15 - t48);
-    const real t52 = s3 * (t13 * t13 + t17) - c3 * (t15 + t48);
-    const real t53 = s3 * (R(2.0) * t16 * v_theta_0 - t47);
-    const real t54 = base_arm_length * (c3 * (R(2.0) * t16 * t13 - t46) + t53);
-    const real t55 = t45 - base_arm_length * t51;
-    const real t56 = t42 - base_arm_length * t52;
-    const real t57 = t44 + t54;
-    const real t58 = v_theta_0 * t18 - t47;
-    const real t59 = t13 * t18 - t46;
-    const real t60 = c4 * t55 + s4 * t56;
-    const real t61 = c4 * t56 - s4 * t55;
-    const real t62 = t19 * t20 - a_theta_5 - t48;
-    const real t63 = t18 * t20 + c4 * t58 - s4 * t59;
+    const real t50 = c3 * (v_theta_0 * v_theta_0 + t16) - s3 * (t14 - t47);
+    const real t51 = s3 * (t13 * t13 + t16) - c3 * (t14 + t47);
+    const real t52 = s3 * (R(2.0) * t15 * v_theta_0 - t46);
+    const real t53 = base_arm_length * (c3 * (R(2.0) * t15 * t13 - t45) + t52);
+    const real t54 = t44 - base_arm_length * t50;
+    const real t55 = t41 - base_arm_length * t51;
+    const real t56 = t43 + t53;
+    const real t57 = v_theta_0 * t17 - t46;
+    const real t58 = t13 * t17 - t45;
+    const real t59 = c4 * t54 + s4 * t55;
+    const real t60 = c4 * t55 - s4 * t54;
+    const real t61 = a_theta_5 + t47 - t18 * t19;
+    const real t62 = t17 * t19 + c4 * t57 - s4 * t58;
 
     /* motion of link 2 */
-    const real t64 = a_theta_6 + s4 * t58 + c4 * t59;
-    const real t65 = t21 + t64;
-    const real t66 = R(2.0) * t22 * t19 + t62;
-    const real t67 = t21 - t64;
-    const real t68 = R(2.0) * t22 * t18 + t63;
+    const real t63 = a_theta_6 + c4 * t58 + s4 * t57;
+    const real t64 = t20 + t63;
+    const real t65 = R(2.0) * t21 * t18 - t61;
+    const real t66 = t20 - t63;
+    const real t67 = R(2.0) * t21 * t17 + t62;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t69 = t27 * t61;
-    const real t70 = t26 * t61;
-    const real t71 = t27 * t60;
-    const real t72 = t31 * t67;
-    const real t73 = t33 + t26 * t57 + t30 * t65 - t71 - t72;
-    wrenches[22 * stride] = -t73;
-    wrenches[29 * stride] = t73;
+    const real t68 = t26 * t60;
+    const real t69 = t31 * t67;
+    const real t70 = t26 * t59;
+    const real t71 = t30 * t66;
+    const real t72 = t32 + t25 * t56 + t29 * t64 - t70 - t71;
+    wrenches[22 * stride] = -t72;
+    wrenches[29 * stride] = t72;
 
     /* motion of the base */
-    const real t74 = c3 * t49 - s3 * t50;
-    const real t75 = s3 * t49 + c3 * t50;
-    const real t76 = t36 + t48;
-    const real t77 = t37 + t75;
-    const real t78 = t36 - t48;
-    const real t79 = t38 + t74;
+    const real t73 = s3 * t49 - c3 * t48;
+    const real t74 = c3 * t49 + s3 * t48;
+    const real t75 = t35 + t47;
+    const real t76 = t36 + t74;
+    const real t77 = t47 - t35;
+    const real t78 = t37 - t73;
 
     /* motion of base arm 2 */
-    const real t80 = base_arm_length * t39 - s3 * t42 - c3 * t45;
-    const real t81 = c3 * t42 + base_arm_length * t76 - s3 * t45;
-    const real t82 = t44 + base_arm_length * t77;
+    const real t79 = s3 * t41 + c3 * t44 - base_arm_length * t38;
+    const real t80 = c3 * t41 + base_arm_length * t75 - s3 * t44;
+    const real t81 = t43 + base_arm_length * t76;
 
     /* inertia forces of base arm 2, about joint 2 */
-    const real t83 = k60 * t78;
-    const real t84 = k61 * t80;
-    const real t85 = k61 * t81;
-    const real t86 = t40 + t85;
-    wrenches[0 * stride] = -t86;
-    const real t87 = k61 * t82;
-    const real t88 = k60 * t79;
-    const real t89 = t87 - t88;
-    wrenches[2 * stride] = t89;
-    const real t90 = k8 * t79;
-    const real t91 = k20 * (t38 - t74);
-    const real t92 = k60 * t82;
-    const real t93 = t91 + t92 - t90;
-    wrenches[4 * stride] = -t93;
-    const real t94 = k20 * (t37 - t75);
-    const real t95 = t94 - k14 * t77;
-    wrenches[3 * stride] = -t95;
-    wrenches[15 * stride] = t95;
-    const real t96 = k14 * t76;
-    const real t97 = k8 * t78;
-    const real t98 = k60 * t80;
+    const real t82 = k57 * t77;
+    const real t83 = k45 * t79;
+    const real t84 = k45 * t80;
+    const real t85 = t39 + t84;
+    wrenches[0 * stride] = -t85;
+    const real t86 = k45 * t81;
+    const real t87 = k57 * t78;
+    const real t88 = t86 - t87;
+    wrenches[2 * stride] = t88;
+    const real t89 = k20 * (t37 + t73);
+    const real t90 = k57 * t81;
+    const real t91 = k8 * t78 - t89;
+    const real t92 = t91 - t90;
+    wrenches[4 * stride] = t92;
+    const real t93 = k20 * (t36 - t74);
+    const real t94 = t93 - k14 * t76;
+    wrenches[3 * stride] = -t94;
+    wrenches[15 * stride] = t94;
+    const real t95 = k57 * t79;
 
     /* wrench through joint 2 */
-    const real t99 = F_2 * base_arm_length + t97 + t98 - t96;
-    wrenches[5 * stride] = -t99;
+    const real t96 = k14 * t75 + k8 * t77;
+    const real t97 = t95 + t96 - base_arm_length * F_2;
+    wrenches[5 * stride] = t97;
 
     /* inertia forces of base arm 3, about joint 3 */
-    const real t100 = k60 * t39 + t84;
-    wrenches[6 * stride] = -t100;
-    const real t101 = t85 + k60 * t76;
-    wrenches[7 * stride] = t101;
-    const real t102 = t91 - k14 * t79;
-    wrenches[9 * stride] = -t102;
-    const real t103 = k8 * t76 + k60 * t81 - k14 * t78;
-    wrenches[11 * stride] = t103;
+    const real t98 = t83 - k57 * t38;
+    wrenches[6 * stride] = t98;
+    const real t99 = t84 + k57 * t75;
+    wrenches[7 * stride] = t99;
+    const real t100 = k14 * t78 - t89;
+    wrenches[9 * stride] = t100;
+    const real t101 = k8 * t75 + k57 * t80 + k14 * t77;
+    wrenches[11 * stride] = t101;
 
     /* inertia forces of base arm 4, about joint 4 */
-    const real t104 = t40 - t85;
-    wrenches[12 * stride] = -t104;
-    const real t105 = t87 + t88;
-    wrenches[14 * stride] = t105;
-    const real t106 = t90 + t92 - t91;
-    wrenches[16 * stride] = -t106;
+    const real t102 = t84 - t39;
+    wrenches[12 * stride] = t102;
+    const real t103 = t86 + t87;
+    wrenches[14 * stride] = t103;
+    const real t104 = t90 + t91;
+    wrenches[16 * stride] = -t104;
 
     /* wrench through joint 4 */
-    const real t107 = F_4 * base_arm_length + t97 - t96 - t98;
-    wrenches[17 * stride] = -t107;
+    const real t105 = t96 - base_arm_length * F_4 - t95;
+    wrenches[17 * stride] = t105;
 
     /* wrench through joint 2 */
-    const real t108 = F_2 + t83 + t84;
-    wrenches[1 * stride] = -t108;
+    const real t106 = t82 + t83 - F_2;
+    wrenches[1 * stride] = t106;
 
     /* wrench through joint 3 */
-    const real t109 = F_3 - t87 - k60 * t77;
-    wrenches[8 * stride] = -t109;
-    const real t110 = F_3 * base_arm_length + t94 - t92 - k8 * t77;
-    wrenches[10 * stride] = t110;
+    const real t107 = t86 + k57 * t76 - F_3;
+    wrenches[8 * stride] = t107;
+    const real t108 = base_arm_length * F_3 + t93 - t90 - k8 * t76;
+    wrenches[10 * stride] = t108;
 
     /* wrench through joint 4 */
-    const real t111 = F_4 + t83 - t84;
-    wrenches[13 * stride] = -t111;
+    const real t109 = t82 - F_4 - t83;
+    wrenches[13 * stride] = t109;
 
     /* inertia forces of link 2, about joint 6 */
-    const real t112 = t27 * t67 + k50 * t60 - t24 * t26;
-    wrenches[18 * stride] = t112;
-    const real t113 = t26 * t65 + k50 * t57 - t25 * t27;
-    wrenches[20 * stride] = t113;
-    const real t114 = t26 * t66 + t27 * t68 - k50 * t61;
-    wrenches[19 * stride] = -t114;
-    wrenches[26 * stride] = t114;
-    const real t115 = t32 * t66 + t31 * t68 + k40 * t63 - t69;
-    wrenches[21 * stride] = t115;
-    const real t116 = t30 * t66 + t32 * t68 + k40 * t62 - t70;
-    wrenches[23 * stride] = -t116;
+    const real t110 = t26 * t66 + k47 * t59 - t23 * t25;
+    wrenches[18 * stride] = t110;
+    const real t111 = t25 * t64 + k47 * t56 - t24 * t26;
+    wrenches[20 * stride] = t111;
+    const real t112 = t25 * t65 + t26 * t67 - k47 * t60;
+    wrenches[19 * stride] = -t112;
+    wrenches[26 * stride] = t112;
+    const real t113 = t31 * t65 + t30 * t67 + k39 * t62 - t68;
+    wrenches[21 * stride] = t113;
+    const real t114 = t25 * t60 + k39 * t61 - t29 * t65 - t69;
+    wrenches[23 * stride] = t114;
 
     /* wrench through joint 6, in its frame */
-    const real t117 = c5 * t112 + s5 * t113;
-    wrenches[24 * stride] = t117;
-    const real t118 = c5 * t113 - s5 * t112;
-    wrenches[25 * stride] = t118;
-    const real t119 = c5 * t115 - s5 * t116;
-    wrenches[27 * stride] = t119;
-    const real t120 = s5 * t115 + c5 * t116;
-    wrenches[28 * stride] = -t120;
+    const real t115 = c5 * t110 + s5 * t111;
+    wrenches[24 * stride] = t115;
+    const real t116 = c5 * t111 - s5 * t110;
+    wrenches[25 * stride] = t116;
+    const real t117 = c5 * t113 + s5 * t114;
+    wrenches[27 * stride] = t117;
+    const real t118 = c5 * t114 - s5 * t113;
+    wrenches[28 * stride] = t118;
 }
 
 void
@@ -4954,7 +4990,7 @@ static INLINE void positions_lane(
 {
     const real base_arm_length = constants->base_arm_length;
     const real link2_length = constants->link2_length;
-    const real k52 = constants->k52;
+    const real k49 = constants->k49;
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -4982,60 +5018,52 @@ static INLINE void positions_lane(
     const real t15 = c1 * s3 + c3 * t13;
     const real t16 = s1 * s3 - c3 * t14;
 
-    /* joint 5 and the axes of link 1 */
-    const real t17 = base_arm_length * t12;
-    const real t18 = base_arm_length * t15;
-    const real t19 = base_arm_length * t16;
-
     /* joint 6 and the axes of link 2 */
-    const real t20 = c5 * (c1 * s4 + c4 * t13);
-    const real t21 = c5 * (s1 * s4 - c4 * t14);
-
-    /* position of tip */
-    const real t22 = t17 + link2_length * (c5 * c2 * c4 + s2 * s5);
+    const real t17 = c5 * (c1 * s4 + c4 * t13);
+    const real t18 = c5 * (s1 * s4 - c4 * t14);
 
     /* base centre and rotors */
-    const real t23 = base_arm_length * c2 * s3;
-    const real t24 = base_arm_length * (c1 * c3 - s3 * t13);
-    const real t25 = base_arm_length * (s1 * c3 + s3 * t14);
+    const real t19 = base_arm_length * c2 * s3;
+    const real t20 = base_arm_length * (c1 * c3 - s3 * t13);
+    const real t21 = base_arm_length * (s1 * c3 + s3 * t14);
 
     /* positions in the world */
-    const real t26 = x + t17;
-    position[3 * stride] = t26;
-    position[18 * stride] = t26;
-    position[21 * stride] = t26;
-    const real t27 = y + t18;
-    position[4 * stride] = t27;
-    position[19 * stride] = t27;
-    position[22 * stride] = t27;
-    const real t28 = z + t19;
-    position[5 * stride] = t28;
-    position[20 * stride] = t28;
-    position[23 * stride] = t28;
-    const real t29 = x + t17 + t23;
-    position[9 * stride] = t29;
-    const real t30 = y + t18 - t24;
-    position[10 * stride] = t30;
-    const real t31 = z + t19 - t25;
-    position[11 * stride] = t31;
-    const real t32 = x + k52 * t12;
-    position[12 * stride] = t32;
-    const real t33 = y + k52 * t15;
-    position[13 * stride] = t33;
-    const real t34 = z + k52 * t16;
-    position[14 * stride] = t34;
-    const real t35 = x + t17 - t23;
-    position[15 * stride] = t35;
-    const real t36 = y + t18 + t24;
-    position[16 * stride] = t36;
-    const real t37 = z + t19 + t25;
-    position[17 * stride] = t37;
-    const real t38 = x + t22;
-    position[24 * stride] = t38;
-    const real t39 = y + t18 + link2_length * (t20 - s5 * s1 * c2);
-    position[25 * stride] = t39;
-    const real t40 = z + t19 + link2_length * (t21 + s5 * c1 * c2);
-    position[26 * stride] = t40;
+    const real t22 = x + base_arm_length * t12;
+    position[3 * stride] = t22;
+    position[18 * stride] = t22;
+    position[21 * stride] = t22;
+    const real t23 = y + base_arm_length * t15;
+    position[4 * stride] = t23;
+    position[19 * stride] = t23;
+    position[22 * stride] = t23;
+    const real t24 = z + base_arm_length * t16;
+    position[5 * stride] = t24;
+    position[20 * stride] = t24;
+    position[23 * stride] = t24;
+    const real t25 = t19 + t22;
+    position[9 * stride] = t25;
+    const real t26 = t23 - t20;
+    position[10 * stride] = t26;
+    const real t27 = t24 - t21;
+    position[11 * stride] = t27;
+    const real t28 = x + k49 * t12;
+    position[12 * stride] = t28;
+    const real t29 = y + k49 * t15;
+    position[13 * stride] = t29;
+    const real t30 = z + k49 * t16;
+    position[14 * stride] = t30;
+    const real t31 = t22 - t19;
+    position[15 * stride] = t31;
+    const real t32 = t20 + t23;
+    position[16 * stride] = t32;
+    const real t33 = t21 + t24;
+    position[17 * stride] = t33;
+    const real t34 = link2_length * (c5 * c2 * c4 + s2 * s5) + t22;
+    position[24 * stride] = t34;
+    const real t35 = link2_length * (t17 - s5 * s1 * c2) + t23;
+    position[25 * stride] = t35;
+    const real t36 = link2_length * (t18 + s5 * c1 * c2) + t24;
+    position[26 * stride] = t36;
 }
 
 void
@@ -5163,8 +5191,8 @@ static INLINE void tip_pose_lane(
     const real t18 = s1 * s4 - c4 * t15;
     const real t19 = c2 * s4;
     pose[2 * stride] = t19;
-    const real t20 = c1 * c4 - s4 * t14;
-    pose[6 * stride] = -t20;
+    const real t20 = s4 * t14 - c1 * c4;
+    pose[6 * stride] = t20;
     const real t21 = s1 * c4 + s4 * t15;
     pose[10 * stride] = -t21;
 
@@ -5339,11 +5367,11 @@ static INLINE void tip_jacobian_lane(
     /* joint 5 and the axes of link 1 */
     const real t16 = base_arm_length * c2 * c3;
     const real t17 = base_arm_length * (c1 * s3 + c3 * t14);
-    const real t18 = base_arm_length * (s1 * s3 - c3 * t15);
+    const real t18 = base_arm_length * (c3 * t15 - s1 * s3);
     const real t19 = c2 * s4;
     jacobian[28 * stride] = t19;
-    const real t20 = c1 * c4 - s4 * t14;
-    jacobian[36 * stride] = -t20;
+    const real t20 = s4 * t14 - c1 * c4;
+    jacobian[36 * stride] = t20;
     const real t21 = s1 * c4 + s4 * t15;
     jacobian[44 * stride] = -t21;
 
@@ -5355,41 +5383,41 @@ static INLINE void tip_jacobian_lane(
     const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
     const real t25 = t17 + link2_length * t22;
     jacobian[16 * stride] = t25;
-    const real t26 = t18 + link2_length * t23;
-    jacobian[8 * stride] = -t26;
+    const real t26 = t18 - link2_length * t23;
+    jacobian[8 * stride] = t26;
 
     /* columns of the base */
-    const real t27 = c1 * t26 - s1 * t25;
-    jacobian[1 * stride] = t27;
+    const real t27 = c1 * t26 + s1 * t25;
+    jacobian[1 * stride] = -t27;
     const real t28 = s1 * t24;
     jacobian[9 * stride] = t28;
     const real t29 = c1 * t24;
     jacobian[17 * stride] = -t29;
-    const real t30 = t13 * t25 + t12 * t26;
-    jacobian[2 * stride] = -t30;
-    const real t31 = t13 * t24 - s2 * t26;
+    const real t30 = t12 * t26 - t13 * t25;
+    jacobian[2 * stride] = t30;
+    const real t31 = t13 * t24 + s2 * t26;
     jacobian[10 * stride] = t31;
     const real t32 = t12 * t24 + s2 * t25;
     jacobian[18 * stride] = t32;
 
     /* column of joint 5 */
-    const real t33 = t16 - t24;
-    const real t34 = t17 - t25;
-    const real t35 = t18 - t26;
-    const real t36 = t13 * t34 + t12 * t35;
+    const real t33 = t24 - t16;
+    const real t34 = t25 - t17;
+    const real t35 = t26 - t18;
+    const real t36 = t12 * t35 - t13 * t34;
     jacobian[3 * stride] = t36;
-    const real t37 = s2 * t35 - t13 * t33;
+    const real t37 = s2 * t35 + t13 * t33;
     jacobian[11 * stride] = t37;
     const real t38 = t12 * t33 + s2 * t34;
-    jacobian[19 * stride] = -t38;
+    jacobian[19 * stride] = t38;
 
     /* column of joint 6 */
-    const real t39 = t20 * t35 - t21 * t34;
+    const real t39 = t21 * t34 - t20 * t35;
     jacobian[4 * stride] = t39;
-    const real t40 = t19 * t35 + t21 * t33;
+    const real t40 = t19 * t35 - t21 * t33;
     jacobian[12 * stride] = t40;
-    const real t41 = t19 * t34 + t20 * t33;
-    jacobian[20 * stride] = -t41;
+    const real t41 = t19 * t34 - t20 * t33;
+    jacobian[20 * stride] = t41;
 }
 
 void
@@ -5534,14 +5562,14 @@ static INLINE void tip_bias_acceleration_lane(
     const real t31 = t28 * t28;
 
     /* acceleration of tip that the base adds */
-    const real t32 = c3 * base_arm_length;
-    const real t33 = s3 * base_arm_length;
+    const real t32 = base_arm_length * c3;
+    const real t33 = base_arm_length * s3;
 
     /* acceleration of tip that link 2 adds */
     const real t34 = link2_length * c5;
     const real t35 = link2_length * s5;
     const real t36 = (t19 * t19 + t31) * t34 - (t24 + t25) * t35;
-    const real t37 = (t24 - t25) * t34 + (t22 * t22 + t31) * t35;
+    const real t37 = (t25 - t24) * t34 - (t22 * t22 + t31) * t35;
     const real t38 = (t27 + R(2.0) * t28 * t19) * t35;
     const real t39 = (t26 - R(2.0) * t28 * t22) * t34 - t38;
 
@@ -5556,12 +5584,12 @@ static INLINE void tip_bias_acceleration_lane(
     const real t45 = (t13 * t13 + t18) * t33;
     const real t46 = t40 + R(2.0) * t14 * t32 - t45;
     const real t47 = (t16 - R(2.0) * t17 * v_theta_0) * t33;
-    const real t48 = t37 + (t15 - R(2.0) * t17 * t13) * t32 + t47;
+    const real t48 = t37 - (t15 - R(2.0) * t17 * t13) * t32 - t47;
 
     /* acceleration of tip in world axes */
-    const real t49 = s2 * t44 - c2 * t48;
-    const real t50 = c2 * t44 + s2 * t48;
-    bias_acceleration[0 * stride] = -t50;
+    const real t49 = s2 * t44 + c2 * t48;
+    const real t50 = s2 * t48 - c2 * t44;
+    bias_acceleration[0 * stride] = t50;
     const real t51 = c1 * t46 - s1 * t49;
     bias_acceleration[1 * stride] = t51;
     const real t52 = c1 * t49 + s1 * t46;
@@ -5725,48 +5753,45 @@ static INLINE void frame_poses_lane(
     poses[9 * stride] = t21;
 
     /* joint 5 and the axes of link 1 */
-    const real t22 = base_arm_length * t14;
-    const real t23 = base_arm_length * t17;
-    const real t24 = base_arm_length * t18;
-    const real t25 = c2 * c4;
-    const real t26 = c1 * s4 + c4 * t15;
-    const real t27 = s1 * s4 - c4 * t16;
-    const real t28 = c2 * s4;
-    poses[18 * stride] = t28;
-    const real t29 = c1 * c4 - s4 * t15;
-    poses[22 * stride] = -t29;
-    const real t30 = s1 * c4 + s4 * t16;
-    poses[26 * stride] = -t30;
+    const real t22 = c2 * c4;
+    const real t23 = c1 * s4 + c4 * t15;
+    const real t24 = s1 * s4 - c4 * t16;
+    const real t25 = c2 * s4;
+    poses[18 * stride] = t25;
+    const real t26 = s4 * t15 - c1 * c4;
+    poses[22 * stride] = t26;
+    const real t27 = s1 * c4 + s4 * t16;
+    poses[26 * stride] = -t27;
 
     /* joint 6 and the axes of link 2 */
-    const real t31 = c5 * t25 + s2 * s5;
-    poses[16 * stride] = t31;
-    const real t32 = c5 * t26 - s5 * t12;
-    poses[20 * stride] = t32;
-    const real t33 = c5 * t27 + s5 * t13;
-    poses[24 * stride] = t33;
-    const real t34 = s2 * c5 - s5 * t25;
-    poses[17 * stride] = t34;
-    const real t35 = s5 * t26 + c5 * t12;
-    poses[21 * stride] = -t35;
-    const real t36 = c5 * t13 - s5 * t27;
-    poses[25 * stride] = t36;
+    const real t28 = c5 * t22 + s2 * s5;
+    poses[16 * stride] = t28;
+    const real t29 = c5 * t23 - s5 * t12;
+    poses[20 * stride] = t29;
+    const real t30 = c5 * t24 + s5 * t13;
+    poses[24 * stride] = t30;
+    const real t31 = s2 * c5 - s5 * t22;
+    poses[17 * stride] = t31;
+    const real t32 = s5 * t23 + c5 * t12;
+    poses[21 * stride] = -t32;
+    const real t33 = c5 * t13 - s5 * t24;
+    poses[25 * stride] = t33;
 
     /* position of base */
-    const real t37 = x + t22;
-    poses[3 * stride] = t37;
-    const real t38 = y + t23;
-    poses[7 * stride] = t38;
-    const real t39 = z + t24;
-    poses[11 * stride] = t39;
+    const real t34 = x + base_arm_length * t14;
+    poses[3 * stride] = t34;
+    const real t35 = y + base_arm_length * t17;
+    poses[7 * stride] = t35;
+    const real t36 = z + base_arm_length * t18;
+    poses[11 * stride] = t36;
 
     /* position of tip */
-    const real t40 = x + t22 + link2_length * t31;
-    poses[19 * stride] = t40;
-    const real t41 = y + t23 + link2_length * t32;
-    poses[23 * stride] = t41;
-    const real t42 = z + t24 + link2_length * t33;
-    poses[27 * stride] = t42;
+    const real t37 = link2_length * t28 + t34;
+    poses[19 * stride] = t37;
+    const real t38 = link2_length * t29 + t35;
+    poses[23 * stride] = t38;
+    const real t39 = link2_length * t30 + t36;
+    poses[27 * stride] = t39;
 }
 
 void
@@ -5907,12 +5932,12 @@ static INLINE void frame_jacobians_lane(
     const real t16 = base_arm_length * c2 * c3;
     const real t17 = base_arm_length * (c1 * s3 + c3 * t14);
     jacobians[16 * stride] = t17;
-    const real t18 = base_arm_length * (s1 * s3 - c3 * t15);
-    jacobians[8 * stride] = -t18;
+    const real t18 = base_arm_length * (c3 * t15 - s1 * s3);
+    jacobians[8 * stride] = t18;
     const real t19 = c2 * s4;
     jacobians[76 * stride] = t19;
-    const real t20 = c1 * c4 - s4 * t14;
-    jacobians[84 * stride] = -t20;
+    const real t20 = s4 * t14 - c1 * c4;
+    jacobians[84 * stride] = t20;
     const real t21 = s1 * c4 + s4 * t15;
     jacobians[92 * stride] = -t21;
 
@@ -5924,52 +5949,52 @@ static INLINE void frame_jacobians_lane(
     const real t24 = t16 + link2_length * (c5 * c2 * c4 + s2 * s5);
     const real t25 = t17 + link2_length * t22;
     jacobians[64 * stride] = t25;
-    const real t26 = t18 + link2_length * t23;
-    jacobians[56 * stride] = -t26;
+    const real t26 = t18 - link2_length * t23;
+    jacobians[56 * stride] = t26;
 
     /* columns of the base */
-    const real t27 = c1 * t26 - s1 * t25;
+    const real t27 = -c1 * t26 - s1 * t25;
     jacobians[49 * stride] = t27;
     const real t28 = s1 * t24;
     jacobians[57 * stride] = t28;
     const real t29 = c1 * t24;
     jacobians[65 * stride] = -t29;
-    const real t30 = t13 * t25 + t12 * t26;
-    jacobians[50 * stride] = -t30;
-    const real t31 = t13 * t24 - s2 * t26;
+    const real t30 = t12 * t26 - t13 * t25;
+    jacobians[50 * stride] = t30;
+    const real t31 = t13 * t24 + s2 * t26;
     jacobians[58 * stride] = t31;
     const real t32 = t12 * t24 + s2 * t25;
     jacobians[66 * stride] = t32;
 
     /* column of joint 5 */
-    const real t33 = t16 - t24;
-    const real t34 = t17 - t25;
-    const real t35 = t18 - t26;
-    const real t36 = t13 * t34 + t12 * t35;
+    const real t33 = t24 - t16;
+    const real t34 = t25 - t17;
+    const real t35 = t26 - t18;
+    const real t36 = t12 * t35 - t13 * t34;
     jacobians[51 * stride] = t36;
-    const real t37 = s2 * t35 - t13 * t33;
+    const real t37 = s2 * t35 + t13 * t33;
     jacobians[59 * stride] = t37;
     const real t38 = t12 * t33 + s2 * t34;
-    jacobians[67 * stride] = -t38;
+    jacobians[67 * stride] = t38;
 
     /* column of joint 6 */
-    const real t39 = t20 * t35 - t21 * t34;
+    const real t39 = t21 * t34 - t20 * t35;
     jacobians[52 * stride] = t39;
-    const real t40 = t19 * t35 + t21 * t33;
+    const real t40 = t19 * t35 - t21 * t33;
     jacobians[60 * stride] = t40;
-    const real t41 = t19 * t34 + t20 * t33;
-    jacobians[68 * stride] = -t41;
+    const real t41 = t19 * t34 - t20 * t33;
+    jacobians[68 * stride] = t41;
 
     /* columns of the base */
-    const real t42 = c1 * t18 - s1 * t17;
-    jacobians[1 * stride] = t42;
+    const real t42 = c1 * t18 + s1 * t17;
+    jacobians[1 * stride] = -t42;
     const real t43 = s1 * t16;
     jacobians[9 * stride] = t43;
     const real t44 = c1 * t16;
     jacobians[17 * stride] = -t44;
-    const real t45 = t13 * t17 + t12 * t18;
-    jacobians[2 * stride] = -t45;
-    const real t46 = t13 * t16 - s2 * t18;
+    const real t45 = t12 * t18 - t13 * t17;
+    jacobians[2 * stride] = t45;
+    const real t46 = t13 * t16 + s2 * t18;
     jacobians[10 * stride] = t46;
     const real t47 = t12 * t16 + s2 * t17;
     jacobians[18 * stride] = t47;
@@ -6111,8 +6136,8 @@ static INLINE void frame_velocities_lane(
     const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
 
     /* motion of base in world axes */
-    const real t17 = c3 * base_arm_length;
-    const real t18 = s3 * base_arm_length;
+    const real t17 = base_arm_length * c3;
+    const real t18 = base_arm_length * s3;
 
     /* axes of the base */
     const real t19 = s1 * c2;
@@ -6170,8 +6195,8 @@ static INLINE void frame_velocities_lane(
     velocities[8 * stride] = t48;
     const real t49 = t15 * t25 + s2 * t14 + t16 * t28;
     velocities[9 * stride] = t49;
-    const real t50 = t14 * t19 + t16 * t29 - t15 * t26;
-    velocities[10 * stride] = -t50;
+    const real t50 = t15 * t26 - t14 * t19 - t16 * t29;
+    velocities[10 * stride] = t50;
     const real t51 = t15 * t27 + t14 * t20 - t16 * t30;
     velocities[11 * stride] = t51;
 }
@@ -6314,14 +6339,14 @@ static INLINE void frame_bias_accelerations_lane(
     const real t20 = t15 - t13 * t18;
     const real t21 = t18 * t18;
     const real t22 = v_theta_0 * v_theta_0 + t21;
-    const real t23 = t15 - R(2.0) * t18 * t13;
+    const real t23 = R(2.0) * t18 * t13 - t15;
     const real t24 = t13 * t13 + t21;
     const real t25 = t17 - R(2.0) * t18 * v_theta_0;
 
     /* motion of link 1 */
     const real t26 = base_arm_length * c3 * t22;
     const real t27 = base_arm_length * (c3 * t16 - s3 * t24);
-    const real t28 = base_arm_length * (c3 * t23 + s3 * t25);
+    const real t28 = base_arm_length * (s3 * t25 - c3 * t23);
     const real t29 = v_theta_5 + t18;
     const real t30 = t17 - v_theta_0 * t29;
     const real t31 = t15 - t13 * t29;
@@ -6339,8 +6364,8 @@ static INLINE void frame_bias_accelerations_lane(
     const real t41 = t38 * t38;
 
     /* motion of base in world axes */
-    const real t42 = c3 * base_arm_length;
-    const real t43 = s3 * base_arm_length;
+    const real t42 = base_arm_length * c3;
+    const real t43 = base_arm_length * s3;
 
     /* axes of the base */
     const real t44 = s1 * c2;
@@ -6370,17 +6395,17 @@ static INLINE void frame_bias_accelerations_lane(
     /* motion of base in world axes */
     const real t61 = t22 * t42;
     const real t62 = t16 * t42 - t24 * t43;
-    const real t63 = t23 * t42 + t25 * t43;
-    const real t64 = c2 * t61 + s2 * t63;
-    bias_accelerations[0 * stride] = -t64;
-    const real t65 = c1 * t62 + t44 * t63 - t46 * t61;
+    const real t63 = t23 * t42 - t25 * t43;
+    const real t64 = s2 * t63 - c2 * t61;
+    bias_accelerations[0 * stride] = t64;
+    const real t65 = c1 * t62 - t46 * t61 - t44 * t63;
     bias_accelerations[1 * stride] = t65;
-    const real t66 = t47 * t61 + s1 * t62 - t45 * t63;
+    const real t66 = t47 * t61 + s1 * t62 + t45 * t63;
     bias_accelerations[2 * stride] = t66;
-    const real t67 = c2 * t19 - s2 * t14;
-    bias_accelerations[3 * stride] = -t67;
-    const real t68 = t19 * t46 + t14 * t44 - c1 * t20;
-    bias_accelerations[4 * stride] = -t68;
+    const real t67 = s2 * t14 - c2 * t19;
+    bias_accelerations[3 * stride] = t67;
+    const real t68 = c1 * t20 - t19 * t46 - t14 * t44;
+    bias_accelerations[4 * stride] = t68;
     const real t69 = t19 * t47 + s1 * t20 + t14 * t45;
     bias_accelerations[5 * stride] = t69;
 
@@ -6388,8 +6413,8 @@ static INLINE void frame_bias_accelerations_lane(
     const real t70 = t54 + (t34 + t35) * t56 - t57;
     const real t71 = t28 + (t34 - t35) * t55 + t58;
     const real t72 = s4 * t26 + c4 * t27 + t59 - t60;
-    const real t73 = s2 * t71 + t51 * t72 - t48 * t70;
-    bias_accelerations[6 * stride] = -t73;
+    const real t73 = t48 * t70 - s2 * t71 - t51 * t72;
+    bias_accelerations[6 * stride] = t73;
     const real t74 = t49 * t70 + t44 * t71 + t52 * t72;
     bias_accelerations[7 * stride] = t74;
     const real t75 = t50 * t70 + t53 * t72 - t45 * t71;
@@ -6506,9 +6531,10 @@ static INLINE void centre_of_mass_lane(
     real *RESTRICT position,
     const int stride)
 {
-    const real k49 = constants->k49;
-    const real k55 = constants->k55;
-    const real k69 = constants->k69;
+    const real k46 = constants->k46;
+    const real k51 = constants->k51;
+    const real k64 = constants->k64;
+    const real k65 = constants->k65;
     const real x = q[5 * stride];
     const real y = q[6 * stride];
     const real z = q[7 * stride];
@@ -6524,12 +6550,12 @@ static INLINE void centre_of_mass_lane(
     const real c5 = cosine[4 * stride];
 
     /* inertia of link 2, turned by the joints */
-    const real t12 = k49 * c5;
+    const real t12 = k46 * c5;
 
     /* centre of mass from the origin */
-    const real t13 = k49 * s5 * k69;
-    const real t14 = (c3 * k55 + c4 * t12) * k69;
-    const real t15 = (s3 * k55 + s4 * t12) * k69;
+    const real t13 = k65 * s5;
+    const real t14 = k64 * (k51 * c3 + c4 * t12);
+    const real t15 = k64 * (k51 * s3 + s4 * t12);
 
     /* centre of mass in the world */
     const real t16 = c2 * t13 - s2 * t14;
@@ -6635,9 +6661,10 @@ static INLINE void centre_of_mass_jacobian_lane(
     const int stride)
 {
     (void)q;
-    const real k49 = constants->k49;
-    const real k55 = constants->k55;
-    const real k69 = constants->k69;
+    const real k46 = constants->k46;
+    const real k51 = constants->k51;
+    const real k64 = constants->k64;
+    const real k65 = constants->k65;
     const real s1 = sine[0 * stride];
     const real c1 = cosine[0 * stride];
     const real s2 = sine[1 * stride];
@@ -6659,70 +6686,74 @@ static INLINE void centre_of_mass_jacobian_lane(
     jacobian[22 * stride] = R(0.0);
     jacobian[23 * stride] = R(1.0);
 
+    /* attitude */
+    const real t2 = -s1;
+    const real t3 = -c2;
+
     /* inertia of link 2, turned by the joints */
-    const real t12 = k49 * c5;
+    const real t12 = k46 * c5;
 
     /* composite inertia of links 1 and 2, about joint 5 */
     const real t13 = c4 * t12;
     const real t14 = s4 * t12;
 
     /* axes of the base */
-    const real t15 = s1 * c2;
-    const real t16 = c1 * c2;
+    const real t15 = t2 * t3;
+    const real t16 = c1 * t3;
 
     /* column of joint 5 */
-    const real t17 = t13 * k69;
-    const real t18 = t14 * k69;
+    const real t17 = k64 * t13;
+    const real t18 = k64 * t14;
 
     /* centre of mass from the origin */
-    const real t19 = k49 * s5 * k69;
+    const real t19 = k65 * s5;
 
     /* column of joint 6 */
-    const real t20 = t12 * k69;
+    const real t20 = k65 * c5;
 
     /* axes of the base */
-    const real t21 = s1 * s2;
+    const real t21 = t2 * s2;
     const real t22 = c1 * s2;
 
     /* centre of mass from the origin */
-    const real t23 = (c3 * k55 + t13) * k69;
-    const real t24 = (s3 * k55 + t14) * k69;
+    const real t23 = k64 * (k51 * c3 + t13);
+    const real t24 = k64 * (k51 * s3 + t14);
 
     /* columns of the base */
-    const real t25 = c2 * t19 - s2 * t23;
-    const real t26 = c2 * t23 + s2 * t19;
-    const real t27 = c1 * t24 - s1 * t25;
+    const real t25 = t3 * t19 + s2 * t23;
+    const real t26 = t3 * t23 - s2 * t19;
+    const real t27 = c1 * t24 - t2 * t25;
     jacobian[16 * stride] = t27;
-    const real t28 = c1 * t25 + s1 * t24;
-    jacobian[8 * stride] = -t28;
-    const real t29 = c1 * t28 - s1 * t27;
+    const real t28 = c1 * t25 + t2 * t24;
+    jacobian[8 * stride] = t28;
+    const real t29 = t2 * t27 - c1 * t28;
     jacobian[1 * stride] = t29;
-    const real t30 = s1 * t26;
+    const real t30 = t2 * t26;
     jacobian[9 * stride] = t30;
     const real t31 = c1 * t26;
-    jacobian[17 * stride] = -t31;
+    jacobian[17 * stride] = t31;
     const real t32 = t16 * t27 + t15 * t28;
-    jacobian[2 * stride] = -t32;
-    const real t33 = t16 * t26 - s2 * t28;
+    jacobian[2 * stride] = t32;
+    const real t33 = t16 * t26 + s2 * t28;
     jacobian[10 * stride] = t33;
-    const real t34 = t15 * t26 + s2 * t27;
+    const real t34 = s2 * t27 - t15 * t26;
     jacobian[18 * stride] = t34;
 
     /* column of joint 5 */
-    const real t35 = c2 * t18;
-    jacobian[3 * stride] = -t35;
-    const real t36 = t18 * t21 - c1 * t17;
-    jacobian[11 * stride] = -t36;
-    const real t37 = t18 * t22 + s1 * t17;
+    const real t35 = t3 * t18;
+    jacobian[3 * stride] = t35;
+    const real t36 = t18 * t21 + c1 * t17;
+    jacobian[11 * stride] = t36;
+    const real t37 = t18 * t22 - t2 * t17;
     jacobian[19 * stride] = t37;
 
     /* column of joint 6 */
-    const real t38 = t19 * c2 * c4 - s2 * t20;
-    jacobian[4 * stride] = -t38;
-    const real t39 = t19 * (c1 * s4 + c4 * t21) + t15 * t20;
-    jacobian[12 * stride] = -t39;
-    const real t40 = t19 * (s1 * s4 - c4 * t22) - t16 * t20;
-    jacobian[20 * stride] = -t40;
+    const real t38 = t19 * t3 * c4 + s2 * t20;
+    jacobian[4 * stride] = t38;
+    const real t39 = t19 * (c4 * t21 - c1 * s4) - t15 * t20;
+    jacobian[12 * stride] = t39;
+    const real t40 = t19 * (t2 * s4 + c4 * t22) - t16 * t20;
+    jacobian[20 * stride] = t40;
 }
 
 void
@@ -6823,18 +6854,19 @@ static INLINE void centroidal_momentum_lane(
 {
     (void)q;
     const real base_arm_length = constants->base_arm_length;
-    const real k28 = constants->k28;
-    const real k34 = constants->k34;
-    const real k40 = constants->k40;
+    const real k27 = constants->k27;
+    const real k33 = constants->k33;
+    const real k39 = constants->k39;
+    const real k43 = constants->k43;
+    const real k44 = constants->k44;
     const real k46 = constants->k46;
-    const real k47 = constants->k47;
-    const real k49 = constants->k49;
+    const real k50 = constants->k50;
+    const real k51 = constants->k51;
+    const real k52 = constants->k52;
+    const real k53 = constants->k53;
     const real k54 = constants->k54;
-    const real k55 = constants->k55;
-    const real k56 = constants->k56;
-    const real k57 = constants->k57;
-    const real k58 = constants->k58;
-    const real k69 = constants->k69;
+    const real k64 = constants->k64;
+    const real k65 = constants->k65;
     const real v_theta_m1 = v[0 * stride];
     const real v_theta_0 = v[1 * stride];
     const real v_theta_1 = v[2 * stride];
@@ -6866,88 +6898,105 @@ static INLINE void centroidal_momentum_lane(
     const real t16 = v_theta_6 + s4 * t12 - v_theta_0 * c4;
 
     /* inertia of link 2, turned by the joints */
-    const real t17 = k49 * c5;
-    const real t18 = k49 * s5;
-    const real t19 = s5 * k57;
+    const real t17 = k46 * c5;
+    const real t18 = k46 * s5;
+    const real t19 = k53 * s5;
     const real t20 = s5 * t19;
-    const real t21 = k28 - t20;
-    const real t22 = k34 + t20;
+    const real t21 = k27 - t20;
+    const real t22 = k33 + t20;
     const real t23 = c5 * t19;
 
     /* step from the base to link 1 */
-    const real t24 = c3 * base_arm_length;
-    const real t25 = s3 * base_arm_length;
+    const real t24 = base_arm_length * c3;
+    const real t25 = base_arm_length * s3;
 
     /* inertia of the base, turned by the joints */
-    const real t26 = s3 * k58;
+    const real t26 = k54 * s3;
     const real t27 = s3 * t26;
-    const real t28 = k56 + t27;
-    const real t29 = k46 - t27;
+    const real t28 = k52 + t27;
+    const real t29 = k43 - t27;
     const real t30 = c3 * t26;
 
     /* motion of link 1 */
     const real t31 = v_theta_0 * c3 - s3 * t12;
 
     /* centre of mass from the origin */
-    const real t32 = t18 * k69;
-
-    /* motion of link 1 */
-    const real t33 = s3 * t13;
-    const real t34 = c3 * t13;
-    const real t35 = base_arm_length * t33;
-    const real t36 = base_arm_length * t34;
-
-    /* centre of mass from the origin */
-    const real t37 = (c3 * k55 + c4 * t17) * k69;
-    const real t38 = (s3 * k55 + s4 * t17) * k69;
-
-    /* motion of link 1 */
-    const real t39 = s4 * t35 + c4 * t36;
-
-    /* inertia forces of link 2, about joint 6 */
-    const real t40 = t14 * t23 + t18 * t39 - t15 * t22;
-    const real t41 = t14 * t21 + t17 * t39 - t15 * t23;
-    const real t42 = t17 * base_arm_length * t31;
-    const real t43 = t18 * (s4 * t36 - c4 * t35);
-    const real t44 = t16 * t21 + t16 * t22 - t42 - t43;
-    const real t45 = k49 * s5 * t16;
-    const real t46 = k49 * c5 * t16;
-    const real t47 = k49 * (s5 * t15 - c5 * t14);
-
-    /* inertia forces of links 1 and 2, about joint 5 */
-    const real t48 = t40 - k40 * t15;
-    const real t49 = s4 * t47 - c4 * t45;
-    const real t50 = s4 * t45 + c4 * t47;
+    const real t32 = k65 * s5;
 
     /* inertia forces of the base and links 1 and 2 */
-    const real t51 = t25 * t49 + t24 * t50 - t41 - k40 * t14;
-    const real t52 = v_theta_0 * t30 + t12 * t29 + k47 * t12;
-    const real t53 = t12 * t30 + v_theta_0 * t28 + v_theta_0 * k47;
-    const real t54 = t49 - k55 * t33;
-    const real t55 = t50 - k55 * t34;
-    const real t56 = t46 - k55 * t31;
-    const real t57 = s4 * t44 + t25 * t46 + t52 - c4 * t48;
-    const real t58 = c4 * t44 + s4 * t48 + t24 * t46 - t53;
-    const real t59 = t51 - t13 * t28 - t13 * t29;
+    const real t33 = t12 * t30;
+    const real t34 = v_theta_0 * t30;
+
+    /* inertia forces of link 2, about joint 6 */
+    const real t35 = t15 * t23;
+
+    /* motion of link 1 */
+    const real t36 = s3 * t13;
+    const real t37 = c3 * t13;
+    const real t38 = base_arm_length * t36;
+    const real t39 = base_arm_length * t37;
+
+    /* centre of mass from the origin */
+    const real t40 = k64 * (k51 * c3 + c4 * t17);
+    const real t41 = k64 * (k51 * s3 + s4 * t17);
+
+    /* motion of link 1 */
+    const real t42 = s4 * t38 + c4 * t39;
+
+    /* inertia forces of link 2, about joint 6 */
+    const real t43 = t17 * t42;
+    const real t44 = t18 * (s4 * t39 - c4 * t38);
+    const real t45 = t17 * base_arm_length * t31 + t44 - (t21 + t22) * t16;
+    const real t46 = k46 * s5 * t16;
+    const real t47 = k46 * c5 * t16;
+    const real t48 = k46 * (s5 * t15 - c5 * t14);
+
+    /* inertia forces of links 1 and 2, about joint 5 */
+    const real t49 = t14 * t23 + t18 * t42 - t15 * (k39 + t22);
+    const real t50 = s4 * t48 - c4 * t46;
+    const real t51 = c4 * t48 + s4 * t46;
+    const real t52 = s4 * t45;
+    const real t53 = c4 * t49;
+    const real t54 = c4 * t45;
+    const real t55 = s4 * t49;
+
+    /* inertia forces of the base and links 1 and 2 */
+    const real t56 = t25 * t47;
+    const real t57 = t24 * t47;
+    const real t58 = t25 * t50;
+    const real t59 = t24 * t51;
+    const real t60 = k51 * t36 - t50;
+    const real t61 = k51 * t37 - t51;
+    const real t62 = k51 * t31 - t47;
 
     /* momentum in world axes */
-    const real t60 = t38 * t56 + t32 * t55 - t57;
-    const real t61 = t58 + t32 * t54 - t37 * t56;
-    const real t62 = t37 * t55 + t38 * t54 - t59;
-    const real t63 = c2 * t56 - s2 * t54;
-    const real t64 = v_x * k54 + c2 * t54 + s2 * t56;
-    momentum[0 * stride] = t64;
-    const real t65 = v_y * k54 - c1 * t55 - s1 * t63;
-    momentum[1 * stride] = t65;
-    const real t66 = v_z * k54 + c1 * t63 - s1 * t55;
-    momentum[2 * stride] = t66;
-    const real t67 = c2 * t62 + s2 * t60;
-    const real t68 = s2 * t62 - c2 * t60;
-    momentum[3 * stride] = t68;
-    const real t69 = c1 * t61 + s1 * t67;
-    momentum[4 * stride] = -t69;
-    const real t70 = c1 * t67 - s1 * t61;
-    momentum[5 * stride] = t70;
+    const real t63 = t41 * t62;
+    const real t64 = t32 * t61;
+    const real t65 = t12 * (k44 + t29);
+    const real t66 = t34 + t56 + t63 + t64 + t65 - t52 - t53;
+    const real t67 = t40 * t62;
+    const real t68 = t32 * t60;
+    const real t69 = v_theta_0 * (k44 + t28);
+    const real t70 = t33 + t54 + t68 + t69 - t55 - t57 - t67;
+    const real t71 = t40 * t61;
+    const real t72 = t41 * t60;
+    const real t73 = t14 * (k39 + t21);
+    const real t74 = t13 * (t28 + t29);
+    const real t75 = t35 + t58 + t59 + t71 + t72 - t43 - t74 - t73;
+    const real t76 = c2 * t62 - s2 * t60;
+    const real t77 = k50 * v_x - c2 * t60 - s2 * t62;
+    momentum[0 * stride] = t77;
+    const real t78 = k50 * v_y + c1 * t61 + s1 * t76;
+    momentum[1 * stride] = t78;
+    const real t79 = k50 * v_z + s1 * t61 - c1 * t76;
+    momentum[2 * stride] = t79;
+    const real t80 = c2 * t75 + s2 * t66;
+    const real t81 = c2 * t66 - s2 * t75;
+    momentum[3 * stride] = t81;
+    const real t82 = c1 * t70 + s1 * t80;
+    momentum[4 * stride] = t82;
+    const real t83 = s1 * t70 - c1 * t80;
+    momentum[5 * stride] = t83;
 }
 
 void

@@ -215,33 +215,37 @@ typedef struct quadrotor_2link_constants {
     quadrotor_2link_real base_arm_length;
     quadrotor_2link_real k8;
     quadrotor_2link_real k14;
+    quadrotor_2link_real k19;
     quadrotor_2link_real k20;
     quadrotor_2link_real link2_length;
-    quadrotor_2link_real k28;
-    quadrotor_2link_real k34;
-    quadrotor_2link_real k40;
+    quadrotor_2link_real k27;
+    quadrotor_2link_real k33;
+    quadrotor_2link_real k39;
+    quadrotor_2link_real k43;
+    quadrotor_2link_real k44;
+    quadrotor_2link_real k45;
     quadrotor_2link_real k46;
     quadrotor_2link_real k47;
     quadrotor_2link_real k49;
     quadrotor_2link_real k50;
+    quadrotor_2link_real k51;
     quadrotor_2link_real k52;
+    quadrotor_2link_real k53;
     quadrotor_2link_real k54;
     quadrotor_2link_real k55;
     quadrotor_2link_real k56;
     quadrotor_2link_real k57;
     quadrotor_2link_real k58;
     quadrotor_2link_real k59;
-    quadrotor_2link_real k60;
     quadrotor_2link_real k61;
+    quadrotor_2link_real k62;
     quadrotor_2link_real k63;
     quadrotor_2link_real k64;
     quadrotor_2link_real k65;
+    quadrotor_2link_real k66;
     quadrotor_2link_real k67;
     quadrotor_2link_real k68;
     quadrotor_2link_real k69;
-    quadrotor_2link_real k70;
-    quadrotor_2link_real k71;
-    quadrotor_2link_real k72;
 } quadrotor_2link_constants;
 
 /** Parameters of the robot file. */
@@ -306,7 +310,7 @@ void quadrotor_2link_unpack(
  * @param[out] mass_matrix 8 x 8: [kg m^2] between angles, [kg] between lengths, [kg m] between both
  * @param[out] residual 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
  *     m], x [N], y [N], z [N]
- * @note 324 operations, 5 sine-cosine pairs; about 1200 bytes of stack for one state of doubles,
+ * @note 313 operations, 5 sine-cosine pairs; about 1232 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -338,7 +342,7 @@ quadrotor_2link_mass_matrix_and_residual_batch(
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 8 x 8: [kg m^2] between angles, [kg] between lengths, [kg m] between both
- * @note 136 operations, 5 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
+ * @note 132 operations, 5 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -370,7 +374,7 @@ quadrotor_2link_mass_matrix_batch(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] residual 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N
  *     m], x [N], y [N], z [N]
- * @note 205 operations, 5 sine-cosine pairs; about 1152 bytes of stack for one state of doubles,
+ * @note 198 operations, 5 sine-cosine pairs; about 1168 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5, 11 and 18, reduced to the free coordinates.
  */
@@ -435,7 +439,7 @@ quadrotor_2link_input_matrix_batch(
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
  * @param[out] acceleration 8: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @note 255 operations, 5 sine-cosine pairs; about 1216 bytes of stack for one state of doubles,
+ * @note 248 operations, 5 sine-cosine pairs; about 1280 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -472,7 +476,7 @@ quadrotor_2link_forward_dynamics_batch(
  *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
  * @param[out] force 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N m],
  *     x [N], y [N], z [N]
- * @note 228 operations, 5 sine-cosine pairs; about 1296 bytes of stack for one state of doubles,
+ * @note 225 operations, 5 sine-cosine pairs; about 1296 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 4-6.
  */
@@ -506,7 +510,7 @@ quadrotor_2link_inverse_dynamics_batch(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] mass_matrix 14 x 14: [kg m^2] between angles, [kg] between lengths, [kg m] between
  *     both
- * @note 160 operations, 5 sine-cosine pairs; about 1040 bytes of stack for one state of doubles,
+ * @note 156 operations, 5 sine-cosine pairs; about 1040 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -538,7 +542,7 @@ quadrotor_2link_hybrid_mass_matrix_batch(
  * @param[out] residual 14: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_2 [N m], theta_3 [N
  *     m], theta_4 [N m], theta_5 [N m], theta_6 [N m], x [N], y [N], z [N], tau_prime_2 [rad/s^2],
  *     tau_prime_3 [rad/s^2], tau_prime_4 [rad/s^2]
- * @note 241 operations, 5 sine-cosine pairs; about 1264 bytes of stack for one state of doubles,
+ * @note 230 operations, 5 sine-cosine pairs; about 1296 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 15, 18 and 19.
  */
@@ -601,7 +605,7 @@ quadrotor_2link_hybrid_input_matrix_batch(
  *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
  * @param[out] torque 3: tau_prime_2 [N m], tau_prime_3 [N m], tau_prime_4 [N m]
- * @note 57 operations, 3 sine-cosine pairs; about 640 bytes of stack for one state of doubles,
+ * @note 54 operations, 3 sine-cosine pairs; about 640 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 14 and 15.
  */
@@ -639,7 +643,7 @@ quadrotor_2link_constraint_torques_batch(
  * @param[in] a their accelerations, 8 entries: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1
  *     [rad/s^2], a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
  * @param[out] value 1: [W/s]
- * @note 319 operations, 5 sine-cosine pairs; about 1312 bytes of stack for one state of doubles,
+ * @note 257 operations, 5 sine-cosine pairs; about 1264 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 2 and 3.
  */
@@ -671,7 +675,7 @@ quadrotor_2link_gibbs_batch(
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] energy 1: [J]
- * @note 137 operations, 5 sine-cosine pairs; about 944 bytes of stack for one state of doubles,
+ * @note 115 operations, 5 sine-cosine pairs; about 912 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 2 with rates for accelerations.
  */
@@ -728,7 +732,7 @@ quadrotor_2link_potential_energy_batch(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] force 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N m],
  *     x [N], y [N], z [N]
- * @note 49 operations, 5 sine-cosine pairs; about 640 bytes of stack for one state of doubles,
+ * @note 44 operations, 5 sine-cosine pairs; about 672 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 5 and 6 at rest.
  */
@@ -759,7 +763,7 @@ quadrotor_2link_gravity_forces_batch(
  *     torque [N m], a row for each of base, tip
  * @param[out] force 8: theta_m1 [N m], theta_0 [N m], theta_1 [N m], theta_5 [N m], theta_6 [N m],
  *     x [N], y [N], z [N]
- * @note 187 operations, 5 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
+ * @note 186 operations, 5 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 7.
  */
@@ -795,7 +799,7 @@ quadrotor_2link_wrench_forces_batch(
  *     torque [N m], a row for each of base, tip
  * @param[out] acceleration 8: a_theta_m1 [rad/s^2], a_theta_0 [rad/s^2], a_theta_1 [rad/s^2],
  *     a_theta_5 [rad/s^2], a_theta_6 [rad/s^2], a_x [m/s^2], a_y [m/s^2], a_z [m/s^2]
- * @note 399 operations, 5 sine-cosine pairs; about 1808 bytes of stack for one state of doubles,
+ * @note 392 operations, 5 sine-cosine pairs; about 1920 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 19, solved for the free coordinates.
  */
@@ -838,7 +842,7 @@ quadrotor_2link_forward_dynamics_with_wrenches_batch(
  * @param[in] u inputs, 6 entries: F_1 [N], F_2 [N], F_3 [N], F_4 [N], tau_5 [N m], tau_6 [N m]
  * @param[out] wrenches 5 x 6: [N] in the first three, [N m] in the others, a row for each of
  *     base_arm2, base_arm3, base_arm4, link1, link2
- * @note 268 operations, 5 sine-cosine pairs; about 1248 bytes of stack for one state of doubles,
+ * @note 255 operations, 5 sine-cosine pairs; about 1232 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eqs. 6 and 14, all six components.
  */
@@ -870,7 +874,7 @@ quadrotor_2link_joint_wrenches_batch(
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] position 9 x 3: O1, O2, motor1, motor2, motor3, motor4, joint5, joint6, tip [m]
- * @note 71 operations, 5 sine-cosine pairs; about 800 bytes of stack for one state of doubles,
+ * @note 62 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -899,7 +903,7 @@ quadrotor_2link_positions_batch(
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] pose 4 x 4: axes [1] and position [m]
- * @note 59 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
+ * @note 58 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -927,7 +931,7 @@ quadrotor_2link_tip_pose_batch(
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] jacobian 6 x 8: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others
- * @note 87 operations, 5 sine-cosine pairs; about 736 bytes of stack for one state of doubles,
+ * @note 83 operations, 5 sine-cosine pairs; about 736 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -958,7 +962,7 @@ quadrotor_2link_tip_jacobian_batch(
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] bias_acceleration 6: [m/s^2] in the first three, [rad/s^2] in the others
- * @note 120 operations, 5 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
+ * @note 119 operations, 5 sine-cosine pairs; about 832 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -986,7 +990,7 @@ quadrotor_2link_tip_bias_acceleration_batch(
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] poses 2 x 4 x 4: axes [1] and position [m], a block for each of base, tip
- * @note 71 operations, 5 sine-cosine pairs; about 816 bytes of stack for one state of doubles,
+ * @note 67 operations, 5 sine-cosine pairs; about 784 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1015,7 +1019,7 @@ quadrotor_2link_frame_poses_batch(
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] jacobians 2 x 6 x 8: [m/rad] or [1] in the first rows, [1] or [rad/m] in the others,
  *     a block for each of base, tip
- * @note 104 operations, 5 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
+ * @note 99 operations, 5 sine-cosine pairs; about 848 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1044,7 +1048,7 @@ quadrotor_2link_frame_jacobians_batch(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] velocities 2 x 6: [m/s] in the first three, [rad/s] in the others, a row for each of
  *     base, tip
- * @note 124 operations, 5 sine-cosine pairs; about 976 bytes of stack for one state of doubles,
+ * @note 123 operations, 5 sine-cosine pairs; about 976 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1078,7 +1082,7 @@ quadrotor_2link_frame_velocities_batch(
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] bias_accelerations 2 x 6: [m/s^2] in the first three, [rad/s^2] in the others, a row
  *     for each of base, tip
- * @note 181 operations, 5 sine-cosine pairs; about 1056 bytes of stack for one state of doubles,
+ * @note 177 operations, 5 sine-cosine pairs; about 1056 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: forward kinematics.
  */
@@ -1106,7 +1110,7 @@ quadrotor_2link_frame_bias_accelerations_batch(
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] position 3: [m]
- * @note 27 operations, 5 sine-cosine pairs; about 624 bytes of stack for one state of doubles,
+ * @note 26 operations, 5 sine-cosine pairs; about 640 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: the first moment of mass.
  */
@@ -1134,7 +1138,7 @@ quadrotor_2link_centre_of_mass_batch(
  * @param[in] q coordinates, 8 entries: theta_m1 [rad], theta_0 [rad], theta_1 [rad], theta_5 [rad],
  *     theta_6 [rad], x [m], y [m], z [m]
  * @param[out] jacobian 3 x 8: [m/rad or 1]
- * @note 76 operations, 5 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
+ * @note 69 operations, 5 sine-cosine pairs; about 752 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: the first moment of mass.
  */
@@ -1164,7 +1168,7 @@ quadrotor_2link_centre_of_mass_jacobian_batch(
  * @param[in] v their rates, 8 entries: v_theta_m1 [rad/s], v_theta_0 [rad/s], v_theta_1 [rad/s],
  *     v_theta_5 [rad/s], v_theta_6 [rad/s], v_x [m/s], v_y [m/s], v_z [m/s]
  * @param[out] momentum 6: [kg m/s] in the first three, [kg m^2/s] in the others
- * @note 163 operations, 5 sine-cosine pairs; about 1056 bytes of stack for one state of doubles,
+ * @note 156 operations, 5 sine-cosine pairs; about 1088 bytes of stack for one state of doubles,
  *     optimised.
  * @par Source: eq. 6 with rates for accelerations.
  */

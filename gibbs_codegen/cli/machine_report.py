@@ -10,16 +10,19 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from gibbs_codegen.analysis.reach import CENTRE_OF_MASS, ReachableWrenches, about, margin_lines
 from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.robot.balance import hover_lines, lopsided, number
 from gibbs_codegen.robot.coordinates import frames_of
-from gibbs_codegen.robot.hover import hover
+from gibbs_codegen.robot.hover import Hover, hover
 from gibbs_codegen.robot.layout import joint_terms
 from gibbs_codegen.robot.mass_properties import MassProperties, base_properties, whole_properties
 from gibbs_codegen.robot.model import AXES, BASE, Robot, Vector3
 from gibbs_codegen.robot.names import coordinate_of, link_label, rotor_label
 from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.plausibility import implausible
+from gibbs_codegen.robot.thrusters import wrench_matrix
+from gibbs_codegen.robot.wrenches import DIRECTIONS
 
 # Of more rotors the first are listed; --json has them all.
 _MOST_LISTED = 16
@@ -37,10 +40,14 @@ def machine_facts(robot: Robot) -> dict[str, Any]:
     base, whole, found = base_properties(robot), whole_properties(robot), hover(robot)
     offset = float(np.hypot(base.com[0], base.com[1]))
     warnings = [*filter(None, [lopsided(robot)]), *implausible(robot)]
+    reach = _reach(robot, found)
+    margins = None if reach is None or reach.margins is None else reach.margins.tolist()
     return {
         "mass": robot.total_mass,
         "base": asdict(base) | {"offset": offset, "hover": found.thrusts},
-        "machine": asdict(whole) | {"thrust_margin": found.margin},
+        "machine": asdict(whole)
+        | {"thrust_margin": found.margin}
+        | {"wrench_margins": margins and dict(zip(DIRECTIONS, margins, strict=True))},
         "warnings": warnings,
         "link_list": _links(robot),
         "rotor_list": _rotors(robot),
@@ -50,6 +57,19 @@ def machine_facts(robot: Robot) -> dict[str, Any]:
             for frame in frames_of(robot)
         ],
     }
+
+
+def _reach(robot: Robot, found: Hover) -> ReachableWrenches | None:
+    """What the rotors can add to hovering with joints at zero; None without thrusts or limits.
+
+    Only rotors that stand in the file by themselves have limits, so the base is not the paper's.
+    """
+    limits = [rotor.limits for rotor in robot.thrusters if rotor.limits]
+    if not limits or len(limits) < robot.rotors or found.thrusts is None:
+        return None
+    columns = about(wrench_matrix(robot), np.array(whole_properties(robot).com))
+    thrusts = np.array(found.thrusts)
+    return ReachableWrenches(robot.name, CENTRE_OF_MASS, columns, np.transpose(limits), thrusts)
 
 
 def _body(robot: Robot, number: int) -> str:
@@ -99,7 +119,10 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
     columns = {"base": base} | ({"whole, joints at zero": whole} if robot.links else {})
     console.print(_mass_table(robot, columns))
     found = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
-    for line in hover_lines(robot, found):
+    lines = hover_lines(robot, found)
+    if margins := data["machine"]["wrench_margins"]:
+        lines += margin_lines([*margins.values()], CENTRE_OF_MASS)
+    for line in lines:
         console.print(line)
     for warning in data["warnings"]:
         console.print(f"warning: {warning}", style="bold", markup=False)

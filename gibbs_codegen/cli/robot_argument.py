@@ -57,10 +57,14 @@ def add_derivatives(parser: argparse.ArgumentParser, meaning: str) -> None:
     parser.add_argument(
         "--derivatives",
         nargs="?",
+        const=True,
         default=False,
         type=lambda names: names.split(",") if names else True,
         metavar="NAME,...",
-        help=meaning.format(which="the derivatives of that name, or without a name all of them"),
+        help=meaning.format(
+            which="the derivatives of those names, or without a name all but the Hessians, which "
+            "are long; the name all stands for every one"
+        ),
     )
 
 

@@ -34,33 +34,60 @@ from gibbs_codegen.symbolic.vectors import (
 
 
 @dataclass(frozen=True)
-class _Body:
+class ArticulatedBody:
     """Â and p of ½aᵀÂa − aᵀp: a link, or the subtree of a segment."""
 
     inertia: ArticulatedInertia
     load: Wrench
 
-    def plus(self, tape: Scalars, other: _Body) -> _Body:
-        return _Body(self.inertia.plus(tape, other.inertia), self.load.plus(tape, other.load))
+    def plus(self, tape: Scalars, other: ArticulatedBody) -> ArticulatedBody:
+        """Both together about their common point.
 
-    def rotated(self, tape: Scalars, rotation: Rotation) -> _Body:
-        return _Body(self.inertia.rotated(tape, rotation), self.load.rotated(tape, rotation))
+        Args:
+            other: About the same point, in the same frame.
 
-    def shifted(self, tape: Scalars, arm: Vector) -> _Body:
-        return _Body(self.inertia.shifted(tape, arm), self.load.shifted(tape, arm))
+        Returns:
+            The sum.
+        """
+        inertia = self.inertia.plus(tape, other.inertia)
+        return ArticulatedBody(inertia, self.load.plus(tape, other.load))
+
+    def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedBody:
+        """The same in another frame.
+
+        Args:
+            rotation: Takes components in this frame to those in the other.
+
+        Returns:
+            The body in the frame that `rotation` turns from.
+        """
+        inertia = self.inertia.rotated(tape, rotation)
+        return ArticulatedBody(inertia, self.load.rotated(tape, rotation))
+
+    def shifted(self, tape: Scalars, arm: Vector) -> ArticulatedBody:
+        """The same about another point.
+
+        Args:
+            arm: The old point from the new one (m), in the same frame.
+
+        Returns:
+            The body about the new point.
+        """
+        return ArticulatedBody(self.inertia.shifted(tape, arm), self.load.shifted(tape, arm))
 
 
 @dataclass(frozen=True)
-class _Joint:
+class SolvedJoint:
     """A joint's equation, solved for its own component of a: a_d = share − Σ ratios·(the rest).
 
     Where the joint has armature, which the parent does not turn, it is solved for θ̈: share −
-    Σ ratios·a, with a that of the parent.
+    Σ ratios·a, with a that of the parent. `lightness` is what a unit of effort adds to the share.
     """
 
     direction: int
     ratios: tuple[sp.Expr, ...]
     share: sp.Expr
+    lightness: sp.Expr
     has_armature: bool = False
 
     def accelerated(self, tape: Scalars, parent: Acceleration) -> tuple[sp.Expr, Acceleration]:
@@ -90,7 +117,60 @@ class _Joint:
         return relative, Acceleration.of(entries)
 
 
-def articulated_accelerations(
+@dataclass(frozen=True)
+class Articulation:
+    """A tree with every joint's equation solved, and what is left for the root.
+
+    Entry k − 1 of a list is that of joint k: `transforms` take what is in the segment's working
+    frame to its parent's, or to the frame in which the root's system is solved; `joints` are the
+    equations; `felt` is what the parent feels of the subtree, in the segment's working frame.
+    `root` is the whole tree in the frame in which the root's system is solved.
+    """
+
+    tree: SegmentTree
+    transforms: list[Transform]
+    joints: list[SolvedJoint]
+    felt: list[ArticulatedBody]
+    root: ArticulatedBody
+
+    def root_responses(
+        self, tape: Scalars, loads: Sequence[Sequence[sp.Expr]]
+    ) -> list[list[sp.Expr]]:
+        """The root's accelerations, from Âa = p.
+
+        Args:
+            loads: Wrenches p on the root, six components each, where its system is solved.
+
+        Returns:
+            Six components of a for each.
+
+        Raises:
+            ZeroPivotError: Where one component has no inertia to it.
+        """
+        rows = self.root.inertia.rows
+        order = minimum_degree(rows)
+        try:
+            return [solve_symmetric(tape, rows, load, order) for load in loads]
+        except ZeroPivotError as error:
+            raise ZeroPivotError(self.tree.joints + (error.unknown + 3) % 6) from None
+
+    @property
+    def root_turns(self) -> list[Rotation]:
+        """Rotations from the frame in which the root's system is solved to its group frame."""
+        root = self.tree.segments[0]
+        return [root_turn(self.tree), *([root.rotation] if self.tree.works_in_own_frame(0) else [])]
+
+
+@dataclass(frozen=True)
+class JointAcceleration:
+    """θ̈ of a joint, with the accelerations of its segment without θ̈ and with it."""
+
+    relative: sp.Expr
+    carried: Acceleration
+    own: Acceleration
+
+
+def articulated(
     tape: Scalars,
     tree: SegmentTree,
     motions: Sequence[Motion],
@@ -98,8 +178,8 @@ def articulated_accelerations(
     efforts: Sequence[sp.Expr],
     armatures: Sequence[sp.Expr],
     loads: Mapping[int, Wrench] = MappingProxyType({}),
-) -> tuple[list[sp.Expr], Acceleration]:
-    """Accelerations of the joints and of the root.
+) -> Articulation:
+    """Solve every joint's equation, from the leaves inwards.
 
     Args:
         tree, motions: The tree, and the motion that the rates alone make of each segment, in its
@@ -111,15 +191,15 @@ def articulated_accelerations(
             segment's own frame (N, N m).
 
     Returns:
-        θ̈ of each joint after the root, and the root's acceleration in its group frame.
+        The solved equations, and the root's system.
 
     Raises:
-        ZeroPivotError: Where one acceleration has no inertia to it. Unknowns are numbered joints
-            first, then ω̇ and r̈ of the root.
+        ZeroPivotError: Where one joint has no inertia to it.
     """
     transforms = [_transform_in(tape, tree, k) for k in range(1, len(tree.segments))]
-    joints: list[_Joint] = []
-    received = [_Body(NO_ARTICULATED_INERTIA, NO_WRENCH) for _ in tree.segments]
+    joints: list[SolvedJoint] = []
+    felt: list[ArticulatedBody] = []
+    received = [ArticulatedBody(NO_ARTICULATED_INERTIA, NO_WRENCH) for _ in tree.segments]
     for k in range(tree.joints, 0, -1):
         segment = tree.segments[k]
         with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(k)}"):
@@ -127,59 +207,77 @@ def articulated_accelerations(
             body = received[k].plus(tape, _link(tape, tree, k, motions[k], load))
         with tape.group(f"equation of {segment.joint_name}, its acceleration eliminated"):
             joint, freed = _freed(tape, tree, k, body, efforts[k - 1], armatures[k - 1])
-        joints.append(joint)
+        joints.insert(0, joint)
+        felt.insert(0, freed)
         parent = segment.parent
         with tape.group(f"articulated inertia and load of {tree.subtree_about_joint(parent)}"):
             freed = moved(tape, freed, transforms[k - 1])
             received[parent] = received[parent].plus(tape, freed)
-    moving = [_root_acceleration(tape, tree, motions[0], thrust, received[0])]
-    accelerations = []
-    steps = zip(tree.segments[1:], reversed(joints), transforms, strict=True)
-    for segment, joint, transform in steps:
-        with tape.group(f"acceleration of {segment.joint_name}"):
-            parent_moving = moving[segment.parent].passed_out(tape, transform)
-            relative, own = joint.accelerated(tape, parent_moving)
-        accelerations.append(relative)
-        moving.append(own)
-    with tape.group("acceleration of the base"):
-        root = moving[0].rotated(tape, _root_turn(tree))
-        if tree.works_in_own_frame(0):
-            root = root.rotated(tape, tree.segments[0].rotation)
-    return accelerations, root
-
-
-def _root_acceleration(
-    tape: Scalars, tree: SegmentTree, motion: Motion, thrust: Wrench, received: _Body
-) -> Acceleration:
-    """The root's acceleration, from Âa = p.
-
-    Args:
-        tree, motion: The tree, and the root's motion in its working frame.
-        thrust: What drives it, about the root in its own frame.
-        received: What its children add, in the frame in which the system is solved.
-
-    Returns:
-        The acceleration in the frame in which the system is solved.
-
-    Raises:
-        ZeroPivotError: Where one component has no inertia to it.
-    """
     with tape.group(f"articulated inertia and load of {tree.subtree_words(0)}"):
         if not tree.works_in_own_frame(0):
             thrust = thrust.rotated(tape, tree.segments[0].rotation)
-        base = _link(tape, tree, 0, motion, thrust)
-        base = base.rotated(tape, _root_turn(tree).inverse).plus(tape, received)
+        base = _link(tape, tree, 0, motions[0], thrust)
+        base = base.rotated(tape, root_turn(tree).inverse).plus(tape, received[0])
+    return Articulation(tree, transforms, joints, felt, base)
+
+
+def accelerations_outward(
+    tape: Scalars, articulation: Articulation
+) -> tuple[Acceleration, list[JointAcceleration]]:
+    """Accelerations of the root and, from it outwards, of all joints.
+
+    Args:
+        articulation: The solved equations.
+
+    Returns:
+        The root's acceleration where its system is solved, and those of each joint after it, in
+        the segment's working frame.
+
+    Raises:
+        ZeroPivotError: Where one component of the root's has no inertia to it.
+    """
     with tape.group("acceleration of the base, by LDL^T"):
-        rows, load = base.inertia.rows, base.load.entries
-        try:
-            return Acceleration.of(solve_symmetric(tape, rows, load, minimum_degree(rows)))
-        except ZeroPivotError as error:
-            raise ZeroPivotError(tree.joints + (error.unknown + 3) % 6) from None
+        (entries,) = articulation.root_responses(tape, [articulation.root.load.entries])
+    moving = [Acceleration.of(entries)]
+    found = []
+    segments = articulation.tree.segments[1:]
+    for segment, joint, transform in zip(
+        segments, articulation.joints, articulation.transforms, strict=True
+    ):
+        with tape.group(f"acceleration of {segment.joint_name}"):
+            carried = moving[segment.parent].passed_out(tape, transform)
+            relative, own = joint.accelerated(tape, carried)
+        found.append(JointAcceleration(relative, carried, own))
+        moving.append(own)
+    return moving[0], found
+
+
+def root_in_group_frame(
+    tape: Scalars, articulation: Articulation, root: Acceleration
+) -> Acceleration:
+    """The root's acceleration in its group frame.
+
+    Args:
+        articulation: The solved equations.
+        root: The acceleration in the frame in which the root's system is solved.
+
+    Returns:
+        The same in the root's group frame.
+    """
+    with tape.group("acceleration of the base"):
+        for rotation in articulation.root_turns:
+            root = root.rotated(tape, rotation)
+    return root
 
 
 def _freed(
-    tape: Scalars, tree: SegmentTree, k: int, body: _Body, effort: sp.Expr, armature: sp.Expr
-) -> tuple[_Joint, _Body]:
+    tape: Scalars,
+    tree: SegmentTree,
+    k: int,
+    body: ArticulatedBody,
+    effort: sp.Expr,
+    armature: sp.Expr,
+) -> tuple[SolvedJoint, ArticulatedBody]:
     """Solve a joint's equation, ∂S/∂θ̈ = τ, and eliminate its acceleration.
 
     Args:
@@ -202,24 +300,28 @@ def _freed(
     inverse = tape.let(1 / tape.let(column[direction] + armature))
     load = body.load.entries
     share = tape.let(tape.let(effort + load[direction]) * inverse)
-    ratios = tuple(tape.let(entry * inverse) for entry in column)
+    ratios = tuple(
+        sp.S.One if i == direction and armature == 0 else tape.let(entry * inverse)
+        for i, entry in enumerate(column)
+    )
     if armature != 0:
         left = Wrench.of(
             tape.let(entry - tape.let(u * share)) for entry, u in zip(load, column, strict=True)
         )
         felt = body.inertia.less(tape, direction, ratios)
-        return _Joint(direction, ratios, share, has_armature=True), _Body(felt, left)
+        joint = SolvedJoint(direction, ratios, share, inverse, has_armature=True)
+        return joint, ArticulatedBody(felt, left)
     left = Wrench.of(
         -effort if i == direction else tape.let(entry - tape.let(column[i] * share))
         for i, entry in enumerate(load)
     )
     inertia = body.inertia.without(tape, direction, ratios)
-    return _Joint(direction, ratios, share), _Body(inertia, left)
+    return SolvedJoint(direction, ratios, share, inverse), ArticulatedBody(inertia, left)
 
 
 def _link(
     tape: Scalars, tree: SegmentTree, k: int, motion: Motion, applied: Wrench = NO_WRENCH
-) -> _Body:
+) -> ArticulatedBody:
     """A segment by itself: what is applied to it less its 𝒮 and ℛ (eq. 6).
 
     Args:
@@ -232,15 +334,21 @@ def _link(
     """
     inertia = ArticulatedInertia.rigid(tape, tree.working_inertia(tape, k))
     inertial = link_wrench(tape, tree, k, motion)
-    return _Body(inertia, applied.plus(tape, inertial.opposite))
+    return ArticulatedBody(inertia, applied.plus(tape, inertial.opposite))
 
 
-def _root_turn(tree: SegmentTree) -> Rotation:
+def root_turn(tree: SegmentTree) -> Rotation:
     """Rotation to the root's working frame from that in which the root's system is solved.
 
     Where the root has a single child, which turns the arm about the base normal through the origin,
     it is cheaper to turn the base against it than the arm's articulated inertia: a base of equal
     arms does not notice, and an arm in a plane keeps its zeros.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        The rotation, about z.
     """
     if len(tree.children[0]) == 1 and tree.works_in_own_frame(1):
         first = tree.segments[1]
@@ -261,6 +369,6 @@ def _transform_in(tape: Scalars, tree: SegmentTree, k: int) -> Transform:
         solved.
     """
     segment = tree.segments[k]
-    turned = segment.parent == 0 and not _root_turn(tree).is_identity
+    turned = segment.parent == 0 and not root_turn(tree).is_identity
     own = [segment.rotation] if tree.works_in_own_frame(k) and not turned else []
     return [*own, *tree.transform_in(tape, k)]

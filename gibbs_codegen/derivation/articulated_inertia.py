@@ -125,7 +125,8 @@ class ArticulatedInertia:
         if rotation.is_identity:
             return self
         linear, coupling, angular = (
-            _rotated(tape, rotation, block) for block in (self.linear, self.coupling, self.angular)
+            rotated_block(tape, rotation, block)
+            for block in (self.linear, self.coupling, self.angular)
         )
         return ArticulatedInertia(linear, coupling, angular)
 
@@ -173,7 +174,16 @@ def _symmetric(entry: Callable[[int, int], sp.Expr]) -> Block:
     return _block(lambda i, j: entries[min(i, j), max(i, j)])
 
 
-def _rotated(tape: Scalars, rotation: Rotation, block: Block) -> Block:
+def rotated_block(tape: Scalars, rotation: Rotation, block: Block) -> Block:
+    """A 3×3 matrix in another frame.
+
+    Args:
+        rotation: Takes components in this frame to those in the other.
+        block: The matrix by rows, of any symmetry.
+
+    Returns:
+        The matrix in the frame that `rotation` turns from.
+    """
     r, (p, q) = rotation.axis, rotation.plane
     c, s = rotation.cos, rotation.sin
     pp, pq, qp, qq = block[p][p], block[p][q], block[q][p], block[q][q]

@@ -42,9 +42,11 @@ def _frame_velocities_dv(systems: Systems) -> Array:
 DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "inverse_dynamics_dq": lambda s: s.inverse_derivatives.force_dq,
     "inverse_dynamics_dv": lambda s: s.inverse_derivatives.force_dv,
-    "forward_dynamics_dq": lambda s: s.generic.jacobian(s.dynamics[1], "q"),
-    "forward_dynamics_dv": lambda s: s.generic.jacobian(s.dynamics[1], "v"),
-    "forward_dynamics_du": lambda s: s.generic.jacobian(s.dynamics[1], "u"),
+    # By the recursion whose derivatives these are, which need not be the shorter one.
+    "differentiated_dynamics": lambda s: s.forward_derivatives.acceleration,
+    "forward_dynamics_dq": lambda s: s.forward_derivatives.acceleration_dq,
+    "forward_dynamics_dv": lambda s: s.forward_derivatives.acceleration_dv,
+    "forward_dynamics_du": lambda s: s.forward_derivatives.acceleration_du,
     "inverse_dynamics_jvp": lambda s: s.generic.jvp(s.inverse_dynamics, "qva"),
     "forward_dynamics_jvp": lambda s: s.generic.jvp(s.dynamics[1], "qvu"),
     "inverse_dynamics_q_bar": lambda s: s.inverse_gradient[0],

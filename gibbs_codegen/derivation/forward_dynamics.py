@@ -16,7 +16,12 @@ from dataclasses import replace
 
 import sympy as sp
 
-from gibbs_codegen.derivation.articulated import articulated_accelerations
+from gibbs_codegen.derivation.articulated import (
+    Articulation,
+    accelerations_outward,
+    articulated,
+    root_in_group_frame,
+)
 from gibbs_codegen.derivation.composite_inertia import (
     JointSpaceInertia,
     joint_space_inertia,
@@ -118,19 +123,36 @@ def articulated_dynamics(symbolic: SymbolicRobot, acting: Acting = thrusts) -> l
     Raises:
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
     """
-    centred = _about_base_centre(symbolic)
-    with _refused_as_singular(symbolic):
-        loads = acting(centred)
-        joints, root = articulated_accelerations(
-            symbolic.tape,
-            centred.reduced_tree,
-            _free_motions(centred),
-            loads.pop(0),
-            _efforts(symbolic),
-            armatures(symbolic),
-            loads,
-        )
-    return _in_coordinates(symbolic, joints, root)
+    with refused_as_singular(symbolic):
+        articulation = articulation_of(about_base_centre(symbolic), acting)
+        root, joints = accelerations_outward(symbolic.tape, articulation)
+    root = root_in_group_frame(symbolic.tape, articulation, root)
+    return in_coordinates(symbolic, [joint.relative for joint in joints], root)
+
+
+def articulation_of(centred: SymbolicRobot, acting: Acting = thrusts) -> Articulation:
+    """The articulated bodies of a robot.
+
+    Args:
+        centred: The robot in symbols, about its base centre.
+        acting: What acts on the links, besides gravity.
+
+    Returns:
+        The solved equations of its joints.
+
+    Raises:
+        ZeroPivotError: Where a joint moves nothing that has mass or inertia.
+    """
+    loads = acting(centred)
+    return articulated(
+        centred.tape,
+        centred.reduced_tree,
+        free_motions_of(centred),
+        loads.pop(0),
+        _efforts(centred),
+        armatures(centred),
+        loads,
+    )
 
 
 def factorised_dynamics(
@@ -152,7 +174,7 @@ def factorised_dynamics(
         SingularRobotError: Where a joint moves nothing that has mass or inertia.
     """
     tape, n = symbolic.tape, symbolic.joints
-    centred = _about_base_centre(symbolic)
+    centred = about_base_centre(symbolic)
     inertia = with_armatures(
         tape, joint_space_inertia(tape, centred.reduced_tree), armatures(symbolic)
     )
@@ -170,7 +192,7 @@ def factorised_dynamics(
     with tape.group("driving forces with the translation eliminated"):
         right = [tape.let(e - dot(tape, light[i], drive.force)) for i, e in enumerate(efforts)]
         right.extend(_about(tape, drive, centre))
-    with _refused_as_singular(symbolic), tape.group("accelerations of joints and base, by LDL^T"):
+    with refused_as_singular(symbolic), tape.group("accelerations of joints and base, by LDL^T"):
         solution = solve_symmetric(tape, matrix, right, order)
     angular: Vector = (solution[n], solution[n + 1], solution[n + 2])
     with tape.group("acceleration of the base centre"):
@@ -179,7 +201,7 @@ def factorised_dynamics(
         x, y, z = (
             tape.let(lightness * drive.force[k] - spin[k] - sp.Add(*shares[k])) for k in range(3)
         )
-    return _in_coordinates(symbolic, solution[:n], Acceleration((x, y, z), angular))
+    return in_coordinates(symbolic, solution[:n], Acceleration((x, y, z), angular))
 
 
 def _without_translation(
@@ -214,8 +236,18 @@ def _without_translation(
 
 
 @contextmanager
-def _refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
-    """Name the coordinate of an unknown: the joints come first, then Ω, then the position."""
+def refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
+    """Name the coordinate of an unknown: the joints come first, then Ω, then the position.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Yields:
+        Nothing.
+
+    Raises:
+        SingularRobotError: In place of a `ZeroPivotError`.
+    """
     places = [*symbolic.places.joint_places, *symbolic.places.base]
     try:
         yield
@@ -224,14 +256,22 @@ def _refused_as_singular(symbolic: SymbolicRobot) -> Iterator[None]:
         raise SingularRobotError(symbolic.robot.name, [(unresisted,)]) from None
 
 
-def _about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
+def about_base_centre(symbolic: SymbolicRobot) -> SymbolicRobot:
+    """A robot with the origin of its coordinates at the base centre.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        The same; unless a motor is the origin, the same object.
+    """
     base = symbolic.robot.base
     if base.origin != "motor1":
         return symbolic
     return replace(symbolic, robot=replace(symbolic.robot, base=replace(base, origin="centre")))
 
 
-def _in_coordinates(
+def in_coordinates(
     symbolic: SymbolicRobot, joints: list[sp.Expr], root: Acceleration
 ) -> list[sp.Expr]:
     """Accelerations of the coordinates.
@@ -245,15 +285,23 @@ def _in_coordinates(
         a, in the order of v.
     """
     with symbolic.tape.group("acceleration of the origin from that of the base centre"):
-        linear = _at_origin(symbolic, root)
+        linear = at_origin(symbolic, root)
     gravity = symbolic.parameters.gravity
     rates, _ = symbolic.places.split(symbolic.v)
     base = symbolic.root.accelerations(symbolic.tape, linear, root.angular, rates, gravity)
     return symbolic.places.joined(base, joints)
 
 
-def _at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
-    """Acceleration of the origin of the coordinates, from that of the base centre."""
+def at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
+    """Acceleration of the origin of the coordinates, from that of the base centre.
+
+    Args:
+        symbolic: The robot in symbols.
+        centre: That of the base centre relative to free fall, in the root's group frame.
+
+    Returns:
+        That of the origin in the same frame (m/s²).
+    """
     tape, root = symbolic.tape, symbolic.root
     rates, _ = symbolic.places.split(symbolic.v)
     still = root.frame_motion(tape, rates, [sp.S.Zero] * len(rates), sp.S.Zero)
@@ -264,8 +312,15 @@ def _at_origin(symbolic: SymbolicRobot, centre: Acceleration) -> Vector:
     return base.stepped(tape, root.segment_rotation, (-x, -y, -z)).acceleration
 
 
-def _free_motions(symbolic: SymbolicRobot) -> list[Motion]:
-    """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero."""
+def free_motions_of(symbolic: SymbolicRobot) -> list[Motion]:
+    """Motions without accelerations: the root's B₀r̈, which the recursions leave out, is zero.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        A motion for each segment, in its working frame.
+    """
     return free_motions(symbolic.tape, symbolic.root, symbolic.reduced_tree, symbolic.v)
 
 
@@ -282,7 +337,7 @@ def _driving_forces(
 ) -> tuple[Wrench, list[sp.Expr]]:
     """What acts less velocity terms, as a wrench about the origin, and likewise for each joint."""
     tape, thrust = symbolic.tape, loads.pop(0)
-    bias, joints = inward(tape, symbolic.reduced_tree, _free_motions(symbolic), loads)
+    bias, joints = inward(tape, symbolic.reduced_tree, free_motions_of(symbolic), loads)
     with tape.group("thrusts and joint torques less inertia forces"):
         thrust = thrust.rotated(tape, symbolic.root.segment_rotation)
         efforts = [tape.let(u - row) for u, row in zip(_efforts(symbolic), joints, strict=True)]

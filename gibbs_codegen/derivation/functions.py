@@ -157,7 +157,8 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     """The functions generated on request that a choice of them stands for.
 
     Args:
-        derivatives: All or none of them, one name, or several.
+        derivatives: True for all that are not long, or none of them; one name, or several; "all"
+            stands for the long ones too.
 
     Returns:
         Names in the order of the table.
@@ -165,16 +166,16 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     Raises:
         UsageError: A name is unknown.
     """
-    offered = [
-        row.name
+    rows = [
+        row
         for row in FUNCTIONS.values()
         if row.on_request and all(output.derivation in DERIVATIONS for output in row.outputs)
     ]
+    offered = [row.name for row in rows]
     if isinstance(derivatives, bool):
-        return tuple(offered) if derivatives else ()
+        return tuple(row.name for row in rows if derivatives and not row.is_long)
     names = {derivatives} if isinstance(derivatives, str) else {*derivatives}
-    if unknown := sorted(map(str, names.difference(offered))):
-        raise UsageError(
-            f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {', '.join(offered)}"
-        )
-    return tuple(name for name in offered if name in names)
+    if unknown := sorted(map(str, names.difference(offered, ["all"]))):
+        known = ", ".join([*offered, "all"])
+        raise UsageError(f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {known}")
+    return tuple(name for name in offered if name in names or "all" in names)

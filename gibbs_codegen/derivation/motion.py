@@ -205,6 +205,18 @@ class Acceleration:
         """The six components."""
         return [*self.linear, *self.angular]
 
+    def plus(self, tape: Scalars, other: Acceleration) -> Acceleration:
+        """Sum of two accelerations.
+
+        Args:
+            other: Of the same point, in the same frame.
+
+        Returns:
+            The sum.
+        """
+        linear = add(tape, self.linear, other.linear)
+        return Acceleration(linear, add(tape, self.angular, other.angular))
+
     def rotated(self, tape: Scalars, rotation: Rotation) -> Acceleration:
         """The same acceleration in another frame.
 

@@ -10,6 +10,10 @@ from typing import TypeAlias
 import sympy as sp
 
 from gibbs_codegen.derivation.forward_dynamics import Dynamics, shorter_dynamics
+from gibbs_codegen.derivation.forward_dynamics_derivatives import (
+    ForwardDynamicsDerivatives,
+    forward_dynamics_derivatives,
+)
 from gibbs_codegen.derivation.generic_derivatives import GenericDerivatives
 from gibbs_codegen.derivation.hybrid import LinearSystem
 from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
@@ -66,6 +70,11 @@ class Systems:
     def inverse_derivatives(self) -> InverseDynamicsDerivatives:
         """M a − R with its derivatives by q, v and a, in one pass."""
         return inverse_dynamics_derivatives(self.symbolic)
+
+    @cached_property
+    def forward_derivatives(self) -> ForwardDynamicsDerivatives:
+        """Accelerations of M a = R + B u with their derivatives by q, v and u, in one pass."""
+        return forward_dynamics_derivatives(self.symbolic)
 
     @cached_property
     def generic(self) -> GenericDerivatives:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from gibbs_codegen.robot.placement import Array
 
 # Elevation above the horizon and azimuth from which a robot looks like one, degrees.
 VIEW = (22.0, -62.0)
+_METRES = ("$x$ (m)", "$y$ (m)", "$z$ (m)")
 
 
 def set_scene(
@@ -18,22 +20,24 @@ def set_scene(
     bounds: tuple[Array, Array],
     view: tuple[float, float] = VIEW,
     ticks: int = 8,
+    labels: Sequence[str] = _METRES,
 ) -> None:
-    """Give 3-D axes equal units in m, limits and a view.
+    """Give 3-D axes equal units, limits and a view.
 
     Args:
         axes: The 3-D axes.
-        bounds: Lowest and highest coordinates (3) each, m.
+        bounds: Lowest and highest coordinates (3) each.
         view: Elevation above the horizon and azimuth, degrees.
         ticks: About how many ticks the longest axis has at most.
+        labels: Of the three axes; of positions in m unless given.
     """
     low, high = bounds
     extent = high - low
     axes.computed_zorder = False
     # Neighbours would be hidden behind it.
     axes.patch.set_visible(False)
-    for name, begin, end in zip("xyz", low, high, strict=True):
-        axes.set(**{f"{name}lim": (begin, end), f"{name}label": f"${name}$ (m)"})
+    for name, begin, end, label in zip("xyz", low, high, labels, strict=True):
+        axes.set(**{f"{name}lim": (begin, end), f"{name}label": label})
         bins = max(2, round(ticks * (end - begin) / extent.max()))
         axes.locator_params(name, nbins=bins, steps=[1, 2, 5, 10])
         getattr(axes, f"{name}axis").labelpad = 0.0 if name == "z" else -1.5

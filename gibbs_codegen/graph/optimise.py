@@ -10,8 +10,9 @@ from gibbs_codegen.graph.graph import Graph, Kind, Ref
 from gibbs_codegen.graph.pair_sharing import shared
 from gibbs_codegen.graph.polarity import sign_changes
 
-# More rounds have never saved an operation.
+# Rounds of passes; they end where one saves less than one operation in so many.
 _MOST_ROUNDS = 4
+_WORTH_ANOTHER = 400
 
 
 def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
@@ -53,7 +54,7 @@ def optimised(
         for apply in passes:
             present = apply(graph, present, origins)
             found.append((_without_signs(graph, present), present))
-        if min(count for count, _ in found) == least:
+        if least - min(count for count, _ in found) <= least // _WORTH_ANOTHER:
             break
     return _shortest(graph, found)
 

@@ -23,6 +23,8 @@ from gibbs_codegen.graph.rebuilding import Rebuilding
 # Two terms and whether they have opposite signs, in one number, which sorts and hashes fast.
 _Pair = int
 _BITS = 31
+# Of longer sums the other terms are left out: their pairs would be too many.
+_MOST_TERMS = 200
 
 
 def shared(graph: Graph, outputs: Sequence[Ref], origins: MutableMapping[int, int]) -> list[Ref]:
@@ -116,7 +118,7 @@ def _users(sums: Mapping[int, Mapping[int, int]]) -> dict[_Pair, list[int]]:
     users: dict[_Pair, list[int]] = {}
     for node, signs in sums.items():
         terms = sorted([(term, sign) for term, sign in signs.items() if often[term] > 1])
-        for (first, sign), (second, other) in combinations(terms, 2):
+        for (first, sign), (second, other) in combinations(terms[:_MOST_TERMS], 2):
             users.setdefault(_pair(first, second, sign ^ other), []).append(node)
     return {pair: sums for pair, sums in users.items() if len(sums) > 1}
 

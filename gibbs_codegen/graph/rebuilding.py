@@ -44,8 +44,8 @@ class Rebuilding(ABC):
             ref = self.sum(node) if graph.kinds[node] is Kind.SUM else self.remade(node)
             if ref != 2 * node:
                 new[node] = ref
-                # The node may be there already, made for another function.
-                for made in (*range(size, len(graph)), ref >> 1):
+                # The younger may be there already, made for another function.
+                for made in (*range(size, len(graph)), max(ref >> 1, node)):
                     origins.setdefault(made, origins.get(node, node))
         return [self.new(output) for output in self.outputs]
 

@@ -10,31 +10,30 @@ from gibbs_codegen.interface.rows import Output, Row
 
 _FORCE = Output("force", "v", "N m or N", "inverse_dynamics", "{forces}")
 _ACCELERATION = Output(
-    "acceleration", "v", "rad/s^2 or m/s^2", "forward_dynamics", "{accelerations}"
+    "acceleration", "v", "rad/s^2 or m/s^2", "differentiated_dynamics", "{accelerations}"
 )
 _INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
-_BY_Q = ", each by a displacement [rad] or [m] along each of VELOCITIES"
-_BY_V = ", each by each of VELOCITIES"
-_BY_U = ", each by each of INPUTS"
+_BY_Q = ", by a displacement in rad or m along each of VELOCITIES"
+_BY_V = ", by each of VELOCITIES"
+_BY_U = ", by each of INPUTS"
 _WEIGHTED = "[{unit}], with w without units"
 _TANGENT = (
     "Derivatives by q are those by a displacement in the tangent space, which integrate applies."
 )
 
 
-def _hessian(name: str, rows: str, columns: str, unit: str) -> Output:
+def _hessian(name: str, rows: str, columns: str) -> Output:
     """A block of second derivatives of inverse dynamics.
 
     Args:
         name: Of the output.
-        rows, columns: By what they are derivatives, in words.
-        unit: Of its entries.
+        rows, columns: By what they are derivatives.
 
     Returns:
         The output.
     """
-    entries = f"[{unit}], with w without units; rows by {rows}, columns by {columns}"
-    return Output(name, "vv", unit, f"inverse_dynamics_{name}", entries)
+    entries = f"{_WEIGHTED}, by {rows} and {columns}; rows by {rows}"
+    return Output(name, "vv", "N m or N", f"inverse_dynamics_{name}", entries)
 
 
 DERIVATIVES = (
@@ -44,7 +43,7 @@ DERIVATIVES = (
         (
             _FORCE,
             Output("force_dq", "vv", "N m or N", "inverse_dynamics_dq", "{forces}" + _BY_Q),
-            Output("force_dv", "vv", "N m s or N s", "inverse_dynamics_dv", "{forces}" + _BY_V),
+            Output("force_dv", "vv", "N m or N", "inverse_dynamics_dv", "{forces}" + _BY_V),
             Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS),
         ),
         "Generalised forces M a - R, and their derivatives by q, v and a, the last being M.",
@@ -65,12 +64,16 @@ DERIVATIVES = (
                 "{accelerations}" + _BY_Q,
             ),
             Output(
-                "acceleration_dv", "vv", "1/s", "forward_dynamics_dv", "{accelerations}" + _BY_V
+                "acceleration_dv",
+                "vv",
+                "rad/s^2 or m/s^2",
+                "forward_dynamics_dv",
+                "{accelerations}" + _BY_V,
             ),
             Output(
                 "acceleration_du",
                 "vu",
-                "rad/s^2 or m/s^2, by N or N m",
+                "rad/s^2 or m/s^2",
                 "forward_dynamics_du",
                 "{accelerations}" + _BY_U,
             ),
@@ -112,9 +115,15 @@ DERIVATIVES = (
         "inverse_dynamics_vjp",
         ("q", "v", "a", "w"),
         (
-            Output("q_bar", "v", "N m or N", "inverse_dynamics_q_bar", _WEIGHTED),
-            Output("v_bar", "v", "N m s or N s", "inverse_dynamics_v_bar", _WEIGHTED),
-            Output("a_bar", "v", "kg m^2, kg or kg m", "inverse_dynamics_a_bar", _WEIGHTED),
+            Output("q_bar", "v", "N m or N", "inverse_dynamics_q_bar", _WEIGHTED + _BY_Q),
+            Output("v_bar", "v", "N m or N", "inverse_dynamics_v_bar", _WEIGHTED + _BY_V),
+            Output(
+                "a_bar",
+                "v",
+                "N m or N",
+                "inverse_dynamics_a_bar",
+                _WEIGHTED + ", by the rate of each of VELOCITIES",
+            ),
         ),
         "Gradient of w^T inverse_dynamics(q, v, a) by q, v and a.",
         "eqs. 4-6, differentiated",
@@ -125,14 +134,14 @@ DERIVATIVES = (
         "forward_dynamics_vjp",
         ("q", "v", "u", "w"),
         (
-            Output("q_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_q_bar", _WEIGHTED),
-            Output("v_bar", "v", "1/s", "forward_dynamics_v_bar", _WEIGHTED),
+            Output("q_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_q_bar", _WEIGHTED + _BY_Q),
+            Output("v_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_v_bar", _WEIGHTED + _BY_V),
             Output(
                 "u_bar",
                 "u",
-                "rad/s^2 or m/s^2, by N or N m",
+                "rad/s^2 or m/s^2",
                 "forward_dynamics_u_bar",
-                _WEIGHTED,
+                _WEIGHTED + _BY_U,
             ),
         ),
         "Gradient of w^T forward_dynamics(q, v, u) by q, v and u.",
@@ -144,16 +153,17 @@ DERIVATIVES = (
         "inverse_dynamics_hessian",
         ("q", "v", "a", "w"),
         (
-            _hessian("qq", "q", "q", "N m or N"),
-            _hessian("qv", "q", "v", "N m s or N s"),
-            _hessian("vv", "v", "v", "N m s^2 or N s^2"),
-            _hessian("qa", "q", "a", "kg m^2, kg or kg m"),
+            _hessian("qq", "q", "q"),
+            _hessian("qv", "q", "v"),
+            _hessian("vv", "v", "v"),
+            _hessian("qa", "q", "a"),
         ),
         "Second derivatives of w^T inverse_dynamics(q, v, a).",
         "eqs. 4-6, differentiated twice",
         "Those that are left out, by v and a and by a twice, are zero. " + _TANGENT + " qq and vv "
         "are symmetric, with both triangles filled.",
         on_request=True,
+        is_long=True,
     ),
     Row(
         "forward_dynamics_hessian",
@@ -162,15 +172,16 @@ DERIVATIVES = (
             Output(
                 "hessian",
                 "xx",
-                "rad/s^2 or m/s^2, by two of rad or m, their rates, N and N m",
+                "rad/s^2 or m/s^2",
                 "forward_dynamics_hessian",
-                "[{unit}], with w without units; rows and columns by q, v and u",
+                _WEIGHTED + ", by q, v and u in rows and in columns",
             ),
         ),
         "Second derivatives of w^T forward_dynamics(q, v, u) by (q, v, u).",
         "eq. 19, solved for the free coordinates and differentiated twice",
         _TANGENT + " The matrix is symmetric, with both triangles filled.",
         on_request=True,
+        is_long=True,
     ),
     Row(
         "coriolis_matrix",
@@ -206,7 +217,7 @@ DERIVATIVES = (
                 "f44v",
                 "1 or m",
                 "frame_poses_dq",
-                "[{unit}], by a displacement [rad] or [m] along each of VELOCITIES",
+                "[{unit}]" + _BY_Q,
             ),
         ),
         "Homogeneous transforms from the frames to the world, and their derivatives by q.",
@@ -230,14 +241,14 @@ DERIVATIVES = (
                 "f6v",
                 "m/s or rad/s",
                 "frame_velocities_dq",
-                "[{unit}], by a displacement [rad] or [m] along each of VELOCITIES",
+                "[{unit}]" + _BY_Q,
             ),
             Output(
                 "velocities_dv",
                 "f6v",
                 "m/rad, rad/m or 1",
                 "frame_velocities_dv",
-                "[{unit}], by each of VELOCITIES",
+                "[{unit}]" + _BY_V,
             ),
         ),
         "Velocities of the frames, linear entries first, and their derivatives by q and v.",

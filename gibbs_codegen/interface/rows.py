@@ -68,7 +68,8 @@ class Row:
 
     In `details`, {singularity} stands for what is to be said of the attitude. Only robots that have
     the `frame`, if one is named, have the function. A module has one that is generated `on_request`
-    only where it was asked for.
+    only where it was asked for; one that `is_long`, whose text grows with the cube of the number of
+    joints, only where it was asked for by name.
     """
 
     name: str
@@ -79,3 +80,4 @@ class Row:
     details: str = ""
     frame: str = ""
     on_request: bool = False
+    is_long: bool = False

@@ -143,7 +143,6 @@ class _Lowering:
         self._imported = imported
         self.graph: Graph = imported.graph
         self.words = imported.words(imported.tape.groups)
-        self._constants_negated: dict[int, bool] = {}
 
     def draft(self, piece: Slice) -> _Draft:
         """Lower one slice, with what is used once written where it is used."""
@@ -214,7 +213,7 @@ class _Lowering:
         """The right-hand side of a node."""
         graph, kind = self.graph, self.graph.kinds[node]
         signed = [self._signed(ref, negated) for ref in graph.operands[node]]
-        flip = -1 if self._is_negated(node, negated) else 1
+        flip = -1 if (node in negated) else 1
         if kind is Kind.SUM:
             terms = [
                 (flip * sign, ref >> 1, term)
@@ -248,29 +247,14 @@ class _Lowering:
         value = graph.value(ref)
         if value is not None:
             return (-1, Number(-value)) if value < 0 else (1, Number(value))
-        flipped = (ref & 1) ^ self._is_negated(node, negated)
+        flipped = (ref & 1) ^ (node in negated)
         return (-1 if flipped else 1), Name(self.name(node))
-
-    def _is_negated(self, node: int, negated: Collection[int]) -> bool:
-        if not self.graph.constant[node]:
-            return node in negated
-        if node not in self._constants_negated:
-            self._constants_negated[node] = _is_mostly_negative(self.graph, node)
-        return self._constants_negated[node]
 
 
 def _with_sign(sign: int, node: Node) -> Node:
     if sign > 0:
         return node
     return Number(-node.value) if isinstance(node, Number) else Sum(((-1, node),))
-
-
-def _is_mostly_negative(graph: Graph, node: int) -> bool:
-    """Whether a sum takes fewer signs with all of them changed."""
-    if graph.kinds[node] is not Kind.SUM:
-        return False
-    refs = graph.operands[node]
-    return 2 * sum(ref & 1 for ref in refs) > len(refs)
 
 
 def _renamed(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-_DIRECTIONS = (
+# Components of a wrench, force rows first.
+DIRECTIONS = (
     "force along x",
     "force along y",
     "force along z",
@@ -15,11 +18,12 @@ _DIRECTIONS = (
 )
 
 
-def directions(basis: NDArray[np.float64]) -> tuple[str, ...]:
-    """Directions of wrenches in words.
+def directions(basis: NDArray[np.float64], names: Sequence[str] = DIRECTIONS) -> tuple[str, ...]:
+    """Directions of wrenches, or of other vectors, in words.
 
     Args:
-        basis: Wrenches (6, k) that span the directions, a column each, force rows first.
+        basis: Vectors (m, k) that span the directions, a column each; wrenches have force first.
+        names: Their m components.
 
     Returns:
         The k directions, each such as "force along x", or as a sum where they cannot be single.
@@ -31,12 +35,12 @@ def directions(basis: NDArray[np.float64]) -> tuple[str, ...]:
         rest -= np.outer(axis, axis @ rest)
     # Reduced so that each direction has a component of its own, and is that alone if it can be.
     reduced = basis @ np.linalg.inv(basis[sorted(pivots)])
-    return tuple(_in_words(direction) for direction in reduced.T)
+    return tuple(_in_words(direction, names) for direction in reduced.T)
 
 
-def _in_words(direction: NDArray[np.float64]) -> str:
+def _in_words(direction: NDArray[np.float64], names: Sequence[str]) -> str:
     parts: list[str] = []
-    for component, name in zip(direction, _DIRECTIONS, strict=True):
+    for component, name in zip(direction, names, strict=True):
         if abs(component) > 1e-6:
             factor = "" if abs(abs(component) - 1.0) < 1e-6 else f"{abs(component):.3g} × "
             sign = ("− " if component < 0 else "+ ") if parts else ("−" if component < 0 else "")

@@ -13,7 +13,6 @@ import logging
 import os
 import sys
 import threading
-from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
@@ -55,24 +54,26 @@ def load(
     with _importing:
         module = _import(folder)
     loaded = module if backend == "numpy" else _compiled(module, folder, threads)
-    loaded.__getattr__ = partial(_missing, loaded)  # type: ignore[method-assign]
+    loaded.__class__ = _Loaded
     return loaded
 
 
-def _missing(module: ModuleType, name: str) -> NoReturn:
-    """Say that a module has no such name, and which option makes it where there is one.
+class _Loaded(ModuleType):
+    """A module that says of a function that it lacks which option adds it."""
 
-    Args:
-        module: The module.
-        name: The name that was looked up.
+    def __getattr__(self, name: str) -> NoReturn:
+        """Say why a name is not there.
 
-    Raises:
-        MissingFunctionError: It is that of a function that is generated on request.
-        AttributeError: It is any other.
-    """
-    if name in FUNCTIONS and FUNCTIONS[name].on_request:
-        raise MissingFunctionError(module.NAME, name)
-    raise AttributeError(f"module {module.NAME!r} has no attribute {name!r}")
+        Args:
+            name: The name that was looked up.
+
+        Raises:
+            MissingFunctionError: It is that of a function that is generated on request.
+            AttributeError: It is any other.
+        """
+        if name in FUNCTIONS and FUNCTIONS[name].on_request:
+            raise MissingFunctionError(self.NAME, name)
+        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:

@@ -76,7 +76,7 @@ def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
         UsageError: If the scenario names a joint that the robot does not have, or if the robot file
             is not the module's.
     """
-    found = _of_robot_file(vehicle)
+    found = robot_file_actuators(vehicle)
     motors, arm = scenario.motors, scenario.arm
     if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
         found.thrusts[:] = np.transpose([_NO_LIMITS])
@@ -111,8 +111,18 @@ def joint_place(vehicle: Vehicle, name: str) -> int:
     return vehicle.joint_names.index(name)
 
 
-def _of_robot_file(vehicle: Vehicle) -> Actuators:
-    """What the robot file of a module says; no limits and no lag where it is not there."""
+def robot_file_actuators(vehicle: Vehicle) -> Actuators:
+    """Limits and lag that the robot file of a module says.
+
+    Args:
+        vehicle: The robot.
+
+    Returns:
+        The actuators; without limits and lag where the module has no robot file.
+
+    Raises:
+        UsageError: If the robot file is not the module's.
+    """
     found = Actuators.unlimited(vehicle)
     for folder in getattr(vehicle.module, "__path__", ()):
         path = Path(folder) / "robot.toml"

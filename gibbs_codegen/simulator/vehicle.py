@@ -80,24 +80,32 @@ class Vehicle:
 
     def _bind(self) -> None:
         """Take the module's functions, with the constants."""
-        self.forward_dynamics = self._bound("forward_dynamics")
-        self.forward_dynamics_with_wrenches = self._bound("forward_dynamics_with_wrenches")
-        self.wrench_forces = self._bound("wrench_forces")
-        self.inverse_dynamics = self._bound("inverse_dynamics")
-        self.mass_matrix = self._bound("mass_matrix")
-        self.input_matrix = self._bound("input_matrix")
-        self.constraint_torques = self._bound("constraint_torques")
-        self.positions = self._bound("positions")
-        self.integrate = self._bound("integrate")
-        self.frame_poses = self._bound("frame_poses")
+        self.forward_dynamics = self.function("forward_dynamics")
+        self.forward_dynamics_with_wrenches = self.function("forward_dynamics_with_wrenches")
+        self.wrench_forces = self.function("wrench_forces")
+        self.inverse_dynamics = self.function("inverse_dynamics")
+        self.mass_matrix = self.function("mass_matrix")
+        self.input_matrix = self.function("input_matrix")
+        self.constraint_torques = self.function("constraint_torques")
+        self.positions = self.function("positions")
+        self.integrate = self.function("integrate")
+        self.frame_poses = self.function("frame_poses")
         if self.has_tip:
-            self.tip_pose = self._bound("tip_pose")
-            self.tip_jacobian = self._bound("tip_jacobian")
-            self.tip_bias_acceleration = self._bound("tip_bias_acceleration")
-        self.kinetic_energy = self._bound("kinetic_energy")
-        self.potential_energy = self._bound("potential_energy")
+            self.tip_pose = self.function("tip_pose")
+            self.tip_jacobian = self.function("tip_jacobian")
+            self.tip_bias_acceleration = self.function("tip_bias_acceleration")
+        self.kinetic_energy = self.function("kinetic_energy")
+        self.potential_energy = self.function("potential_energy")
 
-    def _bound(self, name: str) -> Callable[..., Array]:
+    def function(self, name: str) -> Callable[..., Array]:
+        """A function of the module with the constants of the parameters.
+
+        Args:
+            name: Its name.
+
+        Returns:
+            The function.
+        """
         function: Callable[..., Array] = getattr(self.module, name)
         return function if self.constants is None else partial(function, constants=self.constants)
 

@@ -193,6 +193,21 @@ class Rotation:
 NO_ROTATION = Rotation(Z, sp.S.One, sp.S.Zero)
 
 
+def turned_axes(tape: Scalars, rotations: Sequence[Rotation]) -> tuple[Vector, Vector, Vector]:
+    """Axes of a frame in another.
+
+    Args:
+        rotations: Take components in the frame to those in the other, one after the other.
+
+    Returns:
+        The axes x, y and z of the frame.
+    """
+    axes = [axis_vector(axis) for axis in (X, Y, Z)]
+    for rotation in rotations:
+        axes = [rotation.vector(tape, axis) for axis in axes]
+    return (axes[0], axes[1], axes[2])
+
+
 @dataclass(frozen=True)
 class Wrench:
     """A force and a moment about a point, or any pair of vectors that moves like one."""

@@ -17,7 +17,7 @@ import os
 import platform
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import matplotlib as mpl
@@ -29,7 +29,7 @@ sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent.parent)]
 
 from family import benchmark_robot, named_robot  # noqa: E402
 from our_c import BATCH, ONE, our_contenders  # noqa: E402
-from peers.contender import TASKS, Contender, States, aligned, packed  # noqa: E402
+from peers.contender import TASKS, Contender, States, packed  # noqa: E402
 from peers.peers import STATES, check, contenders, random_states  # noqa: E402
 from peers.timing import Timer, timer  # noqa: E402
 
@@ -43,9 +43,8 @@ Times = dict[tuple[str, str], np.ndarray]
 
 def measurement(time_calls: Timer, contender: Contender, states: States) -> Callable[[], float]:
     """A function that measures nanoseconds per state, over at least one pass through the states."""
-    size = states[1].shape[1]
     blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
-    first, second = (aligned(entries * contender.width) for entries in (size * size, size))
+    first, second = contender.memory(states[1].shape[1])
     given = [number for block in blocks for number in (block.ctypes.data, block[0].size)]
     pointer = ctypes.cast(contender.function, ctypes.c_void_p)
     around = len(blocks[0])
@@ -67,10 +66,14 @@ def times(name: str, robot: Robot, folder: Path, time_calls: Timer, console: Con
         found = [*contenders(robot, folder), *our_contenders(robot, folder)]
         worst = max(check(contender, robot) for contender in found)
         console.print(f"{name}: {len(found)} contenders agree to {worst:.0e}")
-        states = random_states(robot, STATES)
-        measures = {(c.task, c.name): measurement(time_calls, c, states) for c in found}
     with console.status(f"{name}: timing"):
-        rounds = [{key: measure() for key, measure in measures.items()} for _ in range(ROUNDS)]
+        return in_rounds(found, random_states(robot, STATES), time_calls)
+
+
+def in_rounds(found: Sequence[Contender], states: States, time_calls: Timer) -> Times:
+    """Nanoseconds per state of every contender in every round, each round through all of them."""
+    measures = {(c.task, c.name): measurement(time_calls, c, states) for c in found}
+    rounds = [{key: measure() for key, measure in measures.items()} for _ in range(ROUNDS)]
     return {key: np.array([r[key] for r in rounds]) for key in measures}
 
 
@@ -80,9 +83,11 @@ def ratio_text(peer: np.ndarray, ours: np.ndarray) -> str:
     return f"{middle:.3g} ({low:.3g}–{high:.3g})"
 
 
-def print_tables(measured: dict[str, Times], console: Console) -> None:
+def print_tables(
+    measured: dict[str, Times], console: Console, tasks: Sequence[str] = TASKS
+) -> None:
     """A table a task: nanoseconds per state, and how many times that of ours it is."""
-    for task in TASKS:
+    for task in tasks:
         table = Table(title=f"{task.capitalize()}: ns per state, and times ours (10–90 %)")
         table.add_column("who")
         for name in measured:
@@ -110,14 +115,14 @@ def _names(measured: dict[str, Times], task: str) -> list[str]:
     return list(dict.fromkeys(every))
 
 
-def draw(measured: dict[str, Times], file: str) -> None:
+def draw(measured: dict[str, Times], file: str, tasks: Sequence[str] = TASKS) -> None:
     """Bars of nanoseconds per state on a logarithmic scale, a panel a task."""
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
     figure, panels = plt.subplots(1, 2, figsize=(11, 5), sharey=True, layout="constrained")
     colours = plt.get_cmap("tab10").colors
-    for panel, task in zip(panels, TASKS, strict=True):
+    for panel, task in zip(panels, tasks, strict=True):
         names = _names(measured, task)
         width = 0.86 / len(names)
         for i, who in enumerate(names):
@@ -134,7 +139,7 @@ def draw(measured: dict[str, Times], file: str) -> None:
             texts = [f"{h:.0f}" if h >= 100 else f"{h:.3g}" for h in heights]
             panel.bar_label(bars, texts, fontsize=7, rotation=90, padding=2)
         panel.set_yscale("log")
-        panel.set_xticks(range(len(measured)), list(measured))
+        panel.set_xticks(range(len(measured)), [name.replace(", ", "\n") for name in measured])
         panel.set_title(task)
         panel.grid(axis="y", which="major", alpha=0.4)
         panel.set_axisbelow(True)

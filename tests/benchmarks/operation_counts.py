@@ -1,12 +1,15 @@
 """Print operation counts of the benchmark family and of other machines.
 
 `python tests/benchmarks/operation_counts.py` counts all of them, which takes minutes; names that
-follow, of robots that ship, of robot files or `two_arms`, are counted instead.
+follow, of robots that ship, of robot files or `two_arms`, are counted instead. With `--derivatives`
+functions that are generated on request are counted, of the family's members with 3 and 7 links.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -28,6 +31,13 @@ def counts(robot: Robot) -> dict[str, Operations]:
     return {name: count_operations(program.function(name).nodes()) for name in FUNCTIONS}
 
 
+def derivative_counts(robot: Robot, *names: str) -> dict[str, Operations]:
+    """Operations of functions that are generated on request: of these, or of all that there are."""
+    model = derive(robot, derivatives=names or "all")
+    program = model.program
+    return {name: count_operations(program.function(name).nodes()) for name in model.derivatives}
+
+
 def family() -> list[Robot]:
     """Members of the benchmark family."""
     robots = [
@@ -38,18 +48,48 @@ def family() -> list[Robot]:
     return [*robots, benchmark_robot(3, 4), benchmark_robot(3, 40)]
 
 
-def main() -> None:
-    """Print a table of all but the sine–cosine pairs, and the pairs."""
+def print_counts(robots: Sequence[Robot], console: Console) -> None:
+    """A row a robot, with all but the sine–cosine pairs, and the pairs."""
     table = Table(title="Operations, parameters symbolic (sine-cosine pairs apart)")
     for column in ("robot", "origin", "attitude", *FUNCTIONS, "pairs"):
         table.add_column(column, justify="right")
-    others = sys.argv[1:] or ["hextilt_flying_arm_5", "two_arms"]
-    for robot in [*([] if sys.argv[1:] else family()), *map(named_robot, others)]:
+    for robot in robots:
         found = counts(robot)
         pairs = found["mass_matrix_and_residual"].sine_cosine_pairs
         totals = [str(found[name].total) for name in FUNCTIONS]
         table.add_row(robot.name, robot.base.origin, robot.base.attitude, *totals, str(pairs))
-    Console(width=150).print(table)
+    console.print(table)
+
+
+def print_derivative_counts(robots: Sequence[Robot], console: Console) -> None:
+    """A row a function, a column a robot, sine–cosine pairs apart."""
+    found = [derivative_counts(robot) for robot in robots]
+    table = Table(title="Operations, parameters symbolic (sine-cosine pairs apart)")
+    table.add_column("function")
+    for robot in robots:
+        table.add_column(f"{robot.name}, {robot.base.attitude}", justify="right")
+    for name in dict.fromkeys(name for each in found for name in each):
+        table.add_row(name, *(str(each[name].total) if name in each else "" for each in found))
+    console.print(table)
+
+
+def main() -> None:
+    """Print one of the tables."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("robots", nargs="*", metavar="ROBOT")
+    parser.add_argument("--derivatives", action="store_true")
+    options = parser.parse_args()
+    named, console = [named_robot(name) for name in options.robots], Console(width=150)
+    if options.derivatives:
+        members = [
+            benchmark_robot(links, attitude=attitude)
+            for links in (3, 7)
+            for attitude in ("xyz", "quaternion")
+        ]
+        print_derivative_counts(named or members, console)
+    else:
+        others = ("hextilt_flying_arm_5", "two_arms")
+        print_counts(named or [*family(), *map(named_robot, others)], console)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 
@@ -20,6 +21,7 @@ from peers.contender import (
 )
 
 from gibbs_codegen.derivation.derive import derive
+from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import TARGETS, render_module
@@ -45,25 +47,35 @@ CALL(forward_batch, forward_dynamics_batch, EIGHT, q, v, u, first)
 
 def our_contenders(robot: Robot, folder: Path) -> list[Contender]:
     """Both tasks, one state and eight at a time, emitted and compiled in `folder`."""
-    package = folder / f"{robot.name}_module"
+    return _contenders(*built(derive(robot), folder, _GLUE.format(name=robot.name)))
+
+
+def written(model: Model, package: Path) -> Path:
+    """Write a robot's module to a folder: its C source."""
     package.mkdir(parents=True, exist_ok=True)
-    for file, text in render_module(derive(robot), "", TARGETS).items():
+    for file, text in render_module(model, "", TARGETS).items():
         (package / file).write_text(text, encoding="utf-8")
-    glue = package / "glue.c"
-    glue.write_text(_GLUE.format(name=robot.name), encoding="utf-8")
-    library = package / "ours.so"
-    source = package / f"{robot.name}.c"
-    subprocess.run(["gcc", *FLAGS, str(source), str(glue), "-o", str(library), "-lm"], check=True)
-    return _contenders(ctypes.CDLL(str(library)), load(package))
+    return package / f"{model.robot.name}.c"
+
+
+def built(model: Model, folder: Path, glue: str) -> tuple[ctypes.CDLL, ModuleType]:
+    """Emit a robot's module in `folder`: its C, compiled with `glue`, and its Python."""
+    source = written(model, folder / f"{model.robot.name}_module")
+    package = source.parent
+    calls, library = package / "glue.c", package / "ours.so"
+    calls.write_text(glue, encoding="utf-8")
+    subprocess.run(["gcc", *FLAGS, str(source), str(calls), "-o", str(library), "-lm"], check=True)
+    return ctypes.CDLL(str(library)), load(package)
+
+
+def generalised(module: ModuleType, states: States) -> States:
+    """Inputs whose generalised forces are the given ones."""
+    q, v, tau = states
+    return q, v, (np.linalg.pinv(module.input_matrix(q)) @ tau[..., None])[..., 0]
 
 
 def _contenders(library: ctypes.CDLL, module: ModuleType) -> list[Contender]:
     size = len(module.VELOCITIES)
-
-    def generalised(states: States) -> States:
-        """Inputs whose generalised forces are the given ones."""
-        q, v, tau = states
-        return q, v, (np.linalg.pinv(module.input_matrix(q)) @ tau[..., None])[..., 0]
 
     def matrix_and_residual(_: States, first: Array, second: Array) -> Results:
         return first.reshape(-1, size, size), second
@@ -77,7 +89,7 @@ def _contenders(library: ctypes.CDLL, module: ModuleType) -> list[Contender]:
             task,
             width,
             function(library, f"{prefix}_{'one' if width == 1 else 'batch'}"),
-            generalised if prefix == "forward" else lambda states: states,
+            partial(generalised, module) if prefix == "forward" else lambda states: states,
             accelerations if prefix == "forward" else matrix_and_residual,
         )
         for task, prefix in (

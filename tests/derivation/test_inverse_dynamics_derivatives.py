@@ -8,15 +8,17 @@ from itertools import chain
 import numpy as np
 import pytest
 import sympy as sp
-from benchmarks.family import benchmark_robot
-from support.complex_step import complex_step
+from benchmarks.family import benchmark_robot, two_arms
+from support.complex_program import complex_step
 from support.random_robots import random_robot, random_tree
 
+from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
 from gibbs_codegen.derivation.inverse_dynamics_derivatives import inverse_dynamics_derivatives
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
-from gibbs_codegen.program.lower import Slice, lower
+from gibbs_codegen.program.lower import Slice, lower, operations
 from gibbs_codegen.program.nodes import Number, Program
+from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.layout import Places, layout_of
 from gibbs_codegen.robot.model import ROD_ORIGINS, SEQUENCES, Attitude, Robot
 from gibbs_codegen.symbolic.tape import Tape
@@ -234,6 +236,5 @@ def derivative_operations(links: int, attitude: Attitude) -> int:
     ],
 )
 def test_operations(links: int, attitude: Attitude, reached: int) -> None:
-    """Before the passes over the graph, which are to bring n = 3, 7 and 30 with angles to 1100,
-    3400 and 33500."""
+    """Counted before the passes over the graph, after which 1100, 3400 and 33500 are allowed."""
     assert derivative_operations(links, attitude) == reached

@@ -7,7 +7,6 @@ constrained joints are real joints.
 from __future__ import annotations
 
 from fractions import Fraction
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from hypothesis import given, settings
 from support.comparison import compare
 from support.emitted import emitted_module
 from support.random_robots import random_robot, random_tree, rigid_body, robots
+from support.tree_cases import QUICK_TREES, tree_cases
 
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot, shipped_robots
@@ -40,24 +40,6 @@ def test_random_robots(numbers: range) -> None:
             compare(robot, emitted_module(robot))
         except AssertionError as error:
             raise AssertionError(f"random robot {number}: {error}\n{robot}") from None
-
-
-# By default one with Tait–Bryan angles and one with a quaternion, which together have held and
-# welded links, rotors on links, springs, poses and Denavit–Hartenberg parameters.
-QUICK_TREES = {(9, "tait_bryan"), (6, "quaternion")}
-CI_TREES = range(10, 13)
-TREES = 100
-
-
-def tree_cases() -> list[Any]:
-    """Random trees with both attitudes: a few, a few more that are slow, and all."""
-    cases = []
-    for case in product(range(TREES), ("tait_bryan", "quaternion")):
-        slow = [] if case in QUICK_TREES else [pytest.mark.slow]
-        if slow and case[0] not in CI_TREES:
-            slow.append(pytest.mark.exhaustive)
-        cases.append(pytest.param(*case, marks=slow))
-    return cases
 
 
 def test_quick_trees_have_every_structure() -> None:

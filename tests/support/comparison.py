@@ -13,11 +13,14 @@ from support.pinocchio_oracle import Oracle
 TOLERANCE = 1e-10
 
 
-def assert_close(name: str, ours: np.ndarray, theirs: np.ndarray) -> None:
+def assert_close(
+    name: str, ours: np.ndarray, theirs: np.ndarray, tolerance: float = TOLERANCE
+) -> None:
     """Agreement relative to the norm of the oracle's array; what is zero is zero to rounding."""
+    assert np.shape(ours) == np.shape(theirs), f"{name}: {np.shape(ours)}, not {np.shape(theirs)}"
     size = float(np.linalg.norm(theirs))
     error = float(np.linalg.norm(np.asarray(ours) - theirs))
-    assert error <= TOLERANCE * size or error < 1e-14, f"{name}: {error / max(size, 1e-300):.2e}"
+    assert error <= tolerance * size or error < 1e-14, f"{name}: {error / max(size, 1e-300):.2e}"
 
 
 def states(robot: Robot, module: ModuleType, count: int, seed: int = 0) -> tuple[np.ndarray, ...]:

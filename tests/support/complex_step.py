@@ -1,61 +1,80 @@
-"""Exact derivatives of a function of a program, by steps along the imaginary axis.
+"""Derivatives of emitted functions, exact to rounding: the kernels evaluated a complex step away.
 
-The imaginary part of f(x + ih) is h·f′(x) up to terms of h³, which are nothing for h = 1e-30, and
-no difference of nearly equal numbers is taken.
+With q (+) δ = integrate(q, δ), derivatives by q are those of δ ↦ f(q (+) δ) at 0, which to first
+order is f at q plus `coordinate_rates(q, δ)`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from functools import reduce
+import inspect
+import sys
+from collections.abc import Mapping
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
-from gibbs_codegen.program.nodes import Call, Name, Node, Number, Product, Program, Reciprocal, Sum
+from gibbs_codegen.interface import module_signatures
 
-_STEP = 1e-30
-_FUNCTIONS = {"sin": np.sin, "cos": np.cos, "sqrt": np.sqrt, "atan": np.arctan}
+Array = np.ndarray
+
+_STEP = 1e-40
 
 
-def complex_step(
-    program: Program,
-    name: str,
-    parameters: Mapping[str, float],
-    arguments: Mapping[str, Sequence[float]],
-    directions: Mapping[str, np.ndarray],
-    output: int = 0,
-) -> np.ndarray:
-    """Derivatives of an output of a function, a row for each of its entries.
+def _numpy_module(module: Any) -> ModuleType:
+    """The module that holds the kernels."""
+    return sys.modules[module.mass_matrix.__module__]
 
-    Directions are a row for each entry of an argument, or of "parameters", and a column for each
-    derivative; arguments without one stay as they are.
+
+def complex_values(
+    module: Any, name: str, arguments: Mapping[str, Array], constants: Any = None
+) -> list[Array]:
+    """Outputs of a function at complex arguments (…, width), which share their leading axes."""
+    source = _numpy_module(module)
+    kernel = getattr(source, f"_{name}")
+    k = source.prepare(source.PARAMETERS) if constants is None else constants
+    columns = [
+        np.moveaxis(np.asarray(arguments[argument], complex), -1, 0)
+        for argument in [*inspect.signature(kernel).parameters][3:]
+    ]
+    entries = kernel(k, np.sin, np.cos, *columns)
+    batch = np.broadcast_shapes(*(column.shape[1:] for column in columns))
+    table = np.stack([np.broadcast_to(np.asarray(e, complex), batch) for e in entries], axis=-1)
+    (found,) = (one for one in module_signatures(module) if one.name == name)
+    parts = np.split(table, np.cumsum([int(np.prod(s)) for s in found.shapes])[:-1], axis=-1)
+    return [part.reshape(*batch, *shape) for part, shape in zip(parts, found.shapes, strict=True)]
+
+
+def along(
+    module: Any, name: str, arguments: Mapping[str, Array], directions: Mapping[str, Array]
+) -> list[Array]:
+    """Derivatives of a function's outputs (m, …) along m directions at once.
+
+    `directions` are rows (m, width) for some of the arguments; those of q are velocities.
     """
-    function = program.function(name)
-    entries_of = {"parameters": program.parameters, **program.inputs}
-    given = {"parameters": [parameters[entry] for entry in program.parameters], **arguments}
-    values: dict[str, np.ndarray] = {}
-    for argument in ("parameters", *function.arguments):
-        for i, entry in enumerate(entries_of[argument]):
-            along = directions[argument][i] if argument in directions else 0.0
-            values[entry] = given[argument][i] + 1j * _STEP * np.asarray(along)
-    for statement in (*program.prepare, *function.statements):
-        values[statement.name] = _value(statement.value, values)
-    entries = [_value(entry, values) for entry in function.outputs[output].entries]
-    columns = next(iter(directions.values())).shape[1]
-    return np.array([np.broadcast_to(entry, columns) for entry in entries]).imag / _STEP
+    moved = {key: np.asarray(value) for key, value in arguments.items()}
+    for key, rows in directions.items():
+        rates = module.coordinate_rates(arguments["q"], rows) if key == "q" else rows
+        moved[key] = arguments[key] + 1j * _STEP * rates
+    count = len(next(iter(directions.values())))
+    moved = {key: np.broadcast_to(m, (count, m.shape[-1])) for key, m in moved.items()}
+    return [output.imag / _STEP for output in complex_values(module, name, moved)]
 
 
-def _value(node: Node, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    match node:
-        case Name(name):
-            return values[name]
-        case Number(value):
-            return np.asarray(value)
-        case Sum(terms):
-            return sum((sign * _value(term, values) for sign, term in terms), np.asarray(0.0))
-        case Product(factors):
-            return reduce(np.multiply, (_value(factor, values) for factor in factors))
-        case Reciprocal(argument):
-            return 1.0 / _value(argument, values)
-        case Call(function, argument):
-            return _FUNCTIONS[function](_value(argument, values))
+def derivative(module: Any, name: str, arguments: Mapping[str, Array], by: str) -> list[Array]:
+    """Derivatives (…, width) of a function's outputs by an argument, by q in the tangent space."""
+    width = len(module.VELOCITIES) if by == "q" else len(arguments[by])
+    found = along(module, name, arguments, {by: np.eye(width)})
+    return [np.moveaxis(output, 0, -1) for output in found]
+
+
+def parameter_derivative(module: Any, name: str, arguments: Mapping[str, Array]) -> list[Array]:
+    """Derivatives (…, parameters) of a function's outputs by PARAMETERS."""
+    source = _numpy_module(module)
+    columns = []
+    for parameter in module.PARAMETERS:
+        values = dict(source.PARAMETERS)
+        values[parameter] = np.complex128(values[parameter] + 1j * _STEP)
+        outputs = complex_values(module, name, arguments, source._constants(values))
+        columns.append([output.imag / _STEP for output in outputs])
+    return [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]

@@ -23,6 +23,11 @@ def emitted_module(robot: Robot, keep_zeros: bool = False) -> ModuleType:
     return module_of(derive(robot, keep_zeros))
 
 
+def module_with_derivatives(robot: Robot, *names: str) -> ModuleType:
+    """The same with the derivatives of these names, or with all."""
+    return module_of(derive(robot, derivatives=names or "all"))
+
+
 def module_of(model: Model) -> ModuleType:
     """Render a derived robot for NumPy, write it to a temporary folder, and import it."""
     with tempfile.TemporaryDirectory() as folder:

@@ -43,11 +43,13 @@ def values(graph: Graph, refs: Sequence[Ref], inputs: Sequence[float]) -> list[f
     return [value(ref) for ref in refs]
 
 
-def random_function(seed: int, size: int = 60) -> tuple[Graph, list[Ref], list[float]]:
+def random_function(
+    seed: int, graph: Graph | None = None, size: int = 60
+) -> tuple[Graph, list[Ref], list[float]]:
     """A function with much to factor and to share: graph, outputs and inputs to try it with."""
     draw = random.Random(seed)  # noqa: S311
-    graph = Graph()
-    refs = [graph.input(f"k{i}", constant=True) for i in range(3)]
+    graph = graph or Graph()
+    refs = [graph.input(f"p{i}", constant=True) for i in range(3)]
     refs += [graph.input(f"x{i}") for i in range(6)]
     inputs = [draw.uniform(0.5, 2.0) for _ in refs]
     refs += [graph.number(2.0), graph.number(-0.75)]

@@ -43,6 +43,16 @@ def matrices(signature: Signature) -> list[str]:
     return [output.name if len(shape) > 1 else "" for output, shape in pairs]
 
 
+def test_they_are_described(emitted: Emitted) -> None:
+    header, said = emitted.text(".h"), " ".join(emitted.text(".h").replace("\n *", " ").split())
+    for signature in on_demand(emitted):
+        row = FUNCTIONS[signature.name]
+        assert f"\n * @brief {row.summary}\n" in header
+        # Lines are broken after hyphens.
+        assert row.details.replace("- ", "-") in said.replace("- ", "-")
+        assert row.summary in str(getattr(emitted.module, row.name).__doc__)
+
+
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "g++"])
 @pytest.mark.parametrize("precision", ["double", "single"])
 def test_they_compile_silently(

@@ -11,13 +11,14 @@ Values of the base are those of attitude and then of position, without the joint
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import sympy as sp
 
+from gibbs_codegen.derivation.acceleration_column import AccelerationColumn
 from gibbs_codegen.derivation.inertia import Inertia
-from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.unit_motions import Column, MovingBody
 from gibbs_codegen.robot.layout import Places
 from gibbs_codegen.symbolic.tape import Scalars
@@ -243,5 +244,43 @@ class Root(Protocol):
 
         Returns:
             The displacement, one entry for each velocity of the base.
+        """
+        ...
+
+    def acceleration_rows(
+        self, tape: Scalars, turns: Sequence[Rotation]
+    ) -> Callable[[Acceleration], Values]:
+        """How changes of the base's motion change the rates of its velocities.
+
+        Args:
+            turns: Rotations from the frame of the changes to the group frame.
+
+        Returns:
+            A linear function of an acceleration in that frame: of the origin, and what the rates of
+            the velocities add to the angular acceleration.
+        """
+        ...
+
+    def state_columns(
+        self,
+        tape: Scalars,
+        turning: Sequence[AccelerationColumn],
+        linear: Vector,
+        rates: Values,
+        accelerations: Values,
+        gravity: sp.Expr,
+    ) -> tuple[list[Values], list[Values]]:
+        """Derivatives of all accelerations by attitude and position, and by the velocities.
+
+        Args:
+            turning: Columns for a change of each component of the angular velocity ω of the base,
+                with the acceleration of the origin and dω/dt.
+            linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
+            rates, accelerations: The base's velocities, and their rates.
+            gravity: Gravity (m/s²).
+
+        Returns:
+            Columns in the tangent space of the base's coordinates, and for each of its velocities;
+            first come the rows of the base, then those of the joints.
         """
         ...

@@ -8,13 +8,14 @@ only through the direction of gravity. Nothing is divided by anything: no attitu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
+from gibbs_codegen.derivation.acceleration_column import AccelerationColumn
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
-from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.root.pose import (
     Quaternion,
     displaced,
@@ -36,6 +37,7 @@ from gibbs_codegen.symbolic.vectors import (
     Vector,
     Wrench,
     add,
+    axis_vector,
     cross,
     minus,
     zeros,
@@ -258,6 +260,60 @@ class QuaternionRoot:
         """
         turn, step = displacement(tape, _pose(start), _pose(end))
         return [*turn, *step]
+
+    def acceleration_rows(
+        self, tape: Scalars, turns: Sequence[Rotation]
+    ) -> Callable[[Acceleration], Values]:
+        """How changes of the base's motion change the rates of its velocities.
+
+        Args:
+            turns: Rotations from the frame of the changes to the base's.
+
+        Returns:
+            A linear function of an acceleration in that frame, of the origin and angular.
+        """
+
+        def converted(motion: Acceleration) -> Values:
+            for turn in turns:
+                motion = motion.rotated(tape, turn)
+            return [*motion.angular, *motion.linear]
+
+        return converted
+
+    def state_columns(
+        self,
+        tape: Scalars,
+        turning: Sequence[AccelerationColumn],
+        linear: Vector,
+        rates: Values,
+        accelerations: Values,
+        gravity: sp.Expr,
+    ) -> tuple[list[Values], list[Values]]:
+        """Derivatives of all accelerations by attitude and position, and by the velocities.
+
+        Args:
+            turning: Columns for a change of each component of the angular velocity.
+            linear: Not used.
+            rates: ω and the origin's velocity.
+            accelerations: Not used.
+            gravity: Gravity (m/s²).
+
+        Returns:
+            Columns for a turn and a displacement of the base in its own frame, and for each
+            velocity; first come the rows of the base.
+        """
+        omega, velocity = _vector(rates[:3]), _vector(rates[3:])
+        up = upward(tape, self.attitude, gravity)
+        by_attitude, by_turning, by_velocity = [], [], []
+        for k, column in enumerate(turning):
+            unit = axis_vector(k)
+            moved = add(tape, column.root.linear, cross(tape, velocity, unit))
+            by_turning.append([*column.root.angular, *moved, *column.joints])
+            still = [sp.S.Zero] * len(column.joints)
+            by_attitude.append([*ZERO, *cross(tape, unit, up), *still])
+            by_velocity.append([*ZERO, *cross(tape, unit, omega), *still])
+        nothing = [[sp.S.Zero] * len(by_turning[0])] * 3
+        return [*by_attitude, *nothing], [*by_turning, *by_velocity]
 
 
 def _vector(values: Values) -> Vector:

@@ -8,14 +8,16 @@ group frame is then the frame before that rotation.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
+from gibbs_codegen.derivation.acceleration_column import AccelerationColumn
 from gibbs_codegen.derivation.inertia import ANGULAR, Inertia
-from gibbs_codegen.derivation.motion import Motion
+from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.root.tait_bryan_accelerations import TaitBryanFrame, state_columns
 from gibbs_codegen.derivation.root.tait_bryan_derivatives import TaitBryanDerivatives
 from gibbs_codegen.derivation.unit_motions import UnitMotion
 from gibbs_codegen.robot.layout import Places, velocity_places
@@ -31,6 +33,7 @@ from gibbs_codegen.symbolic.vectors import (
     axis_vector,
     cross,
     scale,
+    turned_axes,
     zeros,
 )
 
@@ -320,6 +323,54 @@ class TaitBryanRoot:
             The differences.
         """
         return [tape.let(q - p) for p, q in zip(start, end, strict=True)]
+
+    def acceleration_rows(
+        self, tape: Scalars, turns: Sequence[Rotation]
+    ) -> Callable[[Acceleration], Values]:
+        """How changes of the base's motion change the accelerations of its coordinates.
+
+        Args:
+            turns: Rotations from the frame of the changes to the group frame.
+
+        Returns:
+            A linear function of an acceleration in that frame: of the origin, and what the rates of
+            the velocities add to the angular acceleration.
+        """
+        return self._frame(tape, turns).rows(tape)
+
+    def state_columns(
+        self,
+        tape: Scalars,
+        turning: Sequence[AccelerationColumn],
+        linear: Vector,
+        rates: Values,
+        accelerations: Values,
+        gravity: sp.Expr,
+    ) -> tuple[list[Values], list[Values]]:
+        """Derivatives of all accelerations by attitude and position, and by the velocities.
+
+        Args:
+            turning: Columns for a change of each component of the angular velocity.
+            linear: Acceleration of the origin relative to free fall, in the group frame (m/s²).
+            rates, accelerations: The base's velocities, and their rates.
+            gravity: Not used.
+
+        Returns:
+            Columns for each coordinate of the base, and for each of its velocities; first come the
+            rows of the base.
+        """
+        frame = self._frame(tape, [])
+        if not self.spins_about_normal:
+            linear = self.rotations[2].vector(tape, linear)
+        return state_columns(tape, frame, turning, linear, rates, accelerations)
+
+    def _frame(self, tape: Scalars, turns: Sequence[Rotation]) -> TaitBryanFrame:
+        """The frame between the second rotation and the third, seen from another."""
+        third = [] if self.spins_about_normal else [self.rotations[2].inverse]
+        vectors = turned_axes(tape, [*third, *(turn.inverse for turn in reversed(turns))])
+        first_axis = self.rotations[1].inverse.vector(tape, axis_vector(self.axes[0]))
+        cos, sin = first_axis[self.axes[0]], first_axis[self.axes[2]]
+        return TaitBryanFrame(self.axes, self.rotations[:2], vectors, cos, sin)
 
     def _angle_accelerations(self, tape: Scalars, angular: Vector) -> Vector:
         a, b, c = self.axes

@@ -33,6 +33,9 @@ class MovingBase(Protocol):
     def motion(self, gravity: float) -> Motion:
         """Motion while no coordinate accelerates, gravity an acceleration upwards."""
 
+    def accelerated(self, motion: Motion, accelerations: Vector) -> Motion:
+        """The same motion where the coordinates accelerate."""
+
     def forces(self, torque: Vector, force: Vector) -> Vector:
         """Generalised forces of a wrench about the base's origin, in its axes."""
 
@@ -70,6 +73,12 @@ class TaitBryanBase:
             motion = motion.turned(self.turns[axis], self.velocity[axis])
         falling = [gravity * entry for entry in self.rotation[2]]
         return Motion(motion.velocity, motion.turning, falling)
+
+    def accelerated(self, motion: Motion, accelerations: Vector) -> Motion:
+        """By the rates of the attitude and the axes of the world."""
+        turning = times(self.rates, accelerations[:ATTITUDE])
+        moving = times(transposed(self.rotation), accelerations[ATTITUDE:])
+        return motion.accelerated(turning, moving)
 
     def forces(self, torque: Vector, force: Vector) -> Vector:
         """By the rates of the attitude and the axes of the world."""
@@ -126,6 +135,10 @@ class FreeFlyer:
         """The velocities are in the base's axes as they are."""
         turned = cross(self.angular, self.linear)
         return Motion(self.angular, ZERO, plus(turned, [gravity * entry for entry in self.up]))
+
+    def accelerated(self, motion: Motion, accelerations: Vector) -> Motion:
+        """The accelerations are in the base's axes as they are."""
+        return motion.accelerated(accelerations[3:], accelerations[:3])
 
     def forces(self, torque: Vector, force: Vector) -> Vector:
         """The wrench itself."""

@@ -1,4 +1,5 @@
-// The C that CasADi wrote with eight doubles for a real number: eight states a call.
+// The C that CasADi wrote with eight doubles for a real number: eight states a call. FUNCTIONS is
+// GLUE(name) for each of its functions.
 #include <math.h>
 
 typedef double Eight __attribute__((vector_size(64)));
@@ -65,8 +66,6 @@ static inline Real cos(Real a)
 #define CASADI_SYMBOL_EXPORT static // the compiler then sees that no pointer is null
 #include GENERATED
 
-#define EXPORT extern "C" __attribute__((visibility("default")))
-
 static inline const Real *input(const double *block)
 {
     return reinterpret_cast<const Real *>(block);
@@ -77,18 +76,14 @@ static inline Real *output(double *block)
     return reinterpret_cast<Real *>(block);
 }
 
-EXPORT void casadi_mass_matrix_and_effects(const double *q, const double *v, const double *,
-                                           double *first, double *second)
-{
-    const Real *arguments[] = {input(q), input(v)};
-    Real *results[] = {output(first), output(second)};
-    mass_matrix_and_effects(arguments, results, nullptr, nullptr, 0);
-}
+#define GLUE(name)                                                                              \
+    extern "C" __attribute__((visibility("default")))                                           \
+    void casadi_##name(const double *q, const double *v, const double *tau, double *first,      \
+                       double *second)                                                          \
+    {                                                                                           \
+        const Real *arguments[] = {input(q), input(v), input(tau)};                             \
+        Real *results[] = {output(first), output(second)};                                      \
+        name(arguments, results, nullptr, nullptr, 0);                                          \
+    }
 
-EXPORT void casadi_forward_dynamics(const double *q, const double *v, const double *tau,
-                                    double *first, double *)
-{
-    const Real *arguments[] = {input(q), input(v), input(tau)};
-    Real *results[] = {output(first)};
-    forward_dynamics(arguments, results, nullptr, nullptr, 0);
-}
+FUNCTIONS

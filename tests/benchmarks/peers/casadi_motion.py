@@ -25,7 +25,7 @@ from peers.tree import Body
 
 @dataclass(frozen=True)
 class Motion:
-    """A body's angular velocity, and its accelerations while no coordinate accelerates."""
+    """A body's angular velocity, and its accelerations."""
 
     velocity: Vector
     turning: Vector
@@ -41,6 +41,11 @@ class Motion:
             [xy + c, -(zz + xx), yz - a],
             [zx - b, yz + a, -(xx + yy)],
         ]
+
+    def accelerated(self, turning: Vector, moving: Vector) -> Motion:
+        """Motion with more of either acceleration."""
+        turning, moving = plus(self.turning, turning), plus(self.acceleration, moving)
+        return Motion(self.velocity, turning, moving)
 
     def turned(self, turn: Turn, rate: Scalar) -> Motion:
         """Motion of what turns on this body, about the same origin."""

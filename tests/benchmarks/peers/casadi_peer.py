@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import casadi as ca
@@ -60,19 +61,31 @@ def operations(made: ca.Function) -> int:
     return sum(code not in NO_OPERATION for code in codes)
 
 
+def libraries(
+    made: Iterable[ca.Function], folder: Path, several: bool = True
+) -> Iterator[tuple[str, int, ctypes.CDLL]]:
+    """Functions as C, compiled in `folder`, for one state and, if wanted, for several at a time.
+
+    Yields what to call it, how many states it takes a call, and the library.
+    """
+    generated = folder / "casadi_generated.c"
+    generator, glue = ca.CodeGenerator(generated.name), ""
+    for one in made:
+        generator.add(one)
+        glue += f"GLUE({one.name()})"
+    generator.generate(f"{folder}/")
+    arguments = [f'-DGENERATED="{generated}"', f"-DFUNCTIONS={glue}", "-lmvec", "-lm"]
+    for name, width, source in WIDTHS if several else WIDTHS[:1]:
+        library = compiled(source, folder / f"{source}.so", arguments)
+        yield name, width, ctypes.CDLL(str(library))
+
+
 def casadi_contenders(tree: Tree, folder: Path) -> list[Contender]:
     """CasADi one state and eight states at a time, both tasks."""
-    generated = folder / "casadi_generated.c"
-    generator = ca.CodeGenerator(generated.name)
-    for made in functions(tree).values():
-        generator.add(made)
-    generator.generate(f"{folder}/")
-    arguments = [f'-DGENERATED="{generated}"', "-lmvec", "-lm"]
     tip = tip_first(tree)
     own = Ordered(tuple(range(tree.velocities)), tuple(range(len(tip.coordinates))))
     found = []
-    for name, width, source in WIDTHS:
-        library = ctypes.CDLL(str(compiled(source, folder / f"{source}.so", arguments)))
+    for name, width, library in libraries(functions(tree).values(), folder):
         both = function(library, "casadi_mass_matrix_and_effects")
         forward = function(library, "casadi_forward_dynamics")
         found += [

@@ -11,6 +11,7 @@ import numpy as np
 from peers.casadi_bases import FreeFlyer, MovingBase, TaitBryanBase, unit_wrench
 from peers.casadi_motion import Motion, wrench
 from peers.casadi_spatial import (
+    ZERO,
     Joint,
     Matrix,
     Scalar,
@@ -76,9 +77,16 @@ def mass_matrix(machine: Machine) -> ca.SX:
 
 
 def effects(machine: Machine) -> ca.SX:
-    """Nonlinear effects, the forces at which no coordinate accelerates, by Newton–Euler."""
+    """Nonlinear effects, the forces at which no coordinate accelerates."""
+    return inverse_dynamics(machine, [0.0] * machine.tree.velocities)
+
+
+def inverse_dynamics(machine: Machine, accelerations: Vector) -> ca.SX:
+    """The forces at which the coordinates accelerate as given, by Newton–Euler."""
     tree, base = machine.tree, machine.base
-    moving = motions(machine, base.motion(tree.gravity))
+    of_base = base.motion(tree.gravity)
+    of_base = base.accelerated(of_base, [accelerations[row] for row in base.rows])
+    moving = motions(machine, of_base, accelerations)
     result = [0.0] * tree.velocities
     wrenches = [wrench(body, motion) for body, motion in zip(tree.bodies, moving, strict=True)]
     for i in range(tree.joints, 0, -1):
@@ -92,12 +100,14 @@ def effects(machine: Machine) -> ca.SX:
     return ca.vertcat(*result)
 
 
-def motions(machine: Machine, of_base: Motion) -> list[Motion]:
-    """Motion of every body while no coordinate accelerates, base first."""
+def motions(machine: Machine, of_base: Motion, accelerations: Vector | None = None) -> list[Motion]:
+    """Motion of every body, base first; no joint accelerates if none is told to."""
     found = [of_base]
     for i, body in enumerate(machine.tree.bodies[1:], start=1):
-        joint, rate = machine.joints[i], machine.velocity[machine.tree.row(i)]
-        found.append(found[body.parent].placed(joint).turned(joint.turn, rate))
+        joint, row = machine.joints[i], machine.tree.row(i)
+        motion = found[body.parent].placed(joint).turned(joint.turn, machine.velocity[row])
+        turning = [0.0, 0.0, accelerations[row] if accelerations else 0.0]
+        found.append(motion.accelerated(turning, ZERO))
     return found
 
 

@@ -27,7 +27,6 @@ from peers.contender import (  # noqa: E402
     Contender,
     Results,
     States,
-    aligned,
     packed,
     results,
 )
@@ -89,8 +88,13 @@ def reference(robot: Robot, task: str, states: States) -> Results:
 def check(contender: Contender, robot: Robot) -> float:
     """Largest error against the oracle, over each state's largest entry; raises above 1e-9."""
     states = random_states(robot, CHECKED_STATES, seed=1)
-    pairs = zip(results(contender, states), reference(robot, contender.task, states), strict=True)
-    worst = float(np.max([_error(found, right) for found, right in pairs]))
+    return agreement(contender, robot, states, reference(robot, contender.task, states))
+
+
+def agreement(contender: Contender, robot: Robot, states: States, right: Results) -> float:
+    """Largest error against what is right, over each state's largest entry; raises above 1e-9."""
+    pairs = zip(results(contender, states), right, strict=True)
+    worst = float(np.max([_error(found, expected) for found, expected in pairs]))
     if not worst < TOLERANCE:
         raise AssertionError(f"{contender.name}, {contender.task}, {robot.name}: off by {worst}")
     return worst
@@ -103,9 +107,8 @@ def _error(found: Array, right: Array) -> Array:
 
 def nanoseconds(time_calls: Timer, contender: Contender, states: States) -> float:
     """Least time per state of many repeats, each at least once round the states."""
-    size = states[1].shape[1]
     blocks = [packed(rows, contender.width) for rows in contender.inputs(states)]
-    first, second = (aligned(entries * contender.width) for entries in (size * size, size))
+    first, second = contender.memory(states[1].shape[1])
     given = [number for block in blocks for number in (block.ctypes.data, block[0].size)]
     pointer = ctypes.cast(contender.function, ctypes.c_void_p)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 from ctypes import c_double, c_int, c_long, c_void_p
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from peers import free_flyer
@@ -27,19 +29,34 @@ def headers() -> list[str]:
     return [f"-I{include}", f"-I{include / 'eigen3'}"]
 
 
-def pinocchio_contenders(tree: Tree, folder: Path) -> list[Contender]:
-    """Pinocchio on a free-flyer, and in other coordinates if the robot's are others; both tasks."""
-    flags = ["-std=c++17", "-w", *headers()]
-    library = compiled("pinocchio_peer.cpp", folder.parent / "pinocchio.so", flags)
-    bodies = np.ascontiguousarray(tree.numbers())
-    ways = [("Pinocchio, free-flyer", True, tree.layout if tree.quaternion else free_flyer)]
+def ways(tree: Tree) -> list[tuple[str, bool, Any]]:
+    """A free-flyer, and the robot's own coordinates if they are others.
+
+    Each is what it is called, whether it is the free-flyer, and the layout.
+    """
+    found = [("Pinocchio, free-flyer", True, tree.layout if tree.quaternion else free_flyer)]
     if not tree.quaternion:
-        ways.append(("Pinocchio, our coordinates", False, tree.layout))
+        found.append(("Pinocchio, our coordinates", False, tree.layout))
+    return found
+
+
+def loaded(tree: Tree, source: str, folder: Path, free: bool) -> ctypes.CDLL:
+    """A library of Pinocchio's algorithms, compiled once for all robots, which holds the model."""
+    flags = ["-std=c++17", "-w", *headers()]
+    name = Path(source).stem
+    library = compiled(source, folder.parent / f"{name}.so", flags)
+    copy = own_copy(library, folder / f"{name}_{'free' if free else 'ours'}.so")
+    bodies = np.ascontiguousarray(tree.numbers())
+    copy.pinocchio_load.argtypes = [c_void_p, c_long, c_double, c_int]
+    copy.pinocchio_load(bodies.ctypes.data, len(bodies), tree.gravity, free)
+    return copy
+
+
+def pinocchio_contenders(tree: Tree, folder: Path) -> list[Contender]:
+    """Pinocchio in each of its coordinates, both tasks."""
     found = []
-    for name, free, layout in ways:
-        copy = own_copy(library, folder / f"pinocchio_{'free' if free else 'ours'}.so")
-        copy.pinocchio_load.argtypes = [c_void_p, c_long, c_double, c_int]
-        copy.pinocchio_load(bodies.ctypes.data, len(bodies), tree.gravity, free)
+    for name, free, layout in ways(tree):
+        copy = loaded(tree, "pinocchio_peer.cpp", folder, free)
         found += [
             Contender(
                 name,

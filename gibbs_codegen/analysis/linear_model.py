@@ -1,0 +1,100 @@
+"""Linearisation: how small deviations from a state grow, and what inputs do to them.
+
+A deviation has 2 nv entries: δ, with q = q₀ ⊕ δ, and v − v₀. Both q₀ and q move, so that δ has the
+rate v − v₀ only where the base neither moves nor is a quaternion's. With a quaternion δ is in the
+axes of the base, which turn: from q̇₀ = q₀ ξ₀ and q = q₀ exp(δ) follows δ̇ = ξ − ξ₀ − ad(ξ₀) δ to
+first order, where ξ is the velocity of the base, linear first, and ad(ξ₀) δ their Lie bracket.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gibbs_codegen.analysis.loaded import vehicle_of
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
+
+_DERIVATIVES = "forward_dynamics_derivatives"
+
+
+def linearise(
+    robot: ModuleType | str | os.PathLike[str],
+    q: ArrayLike,
+    v: ArrayLike,
+    u: ArrayLike,
+    dt: float | None = None,
+    *,
+    parameters: Mapping[str, float] | None = None,
+) -> tuple[Array, Array]:
+    """A and B of deviations x from a state under deviations w of the inputs: ẋ = A x + B w.
+
+    x = (δ, v − v₀), where q = q₀ ⊕ δ as `integrate` has it, so δ = `difference(q0, q)`. Where the
+    state is not balanced, x is the deviation from the motion that begins there, and A and B hold
+    for as long as that stays near.
+
+    Args:
+        robot: A generated module with derivatives, or the name or path of one, which is loaded.
+        q, v, u: Coordinates (nq), velocities (nv) and inputs (nu).
+        dt: None, or a period, s, for which inputs are held: then x' = A x + B w after it, exactly.
+        parameters: Parameters of the module's `prepare`.
+
+    Returns:
+        A (2 nv, 2 nv) and B (2 nv, nu).
+
+    Raises:
+        UsageError: The module was generated without the derivatives.
+    """
+    vehicle = vehicle_of(robot, parameters)
+    if _DERIVATIVES not in getattr(vehicle.module, "DERIVATIVES", ()):
+        raise UsageError(
+            f"{vehicle.name}: has no {_DERIVATIVES}, of which A and B are made; generate the "
+            f"module again with --derivatives, or --derivatives={_DERIVATIVES} for this alone"
+        )
+    _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(q, v, u)
+    size = vehicle.layout.v.size
+    above = np.concatenate([_carried(vehicle, np.asarray(v)), np.eye(size)], axis=1)
+    a = np.concatenate([above, np.concatenate([by_q, by_v], axis=1)])
+    b = np.concatenate([np.zeros_like(by_u), by_u])
+    return (a, b) if dt is None else held(a, b, dt)
+
+
+def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
+    """The exact discrete form of ẋ = A x + B w for inputs that are held (zero-order hold).
+
+    Args:
+        a, b: A (n, n) and B (n, m).
+        dt: How long inputs are held, s.
+
+    Returns:
+        A (n, n) and B (n, m) of x' = A x + B w.
+    """
+    from scipy.linalg import expm  # It takes long to import.
+
+    size = len(a)
+    both = np.zeros((size + b.shape[1],) * 2)
+    both[:size] = np.concatenate([a, b], axis=1)
+    grown = expm(dt * both)[:size]
+    return grown[:, :size], grown[:, size:]
+
+
+def _carried(vehicle: Vehicle, v: Array) -> Array:
+    """−ad(ξ₀): the rate of δ (nv, nv) by δ itself, at velocities v (nv) of the base."""
+    places = vehicle.layout.v
+    rate = np.zeros((places.size, places.size))
+    if vehicle.layout.is_quaternion:
+        turning, moving = (_cross(v[part]) for part in (places.attitude, places.position))
+        rate[places.position, places.position] = -turning
+        rate[places.position, places.attitude] = -moving
+        rate[places.attitude, places.attitude] = -turning
+    return rate
+
+
+def _cross(vector: Array) -> Array:
+    """The matrix (3, 3) that multiplies by a vector (3) from the left, as ×."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

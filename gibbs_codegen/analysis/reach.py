@@ -1,0 +1,227 @@
+"""Reachable wrenches: what the rotors can produce within their limits, and add to hovering."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gibbs_codegen.analysis.equilibrium import RANK
+from gibbs_codegen.analysis.loaded import vehicle_of
+from gibbs_codegen.analysis.polytope import Polytope, polytope
+from gibbs_codegen.analysis.trim import trim
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.simulator.vehicle import Array
+
+CENTRE_OF_MASS = "the centre of mass"
+
+_FORCE, _TORQUE = slice(0, 3), slice(3, 6)
+
+
+@dataclass(frozen=True)
+class ReachableWrenches:
+    """The wrenches that rotors can produce, about a point that moves with the base, in its axes.
+
+    Wrenches have force, N, before torque, N m.
+
+    - `robot`, `about`: what they are of, and the point
+    - `columns` (6, N): those of unit thrusts
+    - `limits` (2, N): least and greatest thrusts, N
+    - `thrusts` (N): thrusts that hover, N
+    """
+
+    robot: str
+    about: str
+    columns: Array
+    limits: Array
+    thrusts: Array
+
+    @property
+    def hover(self) -> Array:
+        """The wrench of hovering (6)."""
+        wrench: Array = self.columns @ self.thrusts
+        return wrench
+
+    @cached_property
+    def margins(self) -> Array | None:
+        """How much can be taken from and added to each component of hovering, (6, 2).
+
+        The other components keep their values. None where no thrusts within the limits hover.
+        """
+        try:
+            found = [[self._margin(sign * axis) for sign in (-1.0, 1.0)] for axis in np.eye(6)]
+        except UsageError:
+            return None
+        return np.array(found)
+
+    @cached_property
+    def wrenches(self) -> Polytope:
+        """All wrenches, (…, 6); the work grows fast with the number of rotors."""
+        low, high = self.limits
+
+        def support(direction: Array) -> Array:
+            point: Array = self.columns @ np.where(direction @ self.columns > 0.0, high, low)
+            return point
+
+        return polytope(support, 6)
+
+    @cached_property
+    def forces(self) -> Polytope:
+        """The forces (…, 3) with the torque of hovering."""
+        return self._slice(_FORCE, _TORQUE)
+
+    @cached_property
+    def torques(self) -> Polytope:
+        """The torques (…, 3) with the force of hovering."""
+        return self._slice(_TORQUE, _FORCE)
+
+    def __str__(self) -> str:
+        if self.margins is None:
+            return f"{self.robot}: no thrusts within the limits hover"
+        return "\n".join([f"{self.robot}:", *margin_lines(self.margins, self.about)])
+
+    def _margin(self, direction: Array) -> float:
+        """How far wrenches reach from hovering along a direction (6)."""
+        step = np.linalg.pinv(self.columns, rcond=RANK) @ direction
+        produced = float(np.abs(self.columns @ step - direction).max() <= RANK)
+        ways = np.column_stack([produced * step, _null_space(self.columns)])
+        found = self._farthest(ways, produced * np.eye(ways.shape[1])[0])
+        return produced * max(float(found[0]), 0.0)
+
+    def _slice(self, kept: slice, held: slice) -> Polytope:
+        """The polytope of some components with the others as they are at hover.
+
+        Args:
+            kept: The components that vary.
+            held: Those that do not.
+
+        Returns:
+            The polytope, in 3 dimensions.
+        """
+        ways = _null_space(self.columns[held])
+
+        def support(direction: Array) -> Array:
+            step = ways @ self._farthest(ways, direction @ self.columns[kept] @ ways)
+            point: Array = self.columns[kept] @ (self.thrusts + step)
+            return point
+
+        return polytope(support, 3)
+
+    def _farthest(self, ways: Array, value: Array) -> Array:
+        """The steps z (k) for which thrusts + ways z are within limits and value · z is greatest.
+
+        Args:
+            ways: Thrusts (N, k).
+            value: Of the steps, (k).
+
+        Returns:
+            The steps.
+
+        Raises:
+            UsageError: There are none, so no thrusts within the limits hover.
+        """
+        from scipy.optimize import linprog  # It takes long to import.
+
+        low, high = self.limits - self.thrusts
+        found = linprog(
+            -value,
+            A_ub=np.concatenate([ways, -ways]),
+            b_ub=np.concatenate([high, -low]),
+            bounds=(None, None),
+            method="highs",
+        )
+        if not found.success:
+            raise UsageError(f"{self.robot}: no thrusts within the limits hover")
+        return np.asarray(found.x)
+
+
+def reachable_wrenches(
+    robot: ModuleType | str | os.PathLike[str],
+    posture: Mapping[str, float] | None = None,
+    *,
+    q: ArrayLike | None = None,
+    frame: str | None = None,
+    limits: ArrayLike | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> ReachableWrenches:
+    """The wrenches that the rotors of a robot that hovers can produce within their limits.
+
+    Args:
+        robot: A generated module, or the name or path of one, which is loaded.
+        posture, q: As of `trim`, which finds how the robot hovers.
+        frame: The frame about whose origin wrenches are; about the centre of mass if None.
+        limits: As of `trim`; every rotor must have both, here or in the robot file.
+        parameters: Parameters of the module's `prepare`.
+
+    Returns:
+        The wrenches.
+
+    Raises:
+        UsageError: The robot cannot hover, has no such frame, or rotors without limits.
+    """
+    vehicle = vehicle_of(robot, parameters)
+    if frame is not None and frame not in vehicle.frames:
+        known = ", ".join(vehicle.frames)
+        raise UsageError(f"frame: {vehicle.name} has no frame {frame}; its frames: {known}")
+    found = trim(vehicle.module, posture, q=q, limits=limits, parameters=parameters)
+    thrusts = found.limits[:, : vehicle.rotors]
+    if not np.isfinite(thrusts).all():
+        raise UsageError(
+            f"{vehicle.name}: reachable wrenches need the limits of every rotor; give limits= as "
+            "(least, most), N"
+        )
+    if frame is None:
+        point = vehicle.function("centre_of_mass")(found.q)
+    else:
+        point = vehicle.frame_poses(found.q)[vehicle.frames.index(frame), :3, 3]
+    centre = found.q[vehicle.layout.q.position] + vehicle.centre_offset(found.q)
+    away = vehicle.base_rotation(found.q).T @ (point - centre)
+    columns = about(vehicle.thrust_wrenches(found.q), away)
+    hovering = found.u[: vehicle.rotors]
+    return ReachableWrenches(vehicle.name, frame or CENTRE_OF_MASS, columns, thrusts, hovering)
+
+
+def margin_lines(margins: ArrayLike, point: str) -> list[str]:
+    """What can be taken from hovering and added to it, in words.
+
+    Args:
+        margins: Of each component of a wrench (6, 2).
+        point: The point that wrenches are about.
+
+    Returns:
+        A heading, and a line each for forces and torques.
+    """
+    named = zip("xyzxyz", np.asarray(margins), strict=True)
+    each = [f"{axis} {-low + 0.0:.3g} … {high:.3g}" for axis, (low, high) in named]
+    return [
+        f"wrench margins at hover, each by itself, about {point}, in the base's axes:",
+        f"  force: {', '.join(each[:3])} N",
+        f"  torque: {', '.join(each[3:])} N m",
+    ]
+
+
+def about(wrenches: Array, point: Array) -> Array:
+    """Wrenches about another point.
+
+    Args:
+        wrenches: Wrenches (6, N).
+        point: The point (3), m, from the one that they are about.
+
+    Returns:
+        The same wrenches (6, N) about the point.
+    """
+    moved = wrenches.copy()
+    moved[_TORQUE] -= np.cross(point, wrenches[_FORCE], axisb=0, axisc=0)
+    return moved
+
+
+def _null_space(matrix: Array) -> Array:
+    """Orthonormal columns that a matrix maps to zero."""
+    _, values, right = np.linalg.svd(matrix)
+    space: Array = right[int(np.sum(values > RANK * values.max(initial=0.0))) :].T
+    return space

@@ -1,0 +1,295 @@
+"""Trim: state and inputs with which a robot hovers or flies straight, loaded or not."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gibbs_codegen.analysis.equilibrium import EXACT, RANK, SteadyMotion, equilibrium
+from gibbs_codegen.analysis.input_choice import AIMS, Aim, Balancing, chosen_inputs, margins
+from gibbs_codegen.analysis.loaded import vehicle_of
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
+from gibbs_codegen.simulator.actuators import Actuators, joint_place, robot_file_actuators
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
+
+ATTITUDE = "attitude"
+_STILL = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Trim:
+    """A balanced state: with inputs u the robot at (q, v) accelerates by a, under given wrenches.
+
+    - `robot`, `input_names`, `input_units`: what it is of
+    - `q` (nq), `v`, `a` (nv), `u` (nu): coordinates, velocities, accelerations, inputs
+    - `residual`: largest entry of M a − R − Jᵀ W − B u, N and N m
+    - `limits` (2, nu), `margins` (nu): least and greatest inputs, and how far each input is from
+      the nearer of them, infinite without limits
+    - `null_space` (6, k): wrenches on the base that no thrusts produce here, orthonormal columns:
+      force, N, and torque about the base centre, N m, in the base's axes
+    - `missing`: these wrenches in words
+    - `turned`: by how much the attitude was turned to find balance, rad
+    """
+
+    robot: str
+    input_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    residual: float
+    limits: Array
+    margins: Array
+    null_space: Array
+    missing: tuple[str, ...]
+    turned: float
+
+    def __str__(self) -> str:
+        lines = [f"{self.robot}: balanced"]
+        if self.turned > EXACT:
+            lines[0] += f", with its attitude turned by {np.degrees(self.turned):.4g}°"
+        width, noise = max(map(len, self.input_names)), EXACT * np.abs(self.u).max()
+        for name, unit, value, margin in zip(
+            self.input_names, self.input_units, self.u, self.margins, strict=True
+        ):
+            line = f"  {name:<{width}} {value if abs(value) > noise else 0.0:10.4g} {unit:<3}"
+            room = f" {margin:10.4g} {unit} from a limit" if np.isfinite(margin) else ""
+            lines.append((line + room).rstrip())
+        if self.missing:
+            lines += ["The rotors produce no wrench along", *(f"  {m}" for m in self.missing)]
+        return "\n".join(lines)
+
+
+def trim(
+    robot: ModuleType | str | os.PathLike[str],
+    posture: Mapping[str, float] | None = None,
+    *,
+    q: ArrayLike | None = None,
+    velocity: ArrayLike = _STILL,
+    acceleration: ArrayLike = _STILL,
+    wrenches: Mapping[str, ArrayLike] | None = None,
+    free: Iterable[str] | None = None,
+    aim: Aim = "least_thrust",
+    limits: ArrayLike | None = None,
+    parameters: Mapping[str, float] | None = None,
+) -> Trim:
+    """Find the inputs, and where need be the attitude, with which a robot hovers or flies straight.
+
+    Args:
+        robot: A generated module, or the name or path of one, which is loaded.
+        posture: Joints' coordinates by name, rad or m; those of `q` for others.
+        q: Coordinates (nq) asked for; level, at the origin, joints at zero, if None.
+        velocity, acceleration: Of the base (3), which does not turn: world axes, m/s and m/s².
+        wrenches: What acts on frames besides gravity, by their names: force, N, and torque, N m,
+            (6) each, world axes.
+        free: What may differ from the coordinates asked for: "attitude", and joints by name, which
+            keep their limits. If None it is the attitude, where the rotors cannot produce every
+            wrench on the base, and else nothing.
+        aim: What is chosen where many inputs balance: "least_thrust", the least sum of squares of
+            the thrusts within the limits; or "widest_margin", where the thrust next to a limit is
+            farthest from it.
+        limits: Least and greatest thrusts, N, (2, N) or one pair for all rotors; those of the robot
+            file if None.
+        parameters: Parameters of the module's `prepare`.
+
+    Returns:
+        The trim.
+
+    Raises:
+        UsageError: There is no trim, with what is missing or which limit is exceeded; or the
+            request names what the robot does not have.
+    """
+    vehicle = vehicle_of(robot, parameters)
+    if aim not in AIMS:
+        raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
+    motion = SteadyMotion(
+        vehicle,
+        _numbers("velocity", velocity, 3),
+        _numbers("acceleration", acceleration, 3),
+        _acting(vehicle, wrenches or {}),
+    )
+    actuators = robot_file_actuators(vehicle)
+    if limits is not None:
+        actuators.thrusts[:] = _limits(vehicle, limits)
+    start = _start(vehicle, q, posture or {})
+    places, bounds = _freedom(vehicle, actuators, start, free)
+    found = equilibrium(motion, start, places, bounds)
+    _require_balance(motion, found, bool(places))
+    force = motion.force(found)
+    inputs = Balancing.of(vehicle, found, force)
+    u = chosen_inputs(vehicle, inputs, actuators.inputs, aim)
+    return _trim(motion, start, found, u, actuators.inputs)
+
+
+def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, limits: Array) -> Trim:
+    """The result for coordinates and inputs.
+
+    Args:
+        motion: What is held.
+        start: Coordinates (nq) that were asked for.
+        q, u: Coordinates (nq) and inputs (nu) found.
+        limits: Least and greatest inputs (2, nu).
+
+    Returns:
+        The trim.
+    """
+    vehicle = motion.vehicle
+    v, a = motion.rates(q)
+    left, values, _ = np.linalg.svd(vehicle.thrust_wrenches(q))
+    null_space = left[:, int(np.sum(values > RANK * values.max(initial=0.0))) :]
+    turn = vehicle.base_rotation(start).T @ vehicle.base_rotation(q)
+    return Trim(
+        robot=vehicle.name,
+        input_names=vehicle.inputs,
+        input_units=("N",) * vehicle.rotors + vehicle.layout.effort_units,
+        q=q,
+        v=v,
+        a=a,
+        u=u,
+        residual=float(np.abs(motion.force(q) - vehicle.input_matrix(q) @ u).max()),
+        limits=limits,
+        margins=margins(u, limits),
+        null_space=null_space,
+        missing=directions(null_space),
+        # |R − 1| is 2√2 sin(φ/2), which keeps its digits near none.
+        turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
+    )
+
+
+def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) -> Array:
+    """The coordinates asked for.
+
+    Args:
+        vehicle: The robot.
+        q: Coordinates (nq), or None for those of zero.
+        posture: Joints' coordinates by name.
+
+    Returns:
+        The coordinates (nq).
+
+    Raises:
+        UsageError: The wrong number of them, or a joint that the robot does not have.
+    """
+    start = vehicle.neutral
+    if q is not None:
+        start = _numbers(f"q ({', '.join(vehicle.coordinates)})", q, len(start))
+    for name, value in posture.items():
+        start[vehicle.layout.q.joint_places[joint_place(vehicle, name)]] = value
+    return vehicle.kinematics.normalised(start)
+
+
+def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
+    """Wrenches (f, 6) on all frames, of those that are given by name."""
+    acting = np.zeros((len(vehicle.frames), 6))
+    for name, wrench in wrenches.items():
+        if name not in vehicle.frames:
+            raise UsageError(
+                f"wrenches: {vehicle.name} has no frame {name}; its frames: "
+                f"{', '.join(vehicle.frames)}"
+            )
+        acting[vehicle.frames.index(name)] = _numbers(f"wrenches: {name}", wrench, 6)
+    return acting
+
+
+def _limits(vehicle: Vehicle, given: ArrayLike) -> Array:
+    """Least and greatest thrusts (2, N), or (2, 1) for all, of what was given."""
+    limits = np.asarray(given, dtype=np.float64)
+    if limits.shape not in ((2,), (2, vehicle.rotors)) or not np.all(limits[0] <= limits[1]):
+        raise UsageError(
+            f"limits: must be the least and the greatest thrust, or two rows of {vehicle.rotors} "
+            "of them"
+        )
+    return limits.reshape(2, -1)
+
+
+def _numbers(name: str, given: ArrayLike, count: int) -> Array:
+    """A copy of numbers that were given.
+
+    Args:
+        name: Of what.
+        given: The numbers.
+        count: How many there must be.
+
+    Returns:
+        The numbers (count).
+
+    Raises:
+        UsageError: There are more or fewer, or infinite ones.
+    """
+    numbers = np.array(given, dtype=np.float64)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise UsageError(f"{name}: must be {count} finite numbers")
+    return numbers
+
+
+def _freedom(
+    vehicle: Vehicle, actuators: Actuators, start: Array, free: Iterable[str] | None
+) -> tuple[list[int], Array]:
+    """What may differ from the coordinates asked for.
+
+    Args:
+        vehicle: The robot.
+        actuators: The limits of its joints.
+        start: Coordinates (nq) asked for.
+        free: "attitude" and names of joints, or None.
+
+    Returns:
+        Places in v, and the least and the greatest displacements there, (2, k), rad or m.
+
+    Raises:
+        UsageError: A joint that the robot does not have, or that is beyond its limits.
+    """
+    if free is None:
+        full = np.linalg.matrix_rank(vehicle.thrust_wrenches(start), rtol=RANK) == 6
+        free = () if full else (ATTITUDE,)
+    places, bounds = [], []
+    layout = vehicle.layout
+    for name in free:
+        if name == ATTITUDE:
+            places += [*range(layout.v.size)[layout.v.attitude]]
+            bounds += [(-np.inf, np.inf)] * 3
+            continue
+        joint = joint_place(vehicle, name)
+        low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
+        if not low <= 0.0 <= high:
+            raise UsageError(f"free: {name} begins beyond its limits; give a posture within them")
+        places.append(layout.v.joint_places[joint])
+        bounds.append((low, high))
+    return places, np.transpose(bounds)
+
+
+def _require_balance(motion: SteadyMotion, q: Array, varied: bool) -> None:
+    """Raise an error that names what thrusts cannot balance.
+
+    Args:
+        motion: What is to be held.
+        q: Coordinates (nq).
+        varied: Whether other coordinates were tried.
+
+    Raises:
+        UsageError: If anything is missing.
+    """
+    missing, size = motion.missing(q), motion.size(q)
+    if np.abs(missing).max() <= EXACT * size:
+        return
+    parts = [
+        f"{name} {value:.4g} {unit}"
+        for name, value, unit in zip(DIRECTIONS, missing, ["N"] * 3 + ["N m"] * 3, strict=True)
+        if abs(value) > EXACT * size
+    ]
+    remedy = (
+        "no attitude or posture near what was asked for has one"
+        if varied
+        else 'let the attitude or joints differ, with free=("attitude", …)'
+    )
+    raise UsageError(
+        f"{motion.vehicle.name}: no trim: whatever the thrusts, they leave {', '.join(parts)} (in "
+        f"the base's axes, about the base centre); {remedy}"
+    )

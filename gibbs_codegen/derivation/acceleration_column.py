@@ -1,0 +1,68 @@
+"""What all accelerations of a tree are per unit of something: a column of a derivative."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from gibbs_codegen.derivation.motion import Acceleration
+from gibbs_codegen.symbolic.quick import times
+from gibbs_codegen.symbolic.tape import Scalars
+
+
+@dataclass(frozen=True)
+class AccelerationColumn:
+    """Accelerations of the root, in one frame, and of the joints after it."""
+
+    root: Acceleration
+    joints: list[sp.Expr]
+
+    @property
+    def entries(self) -> list[sp.Expr]:
+        """Six components of the root's acceleration, and those of the joints."""
+        return [*self.root.entries, *self.joints]
+
+    @classmethod
+    def combined(
+        cls, tape: Scalars, factors: Sequence[sp.Expr], columns: Sequence[AccelerationColumn]
+    ) -> AccelerationColumn:
+        """A linear combination.
+
+        Args:
+            factors: One for each column.
+            columns: The columns, in one frame.
+
+        Returns:
+            Their sum, each times its factor.
+        """
+        entries = combination(tape, factors, [column.entries for column in columns])
+        return cls(Acceleration.of(entries[:6]), entries[6:])
+
+
+def combination(
+    tape: Scalars, factors: Sequence[sp.Expr], lists: Sequence[Sequence[sp.Expr]]
+) -> list[sp.Expr]:
+    """A linear combination of lists.
+
+    Args:
+        factors: One for each list.
+        lists: Lists of one length.
+
+    Returns:
+        The sums of their entries, each times its factor.
+    """
+    return [sum_of_products(tape, factors, entries) for entries in zip(*lists, strict=True)]
+
+
+def sum_of_products(tape: Scalars, a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> sp.Expr:
+    """The sum of the products of two lists' entries.
+
+    Args:
+        a, b: The lists, of one length.
+
+    Returns:
+        Σ a_i·b_i.
+    """
+    return tape.let(sp.Add(*(tape.let(times(p, q)) for p, q in zip(a, b, strict=True))))

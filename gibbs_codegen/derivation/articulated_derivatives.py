@@ -1,0 +1,353 @@
+"""Derivatives of the accelerations of a tree by articulated bodies, in O(n²), without M.
+
+A change at a joint makes an additional acceleration and turning of all that it carries, which pass
+outwards as accelerations do, from joint to joint; each gives way by its own equation. All else
+feels a wrench on the parent. What that does there is known by reciprocity, from the accelerations
+that a unit of each other joint's effort, or of a wrench on the root, makes at the parent:
+
+    ∂θ̈_i/∂(change at j) = −(acceleration at j per unit of effort of i)·(wrench of the change at j)
+
+So columns for wrenches on the root, for its angular velocity, for efforts, and for the changes of
+coordinates and rates are carried outwards, a joint at a time, all of one kind one after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import sympy as sp
+
+from gibbs_codegen.derivation.acceleration_column import AccelerationColumn, sum_of_products
+from gibbs_codegen.derivation.articulated import Articulation, SolvedJoint
+from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
+from gibbs_codegen.derivation.convected_perturbations import JointPerturbations, Perturbation
+from gibbs_codegen.derivation.motion import Acceleration
+from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.velocity_coupling import VelocityCoupling
+from gibbs_codegen.symbolic.quick import times
+from gibbs_codegen.symbolic.tape import Scalars
+from gibbs_codegen.symbolic.vectors import (
+    ZERO,
+    Rotation,
+    Transform,
+    Vector,
+    axis_vector,
+    dot,
+    minus,
+    moved,
+)
+
+# Joints inboard of a joint, on average, from which on its parent's inertia is the shorter way.
+_FEW = 6
+
+Kind = Literal["wrench", "turning", "effort", "coordinate", "rate"]
+# What a column is by: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular velocity;
+# or a joint, by the index of its segment.
+Key = tuple[Kind, int]
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """What a column does to a segment, in its working frame: an acceleration and a turning ε."""
+
+    acceleration: Acceleration
+    turning: Vector = ZERO
+
+
+class ArticulatedDerivatives:
+    """Columns of a tree: what each wrench, effort or change does to all accelerations.
+
+    Of a change of the root's angular velocity ω by ε, the column has what it adds to the
+    acceleration of a root which turns at the rate ε besides: dω/dt changes by ω×ε less.
+    """
+
+    def __init__(
+        self,
+        tape: Scalars,
+        articulation: Articulation,
+        coupling: VelocityCoupling,
+        changes: Sequence[JointPerturbations],
+        by_inertia: bool,
+    ) -> None:
+        """Derive all columns.
+
+        Args:
+            articulation: The solved equations of a tree.
+            coupling: Velocity coupling of the whole tree where the root's system is solved.
+            changes: Those of the joints.
+            by_inertia: Whether what a change does to the parent itself is found by the parent's
+                operational-space inertia; otherwise outwards from the root.
+        """
+        self._tape, self._articulation, self._tree = tape, articulation, articulation.tree
+        self._changes, self._by_inertia = changes, by_inertia
+        self._root: dict[Key, list[sp.Expr]] = {}
+        self._joints: dict[tuple[Key, int], sp.Expr] = {}
+        self._at: list[dict[Key, _Carried]] = [{}]
+        with tape.group("responses of the base to wrenches and to its angular velocity"):
+            inverse = self._start(coupling)
+        self._inertias = [inverse]
+        for k in range(1, len(self._tree.segments)):
+            self._pass_joint(k)
+        for k in range(1, len(self._tree.segments)):
+            self._pass_from_other_branches(k)
+
+    def column(self, kind: Kind, number: int) -> AccelerationColumn:
+        """The accelerations by one thing.
+
+        Args:
+            kind, number: Wrench or turning, with the component where the root's system is solved;
+                effort, coordinate or rate, with the segment of the joint.
+
+        Returns:
+            The column.
+        """
+        key, zero = (kind, number), sp.S.Zero
+        joints = range(1, len(self._tree.segments))
+        return AccelerationColumn(
+            Acceleration.of(self._root[key]), [self._joints.get((key, i), zero) for i in joints]
+        )
+
+    def by_wrench(self, k: int, wrench: Sequence[sp.Expr]) -> AccelerationColumn:
+        """Accelerations by a wrench on a segment after the root.
+
+        Args:
+            k: The segment, by its index.
+            wrench: Six components about the joint, in the segment's working frame.
+
+        Returns:
+            The column.
+        """
+        tape = self._tape
+        keys: list[Key] = [("wrench", c) for c in range(6)]
+        keys += [("effort", i) for i in range(1, len(self._tree.segments))]
+        powers = [sum_of_products(tape, self._reached(k, key).entries, wrench) for key in keys]
+        return AccelerationColumn(Acceleration.of(powers[:6]), powers[6:])
+
+    def _start(self, coupling: VelocityCoupling) -> ArticulatedInertia:
+        """Columns of wrenches on the root and of its turning; its inverse inertia, ω̇ first."""
+        tape = self._tape
+        units = [[sp.Integer(i == c) for i in range(6)] for c in range(6)]
+        solved = self._articulation.root_responses(tape, units)
+        inverse = [[solved[max(i, j)][min(i, j)] for j in range(6)] for i in range(6)]
+        for c, column in enumerate(inverse):
+            self._root["wrench", c] = column
+            self._at[0]["wrench", c] = _Carried(Acceleration.of(column))
+        for c in range(3):
+            load = [row[c] for row in coupling.rows]
+            column = [-sum_of_products(tape, row, load) for row in inverse]
+            self._root["turning", c] = column
+            self._at[0]["turning", c] = _Carried(Acceleration.of(column), axis_vector(c))
+        return ArticulatedInertia.of_entries(lambda i, j: inverse[(i + 3) % 6][(j + 3) % 6])
+
+    def _pass_joint(self, k: int) -> None:
+        """Carry all columns of the parent over a joint, and begin those of the joint."""
+        tape, segment = self._tape, self._tree.segments[k]
+        before, name = self._at[segment.parent], segment.joint_name
+        self._at.append({})
+        with tape.group(f"turning of what {name} carries"):
+            turning = {key: self._turned(k, column.turning) for key, column in before.items()}
+        for key, column in before.items():
+            with tape.group(f"response of {name} to what is before it"):
+                arriving = column.acceleration.passed_out(tape, self._transform(k))
+                if key[0] in ("wrench", "effort"):
+                    self._receive(k, key, arriving)
+                self._push(k, key, arriving, turning[key])
+        with tape.group(f"responses to {name}, at its parent"):
+            begun = self._begun(k)
+        with tape.group(f"responses of {name} to itself"):
+            self._push(k, ("effort", k), begun["effort"], ZERO, sp.S.One)
+            for kind, change in self._changes_of(k):
+                self._push(k, (kind, k), begun[kind], change.turning, change.effort)
+
+    def _push(
+        self,
+        k: int,
+        key: Key,
+        arriving: Acceleration,
+        turning: Vector,
+        effort: sp.Expr = sp.S.Zero,
+    ) -> None:
+        """Let a joint give way to a column.
+
+        Args:
+            k: The segment of the joint, by its index.
+            key: The column.
+            arriving: What it does to the parent, at the joint in the segment's working frame.
+            turning: ε of what is carried, in that frame.
+            effort: What it adds to the joint's effort.
+        """
+        tape, joint = self._tape, self._articulation.joints[k - 1]
+        given = dot(tape, self._changes[k - 1].turning_ratios, turning)
+        share = tape.let(times(effort, joint.lightness) - given)
+        relative, own = replace(joint, share=share).accelerated(tape, arriving)
+        self._at[k][key] = _Carried(own, turning)
+        self._joints.setdefault((key, k), relative)
+        if key[0] == "effort":
+            self._joints.setdefault((("effort", k), key[1]), relative)
+        if key[0] == "wrench":
+            self._root.setdefault(("effort", k), []).append(relative)
+
+    def _receive(self, k: int, key: Key, arriving: Acceleration) -> None:
+        """What the changes at a joint do to what a column is by, by reciprocity.
+
+        Args:
+            k: The segment of the joint, by its index.
+            key: The column.
+            arriving: What it does to the parent, at the joint in the segment's working frame.
+        """
+        for kind, change in self._changes_of(k):
+            entry = -sum_of_products(self._tape, arriving.entries, change.wrench)
+            if key[0] == "wrench":
+                self._root.setdefault((kind, k), []).append(entry)
+            else:
+                self._joints[(kind, k), key[1]] = entry
+
+    def _begun(self, k: int) -> dict[Kind, Acceleration]:
+        """What an effort at a joint and its changes do to the parent, with ψ of the changes.
+
+        Args:
+            k: The segment of the joint, by its index.
+
+        Returns:
+            Accelerations at the joint, in the segment's working frame.
+        """
+        tape, joint = self._tape, self._articulation.joints[k - 1]
+        parent, transform = self._tree.segments[k].parent, self._transform(k)
+        wrenches: dict[Kind, Sequence[sp.Expr]] = {"effort": joint.ratios}
+        wrenches |= {kind: change.wrench for kind, change in self._changes_of(k)}
+        if self._by_inertia:
+            responses = moved(tape, self._inertias[parent], _outwards(transform))
+            rows = _other_half_first(responses).rows
+            found = {kind: _response(tape, rows, wrench) for kind, wrench in wrenches.items()}
+            self._inertias.append(_given_way(tape, joint, rows))
+        else:
+            found = {
+                kind: self._reached(parent, (kind, k)).passed_out(tape, transform)
+                for kind in wrenches
+            }
+        for kind, change in self._changes_of(k):
+            found[kind] = found[kind].plus(tape, change.acceleration)
+        return found
+
+    def _reached(self, k: int, key: Key) -> Acceleration:
+        """What a column does to a segment that it is not carried to, by what it does to the joints.
+
+        Args:
+            k: The segment, by its index.
+            key: The column.
+
+        Returns:
+            The acceleration in the segment's working frame, or where the root's system is solved.
+        """
+        if key in self._at[k]:
+            return self._at[k][key].acceleration
+        if k == 0:
+            return Acceleration.of(self._root[key])
+        segment, tape = self._tree.segments[k], self._tape
+        there = self._reached(segment.parent, key).passed_out(tape, self._transform(k))
+        entries = there.entries
+        entries[segment.direction] = tape.let(entries[segment.direction] + self._joints[key, k])
+        return Acceleration.of(entries)
+
+    def _pass_from_other_branches(self, k: int) -> None:
+        """Carry the columns of the efforts of all other branches over a joint."""
+        tape, segment = self._tape, self._tree.segments[k]
+        related = {*self._tree.path(k), *self._tree.subtree(k)}
+        for i in range(1, len(self._tree.segments)):
+            if i not in related:
+                with tape.group(f"response of {segment.joint_name} to other branches"):
+                    there = self._reached(segment.parent, ("effort", i))
+                    arriving = there.passed_out(tape, self._transform(k))
+                    self._receive(k, ("effort", i), arriving)
+                    self._push(k, ("effort", i), arriving, ZERO)
+
+    def _turned(self, k: int, turning: Vector) -> Vector:
+        """A vector of the parent's frame in the working frame of a segment."""
+        for step in reversed(self._transform(k)):
+            if isinstance(step, Rotation):
+                turning = step.inverse.vector(self._tape, turning)
+        return turning
+
+    def _transform(self, k: int) -> Transform:
+        return self._articulation.transforms[k - 1]
+
+    def _changes_of(self, k: int) -> list[tuple[Kind, Perturbation]]:
+        changes = self._changes[k - 1]
+        return [("coordinate", changes.coordinate), ("rate", changes.rate)]
+
+
+def _response(
+    tape: Scalars, rows: Sequence[Sequence[sp.Expr]], wrench: Sequence[sp.Expr]
+) -> Acceleration:
+    """What a wrench from the joint that is supported does.
+
+    Args:
+        rows: Accelerations per unit of wrench.
+        wrench: What the parent has to supply.
+
+    Returns:
+        The parent's acceleration.
+    """
+    return Acceleration.of([-sum_of_products(tape, row, wrench) for row in rows])
+
+
+def _outwards(transform: Transform) -> Transform:
+    return [
+        step.inverse if isinstance(step, Rotation) else minus(step) for step in reversed(transform)
+    ]
+
+
+def _other_half_first(matrix: ArticulatedInertia) -> ArticulatedInertia:
+    """A matrix with ω̇ before r̈, as it moves, or back.
+
+    An acceleration (ω̇, r̈) moves outwards as a wrench (force, moment) moves inwards.
+    """
+    rows = matrix.rows
+    return ArticulatedInertia.of_entries(lambda i, j: rows[(i + 3) % 6][(j + 3) % 6])
+
+
+def _given_way(
+    tape: Scalars, joint: SolvedJoint, rows: Sequence[Sequence[sp.Expr]]
+) -> ArticulatedInertia:
+    """What a wrench on a segment does to it, from what one on its parent does to the parent.
+
+    Args:
+        joint: The joint's solved equation.
+        rows: Accelerations of the parent per unit of wrench, at the joint.
+
+    Returns:
+        Those of the segment, ω̇ first.
+    """
+    direction, ratios = joint.direction, joint.ratios
+    rest = [sp.S.Zero if i == direction else ratio for i, ratio in enumerate(ratios)]
+    left = 1 - ratios[direction]  # Zero but for armature.
+    given = [
+        tape.let(times(left, row[direction]) - sum_of_products(tape, row, rest)) for row in rows
+    ]
+    other = [sp.S.Zero if i == direction else entry for i, entry in enumerate(given)]
+    squares = times(left, given[direction]) - sum_of_products(tape, rest, other)
+    # (1 - S u^T) Y (1 - u S^T): given[i] is the column of the joint before its own row gives way.
+    own = tape.let(squares + joint.lightness)
+
+    def entry(i: int, j: int) -> sp.Expr:
+        if i == j == direction:
+            return own
+        if direction in (i, j):
+            return given[j if i == direction else i]
+        return rows[i][j]
+
+    return _other_half_first(ArticulatedInertia.of_entries(entry))
+
+
+def inertia_is_shorter(tree: SegmentTree) -> bool:
+    """Whether operational-space inertias take fewer operations.
+
+    Args:
+        tree: The tree.
+
+    Returns:
+        False where, on average, few joints are inboard of a joint.
+    """
+    return sum(len(tree.path(k)) - 2 for k in range(1, len(tree.segments))) > _FEW * tree.joints
