@@ -18,7 +18,15 @@ from gibbs_codegen.graph.differentiate import Matrix
 
 
 def _block(systems: Systems, rows: str, columns: str) -> Matrix:
-    """A block of the second derivatives of inverse dynamics by q and v."""
+    """A block of the second derivatives of inverse dynamics.
+
+    Args:
+        systems: What it is derived from.
+        rows, columns: "q" or "v".
+
+    Returns:
+        The derivatives by the one and the other.
+    """
     size = len(systems.symbolic.v)
     place = {"q": slice(0, size), "v": slice(size, 2 * size)}
     return [row[place[columns]] for row in systems.inverse_hessian[place[rows]]]

@@ -63,7 +63,8 @@ def base_derivatives(symbolic: SymbolicRobot) -> BaseDerivatives:
     rates, accelerations = (
         places.split(values)[0] for values in (state.rates, state.accelerations)
     )
-    return symbolic.root.derivatives(symbolic.tape, rates, accelerations, state.gravity)
+    with symbolic.tape.group("motion per unit of attitude and position"):
+        return symbolic.root.derivatives(symbolic.tape, rates, accelerations, state.gravity)
 
 
 def inertial_derivatives(

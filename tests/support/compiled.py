@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -162,9 +163,10 @@ class Library:
         self._size = len(emitted.model.program.constants)
         self.constants = self.data(f"default_constants{self._mark}", self._size)
 
-    def data(self, name: str, size: int) -> Array:
-        """A constant array of the library."""
-        number = ctypes.c_float if self.real is np.float32 else ctypes.c_double
+    def data(self, name: str, size: int, number: Any = None) -> Array:
+        """A constant array of the library, of reals where no type of numbers is given."""
+        if number is None:
+            number = ctypes.c_float if self.real is np.float32 else ctypes.c_double
         return np.array((number * size).in_dll(self._library, f"{self._name}_{name}"))
 
     def call(self, name: str, *arguments: Array | int) -> int:
