@@ -13,6 +13,9 @@ from gibbs_codegen.graph.polarity import sign_changes
 # Rounds of passes; they end where one saves less than one operation in so many.
 _MOST_ROUNDS = 4
 _WORTH_ANOTHER = 400
+# Operations above which a function is left as it is. The lines of a long arm repeat from link to
+# link, which C writes as loops; passes would hide that, to save one operation in a hundred.
+_LONGEST = 10_000
 
 
 def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
@@ -47,6 +50,8 @@ def optimised(
         The same values, in the same order.
     """
     present = list(outputs)
+    if _without_signs(graph, present) > _LONGEST:
+        return present
     found = [(_without_signs(graph, present), present)]
     passes = (factored, shared) if share_pairs else (factored,)
     for _ in range(_MOST_ROUNDS):
