@@ -24,6 +24,7 @@ from gibbs_codegen.derivation.root.pose import (
     turned,
     upward,
 )
+from gibbs_codegen.derivation.root.pose_derivatives import displaced_by_motion, displaced_by_pose
 from gibbs_codegen.derivation.root.protocol import Values
 from gibbs_codegen.robot.layout import QUATERNION, Places, velocity_places
 from gibbs_codegen.symbolic.tape import Scalars
@@ -241,6 +242,28 @@ class QuaternionRoot:
         """
         turn, step = displacement(tape, _pose(start), _pose(end))
         return [*turn, *step]
+
+    def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the base before it.
+
+        Args:
+            step: The displacement: angular (rad) and linear part (m).
+
+        Returns:
+            6×6 entries, angular before linear.
+        """
+        return displaced_by_pose(tape, _vector(step[:3]), _vector(step[3:]))
+
+    def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the displacement.
+
+        Args:
+            step: The displacement: angular (rad) and linear part (m).
+
+        Returns:
+            6×6 entries, angular before linear.
+        """
+        return displaced_by_motion(tape, _vector(step[:3]), _vector(step[3:]))
 
 
 def _vector(values: Values) -> Vector:

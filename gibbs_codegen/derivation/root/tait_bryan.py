@@ -28,6 +28,7 @@ from gibbs_codegen.symbolic.vectors import (
     add,
     axis_vector,
     cross,
+    identity,
     scale,
     zeros,
 )
@@ -280,6 +281,28 @@ class TaitBryanRoot:
             The differences.
         """
         return [tape.let(q - p) for p, q in zip(start, end, strict=True)]
+
+    def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
+        """How sums move with what a displacement is added to.
+
+        Args:
+            step: Not used.
+
+        Returns:
+            The identity.
+        """
+        return identity(6)
+
+    def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
+        """How sums move with a displacement that is added.
+
+        Args:
+            step: Not used.
+
+        Returns:
+            The identity.
+        """
+        return identity(6)
 
     def _angle_accelerations(self, tape: Scalars, angular: Vector) -> Vector:
         a, b, c = self.axes
