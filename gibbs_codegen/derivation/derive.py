@@ -113,7 +113,7 @@ def _slices(
         progress: Told the name of each function as it begins.
 
     Returns:
-        The functions in the order of the table.
+        The functions in the order of the table, less those that are composed of others.
     """
     progress("reduced system")
     reduced = reduced_system(symbolic)
@@ -122,8 +122,9 @@ def _slices(
     systems = Systems(imported.tape, imported, symbolic, reduced, hybrid)
     slices = []
     for signature in signatures(module_lists(symbolic.robot), derivatives):
-        progress(signature.name.replace("_", " "))
-        slices.append(_slice(systems, signature))
+        if not FUNCTIONS[signature.name].composed:
+            progress(signature.name.replace("_", " "))
+            slices.append(_slice(systems, signature))
     return slices
 
 

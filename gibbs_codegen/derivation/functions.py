@@ -160,7 +160,7 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
         derivatives: All or none of them, one name, or several.
 
     Returns:
-        Names in the order of the table.
+        Names in the order of the table; those that one is composed of are among them.
 
     Raises:
         UsageError: A name is unknown.
@@ -168,7 +168,8 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     offered = [
         row.name
         for row in FUNCTIONS.values()
-        if row.on_request and all(output.derivation in DERIVATIONS for output in row.outputs)
+        if row.on_request
+        and (row.composed or all(o.derivation in DERIVATIONS for o in row.outputs))
     ]
     if isinstance(derivatives, bool):
         return tuple(offered) if derivatives else ()
@@ -177,4 +178,5 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
         raise UsageError(
             f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {', '.join(offered)}"
         )
-    return tuple(name for name in offered if name in names)
+    parts = {part for name in names for part in FUNCTIONS[name].composed}
+    return tuple(name for name in offered if name in names | parts)

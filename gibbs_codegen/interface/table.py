@@ -15,6 +15,7 @@ from __future__ import annotations
 from gibbs_codegen.interface.derivatives import DERIVATIVES
 from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.rows import Argument, Output, Row
+from gibbs_codegen.interface.steps import STEPS
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold.
 LANES = 8
@@ -221,4 +222,4 @@ _ROWS = (
         "the joint's input less armature, damper and spring.",
     ),
 )
-FUNCTIONS: dict[str, Row] = {row.name: row for row in (*_ROWS, *KINEMATICS, *DERIVATIVES)}
+FUNCTIONS: dict[str, Row] = {row.name: row for row in (*_ROWS, *KINEMATICS, *DERIVATIVES, *STEPS)}
