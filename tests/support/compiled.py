@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import LANES, Signature, module_signatures
-from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.model import Derivatives, Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
@@ -85,9 +85,9 @@ class Emitted:
         return module_signatures(self.module)
 
 
-def emit(robot: Robot, folder: Path, text: str = "") -> Emitted:
+def emit(robot: Robot, folder: Path, text: str = "", derivatives: Derivatives = False) -> Emitted:
     """Derive a robot, write its module to a new folder, and import it."""
-    model = derive(robot)
+    model = derive(robot, derivatives=derivatives)
     folder.mkdir()
     for name, content in render_module(model, text, TARGETS).items():
         (folder / name).write_text(content, encoding="utf-8")

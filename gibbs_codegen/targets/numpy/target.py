@@ -121,13 +121,6 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
     listed = module_lists(robot) | {"DERIVATIVES": model.derivatives}
-    functions = [
-        _function_text(
-            model, signature, operations(function), _kernel_text(model, function, statements)
-        )
-        for function, signature in model.derived
-    ]
-    composed = [_function_text(model, s, calls(robot, s.name)) for s in model.composed]
     units = {"COORDINATE_UNITS": layout.q.units, "VELOCITY_UNITS": layout.v.units}
     constants = {name: strings(names) for name, names in (listed | units).items()}
     found = [
@@ -154,7 +147,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         total_mass=printer.expression(model.total_mass),
         constants=elements(program.constants),
         evaluation=python_source("evaluation.py"),
-        functions=functions + composed,
+        functions=_functions(model, statements),
         steps=[signature.name for signature in model.composed],
         is_quaternion=layout.is_quaternion,
     )
@@ -163,6 +156,18 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
 def _exports(data: Lines, functions: Lines) -> Lines:
     """Names of constants and functions, in the order that imports are sorted in."""
     return [*sorted(data, key=str.lower), *sorted(functions)]
+
+
+def _functions(model: Model, statements: StatementPrinter) -> list[FunctionText]:
+    """The texts of all functions, those that are composed of others last."""
+    derived = [
+        _function_text(
+            model, signature, operations(function), _kernel_text(model, function, statements)
+        )
+        for function, signature in model.derived
+    ]
+    composed = [_function_text(model, s, calls(model.robot, s.name)) for s in model.composed]
+    return derived + composed
 
 
 def _function_text(
