@@ -15,6 +15,8 @@ from gibbs_codegen.derivation.parameter_derivatives import parameter_gradient, p
 from gibbs_codegen.derivation.regressor import base_parameters, regressor
 from gibbs_codegen.derivation.systems import Array, Systems
 from gibbs_codegen.graph.differentiate import Matrix
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.symbolic import vectors
 
 
 def _block(systems: Systems, rows: str, columns: str) -> Matrix:
@@ -47,6 +49,26 @@ def _frame_velocities_dv(systems: Systems) -> Array:
     return frame_jacobians(systems.symbolic, mounted_frames(systems.symbolic))
 
 
+def _integrated_dq(systems: Systems) -> Array:
+    step, _ = layout_of(systems.symbolic.robot).v.split(systems.symbolic.v)
+    return _with_joints(systems, systems.symbolic.root.integrated_by_place(systems.tape, step))
+
+
+def _integrated_dv(systems: Systems) -> Array:
+    step, _ = layout_of(systems.symbolic.robot).v.split(systems.symbolic.v)
+    return _with_joints(systems, systems.symbolic.root.integrated_by_step(systems.tape, step))
+
+
+def _with_joints(systems: Systems, block: vectors.Matrix) -> vectors.Matrix:
+    """The base's block of a derivative, beside the identity of the joints."""
+    places = layout_of(systems.symbolic.robot).v
+    matrix = vectors.identity(places.size)
+    for i, row in zip(places.base, block, strict=True):
+        for j, entry in zip(places.base, row, strict=True):
+            matrix[i][j] = entry
+    return matrix
+
+
 DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "inverse_dynamics_dq": lambda s: s.inverse_derivatives.force_dq,
     "inverse_dynamics_dv": lambda s: s.inverse_derivatives.force_dv,
@@ -76,4 +98,6 @@ DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "frame_poses_dq": _frame_poses_dq,
     "frame_velocities_dq": _frame_velocities_dq,
     "frame_velocities_dv": _frame_velocities_dv,
+    "integrated_dq": _integrated_dq,
+    "integrated_dv": _integrated_dv,
 }

@@ -161,7 +161,7 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
             stands for the long ones too.
 
     Returns:
-        Names in the order of the table.
+        Names in the order of the table; those that one is composed of are among them.
 
     Raises:
         UsageError: A name is unknown.
@@ -169,7 +169,8 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     rows = [
         row
         for row in FUNCTIONS.values()
-        if row.on_request and all(output.derivation in DERIVATIONS for output in row.outputs)
+        if row.on_request
+        and (row.composed or all(o.derivation in DERIVATIONS for o in row.outputs))
     ]
     offered = [row.name for row in rows]
     if isinstance(derivatives, bool):
@@ -178,4 +179,5 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     if unknown := sorted(map(str, names.difference(offered, ["all"]))):
         known = ", ".join([*offered, "all"])
         raise UsageError(f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {known}")
-    return tuple(name for name in offered if name in names or "all" in names)
+    parts = {part for name in names.difference(["all"]) for part in FUNCTIONS[name].composed}
+    return tuple(name for name in offered if name in names | parts or "all" in names)

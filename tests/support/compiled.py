@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import LANES, Signature, module_signatures
-from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.model import Derivatives, Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
@@ -86,9 +86,7 @@ class Emitted:
         return module_signatures(self.module)
 
 
-def emit(
-    robot: Robot, folder: Path, text: str = "", derivatives: bool | Sequence[str] = False
-) -> Emitted:
+def emit(robot: Robot, folder: Path, text: str = "", derivatives: Derivatives = False) -> Emitted:
     """Derive a robot, write its module to a new folder, and import it."""
     model = derive(robot, derivatives=derivatives)
     folder.mkdir()

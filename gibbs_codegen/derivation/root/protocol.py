@@ -284,3 +284,25 @@ class Root(Protocol):
             first come the rows of the base, then those of the joints.
         """
         ...
+
+    def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the base before it.
+
+        Args:
+            step: The displacement.
+
+        Returns:
+            6×6 entries, in the tangent spaces at both places.
+        """
+        ...
+
+    def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the displacement.
+
+        Args:
+            step: The displacement.
+
+        Returns:
+            6×6 entries, in the tangent space at the place after it.
+        """
+        ...
