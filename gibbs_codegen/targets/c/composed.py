@@ -21,6 +21,7 @@ from gibbs_codegen.targets.c.arrays import array_size, local_arrays, read_arrays
 from gibbs_codegen.targets.c.function_text import FunctionText, function_text
 from gibbs_codegen.targets.c.sections import SCRATCH
 from gibbs_codegen.targets.c.statements import call
+from gibbs_codegen.targets.c.step_methods import METHODS, column_lines, state_lines
 from gibbs_codegen.targets.documentation import calls, doxygen
 
 Lines = list[str]
@@ -44,9 +45,10 @@ class _StepText:
     """
 
     name: str
-    method: str
     derivatives: bool
     parameters: Lines
+    state_lines: Lines
+    column_lines: Lines
     vectors: Sequence[str]
     arrays: Mapping[str, int]
     entries: int
@@ -60,7 +62,8 @@ class _StepsText:
     NAME: str
     is_quaternion: bool
     derivatives: bool
-    rk4: bool
+    runge_kutta: bool
+    moves: str
     steps: Sequence[_StepText]
 
 
@@ -82,6 +85,7 @@ def composed_texts(model: Model) -> list[FunctionText]:
         layout_of(model.robot).is_quaternion,
         any(step.derivatives for step in steps.values()),
         "step_rk4_derivatives" in steps,
+        "moves, " if layout_of(model.robot).is_quaternion else "",
         list(steps.values()),
     )
     shared = [render("c_steps.c.jinja", context).splitlines()]
@@ -114,9 +118,10 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
     names = [output.name for output in FUNCTIONS[signature.name].outputs]
     return _StepText(
         signature.name,
-        method,
         derivatives,
         read_arrays(signature.arguments) + written_arrays(names),
+        state_lines(model.robot.name, METHODS[method], derivatives, layout.is_quaternion),
+        column_lines(METHODS[method], layout.is_quaternion),
         [*_VECTORS[method], *_PLACES[method]],
         dict(zip(sizes, [0, *ends[:-1]], strict=True)),
         ends[-1],

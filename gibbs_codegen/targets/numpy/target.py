@@ -79,6 +79,15 @@ class FunctionText:
 
 
 @dataclass(frozen=True)
+class StepText:
+    """A time step: its name, its method, and whether it has derivatives."""
+
+    name: str
+    method: str
+    derivatives: bool
+
+
+@dataclass(frozen=True)
 class ModuleText:
     """Everything in the emitted package that depends on the robot, and the source that does not.
 
@@ -102,7 +111,10 @@ class ModuleText:
     constants: Lines
     evaluation: PythonSource
     functions: list[FunctionText]
-    steps: Lines
+    steps: list[StepText]
+    euler: bool
+    runge_kutta: bool
+    step_derivatives: bool
     is_quaternion: bool
 
 
@@ -129,6 +141,7 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     ]
     on_request = [name for name in DATA_ON_REQUEST if name in constants]
     data = [*DATA, *on_request, *(["PATTERNS"] if found else [])]
+    steps = [_step_text(signature.name) for signature in model.composed]
     return ModuleText(
         header=header,
         name=robot.name,
@@ -149,7 +162,10 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         constants=elements(program.constants),
         evaluation=python_source("evaluation.py"),
         functions=_functions(model, statements),
-        steps=[signature.name for signature in model.composed],
+        steps=steps,
+        euler=any(step.method == "euler" for step in steps),
+        runge_kutta=any(step.method == "rk4" for step in steps),
+        step_derivatives=any(step.derivatives for step in steps),
         is_quaternion=layout.is_quaternion,
     )
 
@@ -157,6 +173,11 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
 def _exports(data: Lines, functions: Lines) -> Lines:
     """Names of constants and functions, in the order that imports are sorted in."""
     return [*sorted(data, key=str.lower), *sorted(functions)]
+
+
+def _step_text(name: str) -> StepText:
+    method = name.removesuffix("_derivatives")
+    return StepText(name, method.removeprefix("step_"), method != name)
 
 
 def _functions(model: Model, statements: StatementPrinter) -> list[FunctionText]:
