@@ -166,12 +166,7 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     Raises:
         UsageError: A name is unknown.
     """
-    rows = [
-        row
-        for row in FUNCTIONS.values()
-        if row.on_request
-        and (row.composed or all(o.derivation in DERIVATIONS for o in row.outputs))
-    ]
+    rows = [row for row in FUNCTIONS.values() if row.on_request]
     offered = [row.name for row in rows]
     if isinstance(derivatives, bool):
         return tuple(row.name for row in rows if derivatives and not row.is_long)
