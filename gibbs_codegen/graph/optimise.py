@@ -1,20 +1,20 @@
-"""Shortening a function: passes are applied as long as one of them saves operations."""
+"""Shortening a function: rounds of passes as long as one saves enough, and the shortest is kept."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import MutableMapping, Sequence
+from dataclasses import dataclass
 
 from gibbs_codegen.graph.factoring import factored
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
 from gibbs_codegen.graph.pair_sharing import shared
-from gibbs_codegen.graph.polarity import sign_changes
+from gibbs_codegen.graph.polarity import Polarity
 
 # Rounds of passes; they end where one saves less than one operation in so many.
 _MOST_ROUNDS = 4
 _WORTH_ANOTHER = 400
-# Operations above which a function is left as it is. The lines of a long arm repeat from link to
-# link, which C writes as loops; passes would hide that, to save one operation in a hundred.
+# Operations above which a function whose lines repeat from link to link is left as it is. C writes
+# such lines as loops; passes would hide that, to save one operation in a hundred.
 _LONGEST = 10_000
 
 
@@ -28,27 +28,37 @@ def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
     Returns:
         All operations but the sine–cosine pairs and arctangents.
     """
-    return _without_signs(graph, outputs) + sign_changes(graph, outputs)
+    return _without_signs(graph, outputs) + Polarity(graph, outputs).changes
+
+
+@dataclass(frozen=True)
+class Shortened:
+    """A function's outputs, and the signs with which what they are made of is computed."""
+
+    outputs: list[Ref]
+    polarity: Polarity
 
 
 def optimised(
     graph: Graph,
     outputs: Sequence[Ref],
     origins: MutableMapping[int, int],
-) -> list[Ref]:
+    repeats: bool = True,
+) -> Shortened:
     """Shorten a function.
 
     Args:
         graph: The graph.
         outputs: What the function returns.
         origins: Of each node that a pass has made, the one in whose place it stands; added to.
+        repeats: Whether the lines of a long function repeat, which passes would hide.
 
     Returns:
         The same values, in the same order.
     """
     present = list(outputs)
-    if _without_signs(graph, present) > _LONGEST:
-        return present
+    if repeats and _without_signs(graph, present) > _LONGEST:
+        return Shortened(present, Polarity(graph, present))
     found = [(_without_signs(graph, present), present)]
     for _ in range(_MOST_ROUNDS):
         least = min(count for count, _ in found)
@@ -71,14 +81,15 @@ def _without_signs(graph: Graph, outputs: Sequence[Ref]) -> int:
     return count
 
 
-def _shortest(graph: Graph, found: list[tuple[int, list[Ref]]]) -> list[Ref]:
+def _shortest(graph: Graph, found: list[tuple[int, list[Ref]]]) -> Shortened:
     """Of functions with their operations without signs, the first of the shortest with signs."""
-    best: list[Ref] = []
-    least = sys.maxsize
-    for count, outputs in sorted(found, key=lambda f: f[0]):
+    (count, outputs), *rest = sorted(found, key=lambda f: f[0])
+    best = Shortened(outputs, Polarity(graph, outputs))
+    least = count + best.polarity.changes
+    for count, outputs in rest:
         if count >= least:  # Signs, which take long to choose, can only add to this.
             break
-        total = count + sign_changes(graph, outputs)
-        if total < least:
-            best, least = outputs, total
+        other = Shortened(outputs, Polarity(graph, outputs))
+        if count + other.polarity.changes < least:
+            best, least = other, count + other.polarity.changes
     return best

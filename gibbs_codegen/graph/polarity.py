@@ -18,40 +18,11 @@ from gibbs_codegen.graph.graph import EVEN, Graph, Kind, Ref
 from gibbs_codegen.graph.sign_search import Conditions
 
 
-def polarity(graph: Graph, outputs: Sequence[Ref]) -> set[int]:
-    """Choose the signs with which values are computed.
+class Polarity:
+    """The signs with which a function computes its values.
 
-    Args:
-        graph: The graph.
-        outputs: What the function returns.
-
-    Returns:
-        Nodes that are computed with the opposite sign, what has its sign from others included.
+    A choice has the number of the node whose sign it is.
     """
-    signs = _Signs(graph, outputs)
-    changed = signs.conditions.changed
-    return {
-        node
-        for node, choices in signs.choices.items()
-        if sum([choice in changed for choice in choices]) % 2 == 1
-    }
-
-
-def sign_changes(graph: Graph, outputs: Sequence[Ref]) -> int:
-    """Operations that only change signs, with the signs that `polarity` chooses.
-
-    Args:
-        graph: The graph.
-        outputs: What the function returns.
-
-    Returns:
-        Their number.
-    """
-    return len(_Signs(graph, outputs).conditions.broken())
-
-
-class _Signs:
-    """The signs of a function. A choice has the number of the node whose sign it is."""
 
     def __init__(self, graph: Graph, outputs: Sequence[Ref]) -> None:
         self._graph = graph
@@ -65,6 +36,21 @@ class _Signs:
             if graph.value(output) is None:
                 self._require([output])
         self.conditions.search()
+
+    @property
+    def changes(self) -> int:
+        """Operations that only change signs."""
+        return len(self.conditions.broken())
+
+    @property
+    def negated(self) -> set[int]:
+        """Nodes computed with the opposite sign, what has its sign from others included."""
+        changed = self.conditions.changed
+        return {
+            node
+            for node, choices in self.choices.items()
+            if sum([choice in changed for choice in choices]) % 2 == 1
+        }
 
     def _read(self, node: int) -> None:
         """Find what the sign of a node depends on, and what the node requires."""

@@ -25,7 +25,6 @@ from gibbs_codegen.graph.graph import Graph, Kind, Ref
 from gibbs_codegen.graph.optimise import operations as graph_operations
 from gibbs_codegen.graph.optimise import optimised
 from gibbs_codegen.graph.order import in_order
-from gibbs_codegen.graph.polarity import polarity
 from gibbs_codegen.program.inlining import inline_single_uses, substituted
 from gibbs_codegen.program.nodes import (
     Call,
@@ -55,6 +54,11 @@ class Slice:
     arguments: tuple[str, ...]
     outputs: tuple[tuple[tuple[int, ...], tuple[sp.Expr | Ref, ...]], ...]
     groups: Mapping[sp.Symbol, str] = field(default_factory=dict)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether lines are the same from link to link, as those of recursions on the tape are."""
+        return not any(isinstance(e, int) for _, entries in self.outputs for e in entries)
 
 
 def lower(
@@ -149,8 +153,8 @@ class _Lowering:
         graph = self.graph
         origins: dict[int, int] = {}
         given = [self._ref(entry) for _, entries in piece.outputs for entry in entries]
-        refs = optimised(graph, given, origins)
-        negated = polarity(graph, refs)
+        shortened = optimised(graph, given, origins, piece.repeats)
+        refs, negated = shortened.outputs, shortened.polarity.negated
         computed = [node for node in in_order(graph, refs, origins) if graph.operands[node]]
         words = self._words_of(computed, piece.groups, origins)
         statements = [

@@ -17,7 +17,7 @@ def test_a_sum_that_was_factored_stays_in_its_place() -> None:
     later = graph.product(y, z)
     outputs = [given, later]
     origins: dict[int, int] = {}
-    found = optimised(graph, outputs, origins)
+    found = optimised(graph, outputs, origins).outputs
     bracket = graph.sum([y, z])
     computed = [bracket, graph.product(x, bracket), later]
     assert found == computed[1:]
@@ -29,7 +29,7 @@ def test_a_sum_that_was_factored_stays_in_its_place() -> None:
 def test_operands_come_first(seed: int) -> None:
     graph, outputs, _ = random_function(seed)
     origins: dict[int, int] = {}
-    found = optimised(graph, outputs, origins)
+    found = optimised(graph, outputs, origins).outputs
     order = in_order(graph, found, origins)
     assert sorted(order) == graph.reached_varying(found)
     place = {node: i for i, node in enumerate(order)}

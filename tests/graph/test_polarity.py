@@ -6,25 +6,25 @@ import pytest
 from support.random_graphs import random_function
 
 from gibbs_codegen.graph.graph import Graph, Kind, Ref, opposite
-from gibbs_codegen.graph.polarity import polarity, sign_changes
+from gibbs_codegen.graph.polarity import Polarity
 
 
 def test_a_sum_that_is_only_needed_with_a_minus_sign_is_computed_with_it() -> None:
     graph = Graph()
     x, y = (graph.input(name) for name in "xy")
     difference = graph.sum([x, opposite(y)])
-    assert polarity(graph, [opposite(difference)]) == {difference >> 1}
-    assert sign_changes(graph, [opposite(difference)]) == 0
+    assert Polarity(graph, [opposite(difference)]).negated == {difference >> 1}
+    assert Polarity(graph, [opposite(difference)]).changes == 0
 
 
 def test_what_all_signs_are_minus_in_costs_one_more() -> None:
     graph = Graph()
     x, y = (graph.input(name) for name in "xy")
     total = opposite(graph.sum([x, y]))
-    assert sign_changes(graph, [total]) == 1
-    assert sign_changes(graph, [opposite(x)]) == 1
-    assert sign_changes(graph, [opposite(graph.product(x, y))]) == 1
-    assert sign_changes(graph, [graph.number(-2.0)]) == 0
+    assert Polarity(graph, [total]).changes == 1
+    assert Polarity(graph, [opposite(x)]).changes == 1
+    assert Polarity(graph, [opposite(graph.product(x, y))]).changes == 1
+    assert Polarity(graph, [graph.number(-2.0)]).changes == 0
 
 
 def test_products_and_odd_functions_pass_signs_on() -> None:
@@ -34,8 +34,8 @@ def test_products_and_odd_functions_pass_signs_on() -> None:
     first, second = graph.sum([x, opposite(y)]), graph.sum([x, opposite(w)])
     quotient = graph.product(graph.call("sin", first), graph.reciprocal(second))
     output = opposite(graph.product(z, quotient))
-    assert sign_changes(graph, [output]) == 0
-    assert output >> 1 in polarity(graph, [output])
+    assert Polarity(graph, [output]).changes == 0
+    assert output >> 1 in Polarity(graph, [output]).negated
 
 
 def test_a_square_has_no_sign_and_a_root_needs_its_own() -> None:
@@ -43,17 +43,17 @@ def test_a_square_has_no_sign_and_a_root_needs_its_own() -> None:
     x, y = (graph.input(name) for name in "xy")
     difference = graph.sum([x, opposite(y)])
     square = opposite(graph.product(difference, difference))
-    assert sign_changes(graph, [square]) == 1
+    assert Polarity(graph, [square]).changes == 1
     root = graph.call("sqrt", difference)
-    assert polarity(graph, [root, difference]) == set()
-    assert sign_changes(graph, [graph.call("sqrt", opposite(graph.product(x, y)))]) == 1
+    assert Polarity(graph, [root, difference]).negated == set()
+    assert Polarity(graph, [graph.call("sqrt", opposite(graph.product(x, y)))]).changes == 1
 
 
 def test_a_sum_needed_with_both_signs_costs_one() -> None:
     graph = Graph()
     x, y = (graph.input(name) for name in "xy")
     difference = graph.sum([x, opposite(y)])
-    assert sign_changes(graph, [difference, opposite(difference)]) == 1
+    assert Polarity(graph, [difference, opposite(difference)]).changes == 1
 
 
 def test_the_sign_of_a_cosine_may_be_changed_for_all_that_use_it() -> None:
@@ -61,8 +61,8 @@ def test_the_sign_of_a_cosine_may_be_changed_for_all_that_use_it() -> None:
     graph = Graph()
     cosine = graph.call("cos", graph.input("x"))
     outputs = [opposite(graph.product(cosine, graph.input(name))) for name in "yzw"]
-    assert sign_changes(graph, outputs) == 1
-    assert polarity(graph, outputs) == {cosine >> 1, *(output >> 1 for output in outputs)}
+    assert Polarity(graph, outputs).changes == 1
+    assert Polarity(graph, outputs).negated == {cosine >> 1, *(output >> 1 for output in outputs)}
 
 
 def test_what_a_change_breaks_is_mended_by_the_next() -> None:
@@ -71,8 +71,8 @@ def test_what_a_change_breaks_is_mended_by_the_next() -> None:
     x, y, z, w = (graph.input(name) for name in "xyzw")
     s, t = graph.sum([x, opposite(y)]), graph.sum([z, w])
     total = graph.sum([s, t])
-    assert sign_changes(graph, [opposite(total), t]) == 0
-    assert polarity(graph, [opposite(total), t]) == {total >> 1, s >> 1}
+    assert Polarity(graph, [opposite(total), t]).changes == 0
+    assert Polarity(graph, [opposite(total), t]).negated == {total >> 1, s >> 1}
 
 
 def changes(graph: Graph, outputs: list[Ref], negated: set[int]) -> int:
@@ -99,9 +99,9 @@ def changes(graph: Graph, outputs: list[Ref], negated: set[int]) -> int:
 @pytest.mark.parametrize("seed", range(30))
 def test_changes_are_those_that_the_signs_bring(seed: int) -> None:
     graph, outputs, _ = random_function(seed)
-    negated = polarity(graph, outputs)
+    negated = Polarity(graph, outputs).negated
     constant = [node for node in negated if graph.constant[node]]
     assert not constant
-    found = sign_changes(graph, outputs)
+    found = Polarity(graph, outputs).changes
     assert found == changes(graph, outputs, negated)
     assert found <= changes(graph, outputs, set())
