@@ -176,8 +176,7 @@ class MissingFunctionError(UsageError, AttributeError):
         super().__init__(
             f"{module}: has no {function}, which is generated on request: "
             f"gibbs-codegen generate {module} --derivatives={function}, or derivatives="
-            f'["{function}"] in Python; without a name --derivatives adds all functions of that '
-            "kind"
+            f'["{function}"] in Python'
         )
 
 

@@ -1029,7 +1029,7 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t155 = k64 + t139;
     const real t156 = t118 + c4 * t145 - t110 * t142 - t111 * t141;
 
-    /* mass matrix, columns of the joints carried in to joint 7 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t157 = t147 + t148;
     mass_matrix[30 * stride] = t157;
     const real t158 = t157 + t110 * t141 + t111 * t142;
@@ -1039,12 +1039,12 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[40 * stride] = t159;
     const real t160 = c4 * t137;
     const real t161 = s4 * t137;
-    const real t162 = c4 * t159 + t110 * t136;
-    mass_matrix[13 * stride] = -t162;
-    mass_matrix[37 * stride] = -t162;
-    const real t163 = t111 * t160 - t110 * t161;
-    mass_matrix[22 * stride] = t163;
-    mass_matrix[38 * stride] = t163;
+    const real t162 = t111 * t160 - t110 * t161;
+    mass_matrix[22 * stride] = t162;
+    mass_matrix[38 * stride] = t162;
+    const real t163 = c4 * t159 + t110 * t136;
+    mass_matrix[13 * stride] = -t163;
+    mass_matrix[37 * stride] = -t163;
     const real t164 = t75 + t76;
     mass_matrix[50 * stride] = t164;
     const real t165 = t164 + t71 * t87 + t72 * t88;
@@ -1052,12 +1052,12 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[49 * stride] = t165;
     const real t166 = c4 * t72;
     const real t167 = s4 * t72;
-    const real t168 = c4 * t165 + t71 * t110;
-    mass_matrix[14 * stride] = -t168;
-    mass_matrix[46 * stride] = -t168;
-    const real t169 = t111 * t166 - t110 * t167;
-    mass_matrix[23 * stride] = t169;
-    mass_matrix[47 * stride] = t169;
+    const real t168 = t111 * t166 - t110 * t167;
+    mass_matrix[23 * stride] = t168;
+    mass_matrix[47 * stride] = t168;
+    const real t169 = c4 * t165 + t71 * t110;
+    mass_matrix[14 * stride] = -t169;
+    mass_matrix[46 * stride] = -t169;
 
     /* mass matrix of attitude and position */
     const real t170 = t153 + t154;
@@ -1118,7 +1118,7 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t192 = s2 * t136 - c2 * t160;
     mass_matrix[42 * stride] = t192;
     mass_matrix[58 * stride] = t192;
-    const real t193 = c2 * (s4 * t159 + t111 * t136) + s2 * t163;
+    const real t193 = c2 * (s4 * t159 + t111 * t136) + s2 * t162;
     mass_matrix[4 * stride] = t193;
     mass_matrix[36 * stride] = t193;
     const real t194 = c1 * t161 + s1 * t191;
@@ -1131,7 +1131,7 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t197 = s2 * t71 - c2 * t166;
     mass_matrix[51 * stride] = t197;
     mass_matrix[59 * stride] = t197;
-    const real t198 = c2 * (s4 * t165 + t71 * t111) + s2 * t169;
+    const real t198 = c2 * (s4 * t165 + t71 * t111) + s2 * t168;
     mass_matrix[5 * stride] = t198;
     mass_matrix[45 * stride] = t198;
     const real t199 = c1 * t167 + s1 * t196;
@@ -1362,7 +1362,7 @@ static INLINE void mass_matrix_lane(
     const real t49 = k63 + t42 - t28 - t36 * k77 * s3;
     const real t50 = k64 + t33;
 
-    /* mass matrix, columns of the joints carried in to joint 7 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t51 = t41 + t42;
     mass_matrix[30 * stride] = t51;
     const real t52 = t51 + t25 * t35 - t26 * t36;
@@ -1372,12 +1372,12 @@ static INLINE void mass_matrix_lane(
     mass_matrix[40 * stride] = t53;
     const real t54 = c4 * t31;
     const real t55 = s4 * t31;
-    const real t56 = c4 * t53 + t25 * t30;
-    mass_matrix[13 * stride] = -t56;
-    mass_matrix[37 * stride] = -t56;
-    const real t57 = t26 * t54 + t25 * t55;
-    mass_matrix[22 * stride] = t57;
-    mass_matrix[38 * stride] = t57;
+    const real t56 = t26 * t54 + t25 * t55;
+    mass_matrix[22 * stride] = t56;
+    mass_matrix[38 * stride] = t56;
+    const real t57 = c4 * t53 + t25 * t30;
+    mass_matrix[13 * stride] = -t57;
+    mass_matrix[37 * stride] = -t57;
     const real t58 = t19 + t20;
     mass_matrix[50 * stride] = t58;
     const real t59 = t58 + t15 * t21 + t16 * t22;
@@ -1385,12 +1385,12 @@ static INLINE void mass_matrix_lane(
     mass_matrix[49 * stride] = t59;
     const real t60 = c4 * t16;
     const real t61 = s4 * t16;
-    const real t62 = c4 * t59 + t15 * t25;
-    mass_matrix[14 * stride] = -t62;
-    mass_matrix[46 * stride] = -t62;
-    const real t63 = t26 * t60 + t25 * t61;
-    mass_matrix[23 * stride] = t63;
-    mass_matrix[47 * stride] = t63;
+    const real t62 = t26 * t60 + t25 * t61;
+    mass_matrix[23 * stride] = t62;
+    mass_matrix[47 * stride] = t62;
+    const real t63 = c4 * t59 + t15 * t25;
+    mass_matrix[14 * stride] = -t63;
+    mass_matrix[46 * stride] = -t63;
 
     /* mass matrix of attitude and position */
     const real t64 = t48 + t49;
@@ -1451,7 +1451,7 @@ static INLINE void mass_matrix_lane(
     const real t86 = s2 * t30 - c2 * t54;
     mass_matrix[42 * stride] = t86;
     mass_matrix[58 * stride] = t86;
-    const real t87 = c2 * (t26 * t30 - s4 * t53) + s2 * t57;
+    const real t87 = c2 * (t26 * t30 - s4 * t53) + s2 * t56;
     mass_matrix[4 * stride] = t87;
     mass_matrix[36 * stride] = t87;
     const real t88 = t1 * t55 + s1 * t85;
@@ -1464,7 +1464,7 @@ static INLINE void mass_matrix_lane(
     const real t91 = s2 * t15 - c2 * t60;
     mass_matrix[51 * stride] = t91;
     mass_matrix[59 * stride] = t91;
-    const real t92 = c2 * (t15 * t26 - s4 * t59) + s2 * t63;
+    const real t92 = c2 * (t15 * t26 - s4 * t59) + s2 * t62;
     mass_matrix[5 * stride] = t92;
     mass_matrix[45 * stride] = t92;
     const real t93 = t1 * t61 + s1 * t90;
@@ -2951,7 +2951,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t50 = k64 + t33;
     const real t51 = c3 * t27 + c4 * t39 - t25 * t36 - t43;
 
-    /* mass matrix, columns of the joints carried in to joint 7 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t52 = t41 + t42;
     mass_matrix[160 * stride] = t52;
     const real t53 = t25 * t35 + t26 * t36 + t52;
@@ -2961,12 +2961,12 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[180 * stride] = t54;
     const real t55 = c4 * t31;
     const real t56 = s4 * t31;
-    const real t57 = t25 * t30 + c4 * t54;
-    mass_matrix[28 * stride] = -t57;
-    mass_matrix[172 * stride] = -t57;
-    const real t58 = t26 * t55 - t25 * t56;
-    mass_matrix[47 * stride] = t58;
-    mass_matrix[173 * stride] = t58;
+    const real t57 = t26 * t55 - t25 * t56;
+    mass_matrix[47 * stride] = t57;
+    mass_matrix[173 * stride] = t57;
+    const real t58 = t25 * t30 + c4 * t54;
+    mass_matrix[28 * stride] = -t58;
+    mass_matrix[172 * stride] = -t58;
     const real t59 = t19 + t20;
     mass_matrix[200 * stride] = t59;
     const real t60 = t59 + t15 * t21 + t16 * t22;
@@ -2974,12 +2974,12 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[199 * stride] = t60;
     const real t61 = c4 * t16;
     const real t62 = s4 * t16;
-    const real t63 = c4 * t60 + t15 * t25;
-    mass_matrix[29 * stride] = -t63;
-    mass_matrix[191 * stride] = -t63;
-    const real t64 = t26 * t61 - t25 * t62;
-    mass_matrix[48 * stride] = t64;
-    mass_matrix[192 * stride] = t64;
+    const real t63 = t26 * t61 - t25 * t62;
+    mass_matrix[48 * stride] = t63;
+    mass_matrix[192 * stride] = t63;
+    const real t64 = c4 * t60 + t15 * t25;
+    mass_matrix[29 * stride] = -t64;
+    mass_matrix[191 * stride] = -t64;
 
     /* mass matrix of attitude and position */
     const real t65 = t48 + t49;
@@ -3040,7 +3040,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t87 = s2 * t30 + t3 * t55;
     mass_matrix[182 * stride] = t87;
     mass_matrix[218 * stride] = t87;
-    const real t88 = s2 * t58 - t3 * (t26 * t30 + s4 * t54);
+    const real t88 = s2 * t57 - t3 * (t26 * t30 + s4 * t54);
     mass_matrix[9 * stride] = t88;
     mass_matrix[171 * stride] = t88;
     const real t89 = t2 * t86 - c1 * t56;
@@ -3053,7 +3053,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t92 = s2 * t15 + t3 * t61;
     mass_matrix[201 * stride] = t92;
     mass_matrix[219 * stride] = t92;
-    const real t93 = s2 * t64 - t3 * (s4 * t60 + t15 * t26);
+    const real t93 = s2 * t63 - t3 * (s4 * t60 + t15 * t26);
     mass_matrix[10 * stride] = t93;
     mass_matrix[190 * stride] = t93;
     const real t94 = t2 * t91 - c1 * t62;
@@ -3067,7 +3067,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t96 = k94 * s3;
     const real t97 = k94 * c3;
 
-    /* mass matrix, columns of the joints carried in to joint 2 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t98 = k93 * s3;
     const real t99 = t97 + t98;
     const real t100 = k93 * c3;
@@ -3096,7 +3096,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[250 * stride] = -t106;
     mass_matrix[253 * stride] = t106;
 
-    /* mass matrix, columns of the joints carried in to joint 3 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t107 = t97 - t98;
     const real t108 = t96 + t100;
 
@@ -3123,7 +3123,7 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[251 * stride] = -t113;
     mass_matrix[254 * stride] = t113;
 
-    /* mass matrix, columns of the joints carried in to joint 4 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t114 = k92 * s3;
     const real t115 = k92 * c3;
 

@@ -920,20 +920,20 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t155 = k64 + t139
     t156 = t118 + t8 * t145 - t110 * t142 - t111 * t141
 
-    # mass matrix, columns of the joints carried in to joint 7
+    # mass matrix, columns of the joints carried in to the base
     t157 = t147 + t148
     t158 = t157 + t110 * t141 + t111 * t142
     t159 = t138 + t139
     t160 = t8 * t137
     t161 = t9 * t137
-    t162 = t8 * t159 + t110 * t136
-    t163 = t111 * t160 - t110 * t161
+    t162 = t111 * t160 - t110 * t161
+    t163 = t8 * t159 + t110 * t136
     t164 = t75 + t76
     t165 = t164 + t71 * t87 + t72 * t88
     t166 = t8 * t72
     t167 = t9 * t72
-    t168 = t8 * t165 + t71 * t110
-    t169 = t111 * t166 - t110 * t167
+    t168 = t111 * t166 - t110 * t167
+    t169 = t8 * t165 + t71 * t110
 
     # mass matrix of attitude and position
     t170 = t153 + t154
@@ -961,19 +961,19 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t190 = t1 * t186 + t2 * t141
     t191 = t3 * t136 + t4 * t160
     t192 = t4 * t136 - t3 * t160
-    t193 = t3 * (t9 * t159 + t111 * t136) + t4 * t163
+    t193 = t3 * (t9 * t159 + t111 * t136) + t4 * t162
     t194 = t1 * t161 + t2 * t191
     t195 = t1 * t191 - t2 * t161
     t196 = t3 * t71 + t4 * t166
     t197 = t4 * t71 - t3 * t166
-    t198 = t3 * (t9 * t165 + t71 * t111) + t4 * t169
+    t198 = t3 * (t9 * t165 + t71 * t111) + t4 * t168
     t199 = t1 * t167 + t2 * t196
     t200 = t1 * t196 - t2 * t167
     return (
-        t183, t177, t173, t188, t193, t198, 0.0, -t185, t184, t177, t176, t150, t144, -t162, -t168,
-        t178, t181, -t182, t173, t150, t170, t158, t163, t169, -t172, t174, t175, t188, t144, t158,
-        t157, 0.0, 0.0, -t187, t189, t190, t193, -t162, t163, 0.0, t159, t165, t192, -t194, t195,
-        t198, -t168, t169, 0.0, t165, t164, t197, -t199, t200, 0.0, t178, -t172, -t187, t192, t197,
+        t183, t177, t173, t188, t193, t198, 0.0, -t185, t184, t177, t176, t150, t144, -t163, -t169,
+        t178, t181, -t182, t173, t150, t170, t158, t162, t168, -t172, t174, t175, t188, t144, t158,
+        t157, 0.0, 0.0, -t187, t189, t190, t193, -t163, t162, 0.0, t159, t165, t192, -t194, t195,
+        t198, -t169, t168, 0.0, t165, t164, t197, -t199, t200, 0.0, t178, -t172, -t187, t192, t197,
         k78, 0.0, 0.0, -t185, t181, t174, t189, -t194, -t199, 0.0, k78, 0.0, t184, -t182, t175,
         t190, t195, t200, 0.0, 0.0, k78, t133, t129, t130, t107, t105, t83, t132, t134, t135,
     )
@@ -1101,20 +1101,20 @@ def _mass_matrix(k, sin, cos, q):
     t49 = k63 + t42 - t28 - t36 * k77 * t6
     t50 = k64 + t33
 
-    # mass matrix, columns of the joints carried in to joint 7
+    # mass matrix, columns of the joints carried in to the base
     t51 = t41 + t42
     t52 = t51 + t25 * t35 - t26 * t36
     t53 = t32 + t33
     t54 = t8 * t31
     t55 = t9 * t31
-    t56 = t8 * t53 + t25 * t30
-    t57 = t26 * t54 + t25 * t55
+    t56 = t26 * t54 + t25 * t55
+    t57 = t8 * t53 + t25 * t30
     t58 = t19 + t20
     t59 = t58 + t15 * t21 + t16 * t22
     t60 = t8 * t16
     t61 = t9 * t16
-    t62 = t8 * t59 + t15 * t25
-    t63 = t26 * t60 + t25 * t61
+    t62 = t26 * t60 + t25 * t61
+    t63 = t8 * t59 + t15 * t25
 
     # mass matrix of attitude and position
     t64 = t48 + t49
@@ -1142,18 +1142,18 @@ def _mass_matrix(k, sin, cos, q):
     t84 = t1 * t80 + t2 * t35
     t85 = t3 * t30 + t4 * t54
     t86 = t4 * t30 - t3 * t54
-    t87 = t3 * (t26 * t30 - t9 * t53) + t4 * t57
+    t87 = t3 * (t26 * t30 - t9 * t53) + t4 * t56
     t88 = t1 * t55 + t2 * t85
     t89 = t2 * t55 - t1 * t85
     t90 = t3 * t15 + t4 * t60
     t91 = t4 * t15 - t3 * t60
-    t92 = t3 * (t15 * t26 - t9 * t59) + t4 * t63
+    t92 = t3 * (t15 * t26 - t9 * t59) + t4 * t62
     t93 = t1 * t61 + t2 * t90
     t94 = t2 * t61 - t1 * t90
     return (
-        t77, t71, t67, t82, t87, t92, 0.0, t79, t78, t71, t70, t45, t38, -t56, -t62, t72, t75, t76,
-        t67, t45, t64, t52, t57, t63, t66, t68, t69, t82, t38, t52, t51, 0.0, 0.0, t81, t83, t84,
-        t87, -t56, t57, 0.0, t53, t59, t86, -t88, t89, t92, -t62, t63, 0.0, t59, t58, t91, -t93,
+        t77, t71, t67, t82, t87, t92, 0.0, t79, t78, t71, t70, t45, t38, -t57, -t63, t72, t75, t76,
+        t67, t45, t64, t52, t56, t62, t66, t68, t69, t82, t38, t52, t51, 0.0, 0.0, t81, t83, t84,
+        t87, -t57, t56, 0.0, t53, t59, t86, -t88, t89, t92, -t63, t62, 0.0, t59, t58, t91, -t93,
         t94, 0.0, t72, t66, t81, t86, t91, k78, 0.0, 0.0, t79, t75, t68, t83, -t88, -t93, 0.0, k78,
         0.0, t78, t76, t69, t84, t89, t94, 0.0, 0.0, k78,
     )
@@ -2214,20 +2214,20 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t50 = k64 + t33
     t51 = t5 * t27 + t8 * t39 - t25 * t36 - t43
 
-    # mass matrix, columns of the joints carried in to joint 7
+    # mass matrix, columns of the joints carried in to the base
     t52 = t41 + t42
     t53 = t25 * t35 + t26 * t36 + t52
     t54 = t32 + t33
     t55 = t8 * t31
     t56 = t9 * t31
-    t57 = t25 * t30 + t8 * t54
-    t58 = t26 * t55 - t25 * t56
+    t57 = t26 * t55 - t25 * t56
+    t58 = t25 * t30 + t8 * t54
     t59 = t19 + t20
     t60 = t59 + t15 * t21 + t16 * t22
     t61 = t8 * t16
     t62 = t9 * t16
-    t63 = t8 * t60 + t15 * t25
-    t64 = t26 * t61 - t25 * t62
+    t63 = t26 * t61 - t25 * t62
+    t64 = t8 * t60 + t15 * t25
 
     # mass matrix of attitude and position
     t65 = t48 + t49
@@ -2255,12 +2255,12 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t85 = t1 * t81 - t2 * t35
     t86 = t4 * t55 - t3 * t30
     t87 = t4 * t30 + t3 * t55
-    t88 = t4 * t58 - t3 * (t26 * t30 + t9 * t54)
+    t88 = t4 * t57 - t3 * (t26 * t30 + t9 * t54)
     t89 = t2 * t86 - t1 * t56
     t90 = t1 * t86 + t2 * t56
     t91 = t4 * t61 - t3 * t15
     t92 = t4 * t15 + t3 * t61
-    t93 = t4 * t64 - t3 * (t9 * t60 + t15 * t26)
+    t93 = t4 * t63 - t3 * (t9 * t60 + t15 * t26)
     t94 = t2 * t91 - t1 * t62
     t95 = t1 * t91 + t2 * t62
 
@@ -2268,7 +2268,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t96 = k94 * t6
     t97 = k94 * t5
 
-    # mass matrix, columns of the joints carried in to joint 2
+    # mass matrix, columns of the joints carried in to the base
     t98 = k93 * t6
     t99 = t97 + t98
     t100 = k93 * t5
@@ -2281,7 +2281,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t105 = t1 * t101 - t2 * t102
     t106 = t2 * t101 + t1 * t102
 
-    # mass matrix, columns of the joints carried in to joint 3
+    # mass matrix, columns of the joints carried in to the base
     t107 = t97 - t98
     t108 = t96 + t100
 
@@ -2292,7 +2292,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t112 = t1 * t108 - t2 * t109
     t113 = t2 * t108 + t1 * t109
 
-    # mass matrix, columns of the joints carried in to joint 4
+    # mass matrix, columns of the joints carried in to the base
     t114 = k92 * t6
     t115 = k92 * t5
 
@@ -2304,8 +2304,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t120 = t1 * t116 - t2 * t115
     return (
         t78, t72, t68, t104, t111, t118, t111, t104, t83, t88, t93, 0.0, t80, t79, 0.0, 0.0, 0.0,
-        0.0, 0.0, t72, t71, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t57, -t63, t73, t76, t77, 0.0, 0.0,
-        0.0, 0.0, 0.0, t68, t45, t65, k102, k103, k105, k103, k102, t53, t58, t64, t67, t69, t70,
+        0.0, 0.0, t72, t71, t45, 0.0, 0.0, 0.0, 0.0, 0.0, t38, -t58, -t64, t73, t76, t77, 0.0, 0.0,
+        0.0, 0.0, 0.0, t68, t45, t65, k102, k103, k105, k103, k102, t53, t57, t63, t67, t69, t70,
         0.0, 0.0, 0.0, 0.0, 0.0, t104, 0.0, k102, k100, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -t103,
         t105, -t106, -1.0, 0.0, 0.0, 0.0, 0.0, t111, 0.0, k103, 0.0, k100, 0.0, 0.0, 0.0, 0.0, 0.0,
         0.0, -t110, t112, -t113, 0.0, -1.0, 0.0, 0.0, 0.0, t118, 0.0, k105, 0.0, 0.0, k104, 0.0,
@@ -2313,8 +2313,8 @@ def _hybrid_mass_matrix(k, sin, cos, q):
         0.0, k100, 0.0, 0.0, 0.0, 0.0, t103, -t105, t106, 0.0, 0.0, 0.0, -1.0, 0.0, t104, 0.0, k102,
         0.0, 0.0, 0.0, 0.0, k100, 0.0, 0.0, 0.0, t110, -t112, t113, 0.0, 0.0, 0.0, 0.0, -1.0, t83,
         t38, t53, 0.0, 0.0, 0.0, 0.0, 0.0, t52, 0.0, 0.0, t82, t84, t85, 0.0, 0.0, 0.0, 0.0, 0.0,
-        t88, -t57, t58, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0,
-        0.0, t93, -t63, t64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0,
+        t88, -t58, t57, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t54, t60, t87, t89, t90, 0.0, 0.0, 0.0, 0.0,
+        0.0, t93, -t64, t63, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t60, t59, t92, t94, t95, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, t73, t67, -t103, -t110, t117, t103, t110, t82, t87, t92, k78, 0.0, 0.0, 0.0,
         0.0, 0.0, 0.0, 0.0, t80, t76, t69, t105, t112, t119, -t105, -t112, t84, t89, t94, 0.0, k78,
         0.0, 0.0, 0.0, 0.0, 0.0, 0.0, t79, t77, t70, -t106, -t113, t120, t106, t113, t85, t90, t95,

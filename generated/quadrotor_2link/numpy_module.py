@@ -786,14 +786,14 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t112 = k44 + t57
     t113 = t80 + t72 * t99 - t8 * t102 - t73 * t98
 
-    # mass matrix, columns of the joints carried in to joint 5
+    # mass matrix, columns of the joints carried in to the base
     t114 = t104 + t105
     t115 = t114 + t72 * t98 - t73 * t99
     t116 = t56 + t57
     t117 = t8 * t53
     t118 = t9 * t53
-    t119 = t8 * t116 + t52 * t72
-    t120 = t73 * t117 + t72 * t118
+    t119 = t73 * t117 + t72 * t118
+    t120 = t8 * t116 + t52 * t72
 
     # mass matrix of attitude and position
     t121 = t110 + t111
@@ -821,13 +821,13 @@ def _mass_matrix_and_residual(k, sin, cos, q, v):
     t141 = t1 * t137 + t2 * t98
     t142 = t3 * t52 + t4 * t117
     t143 = t4 * t52 - t3 * t117
-    t144 = t3 * (t52 * t73 - t9 * t116) + t4 * t120
+    t144 = t3 * (t52 * t73 - t9 * t116) + t4 * t119
     t145 = t1 * t118 + t2 * t142
     t146 = t2 * t118 - t1 * t142
     return (
-        t134, t128, t124, t139, t144, 0.0, t136, t135, t128, t127, t107, t101, -t119, t129, t132,
-        t133, t124, t107, t121, t115, t120, t123, t125, t126, t139, t101, t115, t114, 0.0, t138,
-        t140, t141, t144, -t119, t120, 0.0, t116, t143, -t145, t146, 0.0, t129, t123, t138, t143,
+        t134, t128, t124, t139, t144, 0.0, t136, t135, t128, t127, t107, t101, -t120, t129, t132,
+        t133, t124, t107, t121, t115, t119, t123, t125, t126, t139, t101, t115, t114, 0.0, t138,
+        t140, t141, t144, -t120, t119, 0.0, t116, t143, -t145, t146, 0.0, t129, t123, t138, t143,
         k50, 0.0, 0.0, t136, t132, t125, t140, -t145, 0.0, k50, 0.0, t135, t133, t126, t141, t146,
         0.0, 0.0, k50, t95, t91, t92, t69, t64, t94, t96, t97,
     )
@@ -930,14 +930,14 @@ def _mass_matrix(k, sin, cos, q):
     t37 = k43 + t30 - t22 - t24 * k49 * t6
     t38 = k44 + t17
 
-    # mass matrix, columns of the joints carried in to joint 5
+    # mass matrix, columns of the joints carried in to the base
     t39 = t29 + t30
     t40 = t39 + t19 * t23 - t20 * t24
     t41 = t16 + t17
     t42 = t8 * t13
     t43 = t9 * t13
-    t44 = t8 * t41 + t12 * t19
-    t45 = t20 * t42 + t19 * t43
+    t44 = t20 * t42 + t19 * t43
+    t45 = t8 * t41 + t12 * t19
 
     # mass matrix of attitude and position
     t46 = t36 + t37
@@ -965,12 +965,12 @@ def _mass_matrix(k, sin, cos, q):
     t66 = t1 * t62 + t2 * t23
     t67 = t3 * t12 + t4 * t42
     t68 = t4 * t12 - t3 * t42
-    t69 = t3 * (t12 * t20 - t9 * t41) + t4 * t45
+    t69 = t3 * (t12 * t20 - t9 * t41) + t4 * t44
     t70 = t1 * t43 + t2 * t67
     t71 = t2 * t43 - t1 * t67
     return (
-        t59, t53, t49, t64, t69, 0.0, t61, t60, t53, t52, t33, t26, -t44, t54, t57, t58, t49, t33,
-        t46, t40, t45, t48, t50, t51, t64, t26, t40, t39, 0.0, t63, t65, t66, t69, -t44, t45, 0.0,
+        t59, t53, t49, t64, t69, 0.0, t61, t60, t53, t52, t33, t26, -t45, t54, t57, t58, t49, t33,
+        t46, t40, t44, t48, t50, t51, t64, t26, t40, t39, 0.0, t63, t65, t66, t69, -t45, t44, 0.0,
         t41, t68, -t70, t71, 0.0, t54, t48, t63, t68, k50, 0.0, 0.0, t61, t57, t50, t65, -t70, 0.0,
         k50, 0.0, t60, t58, t51, t66, t71, 0.0, 0.0, k50,
     )
@@ -1743,14 +1743,14 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t37 = k43 + t30 - t22 - t24 * k49 * t6
     t38 = k44 + t17
 
-    # mass matrix, columns of the joints carried in to joint 5
+    # mass matrix, columns of the joints carried in to the base
     t39 = t29 + t30
     t40 = t39 + t19 * t23 - t20 * t24
     t41 = t16 + t17
     t42 = t8 * t13
     t43 = t9 * t13
-    t44 = t8 * t41 + t12 * t19
-    t45 = t20 * t42 + t19 * t43
+    t44 = t20 * t42 + t19 * t43
+    t45 = t8 * t41 + t12 * t19
 
     # mass matrix of attitude and position
     t46 = t36 + t37
@@ -1778,7 +1778,7 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t66 = t2 * t23 - t1 * t62
     t67 = t3 * t12 + t4 * t42
     t68 = t4 * t12 - t3 * t42
-    t69 = t3 * (t12 * t20 - t9 * t41) + t4 * t45
+    t69 = t3 * (t12 * t20 - t9 * t41) + t4 * t44
     t70 = t1 * t43 - t2 * t67
     t71 = t1 * t67 + t2 * t43
 
@@ -1801,11 +1801,11 @@ def _hybrid_mass_matrix(k, sin, cos, q):
     t83 = t1 * t79 + t2 * t73
     return (
         t59, t53, t49, t76, t81, t76, t64, t69, 0.0, t61, t60, 0.0, 0.0, 0.0, t53, t52, t33, 0.0,
-        0.0, 0.0, t26, -t44, t54, t57, -t58, 0.0, 0.0, 0.0, t49, t33, t46, k58, k59, k58, t40, t45,
+        0.0, 0.0, t26, -t45, t54, t57, -t58, 0.0, 0.0, 0.0, t49, t33, t46, k58, k59, k58, t40, t44,
         t48, t50, t51, 0.0, 0.0, 0.0, t76, 0.0, k58, k58, 0.0, 0.0, 0.0, 0.0, t75, t77, t78, -1.0,
         0.0, 0.0, t81, 0.0, k59, 0.0, k58, 0.0, 0.0, 0.0, -t80, t82, t83, 0.0, -1.0, 0.0, t76, 0.0,
         k58, 0.0, 0.0, k58, 0.0, 0.0, -t75, -t77, -t78, 0.0, 0.0, -1.0, t64, t26, t40, 0.0, 0.0,
-        0.0, t39, 0.0, t63, t65, t66, 0.0, 0.0, 0.0, t69, -t44, t45, 0.0, 0.0, 0.0, 0.0, t41, t68,
+        0.0, t39, 0.0, t63, t65, t66, 0.0, 0.0, 0.0, t69, -t45, t44, 0.0, 0.0, 0.0, 0.0, t41, t68,
         t70, t71, 0.0, 0.0, 0.0, 0.0, t54, t48, t75, -t80, -t75, t63, t68, k50, 0.0, 0.0, 0.0, 0.0,
         0.0, t61, t57, t50, t77, t82, -t77, t65, t70, 0.0, k50, 0.0, 0.0, 0.0, 0.0, t60, -t58, t51,
         t78, t83, -t78, t66, t71, 0.0, 0.0, k50, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,

@@ -824,7 +824,7 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t112 = k44 + t57;
     const real t113 = t80 + t72 * t99 - c4 * t102 - t73 * t98;
 
-    /* mass matrix, columns of the joints carried in to joint 5 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t114 = t104 + t105;
     mass_matrix[27 * stride] = t114;
     const real t115 = t114 + t72 * t98 - t73 * t99;
@@ -834,12 +834,12 @@ static INLINE void mass_matrix_and_residual_lane(
     mass_matrix[36 * stride] = t116;
     const real t117 = c4 * t53;
     const real t118 = t9 * t53;
-    const real t119 = c4 * t116 + t52 * t72;
-    mass_matrix[12 * stride] = -t119;
-    mass_matrix[33 * stride] = -t119;
-    const real t120 = t73 * t117 + t72 * t118;
-    mass_matrix[20 * stride] = t120;
-    mass_matrix[34 * stride] = t120;
+    const real t119 = t73 * t117 + t72 * t118;
+    mass_matrix[20 * stride] = t119;
+    mass_matrix[34 * stride] = t119;
+    const real t120 = c4 * t116 + t52 * t72;
+    mass_matrix[12 * stride] = -t120;
+    mass_matrix[33 * stride] = -t120;
 
     /* mass matrix of attitude and position */
     const real t121 = t110 + t111;
@@ -900,7 +900,7 @@ static INLINE void mass_matrix_and_residual_lane(
     const real t143 = s2 * t52 - c2 * t117;
     mass_matrix[37 * stride] = t143;
     mass_matrix[44 * stride] = t143;
-    const real t144 = c2 * (t52 * t73 - t9 * t116) + s2 * t120;
+    const real t144 = c2 * (t52 * t73 - t9 * t116) + s2 * t119;
     mass_matrix[4 * stride] = t144;
     mass_matrix[32 * stride] = t144;
     const real t145 = t1 * t118 + s1 * t142;
@@ -1106,7 +1106,7 @@ static INLINE void mass_matrix_lane(
     const real t37 = k43 + t30 - t22 - t24 * k49 * s3;
     const real t38 = k44 + t17;
 
-    /* mass matrix, columns of the joints carried in to joint 5 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t39 = t29 + t30;
     mass_matrix[27 * stride] = t39;
     const real t40 = t39 + t19 * t23 - t20 * t24;
@@ -1116,12 +1116,12 @@ static INLINE void mass_matrix_lane(
     mass_matrix[36 * stride] = t41;
     const real t42 = c4 * t13;
     const real t43 = t9 * t13;
-    const real t44 = c4 * t41 + t12 * t19;
-    mass_matrix[12 * stride] = -t44;
-    mass_matrix[33 * stride] = -t44;
-    const real t45 = t20 * t42 + t19 * t43;
-    mass_matrix[20 * stride] = t45;
-    mass_matrix[34 * stride] = t45;
+    const real t44 = t20 * t42 + t19 * t43;
+    mass_matrix[20 * stride] = t44;
+    mass_matrix[34 * stride] = t44;
+    const real t45 = c4 * t41 + t12 * t19;
+    mass_matrix[12 * stride] = -t45;
+    mass_matrix[33 * stride] = -t45;
 
     /* mass matrix of attitude and position */
     const real t46 = t36 + t37;
@@ -1182,7 +1182,7 @@ static INLINE void mass_matrix_lane(
     const real t68 = s2 * t12 - c2 * t42;
     mass_matrix[37 * stride] = t68;
     mass_matrix[44 * stride] = t68;
-    const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t45;
+    const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t44;
     mass_matrix[4 * stride] = t69;
     mass_matrix[32 * stride] = t69;
     const real t70 = t1 * t43 + s1 * t67;
@@ -2379,7 +2379,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t37 = k43 + t30 - t22 - t24 * k49 * s3;
     const real t38 = k44 + t17;
 
-    /* mass matrix, columns of the joints carried in to joint 5 */
+    /* mass matrix, columns of the joints carried in to the base */
     const real t39 = t29 + t30;
     mass_matrix[90 * stride] = t39;
     const real t40 = t39 + t19 * t23 - t20 * t24;
@@ -2389,12 +2389,12 @@ static INLINE void hybrid_mass_matrix_lane(
     mass_matrix[105 * stride] = t41;
     const real t42 = c4 * t13;
     const real t43 = t9 * t13;
-    const real t44 = c4 * t41 + t12 * t19;
-    mass_matrix[21 * stride] = -t44;
-    mass_matrix[99 * stride] = -t44;
-    const real t45 = t20 * t42 + t19 * t43;
-    mass_matrix[35 * stride] = t45;
-    mass_matrix[100 * stride] = t45;
+    const real t44 = t20 * t42 + t19 * t43;
+    mass_matrix[35 * stride] = t44;
+    mass_matrix[100 * stride] = t44;
+    const real t45 = c4 * t41 + t12 * t19;
+    mass_matrix[21 * stride] = -t45;
+    mass_matrix[99 * stride] = -t45;
 
     /* mass matrix of attitude and position */
     const real t46 = t36 + t37;
@@ -2455,7 +2455,7 @@ static INLINE void hybrid_mass_matrix_lane(
     const real t68 = s2 * t12 - c2 * t42;
     mass_matrix[106 * stride] = t68;
     mass_matrix[119 * stride] = t68;
-    const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t45;
+    const real t69 = c2 * (t12 * t20 - t9 * t41) + s2 * t44;
     mass_matrix[7 * stride] = t69;
     mass_matrix[98 * stride] = t69;
     const real t70 = c1 * t43 - s1 * t67;

@@ -1,9 +1,9 @@
 """Linearisation: how small deviations from a state grow, and what inputs do to them.
 
-A deviation has 2 nv entries: δ, with q = q₀ ⊕ δ, and v − v₀. Both q₀ and q move, so that δ has the
-rate v − v₀ only where the base neither moves nor is a quaternion's. With a quaternion δ is in the
-axes of the base, which turn: from q̇₀ = q₀ ξ₀ and q = q₀ exp(δ) follows δ̇ = ξ − ξ₀ − ad(ξ₀) δ to
-first order, where ξ is the velocity of the base, linear first, and ad(ξ₀) δ their Lie bracket.
+A deviation has 2 nv entries: δ, with q = q₀ ⊕ δ, and v − v₀. With attitude angles δ has the rate
+v − v₀. With a quaternion δ is in the axes of the base, which move: from q̇₀ = q₀ ξ₀, where ξ₀ is the
+velocity of the base, and q = q₀ exp(δ) follows δ̇ = ξ − ξ₀ − ad(ξ₀) δ to first order, where ad(ξ₀) δ
+is the Lie bracket of ξ₀ and δ.
 """
 
 from __future__ import annotations

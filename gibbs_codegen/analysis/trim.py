@@ -55,7 +55,10 @@ class Trim:
         lines = [f"{self.robot}: balanced"]
         if self.turned > EXACT:
             lines[0] += f", with its attitude turned by {np.degrees(self.turned):.4g}°"
-        width, noise = max(map(len, self.input_names)), EXACT * np.abs(self.u).max()
+        width, noise = (
+            max(map(len, self.input_names), default=0),
+            EXACT * np.abs(self.u).max(initial=0.0),
+        )
         for name, unit, value, margin in zip(
             self.input_names, self.input_units, self.u, self.margins, strict=True
         ):

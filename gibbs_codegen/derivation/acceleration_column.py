@@ -11,6 +11,9 @@ from gibbs_codegen.derivation.motion import Acceleration
 from gibbs_codegen.symbolic.quick import times
 from gibbs_codegen.symbolic.tape import Scalars
 
+# Products in a line.
+_PRODUCTS = 3
+
 
 @dataclass(frozen=True)
 class AccelerationColumn:
@@ -56,13 +59,25 @@ def combination(
     return [sum_of_products(tape, factors, entries) for entries in zip(*lists, strict=True)]
 
 
-def sum_of_products(tape: Scalars, a: Sequence[sp.Expr], b: Sequence[sp.Expr]) -> sp.Expr:
+def sum_of_products(
+    tape: Scalars, a: Sequence[sp.Expr], b: Sequence[sp.Expr], *others: sp.Expr
+) -> sp.Expr:
     """The sum of the products of two lists' entries.
+
+    It is named after every third product, so that the same sum in another column is written in the
+    same lines, and lines that repeat become loops.
 
     Args:
         a, b: The lists, of one length.
+        others: What is added.
 
     Returns:
-        Σ a_i·b_i.
+        Σ a_i·b_i, and the others.
     """
-    return tape.let(sp.Add(*(tape.let(times(p, q)) for p, q in zip(a, b, strict=True))))
+    products = [tape.let(times(p, q)) for p, q in zip(a, b, strict=True) if p != 0 and q != 0]
+    total: sp.Expr = sp.S.Zero
+    for first in range(0, len(products), _PRODUCTS):
+        last = first + _PRODUCTS >= len(products)
+        part = products[first : first + _PRODUCTS]
+        total = tape.let(sp.Add(total, *part, *(others if last else ())))
+    return total if products else tape.let(sp.Add(*others))

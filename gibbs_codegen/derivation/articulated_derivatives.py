@@ -14,8 +14,8 @@ coordinates and rates are carried outwards, a joint at a time, all of one kind o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 import sympy as sp
 
@@ -24,7 +24,7 @@ from gibbs_codegen.derivation.articulated import Articulation, SolvedJoint
 from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
 from gibbs_codegen.derivation.convected_perturbations import JointPerturbations, Perturbation
 from gibbs_codegen.derivation.motion import Acceleration
-from gibbs_codegen.derivation.segment_tree import SegmentTree
+from gibbs_codegen.derivation.operational_inertia import passed_out, response, with_joint
 from gibbs_codegen.derivation.velocity_coupling import VelocityCoupling
 from gibbs_codegen.symbolic.quick import times
 from gibbs_codegen.symbolic.tape import Scalars
@@ -35,17 +35,13 @@ from gibbs_codegen.symbolic.vectors import (
     Vector,
     axis_vector,
     dot,
-    minus,
-    moved,
 )
-
-# Joints inboard of a joint, on average, from which on its parent's inertia is the shorter way.
-_FEW = 6
 
 Kind = Literal["wrench", "turning", "effort", "coordinate", "rate"]
 # What a column is by: a component 0 … 5 of a wrench on the root, or 0 … 2 of its angular velocity;
 # or a joint, by the index of its segment.
 Key = tuple[Kind, int]
+_KINDS = get_args(Kind)
 
 
 @dataclass(frozen=True)
@@ -144,10 +140,13 @@ class ArticulatedDerivatives:
     def _pass_joint(self, k: int) -> None:
         """Carry all columns of the parent over a joint, and begin those of the joint."""
         tape, segment = self._tape, self._tree.segments[k]
-        before, name = self._at[segment.parent], segment.joint_name
+        name, at_parent = segment.joint_name, self._at[segment.parent]
+        before = dict(sorted(at_parent.items(), key=lambda item: _KINDS.index(item[0][0])))
         self._at.append({})
         with tape.group(f"turning of what {name} carries"):
             turning = {key: self._turned(k, column.turning) for key, column in before.items()}
+            for vector in turning.values():
+                self._share(k, vector)
         for key, column in before.items():
             with tape.group(f"response of {name} to what is before it"):
                 arriving = column.acceleration.passed_out(tape, self._transform(k))
@@ -179,15 +178,18 @@ class ArticulatedDerivatives:
             effort: What it adds to the joint's effort.
         """
         tape, joint = self._tape, self._articulation.joints[k - 1]
-        given = dot(tape, self._changes[k - 1].turning_ratios, turning)
-        share = tape.let(times(effort, joint.lightness) - given)
-        relative, own = replace(joint, share=share).accelerated(tape, arriving)
+        share = tape.let(times(effort, joint.lightness) + self._share(k, turning))
+        relative, own = _passed(tape, joint, arriving, share)
         self._at[k][key] = _Carried(own, turning)
         self._joints.setdefault((key, k), relative)
         if key[0] == "effort":
             self._joints.setdefault((("effort", k), key[1]), relative)
         if key[0] == "wrench":
             self._root.setdefault(("effort", k), []).append(relative)
+
+    def _share(self, k: int, turning: Vector) -> sp.Expr:
+        """What a joint gives way to a turning of what it carries."""
+        return -dot(self._tape, self._changes[k - 1].turning_ratios, turning)
 
     def _receive(self, k: int, key: Key, arriving: Acceleration) -> None:
         """What the changes at a joint do to what a column is by, by reciprocity.
@@ -218,10 +220,9 @@ class ArticulatedDerivatives:
         wrenches: dict[Kind, Sequence[sp.Expr]] = {"effort": joint.ratios}
         wrenches |= {kind: change.wrench for kind, change in self._changes_of(k)}
         if self._by_inertia:
-            responses = moved(tape, self._inertias[parent], _outwards(transform))
-            rows = _other_half_first(responses).rows
-            found = {kind: _response(tape, rows, wrench) for kind, wrench in wrenches.items()}
-            self._inertias.append(_given_way(tape, joint, rows))
+            rows = passed_out(tape, self._inertias[parent], transform)
+            found = {kind: response(tape, rows, wrench) for kind, wrench in wrenches.items()}
+            self._inertias.append(with_joint(tape, joint, rows))
         else:
             found = {
                 kind: self._reached(parent, (kind, k)).passed_out(tape, transform)
@@ -278,76 +279,28 @@ class ArticulatedDerivatives:
         return [("coordinate", changes.coordinate), ("rate", changes.rate)]
 
 
-def _response(
-    tape: Scalars, rows: Sequence[Sequence[sp.Expr]], wrench: Sequence[sp.Expr]
-) -> Acceleration:
-    """What a wrench from the joint that is supported does.
-
-    Args:
-        rows: Accelerations per unit of wrench.
-        wrench: What the parent has to supply.
-
-    Returns:
-        The parent's acceleration.
-    """
-    return Acceleration.of([-sum_of_products(tape, row, wrench) for row in rows])
-
-
-def _outwards(transform: Transform) -> Transform:
-    return [
-        step.inverse if isinstance(step, Rotation) else minus(step) for step in reversed(transform)
-    ]
-
-
-def _other_half_first(matrix: ArticulatedInertia) -> ArticulatedInertia:
-    """A matrix with ω̇ before r̈, as it moves, or back.
-
-    An acceleration (ω̇, r̈) moves outwards as a wrench (force, moment) moves inwards.
-    """
-    rows = matrix.rows
-    return ArticulatedInertia.of_entries(lambda i, j: rows[(i + 3) % 6][(j + 3) % 6])
-
-
-def _given_way(
-    tape: Scalars, joint: SolvedJoint, rows: Sequence[Sequence[sp.Expr]]
-) -> ArticulatedInertia:
-    """What a wrench on a segment does to it, from what one on its parent does to the parent.
+def _passed(
+    tape: Scalars, joint: SolvedJoint, arriving: Acceleration, share: sp.Expr
+) -> tuple[sp.Expr, Acceleration]:
+    """What `SolvedJoint.accelerated` gives, in lines that are the same for all columns.
 
     Args:
         joint: The joint's solved equation.
-        rows: Accelerations of the parent per unit of wrench, at the joint.
+        arriving: The parent's acceleration at the joint, in the segment's working frame.
+        share: In place of the joint's own.
 
     Returns:
-        Those of the segment, ω̇ first.
+        θ̈, and the segment's acceleration in the same frame.
     """
-    direction, ratios = joint.direction, joint.ratios
-    rest = [sp.S.Zero if i == direction else ratio for i, ratio in enumerate(ratios)]
-    left = 1 - ratios[direction]  # Zero but for armature.
-    given = [
-        tape.let(times(left, row[direction]) - sum_of_products(tape, row, rest)) for row in rows
-    ]
-    other = [sp.S.Zero if i == direction else entry for i, entry in enumerate(given)]
-    squares = times(left, given[direction]) - sum_of_products(tape, rest, other)
-    # (1 - S u^T) Y (1 - u S^T): given[i] is the column of the joint before its own row gives way.
-    own = tape.let(squares + joint.lightness)
-
-    def entry(i: int, j: int) -> sp.Expr:
-        if i == j == direction:
-            return own
-        if direction in (i, j):
-            return given[j if i == direction else i]
-        return rows[i][j]
-
-    return _other_half_first(ArticulatedInertia.of_entries(entry))
-
-
-def inertia_is_shorter(tree: SegmentTree) -> bool:
-    """Whether operational-space inertias take fewer operations.
-
-    Args:
-        tree: The tree.
-
-    Returns:
-        False where, on average, few joints are inboard of a joint.
-    """
-    return sum(len(tree.path(k)) - 2 for k in range(1, len(tree.segments))) > _FEW * tree.joints
+    direction, entries = joint.direction, arriving.entries
+    given = [-ratio for ratio in joint.ratios]
+    if not joint.has_armature:
+        given[direction] = sp.S.Zero
+    total = sum_of_products(tape, given, entries, share)
+    if joint.has_armature:
+        relative = total
+        entries[direction] = tape.let(entries[direction] + relative)
+    else:
+        relative = tape.let(total - entries[direction])
+        entries[direction] = total
+    return relative, Acceleration.of(entries)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from gibbs_codegen.derivation.coriolis import coriolis_matrix
 from gibbs_codegen.derivation.forward_kinematics import (
     frame_jacobians,
     frame_poses,
@@ -13,20 +14,21 @@ from gibbs_codegen.derivation.frames import mounted_frames
 from gibbs_codegen.derivation.parameter_derivatives import parameter_gradient, parameter_jacobian
 from gibbs_codegen.derivation.regressor import base_parameters, regressor
 from gibbs_codegen.derivation.systems import Array, Systems
-from gibbs_codegen.derivation.tree_dynamics import generalised_inertia_forces
 from gibbs_codegen.graph.differentiate import Matrix
-
-
-def _coriolis_matrix(systems: Systems) -> Matrix:
-    symbolic = systems.symbolic
-    velocity_terms = generalised_inertia_forces(
-        systems.tape, symbolic.root, symbolic.reduced_tree, symbolic.state.unaccelerated
-    )
-    return systems.generic.coriolis_matrix(velocity_terms, systems.reduced.matrix)
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.symbolic import vectors
 
 
 def _block(systems: Systems, rows: str, columns: str) -> Matrix:
-    """A block of the second derivatives of inverse dynamics by q and v."""
+    """A block of the second derivatives of inverse dynamics.
+
+    Args:
+        systems: What it is derived from.
+        rows, columns: "q" or "v".
+
+    Returns:
+        The derivatives by the one and the other.
+    """
     size = len(systems.symbolic.v)
     place = {"q": slice(0, size), "v": slice(size, 2 * size)}
     return [row[place[columns]] for row in systems.inverse_hessian[place[rows]]]
@@ -45,6 +47,26 @@ def _frame_velocities_dq(systems: Systems) -> Array:
 
 def _frame_velocities_dv(systems: Systems) -> Array:
     return frame_jacobians(systems.symbolic, mounted_frames(systems.symbolic))
+
+
+def _integrated_dq(systems: Systems) -> Array:
+    step, _ = layout_of(systems.symbolic.robot).v.split(systems.symbolic.v)
+    return _with_joints(systems, systems.symbolic.root.integrated_by_place(systems.tape, step))
+
+
+def _integrated_dv(systems: Systems) -> Array:
+    step, _ = layout_of(systems.symbolic.robot).v.split(systems.symbolic.v)
+    return _with_joints(systems, systems.symbolic.root.integrated_by_step(systems.tape, step))
+
+
+def _with_joints(systems: Systems, block: vectors.Matrix) -> vectors.Matrix:
+    """The base's block of a derivative, beside the identity of the joints."""
+    places = layout_of(systems.symbolic.robot).v
+    matrix = vectors.identity(places.size)
+    for i, row in zip(places.base, block, strict=True):
+        for j, entry in zip(places.base, row, strict=True):
+            matrix[i][j] = entry
+    return matrix
 
 
 DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
@@ -68,7 +90,7 @@ DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "inverse_dynamics_vv": lambda s: _block(s, "v", "v"),
     "inverse_dynamics_qa": lambda s: s.generic.jacobian(s.inverse_gradient[0], "a"),
     "forward_dynamics_hessian": lambda s: s.generic.hessian(s.dynamics[1], "qvu"),
-    "coriolis_matrix": _coriolis_matrix,
+    "coriolis_matrix": lambda s: coriolis_matrix(s.symbolic),
     "regressor": regressor,
     "base_parameters": base_parameters,
     "inverse_dynamics_dp": parameter_jacobian,
@@ -76,4 +98,6 @@ DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "frame_poses_dq": _frame_poses_dq,
     "frame_velocities_dq": _frame_velocities_dq,
     "frame_velocities_dv": _frame_velocities_dv,
+    "integrated_dq": _integrated_dq,
+    "integrated_dv": _integrated_dv,
 }

@@ -113,7 +113,7 @@ def _slices(
         progress: Told the name of each function as it begins.
 
     Returns:
-        The functions in the order of the table.
+        The functions in the order of the table, less those that are composed of others.
     """
     progress("reduced system")
     reduced = reduced_system(symbolic)
@@ -125,10 +125,15 @@ def _slices(
         if on_request:  # Their shapes depend on which parameters the others have.
             lists["PARAMETERS"] = systems.parameters
         for signature in signatures(lists, derivatives):
-            if FUNCTIONS[signature.name].on_request is on_request:
+            row = FUNCTIONS[signature.name]
+            if row.on_request is on_request and not row.composed:
                 progress(signature.name.replace("_", " "))
                 systems.functions[signature.name] = _slice(systems, signature)
-    return [systems.functions[signature.name] for signature in signatures(lists, derivatives)]
+    return [
+        systems.functions[signature.name]
+        for signature in signatures(lists, derivatives)
+        if signature.name in systems.functions
+    ]
 
 
 def _slice(systems: Systems, signature: Signature) -> Slice:

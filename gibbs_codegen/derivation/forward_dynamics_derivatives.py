@@ -16,10 +16,7 @@ from gibbs_codegen.derivation.articulated import (
     root_in_group_frame,
     root_turn,
 )
-from gibbs_codegen.derivation.articulated_derivatives import (
-    ArticulatedDerivatives,
-    inertia_is_shorter,
-)
+from gibbs_codegen.derivation.articulated_derivatives import ArticulatedDerivatives
 from gibbs_codegen.derivation.base_columns import BaseColumns
 from gibbs_codegen.derivation.convected_perturbations import convected_perturbations
 from gibbs_codegen.derivation.forward_dynamics import (
@@ -29,6 +26,7 @@ from gibbs_codegen.derivation.forward_dynamics import (
     in_coordinates,
     refused_as_singular,
 )
+from gibbs_codegen.derivation.operational_inertia import inertia_is_shorter
 from gibbs_codegen.derivation.passive import passive_symbols
 from gibbs_codegen.derivation.root.protocol import Values
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot

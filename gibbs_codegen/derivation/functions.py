@@ -161,16 +161,12 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
             stands for the long ones too.
 
     Returns:
-        Names in the order of the table.
+        Names in the order of the table; those that one is composed of are among them.
 
     Raises:
         UsageError: A name is unknown.
     """
-    rows = [
-        row
-        for row in FUNCTIONS.values()
-        if row.on_request and all(output.derivation in DERIVATIONS for output in row.outputs)
-    ]
+    rows = [row for row in FUNCTIONS.values() if row.on_request]
     offered = [row.name for row in rows]
     if isinstance(derivatives, bool):
         return tuple(row.name for row in rows if derivatives and not row.is_long)
@@ -178,4 +174,5 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
     if unknown := sorted(map(str, names.difference(offered, ["all"]))):
         known = ", ".join([*offered, "all"])
         raise UsageError(f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {known}")
-    return tuple(name for name in offered if name in names or "all" in names)
+    parts = {part for name in names.difference(["all"]) for part in FUNCTIONS[name].composed}
+    return tuple(name for name in offered if name in names | parts or "all" in names)

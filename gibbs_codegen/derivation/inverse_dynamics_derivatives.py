@@ -16,7 +16,8 @@ import sympy as sp
 from gibbs_codegen.derivation.inverse_dynamics import inverse_dynamics
 from gibbs_codegen.derivation.joint_derivatives import Entries, MovingTree, joint_derivatives
 from gibbs_codegen.derivation.passive import passive_symbols
-from gibbs_codegen.derivation.root.protocol import Values
+from gibbs_codegen.derivation.root.protocol import BaseDerivatives, Values
+from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.derivation.tree_dynamics import tree_motions
 from gibbs_codegen.robot.layout import Places
@@ -42,16 +43,47 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
     Returns:
         The forces, their derivatives and M; columns of the position in ∂τ/∂q are zero.
     """
-    tape, root, places = symbolic.tape, symbolic.root, symbolic.places
     force = inverse_dynamics(symbolic)
-    moving = _moving_tree(symbolic)
-    joints = joint_derivatives(tape, moving)
-    columns = [joints.columns[k] for k in range(1, symbolic.joints + 1)]
-    state = symbolic.state
+    tree, of_base = symbolic.reduced_tree, base_derivatives(symbolic)
+    matrices = inertial_derivatives(symbolic, tree, of_base)
+    _add_passive(symbolic, matrices)
+    return InverseDynamicsDerivatives(force, *matrices)
+
+
+def base_derivatives(symbolic: SymbolicRobot) -> BaseDerivatives:
+    """How forces depend on the motion of the base.
+
+    Args:
+        symbolic: The robot in symbols.
+
+    Returns:
+        What makes the derivatives in the state that the symbols are.
+    """
+    places, state = symbolic.places, symbolic.state
     rates, accelerations = (
         places.split(values)[0] for values in (state.rates, state.accelerations)
     )
-    of_base = root.derivatives(tape, rates, accelerations, state.gravity)
+    with symbolic.tape.group("motion per unit of attitude and position"):
+        return symbolic.root.derivatives(symbolic.tape, rates, accelerations, state.gravity)
+
+
+def inertial_derivatives(
+    symbolic: SymbolicRobot, tree: SegmentTree, of_base: BaseDerivatives
+) -> tuple[Matrix, Matrix, Matrix]:
+    """Derivatives of the inertia forces.
+
+    Args:
+        symbolic: The robot in symbols.
+        tree: Its reduced tree, with any inertias.
+        of_base: How forces depend on the motion of the base.
+
+    Returns:
+        Derivatives by q, v and a.
+    """
+    tape, root, places = symbolic.tape, symbolic.root, symbolic.places
+    moving = _moving_tree(symbolic, tree)
+    joints = joint_derivatives(tape, moving)
+    columns = [joints.columns[k] for k in range(1, symbolic.joints + 1)]
     with tape.group("mass matrix of attitude and position"):
         mass_block = root.mass_block(tape, moving.composite)
     block_dq, block_dv = of_base.blocks(tape, moving.bodies[0], mass_block)
@@ -66,23 +98,16 @@ def inverse_dynamics_derivatives(symbolic: SymbolicRobot) -> InverseDynamicsDeri
             )
         )
     mirrored = {(j, i): entry for (i, j), entry in joints.mass.items()}
-    matrices = (
+    return (
         _assembled(places, block_dq, by_angle, [dq for dq, _ in rows], joints.by_angle),
         _assembled(places, block_dv, by_rate, [dv for _, dv in rows], joints.by_rate),
         _assembled(places, mass_block, mass, mass, joints.mass | mirrored),
     )
-    _add_passive(symbolic, matrices)
-    return InverseDynamicsDerivatives(force, *matrices)
 
 
-def _moving_tree(symbolic: SymbolicRobot) -> MovingTree:
-    """The reduced tree in the motion that the state says."""
-    tape, root, tree, state = (
-        symbolic.tape,
-        symbolic.root,
-        symbolic.reduced_tree,
-        symbolic.state,
-    )
+def _moving_tree(symbolic: SymbolicRobot, tree: SegmentTree) -> MovingTree:
+    """A tree in the motion that the state says."""
+    tape, root, state = symbolic.tape, symbolic.root, symbolic.state
     rates, joint_rates = symbolic.places.split(state.rates)
     accelerations, _ = symbolic.places.split(state.accelerations)
     motions = tree_motions(tape, root, tree, state)

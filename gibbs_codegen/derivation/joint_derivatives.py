@@ -20,9 +20,9 @@ from gibbs_codegen.derivation.inertia_forces import before_joints, subtree_wrenc
 from gibbs_codegen.derivation.moments import joint_velocities, subtree_moments
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
-from gibbs_codegen.derivation.unit_motions import Column, MovingBody, UnitMotion, column
+from gibbs_codegen.derivation.unit_motions import STILL, Column, MovingBody, UnitMotion, column
 from gibbs_codegen.symbolic.tape import Scalars
-from gibbs_codegen.symbolic.vectors import ZERO, Vector, Z, add
+from gibbs_codegen.symbolic.vectors import ZERO, Vector, X, Y, Z, add
 
 # Entries between joints by row and column: indices of segments, 1 or more.
 Entries = dict[tuple[int, int], sp.Expr]
@@ -33,8 +33,8 @@ class MovingTree:
     """A tree in motion: what each joint does, and what it carries.
 
     `composite` is the inertia of the whole tree about the root, in its group frame. `units` and
-    `bodies` are those of each segment about its joint, in its group frame. The unit of the root is
-    not used, and its body has neither the mass of the root's own link nor its B₀r̈.
+    `bodies` are those of each segment about its joint, in its group frame. The root does
+    not move by itself, and its body has neither the mass of its own link nor B₀r̈.
     """
 
     tree: SegmentTree
@@ -67,12 +67,13 @@ class MovingTree:
         composites = dict(composites_inward(tape, tree))
         moments = subtree_moments(tape, tree, motions, velocities)
         wrenches = subtree_wrenches(tape, tree, motions)
-        units, bodies = [], []
-        for k, segment in enumerate(tree.segments):
+        bodies, units = [], [STILL]
+        for k in range(len(tree.segments)):
             with tape.group(f"inertia forces of {tree.subtree_about_joint(k)}"):
                 wrench = tree.to_group_frame(tape, k, wrenches[k])
             bodies.append(MovingBody(composites[k], moments[k], wrench))
-            with tape.group(f"what {segment.joint_name} does per unit"):
+        for k, segment in enumerate(tree.segments[1:], start=1):
+            with tape.group(f"motion per unit of {segment.joint_name}"):
                 if segment.joint == "prismatic":
                     units.append(UnitMotion.sliding(tape, before[k]))
                 else:
@@ -120,9 +121,37 @@ def joint_derivatives(tape: Scalars, moving: MovingTree) -> JointDerivatives:
                 found.columns[i] = _passed_in(tape, tree, found, i, passage, own)
                 for j in passage.way:
                     if 0 < j < i:
-                        found.by_angle[i, j] = found.columns[i].by_angle(tape, units[j])
-                        found.by_rate[i, j] = found.columns[i].by_rate(tape, units[j])
+                        _add_row_entries(tape, tree, found, i, j, units)
     return found
+
+
+def _add_row_entries(
+    tape: Scalars,
+    tree: SegmentTree,
+    found: JointDerivatives,
+    i: int,
+    j: int,
+    units: Sequence[UnitMotion],
+) -> None:
+    """Add the entries in the row of a joint and the column of one that carries it.
+
+    Args:
+        tree: The tree.
+        found: What the entries are added to; the column of the joint has come to the other's group.
+        i, j: Segments of the row and of the column.
+        units: What the joints do, about the leads of their groups.
+    """
+    own, motion = found.columns[i], units[j]
+    by_angle = by_rate = sp.S.Zero
+    joints = {tree.segments[i].joint, tree.segments[j].joint}
+    planar = own.mass.moment[X] == own.mass.moment[Y] == 0
+    if joints == {"revolute"} and tree.lead(i) == tree.lead(j) and not planar:
+        # The joint itself has the same turn, and its own entries are on the diagonal. Of a planar
+        # body there is less of the turn than of the difference.
+        motion = motion.beyond(tape, units[i])
+        by_angle, by_rate = found.by_angle[i, i], found.by_rate[i, i]
+    found.by_angle[i, j] = tape.let(by_angle + own.by_angle(tape, motion))
+    found.by_rate[i, j] = tape.let(by_rate + own.by_rate(tape, motion))
 
 
 def _passed_in(

@@ -141,6 +141,17 @@ class SegmentTree:
             path.append(self.segments[path[-1]].parent)
         return path
 
+    def lead(self, k: int) -> int:
+        """The first segment of a group.
+
+        Args:
+            k: Index of a segment of the group.
+
+        Returns:
+            Index of the segment that starts the group.
+        """
+        return next(j for j in self.path(k) if self.segments[j].starts_group)
+
     def subtree(self, k: int) -> list[int]:
         """A segment and all that it supports.
 

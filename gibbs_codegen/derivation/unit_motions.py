@@ -108,6 +108,24 @@ class UnitMotion:
         )
         return replace(self, linear=linear, linear_rate=rate, linear_acceleration=acceleration)
 
+    def beyond(self, tape: Scalars, other: UnitMotion) -> UnitMotion:
+        """What a turn does beyond a turn about a parallel axis: a motion that turns nothing.
+
+        Args:
+            other: The turn about that axis, about the same point and in the same frame.
+
+        Returns:
+            The difference.
+        """
+        return replace(
+            STILL,
+            linear=add(tape, self.linear, minus(other.linear)),
+            linear_rate=add(tape, self.linear_rate, minus(other.linear_rate)),
+            linear_acceleration=add(
+                tape, self.linear_acceleration, minus(other.linear_acceleration)
+            ),
+        )
+
 
 STILL = UnitMotion(*[ZERO] * 7)
 

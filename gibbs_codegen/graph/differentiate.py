@@ -49,7 +49,16 @@ def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
 
 
 def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -> Ref:
-    """The derivative of a function at its argument."""
+    """The derivative of a function at its argument.
+
+    Args:
+        graph: The graph.
+        node: The call.
+        function, argument: Its function and argument.
+
+    Returns:
+        The derivative, zero for a sign, which is constant wherever it has one.
+    """
     match function:
         case "sin":
             return graph.call("cos", argument)
@@ -60,7 +69,7 @@ def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -
         case "atan":
             square = graph.product(argument, argument)
             return graph.reciprocal(graph.sum([graph.one, square]))
-        case _:  # The sign is constant wherever it has a derivative.
+        case _:
             return graph.zero
 
 
@@ -96,7 +105,16 @@ def jacobian(graph: Graph, outputs: Sequence[Ref], directions: Sequence[Directio
 def _pushed(
     graph: Graph, outputs: Sequence[Ref], directions: Sequence[Direction]
 ) -> list[list[Ref]]:
-    """Derivatives of the outputs, a list for each direction."""
+    """Derivatives of outputs in several directions.
+
+    Args:
+        graph: The graph.
+        outputs: What is differentiated.
+        directions: The rates of the inputs, once for each direction.
+
+    Returns:
+        For each direction one derivative for each output.
+    """
     order = graph.reached(outputs)
     inputs = {node for direction in directions for node in direction}
     moving = set(inputs)
@@ -119,6 +137,16 @@ def _pushed(
 
 
 def _signed(graph: Graph, rate: Ref | None, output: Ref) -> Ref:
+    """The rate of an output.
+
+    Args:
+        graph: The graph.
+        rate: That of its node, or None where it does not move.
+        output: The output, which may be the node's opposite.
+
+    Returns:
+        The rate.
+    """
     if rate is None:
         return graph.zero
     return graph.minus(rate) if output & 1 else rate

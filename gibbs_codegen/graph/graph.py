@@ -91,6 +91,14 @@ class Graph:
     def _node(
         self, kind: Kind, operands: tuple[Ref, ...], label: str | float | None, constant: bool
     ) -> Ref:
+        """A node, made once.
+
+        Args:
+            kind, operands, label, constant: As the class says of nodes.
+
+        Returns:
+            A reference to it.
+        """
         key = (kind, operands, label)
         node = self._known.get(key)
         if node is None:

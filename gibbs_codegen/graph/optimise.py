@@ -13,6 +13,9 @@ from gibbs_codegen.graph.polarity import sign_changes
 # Rounds of passes; they end where one saves less than one operation in so many.
 _MOST_ROUNDS = 4
 _WORTH_ANOTHER = 400
+# Operations above which a function is left as it is. The lines of a long arm repeat from link to
+# link, which C writes as loops; passes would hide that, to save one operation in a hundred.
+_LONGEST = 10_000
 
 
 def operations(graph: Graph, outputs: Sequence[Ref]) -> int:
@@ -32,7 +35,6 @@ def optimised(
     graph: Graph,
     outputs: Sequence[Ref],
     origins: MutableMapping[int, int],
-    share_pairs: bool = True,
 ) -> list[Ref]:
     """Shorten a function.
 
@@ -40,18 +42,17 @@ def optimised(
         graph: The graph.
         outputs: What the function returns.
         origins: Of each node that a pass has made, the one in whose place it stands; added to.
-        share_pairs: Whether to share pairs of terms, which may hide that blocks of statements
-            repeat from link to link.
 
     Returns:
         The same values, in the same order.
     """
     present = list(outputs)
+    if _without_signs(graph, present) > _LONGEST:
+        return present
     found = [(_without_signs(graph, present), present)]
-    passes = (factored, shared) if share_pairs else (factored,)
     for _ in range(_MOST_ROUNDS):
         least = min(count for count, _ in found)
-        for apply in passes:
+        for apply in (factored, shared):
             present = apply(graph, present, origins)
             found.append((_without_signs(graph, present), present))
         if least - min(count for count, _ in found) <= least // _WORTH_ANOTHER:

@@ -1,4 +1,4 @@
-"""The rows of the table that are generated on request only: derivatives of the other functions.
+"""The rows of the table that are generated on request only: derivatives of the dynamics.
 
 Derivatives are those of a displacement in the tangent space: `_dq` belongs to the function that
 takes a displacement d to f(integrate(q, d)), at d = 0. It has a column for each of VELOCITIES.
@@ -13,11 +13,11 @@ _ACCELERATION = Output(
     "acceleration", "v", "rad/s^2 or m/s^2", "differentiated_dynamics", "{accelerations}"
 )
 _INERTIAS = "[kg m^2] between angles, [kg] between lengths, [kg m] between both"
-_BY_Q = ", by a displacement in rad or m along each of VELOCITIES"
-_BY_V = ", by each of VELOCITIES"
+BY_Q = ", by a displacement in rad or m along each of VELOCITIES"
+BY_V = ", by each of VELOCITIES"
 _BY_U = ", by each of INPUTS"
 _WEIGHTED = "[{unit}], with w without units"
-_TANGENT = (
+TANGENT = (
     "Derivatives by q are those by a displacement in the tangent space, which integrate applies."
 )
 
@@ -42,13 +42,13 @@ DERIVATIVES = (
         "qva",
         (
             _FORCE,
-            Output("force_dq", "vv", "N m or N", "inverse_dynamics_dq", "{forces}" + _BY_Q),
-            Output("force_dv", "vv", "N m or N", "inverse_dynamics_dv", "{forces}" + _BY_V),
+            Output("force_dq", "vv", "N m or N", "inverse_dynamics_dq", "{forces}" + BY_Q),
+            Output("force_dv", "vv", "N m or N", "inverse_dynamics_dv", "{forces}" + BY_V),
             Output("mass_matrix", "vv", "kg m^2, kg or kg m", "mass_matrix", _INERTIAS),
         ),
         "Generalised forces M a - R, and their derivatives by q, v and a, the last being M.",
         "eqs. 4-6, differentiated",
-        _TANGENT,
+        TANGENT,
         on_request=True,
     ),
     Row(
@@ -61,14 +61,14 @@ DERIVATIVES = (
                 "vv",
                 "rad/s^2 or m/s^2",
                 "forward_dynamics_dq",
-                "{accelerations}" + _BY_Q,
+                "{accelerations}" + BY_Q,
             ),
             Output(
                 "acceleration_dv",
                 "vv",
                 "rad/s^2 or m/s^2",
                 "forward_dynamics_dv",
-                "{accelerations}" + _BY_V,
+                "{accelerations}" + BY_V,
             ),
             Output(
                 "acceleration_du",
@@ -80,7 +80,7 @@ DERIVATIVES = (
         ),
         "Accelerations a of M a = R + B u, and their derivatives by q, v and u.",
         "eq. 19, solved for the free coordinates and differentiated",
-        _TANGENT,
+        TANGENT,
         on_request=True,
     ),
     Row(
@@ -115,8 +115,8 @@ DERIVATIVES = (
         "inverse_dynamics_vjp",
         ("q", "v", "a", "w"),
         (
-            Output("q_bar", "v", "N m or N", "inverse_dynamics_q_bar", _WEIGHTED + _BY_Q),
-            Output("v_bar", "v", "N m or N", "inverse_dynamics_v_bar", _WEIGHTED + _BY_V),
+            Output("q_bar", "v", "N m or N", "inverse_dynamics_q_bar", _WEIGHTED + BY_Q),
+            Output("v_bar", "v", "N m or N", "inverse_dynamics_v_bar", _WEIGHTED + BY_V),
             Output(
                 "a_bar",
                 "v",
@@ -127,15 +127,15 @@ DERIVATIVES = (
         ),
         "Gradient of w^T inverse_dynamics(q, v, a) by q, v and a.",
         "eqs. 4-6, differentiated",
-        _TANGENT,
+        TANGENT,
         on_request=True,
     ),
     Row(
         "forward_dynamics_vjp",
         ("q", "v", "u", "w"),
         (
-            Output("q_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_q_bar", _WEIGHTED + _BY_Q),
-            Output("v_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_v_bar", _WEIGHTED + _BY_V),
+            Output("q_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_q_bar", _WEIGHTED + BY_Q),
+            Output("v_bar", "v", "rad/s^2 or m/s^2", "forward_dynamics_v_bar", _WEIGHTED + BY_V),
             Output(
                 "u_bar",
                 "u",
@@ -146,7 +146,7 @@ DERIVATIVES = (
         ),
         "Gradient of w^T forward_dynamics(q, v, u) by q, v and u.",
         "eq. 19, solved for the free coordinates and differentiated",
-        _TANGENT,
+        TANGENT,
         on_request=True,
     ),
     Row(
@@ -160,7 +160,7 @@ DERIVATIVES = (
         ),
         "Second derivatives of w^T inverse_dynamics(q, v, a).",
         "eqs. 4-6, differentiated twice",
-        "Those that are left out, by v and a and by a twice, are zero. " + _TANGENT + " qq and vv "
+        "Those that are left out, by v and a and by a twice, are zero. " + TANGENT + " qq and vv "
         "are symmetric, with both triangles filled.",
         on_request=True,
         is_long=True,
@@ -179,7 +179,7 @@ DERIVATIVES = (
         ),
         "Second derivatives of w^T forward_dynamics(q, v, u) by (q, v, u).",
         "eq. 19, solved for the free coordinates and differentiated twice",
-        _TANGENT + " The matrix is symmetric, with both triangles filled.",
+        TANGENT + " The matrix is symmetric, with both triangles filled.",
         on_request=True,
         is_long=True,
     ),
@@ -199,74 +199,6 @@ DERIVATIVES = (
         "eqs. 4-6",
         "C v = residual(q, 0) - residual(q, v), without dampers, and the rate of M less 2 C is "
         "skew-symmetric. The same matrix as Pinocchio's computeCoriolisMatrix gives.",
-        on_request=True,
-    ),
-    Row(
-        "frame_poses_derivatives",
-        "q",
-        (
-            Output(
-                "poses",
-                "f44",
-                "1 or m",
-                "frame_poses",
-                "axes [1] and position [m], a block for each of {frames}",
-            ),
-            Output(
-                "poses_dq",
-                "f44v",
-                "1 or m",
-                "frame_poses_dq",
-                "[{unit}]" + _BY_Q,
-            ),
-        ),
-        "Homogeneous transforms from the frames to the world, and their derivatives by q.",
-        "forward kinematics, differentiated",
-        _TANGENT,
-        on_request=True,
-    ),
-    Row(
-        "frame_velocities_derivatives",
-        "qv",
-        (
-            Output(
-                "velocities",
-                "f6",
-                "m/s or rad/s",
-                "frame_velocities",
-                "[m/s] in the first three, [rad/s] in the others, a row for each of {frames}",
-            ),
-            Output(
-                "velocities_dq",
-                "f6v",
-                "m/s or rad/s",
-                "frame_velocities_dq",
-                "[{unit}]" + _BY_Q,
-            ),
-            Output(
-                "velocities_dv",
-                "f6v",
-                "m/rad, rad/m or 1",
-                "frame_velocities_dv",
-                "[{unit}]" + _BY_V,
-            ),
-        ),
-        "Velocities of the frames, linear entries first, and their derivatives by q and v.",
-        "forward kinematics, differentiated",
-        _TANGENT + " Those by v are frame_jacobians.",
-        on_request=True,
-    ),
-    Row(
-        "integrate_derivatives",
-        "qv",
-        (
-            Output("coordinates_dq", "vv", "1, rad/m or m/rad", "integrated_dq"),
-            Output("coordinates_dv", "vv", "1, rad/m or m/rad", "integrated_dv"),
-        ),
-        "Derivatives of integrate(q, v) by q and v, in the tangent spaces at q and at the result.",
-        "sums, or the exponential map of SE(3) for a quaternion with its position",
-        "The same as Pinocchio's dIntegrate. A displacement d of q moves the result by "
-        "coordinates_dq d, one of v by coordinates_dv d.",
         on_request=True,
     ),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,15 @@ class Argument:
 class Output:
     """An array that a function returns: its name, its shape, and the unit of its entries.
 
-    `derivation` is the name under which `derivation.functions` has what derives it. `entries` says
+    `derivation` is the name under which `derivation.functions` has what derives it; outputs of
+    functions that are composed of others have none. `entries` says
     what the entries are; `targets.documentation` puts a robot's lists in place of names in braces.
     """
 
     name: str
     shape: str
     unit: str
-    derivation: str
+    derivation: str = ""
     entries: str = "[{unit}]"
 
     def sizes(self, lengths: Mapping[str, int]) -> tuple[int, ...]:
@@ -69,7 +70,8 @@ class Row:
     In `details`, {singularity} stands for what is to be said of the attitude. Only robots that have
     the `frame`, if one is named, have the function. A module has one that is generated `on_request`
     only where it was asked for; one that `is_long`, whose text grows with the cube of the number of
-    joints, only where it was asked for by name.
+    joints, only where it was asked for by name. One that is `composed` has no derivation: it calls
+    the functions named there so many times.
     """
 
     name: str
@@ -81,3 +83,4 @@ class Row:
     frame: str = ""
     on_request: bool = False
     is_long: bool = False
+    composed: Mapping[str, int] = field(default_factory=dict)

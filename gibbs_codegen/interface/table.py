@@ -13,9 +13,11 @@ inputs; digits stand for themselves.
 from __future__ import annotations
 
 from gibbs_codegen.interface.derivatives import DERIVATIVES
+from gibbs_codegen.interface.kinematic_derivatives import KINEMATIC_DERIVATIVES
 from gibbs_codegen.interface.kinematics import KINEMATICS
 from gibbs_codegen.interface.parameters import PARAMETERS
 from gibbs_codegen.interface.rows import Argument, Output, Row
+from gibbs_codegen.interface.steps import STEPS
 
 # States in a block of the C functions for batches: as many doubles as the widest registers hold.
 LANES = 8
@@ -222,6 +224,5 @@ _ROWS = (
         "the joint's input less armature, damper and spring.",
     ),
 )
-FUNCTIONS: dict[str, Row] = {
-    row.name: row for row in (*_ROWS, *KINEMATICS, *DERIVATIVES, *PARAMETERS)
-}
+_EVERY = (*_ROWS, *KINEMATICS, *DERIVATIVES, *KINEMATIC_DERIVATIVES, *PARAMETERS, *STEPS)
+FUNCTIONS: dict[str, Row] = {row.name: row for row in _EVERY}

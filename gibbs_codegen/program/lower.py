@@ -198,7 +198,16 @@ class _Lowering:
     def _words_of(
         self, nodes: Sequence[int], groups: Mapping[sp.Symbol, str], origins: Mapping[int, int]
     ) -> dict[int, str]:
-        """Words of the group of each node; what has none belongs to its first user's group."""
+        """Words of the groups that nodes belong to; what has none belongs to its first user's.
+
+        Args:
+            nodes: The nodes of a function, in order.
+            groups: Words by symbol of the tape, as the function's derivation says them.
+            origins: Of nodes that passes have made, those in whose place they stand.
+
+        Returns:
+            The words of each node.
+        """
         said = ChainMap(self._imported.words(groups), self.words)
         inherited: dict[int, str] = {}
         for node in reversed(nodes):

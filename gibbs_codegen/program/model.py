@@ -6,8 +6,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from gibbs_codegen.interface import Signature, signatures
-from gibbs_codegen.program.nodes import Node, Program, names_in
+from gibbs_codegen.interface import FUNCTIONS, Signature, signatures
+from gibbs_codegen.program.nodes import Function, Node, Program, names_in
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
@@ -41,8 +41,19 @@ class Model:
 
     @property
     def signatures(self) -> list[Signature]:
-        """Signatures of its functions, in the order of the program's."""
+        """Signatures of its functions, in the order of the table."""
         return signatures(self.lists, self.derivatives)
+
+    @property
+    def derived(self) -> list[tuple[Function, Signature]]:
+        """The program's functions with their signatures."""
+        own = [s for s in self.signatures if not FUNCTIONS[s.name].composed]
+        return list(zip(self.program.functions, own, strict=True))
+
+    @property
+    def composed(self) -> list[Signature]:
+        """Signatures of the functions that are composed of the program's."""
+        return [s for s in self.signatures if FUNCTIONS[s.name].composed]
 
     @property
     def total_mass(self) -> Node:

@@ -25,7 +25,7 @@ class Pattern:
 
 
 def matrices(model: Model) -> dict[str, list[str]]:
-    """Which outputs of the functions that were asked for are matrices.
+    """Which outputs of the functions that were derived on request are matrices.
 
     Args:
         model: The derived robot.
@@ -41,7 +41,7 @@ def matrices(model: Model) -> dict[str, list[str]]:
             )
             if len(shape) > 1
         ]
-        for signature in model.signatures
+        for _, signature in model.derived
         if signature.name in model.derivatives
     }
     return {function: names for function, names in found.items() if names}

@@ -13,6 +13,7 @@ import logging
 import os
 import sys
 import threading
+from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
@@ -55,7 +56,40 @@ def load(
         module = _import(folder)
     loaded = module if backend == "numpy" else _compiled(module, folder, threads)
     loaded.__class__ = _Loaded
+    for ending in ("", "_derivatives"):
+        setattr(loaded, f"step{ending}", partial(_step, loaded, ending))
     return loaded
+
+
+def _step(
+    module: ModuleType,
+    ending: str,
+    q: object,
+    v: object,
+    u: object,
+    h: object,
+    method: str = "euler",
+    constants: object = None,
+) -> object:
+    """The time step of a module by a method that is chosen by its name.
+
+    Args:
+        module: The module.
+        ending: What its name ends with after that of the method.
+        q, v, u, h, constants: As of the module's step_euler.
+        method: "euler" or "rk4".
+
+    Returns:
+        What that step returns.
+
+    Raises:
+        MissingFunctionError: The module was generated without that step.
+        UsageError: There is no such method.
+    """
+    name = f"step_{method}{ending}"
+    if name not in FUNCTIONS:
+        raise UsageError(f"method {printable(method)}: unknown; known: euler, rk4")
+    return getattr(module, name)(q, v, u, h, constants)
 
 
 class _Loaded(ModuleType):

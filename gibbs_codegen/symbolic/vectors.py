@@ -32,6 +32,18 @@ def zeros(rows: int, columns: int) -> Matrix:
     return [[sp.S.Zero] * columns for _ in range(rows)]
 
 
+def identity(size: int) -> Matrix:
+    """An identity matrix.
+
+    Args:
+        size: Number of its rows.
+
+    Returns:
+        The matrix, by rows.
+    """
+    return [[sp.Integer(i == j) for j in range(size)] for i in range(size)]
+
+
 def axis_vector(axis: int, length: sp.Expr = sp.S.One) -> Vector:
     """A vector along a coordinate axis.
 

@@ -6,11 +6,8 @@ import textwrap
 from functools import lru_cache
 
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Output, Row, Signature
-from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function
 from gibbs_codegen.program.operations import count_operations
-from gibbs_codegen.program.stack import stack_bytes
-from gibbs_codegen.program.trigonometry import GatheredFunction
 from gibbs_codegen.robot.base_parameters import base_parameters
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
@@ -33,24 +30,25 @@ _DOCSTRING_WIDTH, _DOXYGEN_WIDTH = 96, 97
 _HANGING = "    "
 
 
-def docstring(model: Model, function: Function) -> list[str]:
+def docstring(robot: Robot, signature: Signature, work: str) -> list[str]:
     """Documentation of a Python function, as it stands between quotes.
 
     Args:
-        model: The derived robot.
-        function: One of its program's.
+        robot: Whose function it is.
+        signature: Of the function.
+        work: What a call takes: what `operations` or `calls` returns.
 
     Returns:
         Lines without indentation.
     """
-    robot, row = model.robot, FUNCTIONS[function.name]
-    takes = [f"{a}: {_meaning(robot, a)}, {argument_text(robot, a)}" for a in function.arguments]
+    row = FUNCTIONS[signature.name]
+    takes = [f"{a}: {_meaning(robot, a)}, {argument_text(robot, a)}" for a in signature.arguments]
     takes.append("constants: what `prepare` returns; those of the default parameters if omitted")
     returns = ["Returns:"]
-    for output, shaped in zip(row.outputs, function.outputs, strict=True):
-        shape = ", ".join(["...", *map(str, shaped.shape)])
+    for output, sizes in zip(row.outputs, signature.shapes, strict=True):
+        shape = ", ".join(["...", *map(str, sizes)])
         returns.append(f"{output.name}: array ({shape}); {output_text(robot, output)}")
-    returns.append(f"Source: {row.source}. {_operations(function)}.")
+    returns.append(f"Source: {row.source}. {work}.")
     lines = [row.summary]
     if row.details:
         lines += ["", *_wrapped([_details(robot, row)], _DOCSTRING_WIDTH, "")]
@@ -59,34 +57,32 @@ def docstring(model: Model, function: Function) -> list[str]:
     return lines
 
 
-def doxygen(model: Model, function: Function, gathered: GatheredFunction) -> list[str]:
+def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[str]:
     """Documentation of a C function, as it stands in a comment.
 
     Args:
-        model: The derived robot.
-        function: One of its program's.
-        gathered: The same with its sines and cosines gathered.
+        robot: Whose function it is.
+        signature: Of the function.
+        work: What a call takes: what `operations` or `calls` returns.
+        stack: How much of the stack it takes for one state of doubles (bytes).
 
     Returns:
         Lines without what a comment begins with.
     """
-    robot, row = model.robot, FUNCTIONS[function.name]
+    row = FUNCTIONS[signature.name]
     items = [
         f"@param[in] constants what {robot.name}_init_constants() made, or "
         f"&{robot.name}_default_constants"
     ]
-    for a in function.arguments:
-        width = len(model.program.inputs[a])
+    for a, width in zip(signature.arguments, signature.widths, strict=True):
         items.append(
             f"@param[in] {a} {_meaning(robot, a)}, {width} entries: {argument_text(robot, a)}"
         )
-    for output, shaped in zip(row.outputs, function.outputs, strict=True):
-        shape = " x ".join(map(str, shaped.shape)) or "1"
+    for output, sizes in zip(row.outputs, signature.shapes, strict=True):
+        shape = " x ".join(map(str, sizes)) or "1"
         items.append(f"@param[out] {output.name} {shape}: {output_text(robot, output)}")
-    stack = stack_bytes(gathered)
     items += [
-        f"@note {_operations(function)}; about {stack} bytes of stack for one state of doubles, "
-        "optimised.",
+        f"@note {work}; about {stack} bytes of stack for one state of doubles, optimised.",
         f"@par Source: {row.source}.",
     ]
     lines = [f"@brief {row.summary}", ""]
@@ -132,10 +128,34 @@ _SINGULARITY = (
 )
 
 
-def _operations(function: Function) -> str:
+def operations(function: Function) -> str:
+    """How many operations a function takes.
+
+    Args:
+        function: One of a program's.
+
+    Returns:
+        Counts in words.
+    """
     counts = count_operations(function.nodes())
     arctangents = f", {counts.arctangents} arctangents" if counts.arctangents else ""
     return f"{counts.total} operations, {counts.sine_cosine_pairs} sine-cosine pairs{arctangents}"
+
+
+def calls(robot: Robot, name: str) -> str:
+    """Which functions one that is composed calls, and how often.
+
+    Args:
+        robot: Whose function it is.
+        name: Of the function.
+
+    Returns:
+        Counts in words.
+    """
+    counts = {**FUNCTIONS[name].composed}
+    if not layout_of(robot).is_quaternion:  # Sums need no matrices.
+        counts.pop("integrate_derivatives", None)
+    return f"Calls: {', '.join(f'{count} of {part}' for part, count in counts.items())}"
 
 
 def _wrapped(items: list[str], width: int, hanging: str) -> list[str]:
@@ -200,6 +220,7 @@ def _entry_lists(robot: Robot) -> dict[str, str]:
         "hybrid_forces": _forces(hybrid_coordinates(robot)),
         "coordinates": _units(reduced_coordinates(robot)),
         "coordinate_rates": _units(reduced_coordinates(robot), "/s"),
+        "velocities": argument_text(robot, "v"),
         "displacement": _units(velocities(robot)).replace("/s]", "]"),
         "constraint_torques": _units(torques),
         "points": ", ".join(points(robot)),

@@ -108,9 +108,14 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     if set(targets) != set(TARGETS):
         command += "".join(f" --target {name}" for name in targets)
     if model.derivatives:
-        every = {row.name for row in FUNCTIONS.values() if row.on_request}
-        chosen = "" if every == {*model.derivatives} else f"={','.join(model.derivatives)}"
-        command += f" --derivatives{chosen}"
+        rows = [row for row in FUNCTIONS.values() if row.on_request]
+        words = {
+            tuple(row.name for row in rows if not row.is_long): "",
+            tuple(row.name for row in rows): "=all",
+        }
+        command += " --derivatives" + words.get(
+            model.derivatives, f"={','.join(model.derivatives)}"
+        )
     return [
         f"{HEADER_START} {__version__}; do not edit.",
         f"Robot: {model.robot.name}",

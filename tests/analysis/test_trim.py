@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
-from gibbs_codegen import Trim, UsageError, trim
+from gibbs_codegen import Trim, UsageError, generate, load, trim
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Load = Callable[[str], ModuleType]
@@ -183,10 +183,42 @@ def test_of_equally_safe_thrusts_the_least_are_taken(shipped: Load) -> None:
     assert found.u == pytest.approx(others.u, abs=1e-6)
 
 
+def test_idle_thrusts_of_rotors_on_links_load_joints(tmp_path: Path) -> None:
+    """Thrusts that produce no wrench together bend the boom that carries two of them."""
+    body = "mass = 1\ninertia = [0.1, 0.1, 0.1, 0, 0, 0]\n"
+    text = (
+        f'name = "boom"\n[base]\n{body}[[link]]\nname = "boom"\naxis = "y"\nxyz = [0, 0, 0]\n{body}'
+    )
+    places = [(0.3, 0.3), (0.3, -0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, 0.2), (0.3, -0.2)]
+    greatest = (7.0, 6.5, 9.0, 9.0, 3.0, 2.6)
+    for k, ((x, y), most) in enumerate(zip(places, greatest, strict=True)):
+        on = "base" if k < 4 else "boom"
+        text += f'[[rotor]]\non = "{on}"\nposition = [{x}, {y}, 0]\nlimits = [0, {most}]\n'
+    (tmp_path / "boom.toml").write_text(text)
+    module = load(generate(tmp_path / "boom.toml", tmp_path, verify=False))
+    least, safest = trim(module), trim(module, aim="widest_margin")
+    assert is_balanced(module, safest)
+    assert is_balanced(module, least)
+    assert safest.margins[:6].min() > least.margins[:6].min() + 0.01
+    assert safest.u[6] != pytest.approx(least.u[6], abs=1e-3)
+
+
 def test_parameters_are_those_of_the_trim(shipped: Load) -> None:
     module = shipped("quadrotor")
     found = trim(module, parameters={"gravity": 1.62})
     assert np.sum(found.u) == pytest.approx(1.5 * 1.62)
+
+
+def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
+    file = tmp_path / "lone.toml"
+    file.write_text('name = "lone"\ngravity = 0\n[base]\nmass = 1\ninertia = [1, 1, 1, 0, 0, 0]\n')
+    module = load(generate(file, tmp_path, verify=False))
+    found = trim(module, velocity=(1.0, 2.0, 3.0))
+    assert found.u.shape == (0,)
+    assert len(found.missing) == 6
+    assert str(found).startswith(
+        "lone: balanced\nThe rotors produce no wrench along\n  force along x"
+    )
 
 
 def test_a_module_may_be_given_by_its_path(shipped: Load) -> None:

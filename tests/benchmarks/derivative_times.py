@@ -8,7 +8,8 @@ forces in place of u. For the free-flyer, Pinocchio's best, the states are conve
 and its derivatives are by the free-flyer's velocities. Before any tool is timed, all that it gives
 must agree to 1e-9 with Pinocchio's Python module in the tool's coordinates. From ten joints on
 there is no CasADi C of forward dynamics' derivatives, nor any for eight states at once, since gcc
-would take too long.
+would take too long. GRiD is not in the package index. CppADCodeGen is (`cmeel-cppadcodegen`), but
+no peer is made with it: tracing Pinocchio's derivatives takes g++ over 3 GB and several minutes.
 
 `--links 3 7` limits the machines; `--attitude xyz` the roots; `--picture FILE` draws the times;
 `--folder DIR` keeps what is built, since Pinocchio takes minutes to compile.

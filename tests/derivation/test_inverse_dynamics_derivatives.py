@@ -229,10 +229,10 @@ def derivative_operations(links: int, attitude: Attitude) -> int:
     [
         (3, "xyz", 1108),
         (3, "quaternion", 931),
-        (7, "xyz", 3388),
-        (7, "quaternion", 3105),
-        pytest.param(30, "xyz", 33534, marks=pytest.mark.slow),
-        pytest.param(30, "quaternion", 32680, marks=pytest.mark.slow),
+        (7, "xyz", 3380),
+        (7, "quaternion", 3097),
+        pytest.param(30, "xyz", 33453, marks=pytest.mark.slow),
+        pytest.param(30, "quaternion", 32624, marks=pytest.mark.slow),
     ],
 )
 def test_operations(links: int, attitude: Attitude, reached: int) -> None:

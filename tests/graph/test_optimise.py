@@ -33,8 +33,6 @@ def test_rounds_are_made_as_long_as_they_help() -> None:
     outputs = [graph.sum([*pair, y]), graph.sum([*pair, z])]
     assert operations(graph, outputs) == 6
     assert operations(graph, optimised(graph, outputs, {})) == 4
-    # Without pairs nothing is left to factor: each product is used twice.
-    assert optimised(graph, outputs, {}, share_pairs=False) == outputs
 
 
 @pytest.mark.parametrize("seed", range(20))

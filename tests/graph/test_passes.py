@@ -31,7 +31,6 @@ def test_functions_never_get_longer(seed: int) -> None:
     graph, outputs, _ = random_function(seed)
     before = operations(graph, outputs)
     assert operations(graph, optimised(graph, outputs, {})) <= before
-    assert operations(graph, optimised(graph, outputs, {}, share_pairs=False)) <= before
 
 
 def test_functions_get_much_shorter_where_there_is_much_to_share() -> None:

@@ -46,12 +46,15 @@ def test_a_choice_is_names_in_the_order_of_the_table(names: list[str]) -> None:
     assert chosen_derivatives(False) == ()
     assert chosen_derivatives(names[::-1]) == (*names,)
     assert chosen_derivatives("weight") == ("weight",)
+    long = {row.name for row in FUNCTIONS.values() if row.is_long}
+    assert {*chosen_derivatives("all")} == {*every} | long
+    assert long.isdisjoint(every)
 
 
 def test_a_name_that_is_none_is_refused_with_those_that_are(names: list[str]) -> None:
     with pytest.raises(UsageError, match=r"--derivatives: \[7\], mass_matrix, wieght: unknown; kn"):
         chosen_derivatives(["weight", "wieght", "mass_matrix", "[7]"])
-    with pytest.raises(UsageError, match=f"known: .*{', '.join(names)}$"):
+    with pytest.raises(UsageError, match=f"known: .*{', '.join(names)}, all$"):
         chosen_derivatives("")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from support.comparison import assert_close
 from support.comparison import states as random_states
-from support.complex_kernels import along, derivative
+from support.complex_step import along, derivative
 from support.derivative_oracle import DerivativeOracle
 from support.emitted import module_with_derivatives
 from support.random_robots import random_tree

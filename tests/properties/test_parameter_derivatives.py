@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.comparison import assert_close, states
-from support.complex_kernels import Array, parameter_derivative
+from support.complex_step import Array, parameter_derivative
 from support.derivative_oracle import DerivativeOracle
 from support.emitted import module_with_derivatives
 from support.random_robots import random_tree
 from support.tree_cases import QUICK_TREES
 
 TOLERANCE = 1e-12
-NAMES = ("inverse_dynamics_parameters", "forward_dynamics_parameters_vjp", "regressor")
+NAMES = (
+    *("inverse_dynamics_parameters", "forward_dynamics_parameters_vjp"),
+    *("regressor", "base_parameters"),
+)
 
 
 @pytest.fixture(scope="module", params=QUICK_TREES, ids=lambda value: value[1])

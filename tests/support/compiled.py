@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.interface import LANES, Signature, module_signatures
-from gibbs_codegen.program.model import Model
+from gibbs_codegen.program.model import Derivatives, Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
@@ -85,9 +86,7 @@ class Emitted:
         return module_signatures(self.module)
 
 
-def emit(
-    robot: Robot, folder: Path, text: str = "", derivatives: bool | Sequence[str] = False
-) -> Emitted:
+def emit(robot: Robot, folder: Path, text: str = "", derivatives: Derivatives = False) -> Emitted:
     """Derive a robot, write its module to a new folder, and import it."""
     model = derive(robot, derivatives=derivatives)
     folder.mkdir()
@@ -162,9 +161,10 @@ class Library:
         self._size = len(emitted.model.program.constants)
         self.constants = self.data(f"default_constants{self._mark}", self._size)
 
-    def data(self, name: str, size: int) -> Array:
-        """A constant array of the library."""
-        number = ctypes.c_float if self.real is np.float32 else ctypes.c_double
+    def data(self, name: str, size: int, number: Any = None) -> Array:
+        """A constant array of the library, of reals where no type of numbers is given."""
+        if number is None:
+            number = ctypes.c_float if self.real is np.float32 else ctypes.c_double
         return np.array((number * size).in_dll(self._library, f"{self._name}_{name}"))
 
     def call(self, name: str, *arguments: Array | int) -> int:

@@ -27,18 +27,18 @@ def complex_step(
 ) -> np.ndarray:
     """Derivatives of an output of a function, a row for each of its entries.
 
-    Directions are a row for each entry of an argument and a column for each derivative; arguments
-    without one stay as they are.
+    Directions are a row for each entry of an argument, or of "parameters", and a column for each
+    derivative; arguments without one stay as they are.
     """
     function = program.function(name)
-    values: dict[str, np.ndarray] = {
-        k: np.asarray(v) for k, v in program.prepared(parameters).items()
-    }
-    for argument in function.arguments:
-        for i, entry in enumerate(program.inputs[argument]):
+    entries_of = {"parameters": program.parameters, **program.inputs}
+    given = {"parameters": [parameters[entry] for entry in program.parameters], **arguments}
+    values: dict[str, np.ndarray] = {}
+    for argument in ("parameters", *function.arguments):
+        for i, entry in enumerate(entries_of[argument]):
             along = directions[argument][i] if argument in directions else 0.0
-            values[entry] = arguments[argument][i] + 1j * _STEP * np.asarray(along)
-    for statement in function.statements:
+            values[entry] = given[argument][i] + 1j * _STEP * np.asarray(along)
+    for statement in (*program.prepare, *function.statements):
         values[statement.name] = _value(statement.value, values)
     entries = [_value(entry, values) for entry in function.outputs[output].entries]
     columns = next(iter(directions.values())).shape[1]

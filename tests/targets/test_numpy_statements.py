@@ -51,5 +51,5 @@ def test_a_function_returns_one_array_or_several() -> None:
     assert result([one, two]) == (
         "shaped(entries[0:2], (2,), batch), shaped(entries[2:3], (), batch)"
     )
-    assert result_type([one]) == "NDArray[np.float64]"
-    assert result_type([one, two]) == "tuple[NDArray[np.float64], NDArray[np.float64]]"
+    assert result_type(1) == "NDArray[np.float64]"
+    assert result_type(2) == "tuple[NDArray[np.float64], NDArray[np.float64]]"

@@ -104,11 +104,8 @@ def displaced(
     with tape.group("the quaternion, of unit length"):
         inverse = let(1 / let(sp.sqrt(let(sp.Add(*(part * part for part in q))))))
         q = _scaled(tape, inverse, q)
+    square, cosine, share = half_angle(tape, turn)
     with tape.group("angle of the displacement, and its functions"):
-        square = let(dot(tape, turn, turn) + _TINY)
-        angle = let(sp.sqrt(square))
-        half = let(angle / 2)
-        cosine, share = let(sp.cos(half)), let(let(sp.sin(half)) * let(1 / angle))
         first = let(2 * share * share)
         second = let(let(1 - 2 * share * cosine) * let(1 / square))
     with tape.group("position after the displacement"):
@@ -157,6 +154,23 @@ def displacement(
         across = cross(tape, part, way)
         again = scale(tape, bend, cross(tape, part, across))
         return turn, add(tape, way, minus(scale(tape, let(side * ratio), across)), again)
+
+
+def half_angle(tape: Scalars, turn: Vector) -> tuple[sp.Expr, sp.Expr, sp.Expr]:
+    """Functions of the angle θ of a turn.
+
+    Args:
+        turn: Axis times angle (rad).
+
+    Returns:
+        θ², cos θ/2, and sin(θ/2)/θ.
+    """
+    let = tape.let
+    with tape.group("angle of the displacement, and its functions"):
+        square = let(dot(tape, turn, turn) + _TINY)
+        angle = let(sp.sqrt(square))
+        half = let(angle / 2)
+        return square, let(sp.cos(half)), let(let(sp.sin(half)) * let(1 / angle))
 
 
 def _product(tape: Scalars, p: Quaternion, q: Quaternion) -> Quaternion:

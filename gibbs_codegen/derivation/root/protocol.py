@@ -34,6 +34,15 @@ class BaseDerivatives(Protocol):
     `Root.integrated`.
     """
 
+    def coriolis(self, tape: Scalars) -> BaseDerivatives:
+        """The same, but for derivatives by the velocities.
+
+        Returns:
+            What makes of these, row by row, twice the matrix C of the velocity terms C v for which
+            Ṁ − 2C is skew-symmetric: ∫ξ_i·2ξ̇_j dm, as between joints.
+        """
+        ...
+
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
         """How the force on a joint depends on the base.
 
@@ -273,5 +282,27 @@ class Root(Protocol):
         Returns:
             Columns in the tangent space of the base's coordinates, and for each of its velocities;
             first come the rows of the base, then those of the joints.
+        """
+        ...
+
+    def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the base before it.
+
+        Args:
+            step: The displacement.
+
+        Returns:
+            6×6 entries, in the tangent spaces at both places.
+        """
+        ...
+
+    def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the displacement.
+
+        Args:
+            step: The displacement.
+
+        Returns:
+            6×6 entries, in the tangent space at the place after it.
         """
         ...

@@ -25,6 +25,7 @@ from gibbs_codegen.derivation.root.pose import (
     turned,
     upward,
 )
+from gibbs_codegen.derivation.root.pose_derivatives import displaced_by_motion, displaced_by_pose
 from gibbs_codegen.derivation.root.protocol import Values
 from gibbs_codegen.derivation.root.quaternion_derivatives import QuaternionDerivatives
 from gibbs_codegen.robot.layout import QUATERNION, Places, velocity_places
@@ -314,6 +315,28 @@ class QuaternionRoot:
             by_velocity.append([*ZERO, *cross(tape, unit, omega), *still])
         nothing = [[sp.S.Zero] * len(by_turning[0])] * 3
         return [*by_attitude, *nothing], [*by_turning, *by_velocity]
+
+    def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the base before it.
+
+        Args:
+            step: The displacement: angular (rad) and linear part (m).
+
+        Returns:
+            6×6 entries, angular before linear.
+        """
+        return displaced_by_pose(tape, _vector(step[:3]), _vector(step[3:]))
+
+    def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
+        """How the base after a displacement moves with the displacement.
+
+        Args:
+            step: The displacement: angular (rad) and linear part (m).
+
+        Returns:
+            6×6 entries, angular before linear.
+        """
+        return displaced_by_motion(tape, _vector(step[:3]), _vector(step[3:]))
 
 
 def _vector(values: Values) -> Vector:

@@ -17,12 +17,14 @@ from gibbs_codegen.derivation.root.protocol import Values
 from gibbs_codegen.derivation.unit_motions import STILL, Column, MovingBody, column
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
+    ZERO,
     Matrix,
     Vector,
     Wrench,
     add,
     axis_vector,
     cross,
+    scale,
     zeros,
 )
 
@@ -34,6 +36,15 @@ class QuaternionDerivatives:
     omega: Vector
     velocity: Vector
     upward: Vector
+
+    def coriolis(self, tape: Scalars) -> QuaternionDerivatives:
+        """What makes twice the matrix C.
+
+        Returns:
+            The same for the accelerations 2e×ẋ + 2(ω×e)×ρ of a turn about an axis e of the base,
+            and 2ω×e of a motion along it.
+        """
+        return replace(self, omega=scale(tape, sp.Integer(2), self.omega), velocity=ZERO)
 
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
         """How the force on a joint depends on the base.

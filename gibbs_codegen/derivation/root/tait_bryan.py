@@ -32,6 +32,7 @@ from gibbs_codegen.symbolic.vectors import (
     add,
     axis_vector,
     cross,
+    identity,
     scale,
     turned_axes,
     zeros,
@@ -379,3 +380,25 @@ class TaitBryanRoot:
         first_axis = self.rotations[1].inverse.vector(tape, axis_vector(a))
         first = tape.let(angular[a] * tape.let(1 / first_axis[a]))
         return (first, angular[b], tape.let(angular[c] - first_axis[c] * first))
+
+    def integrated_by_place(self, tape: Scalars, step: Values) -> Matrix:
+        """How sums move with what a displacement is added to.
+
+        Args:
+            step: Not used.
+
+        Returns:
+            The identity.
+        """
+        return identity(6)
+
+    def integrated_by_step(self, tape: Scalars, step: Values) -> Matrix:
+        """How sums move with a displacement that is added.
+
+        Args:
+            step: Not used.
+
+        Returns:
+            The identity.
+        """
+        return identity(6)

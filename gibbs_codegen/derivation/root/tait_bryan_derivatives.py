@@ -31,6 +31,14 @@ class TaitBryanDerivatives:
     inner: Sequence[Rotation]
     units: tuple[UnitMotion, UnitMotion, UnitMotion]
 
+    def coriolis(self, tape: Scalars) -> TaitBryanDerivatives:
+        """What makes twice the matrix C.
+
+        Returns:
+            Itself: velocities are rates of coordinates.
+        """
+        return self
+
     def row(self, tape: Scalars, joint: Column) -> tuple[Values, Values]:
         """How the force on a joint depends on the base.
 

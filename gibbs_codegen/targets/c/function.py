@@ -1,9 +1,8 @@
-"""One function in C: for one state, for a block of states, and its documentation."""
+"""One function of the program in C: for one state, and for a block of states."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from gibbs_codegen.interface import FUNCTIONS, Signature
@@ -11,19 +10,14 @@ from gibbs_codegen.program.loops import reroll
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.nodes import Function, Number, Output
 from gibbs_codegen.program.scratch import Allocation, allocate_scratch
+from gibbs_codegen.program.stack import stack_bytes
 from gibbs_codegen.program.steps import Loop, schedule_stores
 from gibbs_codegen.program.trigonometry import gather_angles
-from gibbs_codegen.targets.c.arrays import (
-    array_size,
-    from_block,
-    from_entry,
-    local_arrays,
-    read_arrays,
-    written_arrays,
-)
+from gibbs_codegen.targets.c.arrays import array_size, from_entry, local_arrays
+from gibbs_codegen.targets.c.function_text import FunctionText, function_text
 from gibbs_codegen.targets.c.sections import ANGLE, COSINE, SCRATCH, SINE, HelperPrinter
 from gibbs_codegen.targets.c.statements import StatementPrinter, call, call_helper
-from gibbs_codegen.targets.documentation import doxygen
+from gibbs_codegen.targets.documentation import doxygen, operations
 from gibbs_codegen.targets.printers import InfixPrinter
 
 # gcc vectorises no loop with more than 1000 memory references, and does smaller ones better.
@@ -35,64 +29,6 @@ _FEWEST_ROLLED = 200
 _AT_ONCE = 4
 
 Lines = list[str]
-
-
-@dataclass(frozen=True)
-class ArrayText:
-    """An array as a matrix, and where its entries start and end in CasADi's scratch.
-
-    Blocks of an array of three axes are one below the other.
-    """
-
-    name: str
-    rows: int
-    columns: int
-    start: int
-    end: int
-
-    @property
-    def width(self) -> int:
-        """Entries of one state."""
-        return self.rows * self.columns
-
-    @property
-    def is_matrix(self) -> bool:
-        """Whether row by row is another order than column by column."""
-        return self.columns > 1
-
-    @property
-    def in_scratch(self) -> str:
-        """Where its entries are in CasADi's scratch, row by row."""
-        return from_entry("w", self.start)
-
-
-@dataclass(frozen=True)
-class FunctionText:
-    """What the C templates are given of a function.
-
-    CasADi has matrices column by column: `casadi_loads` turn those among the arguments, and
-    `casadi_inputs` and `casadi_outputs` are what its adapter calls the function with, which needs
-    `casadi_entries` of scratch. `parameters` are those of the definition, `declared` those in the
-    header. `one` and `block` are the bodies of the functions for one state and for a block of
-    states, `whole_block` and `last_block` the arguments with which the second is called in a batch.
-    """
-
-    name: str
-    public_name: str
-    documentation: Lines
-    inputs: list[ArrayText]
-    outputs: list[ArrayText]
-    casadi_entries: int
-    casadi_loads: Lines
-    casadi_inputs: Lines
-    casadi_outputs: Lines
-    parameters: Lines
-    declared: Lines
-    helpers: list[Lines]
-    one: Lines
-    block: Lines
-    whole_block: Lines
-    last_block: Lines
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,12 +60,9 @@ class CFunction:
         self._model = model
         self._function = function
         self._statements = StatementPrinter(printer)
+        self._signature = signature
         self._gathered = gather_angles(function)
-        names = [output.name for output in FUNCTIONS[function.name].outputs]
-        self._outputs = _array_texts(names, signature.shapes, 0, turned_alone=False)
-        made = self._outputs[-1].end
-        shapes = signature.argument_shapes
-        self._inputs = _array_texts(signature.arguments, shapes, made, turned_alone=True)
+        self._outputs = [output.name for output in FUNCTIONS[function.name].outputs]
         self._cleared = [_is_sparse(output) for output in function.outputs]
         gathered = self._gathered
         stored = [not cleared for cleared in self._cleared]
@@ -145,36 +78,15 @@ class CFunction:
 
     def text(self) -> FunctionText:
         """What the templates need of the function."""
-        prefix = f"{self._model.robot.name}_"
-        inputs = [array.name for array in self._inputs]
-        outputs = [array.name for array in self._outputs]
-        arrays = [*self._inputs, *self._outputs]
-        advanced = [from_block(array.name, array.width, "whole") for array in self._outputs]
-        real = f"{prefix}real"
-        return FunctionText(
-            name=self._function.name,
-            public_name=prefix + self._function.name,
-            documentation=doxygen(self._model, self._function, self._gathered),
-            inputs=self._inputs,
-            outputs=self._outputs,
-            casadi_entries=max(array.end for array in arrays),
-            casadi_loads=[
-                f"store({array.columns}, {array.rows}, {_given(place)}, {array.in_scratch});"
-                for place, array in enumerate(self._inputs)
-                if array.is_matrix
-            ],
-            casadi_inputs=[
-                array.in_scratch if array.is_matrix else _given(place)
-                for place, array in enumerate(self._inputs)
-            ],
-            casadi_outputs=[array.in_scratch for array in self._outputs],
-            parameters=read_arrays(inputs) + written_arrays(outputs),
-            declared=read_arrays(inputs, real, "") + written_arrays(outputs, real, ""),
+        robot = self._model.robot
+        stack = stack_bytes(self._gathered)
+        return function_text(
+            robot.name,
+            self._signature,
+            doxygen(robot, self._signature, operations(self._function), stack),
             helpers=self._helpers(),
             one=self._body(self._one, lanes=False),
             block=self._body(self._block, lanes=True),
-            whole_block=[from_block(array.name, array.width, "block") for array in arrays],
-            last_block=[*(f"last_{name}" for name in inputs), *advanced],
         )
 
     def _helpers(self) -> list[Lines]:
@@ -200,16 +112,18 @@ class CFunction:
             Lines.
         """
         angles, slots = len(self._gathered.angles), sections.allocation.slots
-        inputs = [array.name for array in self._inputs]
-        arrays = [*inputs, *(array.name for array in self._outputs)]
+        inputs = self._signature.arguments
+        arrays = [*inputs, *self._outputs]
         lines = []
         if angles:
             lines.append(local_arrays([ANGLE, SINE, COSINE], array_size(angles, lanes)))
         if slots:
             lines.append(local_arrays([SCRATCH], array_size(slots, lanes)))
-        for output, cleared in zip(self._outputs, self._cleared, strict=True):
+        for name, shape, cleared in zip(
+            self._outputs, self._signature.shapes, self._cleared, strict=True
+        ):
             if cleared:
-                lines += self._statements.clear(output.name, array_size(output.width, lanes))
+                lines += self._statements.clear(name, array_size(math.prod(shape), lanes))
         if slots:
             arrays = [SCRATCH, *arrays]
         if angles:
@@ -219,33 +133,6 @@ class CFunction:
         for name in sections.names:
             lines += call_helper(name, arrays, lanes)
         return lines
-
-
-def _array_texts(
-    names: Sequence[str], shapes: Sequence[Sequence[int]], start: int, turned_alone: bool
-) -> list[ArrayText]:
-    """Arrays one after the other.
-
-    Args:
-        names, shapes: Name and shape of each.
-        start: Where the first starts in CasADi's scratch.
-        turned_alone: Whether only those have a place there that CasADi has column by column.
-
-    Returns:
-        The arrays as matrices.
-    """
-    texts: list[ArrayText] = []
-    for name, shape in zip(names, shapes, strict=True):
-        *rows, columns = shape if len(shape) > 1 else (*shape, 1)
-        end = start if turned_alone and columns == 1 else start + math.prod(shape)
-        texts.append(ArrayText(name, math.prod(rows), columns, start, end))
-        start = end
-    return texts
-
-
-def _given(place: int) -> str:
-    """What CasADi gives for an argument, or zeros."""
-    return f"arg[{place}] ? arg[{place}] : zeros"
 
 
 def _is_sparse(output: Output) -> bool:

@@ -79,7 +79,7 @@ def sparse_texts(model: Model) -> list[SparseText]:
     found, with_matrices = patterns(model), matrices(model)
     return [
         _sparse_text(model, signature, {name: found[name] for name in names})
-        for signature in model.signatures
+        for _, signature in model.derived
         if (names := with_matrices.get(signature.name))
     ]
 

@@ -12,7 +12,9 @@ from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
-from gibbs_codegen.targets.c.function import CFunction, FunctionText
+from gibbs_codegen.targets.c.composed import composed_texts
+from gibbs_codegen.targets.c.function import CFunction
+from gibbs_codegen.targets.c.function_text import FunctionText
 from gibbs_codegen.targets.c.sparse import (
     PatternText,
     SparseText,
@@ -96,8 +98,9 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     loads = [(name, program.parameters.index(name)) for name in model.parameters_read]
     functions = [
         CFunction(model, function, signature, printer).text()
-        for function, signature in zip(program.functions, model.signatures, strict=True)
+        for function, signature in model.derived
     ]
+    functions += composed_texts(model)
     return ModuleText(
         header=header,
         name=robot.name,

@@ -146,17 +146,17 @@ def result(outputs: Sequence[Output]) -> str:
     return ", ".join(calls)
 
 
-def result_type(outputs: Sequence[Output]) -> str:
+def result_type(outputs: int) -> str:
     """The type of what a function returns.
 
     Args:
-        outputs: In order.
+        outputs: Number of its outputs.
 
     Returns:
         An annotation.
     """
     array = "NDArray[np.float64]"
-    return array if len(outputs) == 1 else f"tuple[{', '.join([array] * len(outputs))}]"
+    return array if outputs == 1 else f"tuple[{', '.join([array] * outputs)}]"
 
 
 def _wrapped(text: str) -> list[str]:

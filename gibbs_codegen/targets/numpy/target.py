@@ -13,9 +13,11 @@ from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.targets.documentation import (
     attitude_lines,
+    calls,
     coordinate_table,
     docstring,
     entry_lines,
+    operations,
     state_tables,
 )
 from gibbs_codegen.targets.numpy.statements import (
@@ -52,22 +54,37 @@ class PatternText:
 
 
 @dataclass(frozen=True)
-class FunctionText:
-    """A function: its head, its documentation, and the lines of its kernel.
+class KernelText:
+    """The straight-line part of a function, and what the function makes of its entries."""
 
-    `arguments` has the shape of each argument for one state, as what goes on in a call;
-    `kernel_arguments` are those of the kernel.
-    """
-
-    name: str
-    arguments: dict[str, str]
-    kernel_arguments: Lines
-    returns: str
-    documentation: Lines
+    arguments: Lines
     result: str
     loads: Lines
     statements: Lines
     entries: Lines
+
+
+@dataclass(frozen=True)
+class FunctionText:
+    """A function: its head, its documentation, and its kernel unless it is composed of others.
+
+    `arguments` has the shape of each argument for one state, as what goes on in a call.
+    """
+
+    name: str
+    arguments: dict[str, str]
+    returns: str
+    documentation: Lines
+    kernel: KernelText | None
+
+
+@dataclass(frozen=True)
+class StepText:
+    """A time step: its name, its method, and whether it has derivatives."""
+
+    name: str
+    method: str
+    derivatives: bool
 
 
 @dataclass(frozen=True)
@@ -94,6 +111,11 @@ class ModuleText:
     constants: Lines
     evaluation: PythonSource
     functions: list[FunctionText]
+    steps: list[StepText]
+    euler: bool
+    runge_kutta: bool
+    step_derivatives: bool
+    is_quaternion: bool
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
@@ -111,10 +133,6 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     statements = StatementPrinter(printer)
     layout, driven = layout_of(robot), coordinate_table(inputs(robot))
     listed = module_lists(robot, model.derivatives) | {"DERIVATIVES": model.derivatives}
-    functions = [
-        _function_text(model, function, signature, statements)
-        for function, signature in zip(program.functions, model.signatures, strict=True)
-    ]
     units = {"COORDINATE_UNITS": layout.q.units, "VELOCITY_UNITS": layout.v.units}
     constants = {name: strings(names) for name, names in (listed | units).items()}
     found = [
@@ -123,10 +141,11 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
     ]
     on_request = [name for name in DATA_ON_REQUEST if name in constants]
     data = [*DATA, *on_request, *(["PATTERNS"] if found else [])]
+    steps = [_step_text(signature.name) for signature in model.composed]
     return ModuleText(
         header=header,
         name=robot.name,
-        exports=_exports(data, ["prepare", *(function.name for function in functions)]),
+        exports=_exports(data, ["prepare", *(s.name for s in model.signatures)]),
         attitude=robot.base.attitude,
         attitude_lines=attitude_lines(robot),
         entry_lines=entry_lines(state_tables(robot) | {"Inputs u, in order": driven}),
@@ -142,7 +161,12 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         total_mass=printer.expression(model.total_mass),
         constants=elements(program.constants),
         evaluation=python_source("evaluation.py"),
-        functions=functions,
+        functions=_functions(model, statements),
+        steps=steps,
+        euler=any(step.method == "euler" for step in steps),
+        runge_kutta=any(step.method == "rk4" for step in steps),
+        step_derivatives=any(step.derivatives for step in steps),
+        is_quaternion=layout.is_quaternion,
     )
 
 
@@ -151,14 +175,53 @@ def _exports(data: Lines, functions: Lines) -> Lines:
     return [*sorted(data, key=str.lower), *sorted(functions)]
 
 
+def _step_text(name: str) -> StepText:
+    method = name.removesuffix("_derivatives")
+    return StepText(name, method.removeprefix("step_"), method != name)
+
+
+def _functions(model: Model, statements: StatementPrinter) -> list[FunctionText]:
+    """The texts of all functions, those that are composed of others last."""
+    derived = [
+        _function_text(
+            model, signature, operations(function), _kernel_text(model, function, statements)
+        )
+        for function, signature in model.derived
+    ]
+    composed = [_function_text(model, s, calls(model.robot, s.name)) for s in model.composed]
+    return derived + composed
+
+
 def _function_text(
-    model: Model, function: Function, signature: Signature, statements: StatementPrinter
+    model: Model, signature: Signature, work: str, kernel: KernelText | None = None
 ) -> FunctionText:
     """The text of one function.
 
     Args:
         model: The derived robot.
-        function, signature: One of its program's, and its shapes.
+        signature: Of the function.
+        work: What a call takes, in words.
+        kernel: The text of its kernel; None for one that is composed of others.
+
+    Returns:
+        What the template is given.
+    """
+    shapes = zip(signature.arguments, signature.argument_shapes, strict=True)
+    return FunctionText(
+        name=signature.name,
+        arguments={argument: "".join(f", {size}" for size in shape) for argument, shape in shapes},
+        returns=result_type(len(signature.shapes)),
+        documentation=docstring(model.robot, signature, work),
+        kernel=kernel,
+    )
+
+
+def _kernel_text(model: Model, function: Function, statements: StatementPrinter) -> KernelText:
+    """The text of one kernel.
+
+    Args:
+        model: The derived robot.
+        function: One of its program's.
         statements: The printer.
 
     Returns:
@@ -170,15 +233,8 @@ def _function_text(
     for argument in function.arguments:
         names = program.inputs[argument]
         loads += [load(name, argument, i) for i, name in enumerate(names) if name in used]
-    return FunctionText(
-        name=function.name,
-        arguments={
-            argument: "".join(f", {size}" for size in shape)
-            for argument, shape in zip(signature.arguments, signature.argument_shapes, strict=True)
-        },
-        kernel_arguments=["k", "sin", "cos", *signature.arguments],
-        returns=result_type(function.outputs),
-        documentation=docstring(model, function),
+    return KernelText(
+        arguments=["k", "sin", "cos", *function.arguments],
         result=result(function.outputs),
         loads=loads,
         statements=statements.assign_all(function.statements),
