@@ -17,6 +17,8 @@ from gibbs_codegen.verification.vectors import Array
 
 # Of what follows by algebra, of differences, and of differences of differences or of accelerations.
 EXACT, SLOPE, CURVATURE = 1e-10, 1e-10, 1e-9
+# How much less two differences of one thing may differ than the error that they may have.
+AGREEMENT = 0.1 * CURVATURE
 
 
 class DerivativeRow(NamedTuple):

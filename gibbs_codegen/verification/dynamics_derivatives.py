@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from gibbs_codegen.verification.derivative_row import (
+    AGREEMENT,
     CURVATURE,
     EXACT,
     SLOPE,
@@ -194,7 +195,7 @@ def hessian_rows(
     weighed = np.sum(kind.weights * kind.effort, axis=-1)
     scale = units[:, None] * units
     largest, apart = (np.abs(x * scale).max(axis=(1, 2)) for x in (theirs, found[0] - theirs))
-    size = (weighed + largest + apart / CURVATURE)[:, None, None] / scale
+    size = (weighed + largest + apart / AGREEMENT)[:, None, None] / scale
     every = slice(None)
     n = states.v.shape[-1]
     of = {"q": slice(n), "v": slice(n, 2 * n), "a": slice(2 * n, None)}

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 
 from gibbs_codegen.verification.derivative_row import (
+    AGREEMENT,
     CURVATURE,
     EXACT,
     SLOPE,
@@ -18,6 +19,9 @@ from gibbs_codegen.verification.differences import STEP, gradient
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.slopes import State
 from gibbs_codegen.verification.vectors import Array
+
+# Lengths of differences of steps, as shares of the usual ones.
+_SHARES = (0.02, 0.01)
 
 
 def frame_rows(point: Point, values: Mapping[str, Array]) -> Iterator[DerivativeRow]:
@@ -150,9 +154,12 @@ def step_rows(point: Point, values: Mapping[str, Array], step: Step) -> Iterator
         q, v = step(call, (q, v, u), h[:, None])
         return np.concatenate([call("difference", after[0][:, None], q), v], axis=-1)
 
-    theirs = point.slopes.by_all(moved, state, units.u, 1.0)
+    longer, theirs = (point.slopes.by_all(moved, state, units.u, share) for share in _SHARES)
     rows = np.concatenate([units.q, units.v])
-    size = scaled_size(theirs, rows, np.concatenate([rows, units.u]))
+    columns = np.concatenate([rows, units.u])
+    # Accelerations may change fast: differences are no better than they agree with longer ones.
+    apart = scaled_size(longer - theirs, rows, columns) / AGREEMENT
+    size = scaled_size(theirs, rows, columns) + apart
     parts = (np.split(x, [len(rows)], axis=-1) for x in (theirs, size))
     for (what, ours), expected, part in zip(list(values.items())[2:], *parts, strict=True):
         yield DerivativeRow(what, ours, expected, part, CURVATURE)
