@@ -1,14 +1,19 @@
-"""Derivatives by central differences of fourth order."""
+"""Derivatives by central differences of eighth order."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from gibbs_codegen.verification.vectors import Array
 
-# Where things change by their size in a unit, rounding of 1e-16/h meets a truncation of some h⁴.
-STEP = 1e-3
-WEIGHTS = ((-2, 1 / 12), (-1, -8 / 12), (1, 8 / 12), (2, -1 / 12))
+# Where things change by their size in a unit, rounding of 1e-16/h meets a truncation of some h⁸.
+STEP = 1e-2
+_AHEAD = ((1, 4 / 5), (2, -1 / 5), (3, 4 / 105), (4, -1 / 280))
+WEIGHTS = (*((-number, -weight) for number, weight in _AHEAD), *_AHEAD)
+# Exact for what is quadratic, with steps of any length.
+QUADRATIC = ((-1, -1 / 2), (1, 1 / 2))
 
 
 def derivative(function: Callable[[Array], Array], steps: Array) -> Array:
@@ -25,3 +30,26 @@ def derivative(function: Callable[[Array], Array], steps: Array) -> Array:
     total = sum(values[1:], values[0])
     rate: Array = total / steps.reshape(-1, *[1] * (total.ndim - 1))
     return rate
+
+
+def gradient(
+    function: Callable[[Array], Array],
+    steps: Array,
+    axis: int,
+    weights: Sequence[tuple[int, float]] = WEIGHTS,
+) -> Array:
+    """Derivatives of a function by each of its arguments, where these are 0.
+
+    Args:
+        function: Takes arguments (m, m), a row for each that is not 0, and returns (…, m, …).
+        steps: The step of each argument, (m,).
+        axis: Which axis of the result belongs to the rows.
+        weights: Numbers of steps, and what multiplies the function there.
+
+    Returns:
+        The derivatives, with that axis last.
+    """
+    moves = np.diag(steps)
+    values = [weight * function(number * moves) for number, weight in weights]
+    slopes: Array = np.moveaxis(sum(values[1:], values[0]), axis, -1) / steps
+    return slopes

@@ -7,6 +7,7 @@ Expected            every function at states   with formulations that share   (e
     Lagrange                                                                  (lagrange)
     Pinocchio and MuJoCo, if they are installed              (pinocchio_tree, mujoco_tree)
 compare_invariants  functions                  with each other                (invariants)
+compare_derivatives functions on request       with differences of others    (derivatives)
 compare_with_itself what no formulation gives  with itself                    (self_consistency)
 """
 
@@ -20,6 +21,7 @@ from types import ModuleType
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.verification.comparison import Comparison, explained, failed, merged
 from gibbs_codegen.verification.contents import compare_contents
+from gibbs_codegen.verification.derivatives import compare_derivatives
 from gibbs_codegen.verification.equations import Expected
 from gibbs_codegen.verification.evaluation import Evaluation
 from gibbs_codegen.verification.formulation import Formulation, NotApplicableError
@@ -56,6 +58,7 @@ class Extent:
         variations: number of sets of other parameters.
         zeros: whether to add sets with parameters that are zero.
         any_angles: whether to add states with angles of any size.
+        derivatives: at how many states to compare derivatives, with each set of parameters.
     """
 
     others: int
@@ -63,11 +66,12 @@ class Extent:
     variations: int
     zeros: bool
     any_angles: bool
+    derivatives: int
 
 
-THOROUGH = Extent(others=6, singly=6, variations=4, zeros=True, any_angles=True)
+THOROUGH = Extent(6, 6, variations=4, zeros=True, any_angles=True, derivatives=3)
 # For a module that was just emitted. States with other parameters have any angles.
-QUICK = Extent(others=3, singly=1, variations=1, zeros=False, any_angles=False)
+QUICK = Extent(3, 1, variations=1, zeros=False, any_angles=False, derivatives=1)
 
 
 @dataclass
@@ -168,6 +172,8 @@ def compare_module(
     states = States.random(tree, others, (seed, 5))
     there = Evaluation(numpy) if numpy else None
     comparisons += compare_with_itself(evaluation, there, unknown, states)
+    few = states.first(extent.derivatives)
+    comparisons += compare_derivatives(evaluation, robot, few)
     if extent.any_angles:
         progress(ANY_ANGLES)
         states = States.extreme(tree, min(most, max(count, others)), (seed, 2))
@@ -285,4 +291,7 @@ def _with_other_parameters(
         states = States.extreme(tree, count, (seed, 1, number))
         yield from _compare_again(evaluation, tree, states, extent.singly, OTHER_PARAMETERS)
         usual = States.random(tree, count, (seed, 1, number))
-        yield from compare_with_itself(evaluation, there, unknown, usual, f", {OTHER_PARAMETERS}")
+        also = f", {OTHER_PARAMETERS}"
+        yield from compare_with_itself(evaluation, there, unknown, usual, also)
+        few = usual.first(extent.derivatives)
+        yield from compare_derivatives(evaluation, other, few, also, long=False)
