@@ -25,6 +25,8 @@ from gibbs_codegen.verification.vectors import Array, times
 _ROUNDING = 1e-13
 # Lengths of second differences as shares of the usual ones, of inverse and of forward dynamics.
 _SHARES = {False: (None,), True: (0.3, 0.15)}
+# Rounding of 1e-16 in differences of differences, as a share of the error that these may have.
+_LOST = 0.01
 
 
 class Dynamics:
@@ -189,13 +191,15 @@ def hessian_rows(
     # Differences of differences take many evaluations.
     kind = Dynamics(point.first(1), forward)
     states, units = kind.point.states, kind.slopes.units
-    # Accelerations may change fast: differences are no better than they agree with longer ones.
     found = [kind.slopes.hessian(kind.state, states.w, share) for share in _SHARES[forward]]
     theirs = found[-1]
     weighed = np.sum(kind.weights * kind.effort, axis=-1)
     scale = units[:, None] * units
-    largest, apart = (np.abs(x * scale).max(axis=(1, 2)) for x in (theirs, found[0] - theirs))
-    size = (weighed + largest + apart / AGREEMENT)[:, None, None] / scale
+    # Entries are as large as those of their rows and columns, and what rounding leaves of forces.
+    rows = np.abs(theirs * scale).max(axis=-1)
+    natural = np.sqrt(rows[:, :, None] * rows[:, None, :]) + _LOST * weighed[:, None, None]
+    # Accelerations may change fast: differences are no better than they agree with longer ones.
+    size = natural / scale + np.abs(found[0] - theirs) / AGREEMENT
     every = slice(None)
     n = states.v.shape[-1]
     of = {"q": slice(n), "v": slice(n, 2 * n), "a": slice(2 * n, None)}
