@@ -33,6 +33,15 @@ def test_the_chain_rule_by_hand() -> None:
     assert jvp(graph, [inverse, x], {y >> 1: graph.one})[1] == graph.zero
 
 
+def test_a_sign_does_not_move_and_an_unknown_function_is_an_error() -> None:
+    graph = Graph()
+    x = graph.input("x")
+    direction = {x >> 1: graph.one}
+    assert jvp(graph, [graph.call("sign", x)], direction) == [graph.zero]
+    with pytest.raises(ValueError, match="derivative of the function 'tan' is not known"):
+        jvp(graph, [graph.call("tan", x)], direction)
+
+
 def moving(graph: Graph) -> list[Ref]:
     """Inputs that are no parameters."""
     pairs = enumerate(zip(graph.kinds, graph.constant, strict=True))
