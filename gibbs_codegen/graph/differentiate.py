@@ -193,20 +193,6 @@ def vjp(
     return [adjoints.get(ref >> 1, graph.zero) for ref in inputs]
 
 
-def reverse_jacobian(graph: Graph, outputs: Sequence[Ref], inputs: Sequence[Ref]) -> Matrix:
-    """Derivatives of outputs by inputs, backward: shorter where the outputs are few.
-
-    Args:
-        graph: The graph.
-        outputs: What is differentiated.
-        inputs: What it is differentiated by, references without signs.
-
-    Returns:
-        A row for each output.
-    """
-    return [vjp(graph, [output], [graph.one], inputs) for output in outputs]
-
-
 def hessian(graph: Graph, gradient: Sequence[Ref], directions: Sequence[Direction]) -> Matrix:
     """Second derivatives of a function, forward over its gradient: the lower triangle, mirrored.
 
