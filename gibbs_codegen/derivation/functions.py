@@ -69,17 +69,6 @@ def _potential_energy(systems: Systems) -> sp.Expr:
         return tape.let(sp.Add(weight, *spring_energy(symbolic)))
 
 
-def _coordinate_rates(systems: Systems) -> list[sp.Expr]:
-    """Rates of the coordinates at the given velocities."""
-    symbolic = systems.symbolic
-    places = layout_of(symbolic.robot)
-    base, _ = places.q.split(symbolic.q)
-    rates, joints = places.v.split(symbolic.v)
-    with systems.tape.group("rates of attitude and position"):
-        moved = symbolic.root.coordinate_rates(systems.tape, base, rates)
-    return places.q.joined(moved, joints)
-
-
 def _integrated(systems: Systems) -> list[sp.Expr]:
     """Coordinates after the displacement v: q ⊕ v."""
     tape, symbolic = systems.tape, systems.symbolic
@@ -146,7 +135,7 @@ DERIVATIONS: dict[str, Callable[[Systems], Array]] = {
         lambda systems: systems.dynamics[0](systems.symbolic, thrusts_and_wrenches)
     ),
     "joint_wrenches": lambda systems: joint_wrenches(systems.symbolic),
-    "coordinate_rates": _coordinate_rates,
+    "coordinate_rates": lambda systems: systems.symbolic.coordinate_rates(systems.symbolic.v),
     "integrated": _integrated,
     "difference": _difference,
     **DERIVATIVES,

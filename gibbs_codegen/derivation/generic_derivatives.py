@@ -58,12 +58,7 @@ class GenericDerivatives:
     def _moved_along(self, velocities: Exprs) -> Direction:
         """Rates of the coordinates at some velocities, by their nodes."""
         symbolic = self.symbolic
-        places = layout_of(symbolic.robot)
-        base, _ = places.q.split(symbolic.q)
-        rates, joints = places.v.split(velocities)
-        with symbolic.tape.group("rates of attitude and position"):
-            moved = symbolic.root.coordinate_rates(symbolic.tape, base, rates)
-        entries = self.refs(places.q.joined(moved, joints))
+        entries = self.refs(symbolic.coordinate_rates(velocities))
         return {ref >> 1: rate for ref, rate in zip(self.refs(symbolic.q), entries, strict=True)}
 
     def jacobian(self, outputs: Sequence[sp.Expr | Ref], argument: str) -> Matrix:
@@ -140,14 +135,18 @@ class GenericDerivatives:
         """
         graph = self.imported.graph
         gradient = [ref for part in self.gradient(outputs, arguments) for ref in part]
-        directions = [way for letter in arguments for way in self.directions(letter)]
+        directions: list[Direction] = []
+        starts: dict[str, int] = {}
+        for letter in arguments:
+            starts[letter] = len(directions)
+            directions.extend(self.directions(letter))
         with self.imported.group("second derivatives, the lower triangle column by column"):
             matrix = hessian(graph, gradient, directions)
             layout = layout_of(self.symbolic.robot)
             if not layout.is_quaternion or "q" not in arguments:
                 return matrix
-            half, start = graph.number(0.5), directions.index(self.directions("q")[0])
-            base = [start + place for place in layout.v.base]
+            half = graph.number(0.5)
+            base = [starts["q"] + place for place in layout.v.base]
             for j in base:
                 others = [i for i in base if i < j]
                 columns = jvp(graph, [gradient[i] for i in others], directions[j])

@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import sympy as sp
 
+from gibbs_codegen.derivation.articulated_inertia import Block, rotated_block
 from gibbs_codegen.derivation.inertia import Inertia
 from gibbs_codegen.derivation.motion import Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
-from gibbs_codegen.symbolic.quick import times
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     ZERO,
@@ -30,15 +30,13 @@ from gibbs_codegen.symbolic.vectors import (
     scale,
 )
 
-Rows = tuple[Vector, Vector, Vector]
-
 
 @dataclass(frozen=True)
 class Moments:
     """2P, and the rows of 2D about a point."""
 
     momentum: Vector
-    rows: Rows
+    rows: Block
 
     def plus(self, tape: Scalars, other: Moments) -> Moments:
         """Moments of both bodies about their common point.
@@ -65,7 +63,8 @@ class Moments:
         """
         if rotation.is_identity:
             return self
-        return Moments(rotation.vector(tape, self.momentum), turned_rows(tape, rotation, self.rows))
+        rows = rotated_block(tape, rotation, self.rows)
+        return Moments(rotation.vector(tape, self.momentum), rows)
 
     def shifted(self, tape: Scalars, arm: Vector) -> Moments:
         """The moments about another point: D' = D + rPᵀ.
@@ -84,33 +83,6 @@ class Moments:
 
 
 NO_MOMENTS = Moments(ZERO, (ZERO, ZERO, ZERO))
-
-
-def turned_rows(tape: Scalars, rotation: Rotation, rows: Rows) -> Rows:
-    """A matrix in another frame, RDRᵀ.
-
-    Args:
-        rotation: Takes components in this frame to those in the other.
-        rows: Rows of the matrix.
-
-    Returns:
-        Its rows in the frame that `rotation` turns from.
-    """
-    r, (p, q) = rotation.axis, rotation.plane
-    c, s = rotation.cos, rotation.sin
-    turned = [list(row) for row in rows]
-    turned[p][r], turned[q][r] = rotation.turned(tape, rows[p][r], rows[q][r])
-    turned[r][p], turned[r][q] = rotation.turned(tape, rows[r][p], rows[r][q])
-    pp, qq, pq, qp = rows[p][p], rows[q][q], rows[p][q], rows[q][p]
-    if c == 0:  # A quarter turn only swaps and signs, and a half turn leaves the block as it is.
-        turned[p][p], turned[q][q], turned[p][q], turned[q][p] = qq, pp, -qp, -pq
-    elif s != 0:
-        # With w = s(D_pp − D_qq) + c(D_pq + D_qp) the block takes four products, not eight.
-        w = tape.let(times(s, tape.let(pp - qq)) + times(c, tape.let(pq + qp)))
-        turned[p][p], turned[q][q] = tape.let(pp - times(s, w)), tape.let(qq + times(s, w))
-        turned[p][q], turned[q][p] = tape.let(times(c, w) - qp), tape.let(times(c, w) - pq)
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turned
-    return ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz))
 
 
 def link_moments(

@@ -117,6 +117,22 @@ class SymbolicRobot:
 
         return State(spread(self.v), spread(self.a), self.parameters.gravity)
 
+    def coordinate_rates(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
+        """Rates of the coordinates.
+
+        Args:
+            velocities: In the order of v.
+
+        Returns:
+            Rates in the order of q.
+        """
+        places = layout_of(self.robot)
+        base, _ = places.q.split(self.q)
+        rates, joints = places.v.split(velocities)
+        with self.tape.group("rates of attitude and position"):
+            moved = self.root.coordinate_rates(self.tape, base, rates)
+        return places.q.joined(moved, joints)
+
     @property
     def origin(self) -> Vector:
         """World position of the origin of the coordinates."""

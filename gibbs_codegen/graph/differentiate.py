@@ -39,10 +39,8 @@ def partials(graph: Graph, node: int) -> list[tuple[int, Ref]]:
     if not operands:
         return []
     (ref,) = operands
-    outer = graph.one if kind is Kind.RECIPROCAL else None
-    if outer is not None:
-        itself = 2 * node
-        outer = graph.minus(graph.product(itself, itself))
+    if kind is Kind.RECIPROCAL:
+        outer = graph.minus(graph.product(2 * node, 2 * node))
     else:
         outer = _derivative_of_call(graph, node, str(graph.labels[node]), ref)
     return [(ref >> 1, graph.minus(outer) if ref & 1 else outer)]
@@ -58,6 +56,9 @@ def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -
 
     Returns:
         The derivative, zero for a sign, which is constant wherever it has one.
+
+    Raises:
+        ValueError: The derivative of the function is not known.
     """
     match function:
         case "sin":
@@ -69,8 +70,10 @@ def _derivative_of_call(graph: Graph, node: int, function: str, argument: Ref) -
         case "atan":
             square = graph.product(argument, argument)
             return graph.reciprocal(graph.sum([graph.one, square]))
-        case _:
+        case "sign":
             return graph.zero
+        case unknown:
+            raise ValueError(f"the derivative of the function {unknown!r} is not known")
 
 
 def jvp(graph: Graph, outputs: Sequence[Ref], direction: Direction) -> list[Ref]:
@@ -188,20 +191,6 @@ def vjp(
                 share = graph.product(partial, adjoint)
                 received.setdefault(operand, []).append(share)
     return [adjoints.get(ref >> 1, graph.zero) for ref in inputs]
-
-
-def reverse_jacobian(graph: Graph, outputs: Sequence[Ref], inputs: Sequence[Ref]) -> Matrix:
-    """Derivatives of outputs by inputs, backward: shorter where the outputs are few.
-
-    Args:
-        graph: The graph.
-        outputs: What is differentiated.
-        inputs: What it is differentiated by, references without signs.
-
-    Returns:
-        A row for each output.
-    """
-    return [vjp(graph, [output], [graph.one], inputs) for output in outputs]
 
 
 def hessian(graph: Graph, gradient: Sequence[Ref], directions: Sequence[Direction]) -> Matrix:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import sympy as sp
 
 from gibbs_codegen.graph.graph import Graph, Ref
+from gibbs_codegen.symbolic.quick import whole_power
 from gibbs_codegen.symbolic.tape import Stage, Tape
 
 
@@ -112,11 +113,10 @@ class ImportedTape:
         if expression.is_Mul:
             return self._product(expression)
         if expression.is_Pow:
-            base, exponent = expression.args
-            ref = self._imported(base)
-            if exponent is sp.S.Half:
-                return graph.call("sqrt", ref)
-            power = graph.products([ref] * abs(int(exponent)))
+            if expression.exp is sp.S.Half:
+                return graph.call("sqrt", self._imported(expression.base))
+            base, exponent = whole_power(expression)
+            power = graph.products([self._imported(base)] * abs(exponent))
             return power if exponent > 0 else graph.reciprocal(power)
         return graph.call(expression.func.__name__, self._imported(expression.args[0]))
 

@@ -79,3 +79,23 @@ def is_minus_symbol(term: sp.Expr) -> bool:
         return False
     sign, rest = term.args
     return sign is sp.S.NegativeOne and bool(rest.is_Symbol)
+
+
+def whole_power(factor: sp.Expr) -> tuple[sp.Expr, int]:
+    """Base and exponent of a factor, its exponent a whole number.
+
+    Args:
+        factor: A power, x^(n/2) or xⁿ, or what is none.
+
+    Returns:
+        √x and n, or x and n.
+
+    Raises:
+        TypeError: Twice the exponent is not a whole number.
+    """
+    base, exponent = factor.as_base_exp()
+    if exponent.is_Integer:
+        return base, int(exponent)
+    if (2 * exponent).is_Integer:
+        return sp.sqrt(base), int(2 * exponent)
+    raise TypeError(f"no program has a power like {factor}: twice its exponent must be whole")

@@ -23,7 +23,7 @@ from typing import Protocol
 
 import sympy as sp
 
-from gibbs_codegen.symbolic.quick import is_minus_symbol, signed, sum_of_signed, times
+from gibbs_codegen.symbolic.quick import is_minus_symbol, signed, sum_of_signed, times, whole_power
 
 # A sign, 1 or −1, with a symbol or a number.
 SignedTerm = tuple[int, sp.Expr]
@@ -127,17 +127,6 @@ class Tape:
         """
         return self.stages[symbol]
 
-    def rank(self, symbol: sp.Symbol) -> int:
-        """How many symbols the tape had before a symbol.
-
-        Args:
-            symbol: An input or a temporary.
-
-        Returns:
-            Its place by age.
-        """
-        return self._ranks[symbol]
-
     @contextmanager
     def group(self, words: str, earliest: Stage = Stage.CONFIGURATION) -> Iterator[None]:
         """Put what is first named in a `with` block into a group.
@@ -239,12 +228,12 @@ class Tape:
             if factor.is_number:
                 number *= factor
                 continue
-            base, exponent = factor.as_base_exp()
+            base, exponent = whole_power(factor)
             sign, symbol = signed(self.let(base))
-            number *= sign ** abs(int(exponent))
+            number *= sign ** abs(exponent)
             if exponent < 0:
                 symbol = self._define(1 / symbol, self.stages[symbol])
-            factors.extend([symbol] * abs(int(exponent)))
+            factors.extend([symbol] * abs(exponent))
         if number.is_negative:
             return -self._product(-number, factors)
         return self._product(number, factors)

@@ -70,11 +70,7 @@ def inputs_at(symbolic: SymbolicRobot, point: dict[str, Any]) -> dict[sp.Expr, A
 
 def tangent(symbolic: SymbolicRobot, tape: Tape, point: Point) -> np.ndarray:
     """Rates of the coordinates for a unit of each velocity: a basis of the tangent space."""
-    layout = layout_of(symbolic.robot)
-    coordinates, _ = layout.q.split(symbolic.q)
-    rates, joints = layout.v.split(symbolic.v)
-    moved = symbolic.root.coordinate_rates(tape, coordinates, rates)
-    wanted = layout.q.joined(moved, joints)
+    wanted = symbolic.coordinate_rates(symbolic.v)
     steps = stepped(np.zeros(len(symbolic.v)), np.eye(len(symbolic.v)))
     values = tape_values(tape, inputs_at(symbolic, {**point, "v": steps}))
     return derivatives(values, wanted, len(symbolic.v))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.random_graphs import random_function, values
 
-from gibbs_codegen.graph.differentiate import hessian, jacobian, jvp, reverse_jacobian, vjp
+from gibbs_codegen.graph.differentiate import hessian, jacobian, jvp, vjp
 from gibbs_codegen.graph.graph import Graph, Kind, Ref
 
 STEP = 1e-6
@@ -31,6 +31,15 @@ def test_the_chain_rule_by_hand() -> None:
         graph.product(inverse, inverse)
     )
     assert jvp(graph, [inverse, x], {y >> 1: graph.one})[1] == graph.zero
+
+
+def test_a_sign_does_not_move_and_an_unknown_function_is_an_error() -> None:
+    graph = Graph()
+    x = graph.input("x")
+    direction = {x >> 1: graph.one}
+    assert jvp(graph, [graph.call("sign", x)], direction) == [graph.zero]
+    with pytest.raises(ValueError, match="derivative of the function 'tan' is not known"):
+        jvp(graph, [graph.call("tan", x)], direction)
 
 
 def moving(graph: Graph) -> list[Ref]:
@@ -58,7 +67,7 @@ def test_forward_and_backward_agree_with_differences(seed: int) -> None:
     xs = moving(graph)
     directions = [{x >> 1: graph.one} for x in xs]
     forward = jacobian(graph, outputs, directions)
-    backward = reverse_jacobian(graph, outputs, xs)
+    backward = [vjp(graph, [output], [graph.one], xs) for output in outputs]
     flat = [entry for row in (*forward, *backward) for entry in row]
     found = np.array(values(graph, flat, inputs)).reshape(2, len(outputs), len(xs))
     scale = max(1.0, np.abs(found).max())

@@ -39,6 +39,21 @@ def test_numbers_are_rounded_once(number: sp.Expr) -> None:
     assert graph.labels[factor >> 1] == abs(float(sp.N(number * sp.sqrt(2), 30)))
 
 
+def test_powers_are_whole_powers_of_a_value_or_of_its_root() -> None:
+    tape = Tape()
+    x = tape.symbol("x", Stage.CONFIGURATION)
+    imported = ImportedTape(tape)
+    graph, ref = imported.graph, imported.ref(x)
+    root = graph.call("sqrt", ref)
+    assert imported.ref(sp.sqrt(x)) == root
+    assert imported.ref(1 / sp.sqrt(x)) == graph.reciprocal(root)
+    assert imported.ref(x ** sp.Rational(3, 2)) == graph.products([root] * 3)
+    assert imported.ref(x**-2) == graph.reciprocal(graph.product(ref, ref))
+    for power in (sp.cbrt(x), x**x):
+        with pytest.raises(TypeError, match="twice its exponent must be whole"):
+            imported.ref(power)
+
+
 def test_words_are_those_of_the_tape_or_of_the_block_in_which_a_node_was_made() -> None:
     tape = Tape()
     x = tape.symbol("x", Stage.CONFIGURATION)

@@ -124,6 +124,27 @@ def test_unknown_node_is_an_error_that_names_it(tape: Tape) -> None:
         tape.let(sp.tan(x))
 
 
+HALVES = [(-1, 2), (3, 2), (-3, 2), (1, 2), (-2, 1)]
+
+
+@pytest.mark.parametrize(("over", "under"), HALVES)
+def test_powers_of_roots_are_what_they_say(tape: Tape, over: int, under: int) -> None:
+    _, x, y, _ = symbols(tape)
+    power = x ** sp.Rational(over, under)
+    for expression in (power, 2 * y * power, power - y):
+        result = tape.let(expression)
+        for name, statement in reversed(tape.statements.items()):
+            result = result.subs(name, statement)
+        assert sp.simplify(result - expression) == 0
+
+
+def test_other_powers_are_errors_that_name_them(tape: Tape) -> None:
+    _, x, y, _ = symbols(tape)
+    for power in (sp.cbrt(x), x**y, y * x ** sp.Rational(-1, 4)):
+        with pytest.raises(TypeError, match="twice its exponent must be whole"):
+            tape.let(power)
+
+
 def test_inline_tape_names_nothing() -> None:
     inline = InlineTape()
     x = inline.symbol("x", Stage.CONFIGURATION)
