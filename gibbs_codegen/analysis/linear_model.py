@@ -14,6 +14,7 @@ from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import expm
 
 from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.errors import UsageError
@@ -73,8 +74,6 @@ def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
     Returns:
         A (n, n) and B (n, m) of x' = A x + B w.
     """
-    from scipy.linalg import expm  # It takes long to import.
-
     size = len(a)
     both = np.zeros((size + b.shape[1],) * 2)
     both[:size] = np.concatenate([a, b], axis=1)
