@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -170,13 +171,23 @@ class UsageError(GibbsCodegenError):
 
 
 class MissingFunctionError(UsageError, AttributeError):
-    """A function that is generated on request, and that a module lacks."""
+    """What a module lacks, since it is generated on request.
 
-    def __init__(self, module: str, function: str) -> None:
+    Args:
+        module: Name of the module.
+        missing: Name of what it lacks.
+        present: Names of the functions generated on request that it has, which it is to keep.
+        function: Name of the function that brings what is missing; the same name if None.
+    """
+
+    def __init__(
+        self, module: str, missing: str, present: Sequence[str], function: str | None = None
+    ) -> None:
+        wanted = [*present, function or missing]
         super().__init__(
-            f"{module}: has no {function}, which is generated on request: "
-            f"gibbs-codegen generate {module} --derivatives={function}, or derivatives="
-            f'["{function}"] in Python'
+            f"{module}: has no {missing}, which is generated on request: "
+            f"gibbs-codegen generate {module} --derivatives={','.join(wanted)}, or derivatives="
+            f"{json.dumps(wanted)} in Python"
         )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.linalg import schur
 
 from gibbs_codegen.simulator.vehicle import Array
 
@@ -25,8 +26,6 @@ def unreached(a: Array, b: Array, matters: Callable[[complex], bool]) -> Array:
     Returns:
         The combinations (n, k), orthonormal columns: wᵀ x, for a column w, goes its own way.
     """
-    from scipy.linalg import schur  # It takes long to import.
-
     rest = _complement(_reached(a, b))
     if not rest.shape[1]:
         return rest

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
@@ -108,8 +109,6 @@ def equilibrium(motion: SteadyMotion, q: Array, free: list[int], bounds: Array) 
     Returns:
         Coordinates (nq), at which something may be missing still.
     """
-    from scipy.optimize import least_squares  # It takes long to import.
-
     size = motion.size(q)
     if not free or np.abs(motion.missing(q)).max() <= _BALANCED * size:
         return q

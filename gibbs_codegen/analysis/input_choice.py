@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from scipy.optimize import linprog, nnls
 
 from gibbs_codegen.analysis.equilibrium import RANK
 from gibbs_codegen.errors import UsageError
@@ -133,8 +134,6 @@ def _safest(inputs: Balancing, limits: Array, counts: Array) -> Array | None:
     Raises:
         UsageError: The margin may grow without bound.
     """
-    from scipy.optimize import linprog  # It takes long to import.
-
     rows, bounds, places = _rows(inputs, limits)
     found = linprog(
         np.append(np.zeros(rows.shape[1]), -1.0),
@@ -162,8 +161,6 @@ def _least(inputs: Balancing, limits: Array, safe: Array) -> Array:
     Returns:
         The inputs (nu).
     """
-    from scipy.optimize import nnls  # It takes long to import.
-
     rows, bounds, _ = _rows(inputs, limits)
     size = float(np.abs(bounds).max(initial=0.0)) or 1.0
     system = np.concatenate([rows.T, bounds[np.newaxis] / size])

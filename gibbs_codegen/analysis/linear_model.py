@@ -14,9 +14,10 @@ from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import expm
 
 from gibbs_codegen.analysis.loaded import vehicle_of
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import MissingFunctionError
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 _DERIVATIVES = "forward_dynamics_derivatives"
@@ -47,14 +48,11 @@ def linearise(
         A (2 nv, 2 nv) and B (2 nv, nu).
 
     Raises:
-        UsageError: The module was generated without the derivatives.
+        MissingFunctionError: The module was generated without the derivatives.
     """
     vehicle = vehicle_of(robot, parameters)
-    if _DERIVATIVES not in getattr(vehicle.module, "DERIVATIVES", ()):
-        raise UsageError(
-            f"{vehicle.name}: has no {_DERIVATIVES}, of which A and B are made; generate the "
-            f"module again with --derivatives, or --derivatives={_DERIVATIVES} for this alone"
-        )
+    if _DERIVATIVES not in vehicle.module.DERIVATIVES:
+        raise MissingFunctionError(vehicle.name, _DERIVATIVES, vehicle.module.DERIVATIVES)
     _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(q, v, u)
     size = vehicle.layout.v.size
     above = np.concatenate([_carried(vehicle, np.asarray(v)), np.eye(size)], axis=1)
@@ -73,8 +71,6 @@ def held(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
     Returns:
         A (n, n) and B (n, m) of x' = A x + B w.
     """
-    from scipy.linalg import expm  # It takes long to import.
-
     size = len(a)
     both = np.zeros((size + b.shape[1],) * 2)
     both[:size] = np.concatenate([a, b], axis=1)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from gibbs_codegen.simulator.vehicle import Array
 
@@ -106,8 +107,6 @@ def _grown(support: Support, points: Array, basis: Array) -> Polytope:
     Returns:
         The polytope.
     """
-    from scipy.spatial import ConvexHull  # It takes long to import.
-
     first, asked = points[0], set()
     while True:
         hull = ConvexHull((points - first) @ basis)

@@ -10,6 +10,7 @@ from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import linprog
 
 from gibbs_codegen.analysis.equilibrium import RANK
 from gibbs_codegen.analysis.loaded import vehicle_of
@@ -125,8 +126,6 @@ class ReachableWrenches:
         Raises:
             UsageError: There are none, so no thrusts within the limits hover.
         """
-        from scipy.optimize import linprog  # It takes long to import.
-
         low, high = self.limits - self.thrusts
         found = linprog(
             -value,

@@ -9,6 +9,7 @@ from types import ModuleType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import linalg
 
 from gibbs_codegen.analysis.controllability import unreached
 from gibbs_codegen.analysis.linear_model import linearise
@@ -66,8 +67,6 @@ def lqr(
         UsageError: The module has no derivatives; weights of wrong shape or sign; or there is no
             regulator, with the motions that cannot be stabilised or that Q leaves free.
     """
-    from scipy import linalg  # It takes long to import.
-
     vehicle = vehicle_of(robot, parameters)
     a, b = linearise(vehicle.module, q, v, u, dt, parameters=parameters)
     states, inputs = _weights("Q", Q, len(a), False), _weights("R", R, b.shape[1], True)

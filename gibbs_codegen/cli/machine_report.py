@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from gibbs_codegen.analysis.reach import CENTRE_OF_MASS, ReachableWrenches, about, margin_lines
 from gibbs_codegen.cli.terminal import plain_table
 from gibbs_codegen.robot.balance import hover_lines, lopsided, number
 from gibbs_codegen.robot.coordinates import frames_of
@@ -23,6 +22,9 @@ from gibbs_codegen.robot.placement import mounted_rotors
 from gibbs_codegen.robot.plausibility import implausible
 from gibbs_codegen.robot.thrusters import wrench_matrix
 from gibbs_codegen.robot.wrenches import DIRECTIONS
+
+if TYPE_CHECKING:
+    from gibbs_codegen.analysis.reach import ReachableWrenches
 
 # Of more rotors the first are listed; --json has them all.
 _MOST_LISTED = 16
@@ -67,6 +69,9 @@ def _reach(robot: Robot, found: Hover) -> ReachableWrenches | None:
     limits = [rotor.limits for rotor in robot.thrusters if rotor.limits]
     if not limits or len(limits) < robot.rotors or found.thrusts is None:
         return None
+    # With the simulator and SciPy, which robots without limits do without.
+    from gibbs_codegen.analysis.reach import CENTRE_OF_MASS, ReachableWrenches, about
+
     columns = about(wrench_matrix(robot), np.array(whole_properties(robot).com))
     thrusts = np.array(found.thrusts)
     return ReachableWrenches(robot.name, CENTRE_OF_MASS, columns, np.transpose(limits), thrusts)
@@ -121,6 +126,8 @@ def print_machine(robot: Robot, data: dict[str, Any], console: Console) -> None:
     found = replace(hover(robot, margin=False), margin=data["machine"]["thrust_margin"])
     lines = hover_lines(robot, found)
     if margins := data["machine"]["wrench_margins"]:
+        from gibbs_codegen.analysis.reach import CENTRE_OF_MASS, margin_lines
+
         lines += margin_lines([*margins.values()], CENTRE_OF_MASS)
     for line in lines:
         console.print(line)

@@ -13,7 +13,7 @@ import logging
 import os
 import sys
 import threading
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import NoReturn
@@ -22,6 +22,14 @@ from gibbs_codegen.errors import MissingFunctionError, UsageError, printable
 from gibbs_codegen.interface import DATA, FUNCTIONS, module_signatures
 
 BACKENDS = ("numpy", "c")
+METHODS = ("euler", "rk4")
+# Functions that bring what is no function of the table.
+_BROUGHT_BY = {
+    "BASE_PARAMETERS": "base_parameters",
+    "PATTERNS": "forward_dynamics_derivatives",
+    "step": "step_euler",
+    "step_derivatives": "step_euler_derivatives",
+}
 
 _log = logging.getLogger("gibbs_codegen")
 _importing = threading.Lock()
@@ -57,43 +65,46 @@ def load(
     loaded = module if backend == "numpy" else _compiled(module, folder, threads)
     loaded.__class__ = _Loaded
     for ending in ("", "_derivatives"):
-        setattr(loaded, f"step{ending}", partial(_step, loaded, ending))
+        if any(f"step_{method}{ending}" in loaded.DERIVATIVES for method in METHODS):
+            setattr(loaded, f"step{ending}", _time_step(loaded, ending))
     return loaded
 
 
-def _step(
-    module: ModuleType,
-    ending: str,
-    q: object,
-    v: object,
-    u: object,
-    h: object,
-    method: str = "euler",
-    constants: object = None,
-) -> object:
-    """The time step of a module by a method that is chosen by its name.
+def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
+    """A function that takes a time step by the method that is named.
 
     Args:
         module: The module.
-        ending: What its name ends with after that of the method.
-        q, v, u, h, constants: As of the module's step_euler.
-        method: "euler" or "rk4".
+        ending: What the names of its steps end with after the method.
 
     Returns:
-        What that step returns.
-
-    Raises:
-        MissingFunctionError: The module was generated without that step.
-        UsageError: There is no such method.
+        The function.
     """
-    name = f"step_{method}{ending}"
-    if name not in FUNCTIONS:
-        raise UsageError(f"method {printable(method)}: unknown; known: euler, rk4")
-    return getattr(module, name)(q, v, u, h, constants)
+
+    def step(
+        q: object,
+        v: object,
+        u: object,
+        h: object,
+        method: str = "euler",
+        constants: object = None,
+    ) -> object:
+        if method not in METHODS:
+            known = ", ".join(METHODS)
+            raise UsageError(f"method {printable(method)}: unknown; known: {known}")
+        return getattr(module, f"step_{method}{ending}")(q, v, u, h, constants)
+
+    step.__name__ = step.__qualname__ = f"step{ending}"
+    step.__module__ = module.__name__
+    step.__doc__ = (
+        f'step_euler{ending}, or step_rk4{ending} with method="rk4".\n\n'
+        f"Arguments and results are those of step_euler{ending} and step_rk4{ending}."
+    )
+    return step
 
 
 class _Loaded(ModuleType):
-    """A module that says of a function that it lacks which option adds it."""
+    """A module whose error for what it lacks names the option that adds it."""
 
     def __getattr__(self, name: str) -> NoReturn:
         """Say why a name is not there.
@@ -102,11 +113,12 @@ class _Loaded(ModuleType):
             name: The name that was looked up.
 
         Raises:
-            MissingFunctionError: It is that of a function that is generated on request.
+            MissingFunctionError: It is that of what is generated on request.
             AttributeError: It is any other.
         """
-        if name in FUNCTIONS and FUNCTIONS[name].on_request:
-            raise MissingFunctionError(self.NAME, name)
+        function = _BROUGHT_BY.get(name, name)
+        if function in FUNCTIONS and FUNCTIONS[function].on_request:
+            raise MissingFunctionError(self.NAME, name, self.DERIVATIVES, function)
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
 
 

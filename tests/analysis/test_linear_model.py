@@ -99,5 +99,5 @@ def test_parameters_are_those_of_the_model(differentiated: Load) -> None:
 def test_a_module_without_derivatives_is_told_the_option(shipped: Load) -> None:
     module = shipped("quadrotor")
     q, v, u = moving_state(module)
-    with pytest.raises(UsageError, match="again with --derivatives, or --derivatives=forward_dyn"):
+    with pytest.raises(UsageError, match="quadrotor --derivatives=forward_dynamics_derivatives"):
         linearise(module, q, v, u)

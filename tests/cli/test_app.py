@@ -543,3 +543,15 @@ def test_closed_streams_are_no_traceback(tmp_path: Path) -> None:
 def test_a_folder_name_too_long_is_wrong_use(tmp_path: Path) -> None:
     done = run("generate", "hexarotor", "--out", "a" * 300, cwd=tmp_path)
     assert_refused(done, tmp_path, "File name too long")
+
+
+def test_info_of_a_robot_without_limits_does_not_import_scipy(tmp_path: Path) -> None:
+    code = (
+        "import sys\nfrom gibbs_codegen.cli.app import main\n"
+        "assert main(['info', 'hexarotor_3link']) == 0\n"
+        "assert not {'scipy', 'gibbs_codegen.simulator'} & set(sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr

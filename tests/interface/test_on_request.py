@@ -80,6 +80,10 @@ def test_what_a_module_lacks_is_told_with_the_option_that_adds_it(
         plain.weight()
     assert isinstance(error.value, UsageError)
     assert 'derivatives=["weight"] in Python' in str(error.value)
+    asked = load(folder, backend)
+    kept = ",".join([*names, "base_parameters"])
+    with pytest.raises(MissingFunctionError, match=f"no BASE_PARAMETERS, .* --derivatives={kept}"):
+        _ = asked.BASE_PARAMETERS
     assert not hasattr(plain, "weights")
     with pytest.raises(AttributeError, match=f"module '{ROBOT}' has no attribute 'weights'"):
         plain.weights()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pydoc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -136,6 +137,11 @@ def test_a_method_is_chosen_by_its_name(module: ModuleType, method: str) -> None
             np.testing.assert_array_equal(found, one)
     with pytest.raises(UsageError, match="method rk5: unknown; known: euler, rk4"):
         module.step(*state, 0.1, method="rk5")
+    with pytest.raises(UsageError, match="method euler_derivatives: unknown"):
+        module.step(*state, 0.1, method="euler_derivatives")
+    shown = pydoc.plain(pydoc.render_doc(module.step_derivatives))
+    assert "function step_derivatives" in shown
+    assert 'or step_rk4_derivatives with method="rk4".' in shown
 
 
 def test_a_module_without_steps_names_the_option() -> None:
