@@ -95,7 +95,7 @@ class ImportedTape:
             statement = self.tape.statements.get(symbol)
             if statement is None:
                 constant = stages[symbol] is Stage.PARAMETER
-                self._refs[symbol] = self.graph.input(symbol.name, constant)
+                self._refs[symbol] = self.graph.symbol(symbol.name, constant)
             else:
                 self._refs[symbol] = self._imported(statement)
         self._symbols = len(stages)

@@ -4,8 +4,8 @@ SymPy derives on the tape; differentiating and shortening what it derived is don
 an operation on earlier nodes. A *reference* to it is an integer, twice the node's number, and one
 more for its opposite: signs are free and never hide that two values are the same.
 
-    x = graph.input("x")              2
-    y = graph.input("y")              4
+    x = graph.symbol("x")              2
+    y = graph.symbol("y")              4
     s = graph.sum([x, -y])            6      written graph.sum([x, opposite(y)])
     graph.sum([y, opposite(x)])       7      the opposite of the same node
 
@@ -112,7 +112,7 @@ class Graph:
     def _all_constant(self, refs: Iterable[Ref]) -> bool:
         return all(self.constant[ref >> 1] for ref in refs)
 
-    def input(self, name: str, constant: bool = False) -> Ref:
+    def symbol(self, name: str, constant: bool = False) -> Ref:
         """An entry of an argument, or a parameter.
 
         Args:

@@ -16,7 +16,7 @@ STEP = 1e-6
 
 def test_the_chain_rule_by_hand() -> None:
     graph = Graph()
-    x, y = graph.input("x"), graph.input("y")
+    x, y = graph.symbol("x"), graph.symbol("y")
     sine = graph.call("sin", x)
     entry = graph.product(sine, y)
     cosine = graph.call("cos", x)
@@ -35,7 +35,7 @@ def test_the_chain_rule_by_hand() -> None:
 
 def test_a_sign_does_not_move_and_an_unknown_function_is_an_error() -> None:
     graph = Graph()
-    x = graph.input("x")
+    x = graph.symbol("x")
     direction = {x >> 1: graph.one}
     assert jvp(graph, [graph.call("sign", x)], direction) == [graph.zero]
     with pytest.raises(ValueError, match="derivative of the function 'tan' is not known"):

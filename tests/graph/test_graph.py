@@ -7,7 +7,7 @@ from gibbs_codegen.graph.graph import Graph, Kind, node_of, opposite
 
 def test_the_same_operation_is_the_same_node() -> None:
     graph = Graph()
-    x, y = graph.input("x"), graph.input("y")
+    x, y = graph.symbol("x"), graph.symbol("y")
     assert graph.sum([x, y]) == graph.sum([y, x])
     assert graph.product(x, y) == graph.product(y, x)
     difference = graph.sum([x, opposite(y)])
@@ -20,7 +20,7 @@ def test_the_same_operation_is_the_same_node() -> None:
 
 def test_zeros_ones_and_like_terms_are_folded() -> None:
     graph = Graph()
-    x, y = graph.input("x"), graph.input("y")
+    x, y = graph.symbol("x"), graph.symbol("y")
     assert graph.product(x, graph.zero) == graph.zero
     assert graph.product(x, graph.number(-1.0)) == opposite(x)
     assert graph.sum([x, y, opposite(x)]) == y
@@ -33,8 +33,8 @@ def test_zeros_ones_and_like_terms_are_folded() -> None:
 
 def test_constants_are_put_together_first() -> None:
     graph = Graph()
-    k, m = (graph.input(name, constant=True) for name in "km")
-    x, y = graph.input("x"), graph.input("y")
+    k, m = (graph.symbol(name, constant=True) for name in "km")
+    x, y = graph.symbol("x"), graph.symbol("y")
     together = graph.product(k, graph.product(m, x))
     assert together == graph.product(graph.product(k, m), x)
     total = graph.sum([x, k, y, m])
@@ -45,7 +45,7 @@ def test_constants_are_put_together_first() -> None:
 
 def test_what_a_function_reaches() -> None:
     graph = Graph()
-    k, x, y = graph.input("k", constant=True), graph.input("x"), graph.input("y")
+    k, x, y = graph.symbol("k", constant=True), graph.symbol("x"), graph.symbol("y")
     square = graph.product(k, k)
     entry = graph.sum([graph.product(square, x), k])
     assert graph.reached([entry]) == sorted(map(node_of, (k, x, square, entry - 2, entry)))

@@ -16,8 +16,8 @@ from gibbs_codegen.symbolic.tape import Tape
 def test_each_operation_counts_once() -> None:
     """x·y + z, its square root and one over it, with a sine that costs nothing."""
     graph = Graph()
-    k = graph.input("k", constant=True)
-    x, y, z = (graph.input(name) for name in "xyz")
+    k = graph.symbol("k", constant=True)
+    x, y, z = (graph.symbol(name) for name in "xyz")
     total = graph.sum([graph.product(x, y), z, graph.product(k, k)])
     root = graph.call("sqrt", total)
     assert operations(graph, [total]) == 3
@@ -28,7 +28,7 @@ def test_each_operation_counts_once() -> None:
 def test_rounds_are_made_as_long_as_they_help() -> None:
     """The pair a·x + b·x that two sums share can be factored once it is shared."""
     graph = Graph()
-    a, b, x, y, z = (graph.input(name) for name in "abxyz")
+    a, b, x, y, z = (graph.symbol(name) for name in "abxyz")
     pair = [graph.product(a, x), graph.product(b, x)]
     outputs = [graph.sum([*pair, y]), graph.sum([*pair, z])]
     assert operations(graph, outputs) == 6

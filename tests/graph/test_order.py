@@ -12,7 +12,7 @@ from gibbs_codegen.graph.order import in_order
 
 def test_a_sum_that_was_factored_stays_in_its_place() -> None:
     graph = Graph()
-    x, y, z = (graph.input(name) for name in "xyz")
+    x, y, z = (graph.symbol(name) for name in "xyz")
     given = graph.sum([graph.product(x, y), graph.product(x, z)])
     later = graph.product(y, z)
     outputs = [given, later]

@@ -9,7 +9,7 @@ from gibbs_codegen.graph.pair_sharing import shared
 
 def test_a_pair_is_added_once_with_either_sign() -> None:
     graph = Graph()
-    x, y, z, v, w = (graph.input(name) for name in "xyzvw")
+    x, y, z, v, w = (graph.symbol(name) for name in "xyzvw")
     sums = [
         graph.sum([x, opposite(y), z]),
         graph.sum([x, opposite(y), opposite(w)]),
@@ -24,7 +24,7 @@ def test_a_pair_is_added_once_with_either_sign() -> None:
 
 def test_pairs_are_made_of_pairs() -> None:
     graph = Graph()
-    a, b, c, d, e, f = (graph.input(name) for name in "abcdef")
+    a, b, c, d, e, f = (graph.symbol(name) for name in "abcdef")
     sums = [graph.sum([a, b, c, d]), graph.sum([a, b, c, e]), graph.sum([a, b, f])]
     found = shared(graph, sums, {})
     pair = graph.sum([a, b])
@@ -35,7 +35,7 @@ def test_pairs_are_made_of_pairs() -> None:
 def test_the_pair_of_most_sums_comes_first() -> None:
     """Once y + z is added for three sums, x + y is in one sum only."""
     graph = Graph()
-    x, y, z, v, w = (graph.input(name) for name in "xyzvw")
+    x, y, z, v, w = (graph.symbol(name) for name in "xyzvw")
     sums = [graph.sum([x, y, z]), graph.sum([y, z, v]), graph.sum([y, z, w]), graph.sum([x, y])]
     pair = graph.sum([y, z])
     found = shared(graph, sums, {})
@@ -44,7 +44,7 @@ def test_the_pair_of_most_sums_comes_first() -> None:
 
 def test_a_sum_within_others_is_used_by_them() -> None:
     graph = Graph()
-    x, y, z, w = (graph.input(name) for name in "xyzw")
+    x, y, z, w = (graph.symbol(name) for name in "xyzw")
     whole, more = graph.sum([x, y, z]), graph.sum([x, y, z, w])
     assert operations(graph, [whole, more]) == 5
     found = shared(graph, [whole, more], {})

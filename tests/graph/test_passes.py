@@ -61,7 +61,7 @@ def test_the_same_is_made_in_every_run(shorten: Pass) -> None:
 @pytest.mark.parametrize("shorten", PASSES)
 def test_what_is_short_stays_the_same(shorten: Pass) -> None:
     graph = Graph()
-    x, y, z = (graph.input(name) for name in "xyz")
+    x, y, z = (graph.symbol(name) for name in "xyz")
     outputs = [graph.sum([graph.product(x, y), z]), graph.call("cos", graph.sum([x, z]))]
     size = len(graph)
     assert shorten(graph, outputs, {}) == outputs
@@ -71,7 +71,7 @@ def test_what_is_short_stays_the_same(shorten: Pass) -> None:
 @pytest.mark.parametrize("shorten", PASSES)
 def test_what_parameters_alone_determine_is_left_as_it_is(shorten: Pass) -> None:
     graph = Graph()
-    a, b, c, d = (graph.input(name, constant=True) for name in "abcd")
+    a, b, c, d = (graph.symbol(name, constant=True) for name in "abcd")
     twice = graph.sum([graph.product(a, b), graph.product(a, c)])
     outputs = [twice, graph.sum([twice, d]), graph.sum([graph.product(a, b), d])]
     assert shorten(graph, outputs, {}) == outputs
@@ -80,7 +80,7 @@ def test_what_parameters_alone_determine_is_left_as_it_is(shorten: Pass) -> None
 @pytest.mark.parametrize("shorten", [factored, shared])
 def test_what_replaces_a_sum_is_known_to(shorten: Pass) -> None:
     graph = Graph()
-    x, y, z, w = (graph.input(name) for name in "xyzw")
+    x, y, z, w = (graph.symbol(name) for name in "xyzw")
     if shorten is factored:
         given = graph.sum([graph.product(x, y), graph.product(x, z)])
     else:

@@ -11,7 +11,7 @@ from gibbs_codegen.graph.polarity import Polarity
 
 def test_a_sum_that_is_only_needed_with_a_minus_sign_is_computed_with_it() -> None:
     graph = Graph()
-    x, y = (graph.input(name) for name in "xy")
+    x, y = (graph.symbol(name) for name in "xy")
     difference = graph.sum([x, opposite(y)])
     assert Polarity(graph, [opposite(difference)]).negated == {difference >> 1}
     assert Polarity(graph, [opposite(difference)]).changes == 0
@@ -19,7 +19,7 @@ def test_a_sum_that_is_only_needed_with_a_minus_sign_is_computed_with_it() -> No
 
 def test_what_all_signs_are_minus_in_costs_one_more() -> None:
     graph = Graph()
-    x, y = (graph.input(name) for name in "xy")
+    x, y = (graph.symbol(name) for name in "xy")
     total = opposite(graph.sum([x, y]))
     assert Polarity(graph, [total]).changes == 1
     assert Polarity(graph, [opposite(x)]).changes == 1
@@ -30,7 +30,7 @@ def test_what_all_signs_are_minus_in_costs_one_more() -> None:
 def test_products_and_odd_functions_pass_signs_on() -> None:
     """−z·sin(x − y)/(x − w) takes no change of sign."""
     graph = Graph()
-    x, y, z, w = (graph.input(name) for name in "xyzw")
+    x, y, z, w = (graph.symbol(name) for name in "xyzw")
     first, second = graph.sum([x, opposite(y)]), graph.sum([x, opposite(w)])
     quotient = graph.product(graph.call("sin", first), graph.reciprocal(second))
     output = opposite(graph.product(z, quotient))
@@ -40,7 +40,7 @@ def test_products_and_odd_functions_pass_signs_on() -> None:
 
 def test_a_square_has_no_sign_and_a_root_needs_its_own() -> None:
     graph = Graph()
-    x, y = (graph.input(name) for name in "xy")
+    x, y = (graph.symbol(name) for name in "xy")
     difference = graph.sum([x, opposite(y)])
     square = opposite(graph.product(difference, difference))
     assert Polarity(graph, [square]).changes == 1
@@ -51,7 +51,7 @@ def test_a_square_has_no_sign_and_a_root_needs_its_own() -> None:
 
 def test_a_sum_needed_with_both_signs_costs_one() -> None:
     graph = Graph()
-    x, y = (graph.input(name) for name in "xy")
+    x, y = (graph.symbol(name) for name in "xy")
     difference = graph.sum([x, opposite(y)])
     assert Polarity(graph, [difference, opposite(difference)]).changes == 1
 
@@ -59,8 +59,8 @@ def test_a_sum_needed_with_both_signs_costs_one() -> None:
 def test_the_sign_of_a_cosine_may_be_changed_for_all_that_use_it() -> None:
     """Three outputs −y·cos x, −z·cos x and −w·cos x take one change of sign."""
     graph = Graph()
-    cosine = graph.call("cos", graph.input("x"))
-    outputs = [opposite(graph.product(cosine, graph.input(name))) for name in "yzw"]
+    cosine = graph.call("cos", graph.symbol("x"))
+    outputs = [opposite(graph.product(cosine, graph.symbol(name))) for name in "yzw"]
     assert Polarity(graph, outputs).changes == 1
     assert Polarity(graph, outputs).negated == {cosine >> 1, *(output >> 1 for output in outputs)}
 
@@ -68,7 +68,7 @@ def test_the_sign_of_a_cosine_may_be_changed_for_all_that_use_it() -> None:
 def test_what_a_change_breaks_is_mended_by_the_next() -> None:
     """−(s + t) with s = x − y and t = z + w: neither −s − t nor y − x alone helps, but both do."""
     graph = Graph()
-    x, y, z, w = (graph.input(name) for name in "xyzw")
+    x, y, z, w = (graph.symbol(name) for name in "xyzw")
     s, t = graph.sum([x, opposite(y)]), graph.sum([z, w])
     total = graph.sum([s, t])
     assert Polarity(graph, [opposite(total), t]).changes == 0

@@ -49,8 +49,8 @@ def random_function(
     """A function with much to factor and to share: graph, outputs and inputs to try it with."""
     draw = random.Random(seed)  # noqa: S311
     graph = graph or Graph()
-    refs = [graph.input(f"p{i}", constant=True) for i in range(3)]
-    refs += [graph.input(f"x{i}") for i in range(6)]
+    refs = [graph.symbol(f"p{i}", constant=True) for i in range(3)]
+    refs += [graph.symbol(f"x{i}") for i in range(6)]
     inputs = [draw.uniform(0.5, 2.0) for _ in refs]
     refs += [graph.number(2.0), graph.number(-0.75)]
 
