@@ -20,6 +20,7 @@ from gibbs_codegen.derivation.inertia_forces import link_wrench
 from gibbs_codegen.derivation.motion import Acceleration, Motion
 from gibbs_codegen.derivation.segment_tree import SegmentTree
 from gibbs_codegen.symbolic.ldlt import ZeroPivotError, minimum_degree, solve_symmetric
+from gibbs_codegen.symbolic.quick import times
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import (
     NO_ROTATION,
@@ -81,14 +82,15 @@ class SolvedJoint:
     """A joint's equation, solved for its own component of a: a_d = share − Σ ratios·(the rest).
 
     Where the joint has armature, which the parent does not turn, it is solved for θ̈: share −
-    Σ ratios·a, with a that of the parent. `lightness` is what a unit of effort adds to the share.
+    Σ ratios·a, with a that of the parent. `lightness` is what a unit of effort adds to the share;
+    `armature` is zero where there is none.
     """
 
     direction: int
     ratios: tuple[sp.Expr, ...]
     share: sp.Expr
     lightness: sp.Expr
-    has_armature: bool = False
+    armature: sp.Expr
 
     def accelerated(self, tape: Scalars, parent: Acceleration) -> tuple[sp.Expr, Acceleration]:
         """The accelerations of the joint and of its segment, from that of the parent.
@@ -100,7 +102,7 @@ class SolvedJoint:
             θ̈ (rad/s² or m/s²), and the segment's acceleration in the same frame.
         """
         entries = parent.entries
-        if self.has_armature:
+        if self.armature != 0:
             pairs = zip(self.ratios, entries, strict=True)
             given = sp.Add(*(tape.let(ratio * entry) for ratio, entry in pairs))
             relative = tape.let(self.share - given)
@@ -304,19 +306,16 @@ def _freed(
         sp.S.One if i == direction and armature == 0 else tape.let(entry * inverse)
         for i, entry in enumerate(column)
     )
-    if armature != 0:
-        left = Wrench.of(
-            tape.let(entry - tape.let(u * share)) for entry, u in zip(load, column, strict=True)
-        )
-        felt = body.inertia.less(tape, direction, ratios)
-        joint = SolvedJoint(direction, ratios, share, inverse, has_armature=True)
-        return joint, ArticulatedBody(felt, left)
     left = Wrench.of(
-        -effort if i == direction else tape.let(entry - tape.let(column[i] * share))
+        # Without armature nothing but the effort, which is what is left of entry − D·share.
+        tape.let(times(armature, share) - effort)
+        if i == direction
+        else tape.let(entry - tape.let(column[i] * share))
         for i, entry in enumerate(load)
     )
-    inertia = body.inertia.without(tape, direction, ratios)
-    return SolvedJoint(direction, ratios, share, inverse), ArticulatedBody(inertia, left)
+    felt = body.inertia.without(tape, direction, ratios, armature)
+    joint = SolvedJoint(direction, ratios, share, inverse, armature)
+    return joint, ArticulatedBody(felt, left)
 
 
 def _link(

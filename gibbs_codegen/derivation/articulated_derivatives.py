@@ -294,10 +294,10 @@ def _passed(
     """
     direction, entries = joint.direction, arriving.entries
     given = [-ratio for ratio in joint.ratios]
-    if not joint.has_armature:
+    if joint.armature == 0:
         given[direction] = sp.S.Zero
     total = sum_of_products(tape, given, entries, share)
-    if joint.has_armature:
+    if joint.armature != 0:
         relative = total
         entries[direction] = tape.let(entries[direction] + relative)
     else:

@@ -13,6 +13,7 @@ import sympy as sp
 
 from gibbs_codegen.derivation.gibbs import evaluated, link_mass_block, skew
 from gibbs_codegen.derivation.inertia import ANGULAR, LINEAR, PAIRS, Inertia
+from gibbs_codegen.symbolic.quick import times
 from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import ZERO, Rotation, Vector
 
@@ -76,42 +77,34 @@ class ArticulatedInertia:
         return self.of_entries(lambda i, j: tape.let(mine[i][j] + theirs[i][j]))
 
     def without(
-        self, tape: Scalars, direction: int, ratios: tuple[sp.Expr, ...]
+        self,
+        tape: Scalars,
+        direction: int,
+        ratios: tuple[sp.Expr, ...],
+        armature: sp.Expr = sp.S.Zero,
     ) -> ArticulatedInertia:
-        """The Schur complement Â − U·Uᵀ/D, with one direction eliminated.
+        """Â − U·Uᵀ/D, with one direction eliminated: the Schur complement without armature.
+
+        In row and column of the direction that is U − U(D − J)/D, which cancels where the armature
+        J is little; UJ/D is the same to the last digit, and zero without armature.
 
         Args:
             direction: Row and column to eliminate, 0 … 5.
-            ratios: U/D, column U of that direction over its pivot D.
-
-        Returns:
-            The complement; row and column of the direction vanish exactly.
-        """
-        rows = self.rows
-        column = rows[direction]
-
-        def entry(i: int, j: int) -> sp.Expr:
-            if direction in (i, j):
-                return sp.S.Zero
-            return tape.let(rows[i][j] - tape.let(ratios[i] * column[j]))
-
-        return self.of_entries(entry)
-
-    def less(
-        self, tape: Scalars, direction: int, ratios: tuple[sp.Expr, ...]
-    ) -> ArticulatedInertia:
-        """Â − U·Uᵀ/D where the pivot D has armature besides: nothing vanishes.
-
-        Args:
-            direction: Row and column U of the joint, 0 … 5.
-            ratios: U/D.
+            ratios: U/D, column U of that direction over its pivot D, the armature included.
+            armature: Inertia of what turns with the joint alone (kg m² or kg).
 
         Returns:
             What the parent feels.
         """
         rows = self.rows
         column = rows[direction]
-        return self.of_entries(lambda i, j: tape.let(rows[i][j] - tape.let(ratios[i] * column[j])))
+
+        def entry(i: int, j: int) -> sp.Expr:
+            if direction in (i, j):
+                return tape.let(times(armature, ratios[j if i == direction else i]))
+            return tape.let(rows[i][j] - tape.let(ratios[i] * column[j]))
+
+        return self.of_entries(entry)
 
     def rotated(self, tape: Scalars, rotation: Rotation) -> ArticulatedInertia:
         """Â in another frame: each block M is RMRᵀ there.

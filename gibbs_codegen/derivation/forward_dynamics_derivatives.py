@@ -1,7 +1,7 @@
 """Forward dynamics with its derivatives by coordinates, velocities and inputs.
 
 By articulated bodies, in O(n²): neither M nor its inverse is ever multiplied. What a joint's change
-does to its own parent is found in two ways, of which each robot gets the shorter one.
+does to its own parent is found in one of two ways, picked by an estimate of which is shorter.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def forward_dynamics_derivatives(
 
     Args:
         symbolic: The robot in symbols.
-        by_inertia: As of `ArticulatedDerivatives`; where it is None, what takes fewer operations.
+        by_inertia: As of `ArticulatedDerivatives`; None: as `inertia_is_shorter` estimates.
 
     Returns:
         All of them.

@@ -21,12 +21,15 @@ from gibbs_codegen.symbolic.tape import Scalars
 from gibbs_codegen.symbolic.vectors import Rotation, Transform, minus, moved
 
 Rows = Sequence[Sequence[sp.Expr]]
-# Joints inboard of a joint, on average, from which on its parent's inertia is the shorter way.
+# Joints inboard of a joint, on average, beyond which its parent's inertia is taken to be shorter.
+# The operations are not counted: near the limit both ways take about as many.
 _FEW = 6
 
 
 def inertia_is_shorter(tree: SegmentTree) -> bool:
-    """Whether operational-space inertias take fewer operations.
+    """Whether operational-space inertias are likely to take fewer operations.
+
+    That is estimated from how many joints are inboard of a joint; neither way is counted.
 
     Args:
         tree: The tree.
@@ -81,7 +84,7 @@ def with_joint(tape: Scalars, joint: SolvedJoint, rows: Rows) -> ArticulatedIner
     """
     direction, ratios = joint.direction, joint.ratios
     rest = [sp.S.Zero if i == direction else ratio for i, ratio in enumerate(ratios)]
-    left = 1 - ratios[direction]  # Zero but for armature.
+    left = tape.let(times(joint.armature, joint.lightness))  # 1 − u_d, which would cancel.
     given = [
         tape.let(times(left, row[direction]) - sum_of_products(tape, row, rest)) for row in rows
     ]

@@ -77,7 +77,8 @@ def couplings_inward(
                 break
             joint, parent = articulation.joints[k - 1], tree.segments[k].parent
             ratios = scale(tape, joint.lightness, whole.rows[joint.direction])
-            freed = whole.without(tape, joint.direction, joint.ratios)
+            left = scale(tape, joint.armature, ratios)
+            freed = whole.without(tape, joint.direction, joint.ratios, left)
             felt.insert(0, (freed, ratios))
             passed = moved(tape, freed, articulation.transforms[k - 1])
             received[parent] = received[parent].plus(tape, passed)

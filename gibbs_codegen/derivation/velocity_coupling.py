@@ -114,12 +114,16 @@ class VelocityCoupling:
         ]
         return VelocityCoupling(force, _block(rows))
 
-    def without(self, tape: Scalars, direction: int, ratios: Sequence[sp.Expr]) -> VelocityCoupling:
+    def without(
+        self, tape: Scalars, direction: int, ratios: Sequence[sp.Expr], left: Vector
+    ) -> VelocityCoupling:
         """What the parent feels while a joint is free.
 
         Args:
             direction: The joint's, 0 … 5.
             ratios: Of the joint's solved equation, for each row.
+            left: What is left of the joint's own row, zero without armature: written as a
+                difference it would cancel.
 
         Returns:
             The coupling less what the joint gives way to.
@@ -127,7 +131,7 @@ class VelocityCoupling:
         own = self.rows[direction]
         return _of_rows(
             [
-                ZERO if ratio == 1 and i == direction else add(tape, row, scale(tape, -ratio, own))
+                left if i == direction else add(tape, row, scale(tape, -ratio, own))
                 for i, (row, ratio) in enumerate(zip(self.rows, ratios, strict=True))
             ]
         )

@@ -5,7 +5,8 @@
 where the products are used nowhere else, so that their multiplications are saved. Constants that
 meet in a bracket cost nothing, and so a·((k + m) + x) has an addition less too. Sums within a sum
 that are used once are first put into it. What parameters alone determine is left as it is, because
-its rounding is arranged with care.
+its rounding is arranged with care. Sums of what varies may be regrouped: a compensated sum of
+such would not survive.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The order in which a function computes what passes have made, younger than all that is left."""
+"""The order in which a function computes its nodes after passes have made new ones."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def operations(tape: Tape | ImportedTape, entries: Sequence[sp.Expr]) -> int:
         entries: What the function returns.
 
     Returns:
-        All operations but the sine–cosine pairs.
+        All operations but the sine–cosine pairs and arctangents.
     """
     imported = _graph_of(tape)
     return graph_operations(imported.graph, [imported.ref(entry) for entry in entries])

@@ -1,4 +1,4 @@
-"""Patterns: which entries of the matrices that derivatives are can be other than zero."""
+"""Which entries of a derivative can differ from zero."""
 
 from __future__ import annotations
 

@@ -161,6 +161,8 @@ class Tape:
     def let(self, expression: sp.Expr) -> sp.Expr:
         """Name a result, once for the same expression.
 
+        Later passes may regroup sums of what varies: a compensated sum of such does not survive.
+
         Args:
             expression: A sum of products of what earlier calls returned.
 

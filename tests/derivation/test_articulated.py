@@ -14,10 +14,12 @@ from benchmarks.family import benchmark_robot
 from support.pinocchio_oracle import Oracle
 from support.random_robots import random_robot, rigid_body
 
+from gibbs_codegen.derivation.articulated import SolvedJoint
 from gibbs_codegen.derivation.articulated_inertia import ArticulatedInertia
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.derivation.forward_dynamics import articulated_dynamics, factorised_dynamics
 from gibbs_codegen.derivation.inertia import Inertia
+from gibbs_codegen.derivation.operational_inertia import with_joint
 from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.program.lower import Slice, lower
@@ -285,6 +287,36 @@ def test_schur_complement(direction: int) -> None:
     np.testing.assert_allclose(rest, expected, atol=1e-13)
     assert not rest[direction].any()
     assert not rest[:, direction].any()
+
+
+def rational(rows: Sequence[Sequence[sp.Expr]]) -> sp.Matrix:
+    return sp.Matrix([[sp.Rational(float(entry)) for entry in row] for row in rows])
+
+
+@pytest.mark.parametrize("direction", [2, 5])
+@pytest.mark.parametrize("ratio", [1e-10, 0.3])
+def test_little_armature_keeps_its_digits(direction: int, ratio: float) -> None:
+    """Inwards U − U·D/(D + J), and outwards (1 − D/(D + J))·Y, against exact arithmetic."""
+    matrix, tape, unit = symmetric(6), InlineTape(), sp.eye(6)[:, direction]
+    armature = float(abs(matrix[direction, direction]) * ratio)
+    inertia = articulated(matrix)
+    pivot = sp.Rational(matrix[direction, direction]) + sp.Rational(armature)
+    column = rational(inertia.rows)[:, direction]
+    ratios = tuple(sp.Float(float(entry / pivot)) for entry in column)
+    found = inertia.without(tape, direction, ratios, sp.Float(armature)).rows
+    exact = rational(inertia.rows) - column * column.T / pivot
+    near = np.array(exact, dtype=float)
+    np.testing.assert_allclose(numbers(found)[direction], near[direction], rtol=1e-15)
+    np.testing.assert_allclose(numbers(found), near, atol=1e-13)
+
+    alone = tuple(r if i == direction else sp.S.Zero for i, r in enumerate(ratios))
+    joint = SolvedJoint(direction, alone, sp.S.Zero, sp.Float(float(1 / pivot)), sp.Float(armature))
+    passed = with_joint(tape, joint, inertia.rows).rows
+    given = sp.eye(6) - unit * unit.T * column[direction] / pivot
+    outward = given * rational(inertia.rows) * given + unit * unit.T / pivot
+    first = [(i + 3) % 6 for i in range(6)]  # ω̇ before r̈.
+    expected = np.array(outward, dtype=float)[np.ix_(first, first)]
+    np.testing.assert_allclose(numbers(passed), expected, rtol=1e-14)
 
 
 def named_system(tape: Tape, size: int, zeros: set[tuple[int, int]]) -> list[list[sp.Expr]]:

@@ -17,7 +17,7 @@ def test_a_sum_that_is_only_needed_with_a_minus_sign_is_computed_with_it() -> No
     assert Polarity(graph, [opposite(difference)]).changes == 0
 
 
-def test_what_all_signs_are_minus_in_costs_one_more() -> None:
+def test_a_sum_of_minus_terms_costs_one_more() -> None:
     graph = Graph()
     x, y = (graph.symbol(name) for name in "xy")
     total = opposite(graph.sum([x, y]))

@@ -35,11 +35,11 @@ class BaseDerivatives(Protocol):
     """
 
     def coriolis(self, tape: Scalars) -> BaseDerivatives:
-        """The same, but for derivatives by the velocities.
+        """The same with the Coriolis matrix C in place of half the derivatives by the velocities.
 
         Returns:
-            What makes of these, row by row, twice the matrix C of the velocity terms C v for which
-            Ṁ − 2C is skew-symmetric: ∫ξ_i·2ξ̇_j dm, as between joints.
+            What gives, row by row, 2C with the entries ∫ξ_i·2ξ̇_j dm, as between joints. C v are the
+            velocity terms of the forces, and Ṁ − 2C is skew-symmetric.
         """
         ...
 
