@@ -24,7 +24,7 @@ CENTRE_OF_MASS = "the centre of mass"
 _FORCE, _TORQUE = slice(0, 3), slice(3, 6)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ReachableWrenches:
     """The wrenches that rotors can produce, about a point that moves with the base, in its axes.
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.analysis.equilibrium import EXACT, RANK, SteadyMotion, equilibrium
+from gibbs_codegen.analysis.given import coordinates, numbers, real, vector
 from gibbs_codegen.analysis.input_choice import AIMS, Aim, Balancing, chosen_inputs, margins
 from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.errors import UsageError
@@ -22,7 +23,7 @@ ATTITUDE = "attitude"
 _STILL = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trim:
     """A balanced state: with inputs u the robot at (q, v) accelerates by a, under given wrenches.
 
@@ -114,8 +115,8 @@ def trim(
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
     motion = SteadyMotion(
         vehicle,
-        _numbers("velocity", velocity, 3),
-        _numbers("acceleration", acceleration, 3),
+        vector("velocity", velocity, 3),
+        vector("acceleration", acceleration, 3),
         _acting(vehicle, wrenches or {}),
     )
     actuators = robot_file_actuators(vehicle)
@@ -180,12 +181,11 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) 
     Raises:
         UsageError: The wrong number of them, or a joint that the robot does not have.
     """
-    start = vehicle.neutral
-    if q is not None:
-        start = _numbers(f"q ({', '.join(vehicle.coordinates)})", q, len(start))
-    for name, value in posture.items():
+    start = vehicle.neutral if q is None else coordinates(vehicle, q)
+    for name, given in posture.items():
+        value = numbers(f"posture: {name}", given, "a finite number, rad or m", ())
         start[vehicle.layout.q.joint_places[joint_place(vehicle, name)]] = value
-    return vehicle.kinematics.normalised(start)
+    return start
 
 
 def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
@@ -197,39 +197,17 @@ def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
                 f"wrenches: {vehicle.name} has no frame {name}; its frames: "
                 f"{', '.join(vehicle.frames)}"
             )
-        acting[vehicle.frames.index(name)] = _numbers(f"wrenches: {name}", wrench, 6)
+        acting[vehicle.frames.index(name)] = vector(f"wrenches: {name}", wrench, 6)
     return acting
 
 
 def _limits(vehicle: Vehicle, given: ArrayLike) -> Array:
     """Least and greatest thrusts (2, N), or (2, 1) for all, of what was given."""
-    limits = np.asarray(given, dtype=np.float64)
-    if limits.shape not in ((2,), (2, vehicle.rotors)) or not np.all(limits[0] <= limits[1]):
-        raise UsageError(
-            f"limits: must be the least and the greatest thrust, or two rows of {vehicle.rotors} "
-            "of them"
-        )
+    wanted = f"the least and the greatest thrust, or two rows of {vehicle.rotors} of them"
+    limits = real("limits", given, wanted, (2,), (2, vehicle.rotors))
+    if not np.all(limits[0] <= limits[1]):
+        raise UsageError(f"limits: must be {wanted}; a least thrust is above the greatest, or NaN")
     return limits.reshape(2, -1)
-
-
-def _numbers(name: str, given: ArrayLike, count: int) -> Array:
-    """A copy of numbers that were given.
-
-    Args:
-        name: Of what.
-        given: The numbers.
-        count: How many there must be.
-
-    Returns:
-        The numbers (count).
-
-    Raises:
-        UsageError: There are more or fewer, or infinite ones.
-    """
-    numbers = np.array(given, dtype=np.float64)
-    if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise UsageError(f"{name}: must be {count} finite numbers")
-    return numbers
 
 
 def _freedom(
@@ -254,17 +232,21 @@ def _freedom(
         free = () if full else (ATTITUDE,)
     places, bounds = [], []
     layout = vehicle.layout
-    for name in free:
+    for name in (free,) if isinstance(free, str) else free:
         if name == ATTITUDE:
             places += [*range(layout.v.size)[layout.v.attitude]]
             bounds += [(-np.inf, np.inf)] * 3
             continue
+        if name not in vehicle.joint_names:
+            known = ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
+            raise UsageError(f"free: {vehicle.name} has no joint {name}; what may differ: {known}")
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
         if not low <= 0.0 <= high:
             raise UsageError(f"free: {name} begins beyond its limits; give a posture within them")
-        places.append(layout.v.joint_places[joint])
-        bounds.append((low, high))
+        if low < high:  # Equal limits leave nothing to vary.
+            places.append(layout.v.joint_places[joint])
+            bounds.append((low, high))
     return places, np.transpose(bounds)
 
 
