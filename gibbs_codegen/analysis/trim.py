@@ -36,6 +36,7 @@ class Trim:
       force, N, and torque about the base centre, N m, in the base's axes
     - `missing`: these wrenches in words
     - `turned`: by how much the attitude was turned to find balance, rad
+    - `beyond_limits`: the joints that were asked for beyond their limits, in words
     """
 
     robot: str
@@ -51,6 +52,7 @@ class Trim:
     null_space: Array
     missing: tuple[str, ...]
     turned: float
+    beyond_limits: tuple[str, ...]
 
     def __str__(self) -> str:
         lines = [f"{self.robot}: balanced"]
@@ -68,6 +70,7 @@ class Trim:
             lines.append((line + room).rstrip())
         if self.missing:
             lines += ["The rotors produce no wrench along", *(f"  {m}" for m in self.missing)]
+        lines += [f"warning: {joint}" for joint in self.beyond_limits]
         return "\n".join(lines)
 
 
@@ -129,17 +132,17 @@ def trim(
     force = motion.force(found)
     inputs = Balancing.of(vehicle, found, force)
     u = chosen_inputs(vehicle, inputs, actuators.inputs, aim)
-    return _trim(motion, start, found, u, actuators.inputs)
+    return _trim(motion, start, found, u, actuators)
 
 
-def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, limits: Array) -> Trim:
+def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, actuators: Actuators) -> Trim:
     """The result for coordinates and inputs.
 
     Args:
         motion: What is held.
         start: Coordinates (nq) that were asked for.
         q, u: Coordinates (nq) and inputs (nu) found.
-        limits: Least and greatest inputs (2, nu).
+        actuators: Limits of the inputs and the joints.
 
     Returns:
         The trim.
@@ -158,13 +161,36 @@ def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, limits: Array)
         a=a,
         u=u,
         residual=float(np.abs(motion.force(q) - vehicle.input_matrix(q) @ u).max()),
-        limits=limits,
-        margins=margins(u, limits),
+        limits=actuators.inputs,
+        margins=margins(u, actuators.inputs),
         null_space=null_space,
         missing=directions(null_space),
         # |R − 1| is 2√2 sin(φ/2), which keeps its digits near none.
         turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
+        beyond_limits=_beyond(vehicle, actuators.joints, q),
     )
+
+
+def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
+    """The joints that are beyond their limits, in words.
+
+    Args:
+        vehicle: The robot.
+        limits: Least and greatest coordinates of the joints, (2, n).
+        q: Coordinates (nq).
+
+    Returns:
+        Each joint with its value and its limit.
+    """
+    found = []
+    for name, place, low, high in zip(
+        vehicle.joint_names, vehicle.layout.q.joint_places, *limits, strict=True
+    ):
+        if not low - EXACT <= q[place] <= high + EXACT:
+            unit = vehicle.layout.q.units[place]
+            side, limit = ("below", low) if q[place] < low else ("above", high)
+            found.append(f"{name} is {q[place]:.4g} {unit}, {side} its limit of {limit:.4g} {unit}")
+    return tuple(found)
 
 
 def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) -> Array:

@@ -203,6 +203,15 @@ def test_idle_thrusts_of_rotors_on_links_load_joints(tmp_path: Path) -> None:
     assert safest.u[6] != pytest.approx(least.u[6], abs=1e-3)
 
 
+def test_joints_beyond_their_limits_are_told(shipped: Load) -> None:
+    module = shipped("dual_arm")
+    found = trim(module, {"left_forearm": -1.0})
+    (told,) = found.beyond_limits
+    assert told.startswith("left_forearm is -1 rad, below its limit of ")
+    assert f"\nwarning: {told}" in str(found)
+    assert trim(module, ROBOTS["dual_arm"]).beyond_limits == ()
+
+
 def test_parameters_are_those_of_the_trim(shipped: Load) -> None:
     module = shipped("quadrotor")
     found = trim(module, parameters={"gravity": 1.62})
