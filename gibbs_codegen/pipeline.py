@@ -57,8 +57,9 @@ def generate(
             that share no code with the derivation, and with each other.
         force: Whether a module's folder with files that were not generated, or were changed since,
             is kept under another name, which the log `gibbs_codegen` tells, instead of refused.
-        derivatives: Whether the functions that are generated on request are there: all of them, or
-            those named.
+        derivatives: Which of the functions that are generated on request are there: with True all
+            that are not long, or none of them; one name, or several; "all" stands for the long ones
+            too.
 
     Returns:
         The module's folder.

@@ -8,4 +8,5 @@ lqr               gain of the regulator of least quadratic cost            (regu
   unreached       motions that inputs do not reach                         (controllability)
 reachable_wrenches  what the rotors can add to the wrench of hovering      (reach)
   polytope        vertices and half-spaces of a set by its supports        (polytope)
+numbers           what callers give, checked                                (given)
 """

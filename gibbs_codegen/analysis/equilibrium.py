@@ -24,7 +24,7 @@ _BALANCED, _CONVERGED = 1e-12, 1e-15
 _PULL = 1e-3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SteadyMotion:
     """A motion in which nothing turns and no joint moves, and what acts besides gravity.
 

@@ -19,7 +19,7 @@ AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Balancing:
     """All inputs that balance: `least` (nu), of least thrust, + `idle` (nu, k) times anything.
 
@@ -201,6 +201,6 @@ def _exceeded(vehicle: Vehicle, inputs: Balancing, limits: Array) -> str:
         if margin < -_slack(nearest)
     ]
     return (
-        f"{vehicle.name}: no trim within the limits of its inputs; of all inputs that balance it, "
-        f"those that exceed them least: {'; '.join(beyond)}"
+        f"{vehicle.name}: no trim within the limits of its inputs; of all inputs that balance it "
+        f"at this attitude, those that exceed them least: {'; '.join(beyond)}"
     )

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import expm
 
+from gibbs_codegen.analysis.given import coordinates, period, vector
 from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.errors import MissingFunctionError
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
@@ -49,13 +50,15 @@ def linearise(
 
     Raises:
         MissingFunctionError: The module was generated without the derivatives.
+        UsageError: An argument is not what it must be.
     """
     vehicle = vehicle_of(robot, parameters)
     if _DERIVATIVES not in vehicle.module.DERIVATIVES:
         raise MissingFunctionError(vehicle.name, _DERIVATIVES, vehicle.module.DERIVATIVES)
+    dt, size = period(dt), vehicle.layout.v.size
+    q, v, u = coordinates(vehicle, q), vector("v", v, size), vector("u", u, len(vehicle.inputs))
     _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(q, v, u)
-    size = vehicle.layout.v.size
-    above = np.concatenate([_carried(vehicle, np.asarray(v)), np.eye(size)], axis=1)
+    above = np.concatenate([_carried(vehicle, v), np.eye(size)], axis=1)
     a = np.concatenate([above, np.concatenate([by_q, by_v], axis=1)])
     b = np.concatenate([np.zeros_like(by_u), by_u])
     return (a, b) if dt is None else held(a, b, dt)

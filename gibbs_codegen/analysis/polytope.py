@@ -20,7 +20,7 @@ Support = Callable[[Array], Array]
 _SAME = 1e-7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Polytope:
     """A bounded polytope, which may be flat.
 

@@ -22,9 +22,15 @@ from gibbs_codegen.simulator.vehicle import Array
 CENTRE_OF_MASS = "the centre of mass"
 
 _FORCE, _TORQUE = slice(0, 3), slice(3, 6)
+# The status of a linear program of SciPy's.
+_INFEASIBLE = 2
 
 
-@dataclass(frozen=True)
+class _NoHoverError(UsageError):
+    """No thrusts within the limits hover."""
+
+
+@dataclass(frozen=True, eq=False)
 class ReachableWrenches:
     """The wrenches that rotors can produce, about a point that moves with the base, in its axes.
 
@@ -56,7 +62,7 @@ class ReachableWrenches:
         """
         try:
             found = [[self._margin(sign * axis) for sign in (-1.0, 1.0)] for axis in np.eye(6)]
-        except UsageError:
+        except _NoHoverError:
             return None
         return np.array(found)
 
@@ -124,19 +130,26 @@ class ReachableWrenches:
             The steps.
 
         Raises:
-            UsageError: There are none, so no thrusts within the limits hover.
+            UsageError: There are none, so no thrusts within the limits hover; or SciPy fails.
         """
         low, high = self.limits - self.thrusts
+        # The solver's tolerances are absolute.
+        scale = np.abs(ways).max(axis=0, initial=0.0)
+        scale[scale == 0.0] = 1.0
+        size = float(np.abs([low, high]).max(initial=0.0)) or 1.0
+        worth = value / scale
         found = linprog(
-            -value,
-            A_ub=np.concatenate([ways, -ways]),
-            b_ub=np.concatenate([high, -low]),
+            -worth / (np.abs(worth).max(initial=0.0) or 1.0),
+            A_ub=np.concatenate([ways, -ways]) / scale,
+            b_ub=np.concatenate([high, -low]) / size,
             bounds=(None, None),
             method="highs",
         )
+        if found.status == _INFEASIBLE:
+            raise _NoHoverError(f"{self.robot}: no thrusts within the limits hover")
         if not found.success:
-            raise UsageError(f"{self.robot}: no thrusts within the limits hover")
-        return np.asarray(found.x)
+            raise UsageError(f"{self.robot}: SciPy finds no reachable wrenches: {found.message}")
+        return np.asarray(found.x) * size / scale
 
 
 def reachable_wrenches(

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import linalg
 
 from gibbs_codegen.analysis.controllability import unreached
+from gibbs_codegen.analysis.given import numbers
 from gibbs_codegen.analysis.linear_model import linearise
 from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.errors import UsageError
@@ -22,7 +23,7 @@ from gibbs_codegen.simulator.vehicle import Array, Vehicle
 _MARGINAL = 1e-7
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Regulator:
     """The inputs u = u₀ − K x for deviations x = (`difference(q0, q)`, v − v₀).
 
@@ -64,11 +65,14 @@ def lqr(
         The regulator.
 
     Raises:
-        UsageError: The module has no derivatives; weights of wrong shape or sign; or there is no
-            regulator, with the motions that cannot be stabilised or that Q leaves free.
+        UsageError: The module has no derivatives; an argument is not what it must be, such as
+            weights of wrong shape or sign; or there is no regulator, with the motions that cannot
+            be stabilised or that Q leaves free.
     """
     vehicle = vehicle_of(robot, parameters)
     a, b = linearise(vehicle.module, q, v, u, dt, parameters=parameters)
+    if not vehicle.inputs:
+        raise UsageError(f"{vehicle.name}: has no inputs, so there is no regulator")
     states, inputs = _weights("Q", Q, len(a), False), _weights("R", R, b.shape[1], True)
     _check_solvable(vehicle, a, b, states, dt)
     solve = linalg.solve_continuous_are if dt is None else linalg.solve_discrete_are
@@ -103,12 +107,11 @@ def _weights(name: str, given: ArrayLike, size: int, definite: bool) -> Array:
     Raises:
         UsageError: Its shape or its eigenvalues are wrong.
     """
-    matrix = np.asarray(given, dtype=np.float64)
+    wanted = f"a symmetric matrix ({size}, {size}) or its diagonal ({size})"
+    matrix = numbers(name, given, wanted, (size, size), (size,))
     matrix = np.diag(matrix) if matrix.ndim == 1 else matrix
-    if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T):
-        raise UsageError(
-            f"{name}: must be a symmetric matrix ({size}, {size}) or its diagonal ({size})"
-        )
+    if not np.allclose(matrix, matrix.T):
+        raise UsageError(f"{name}: must be {wanted}")
     values = np.linalg.eigvalsh(matrix)
     least, noise = values[0], 1e-12 * np.abs(values).max()
     if least < -noise or (definite and least <= noise):

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.analysis.equilibrium import EXACT, RANK, SteadyMotion, equilibrium
+from gibbs_codegen.analysis.given import coordinates, numbers, real, vector
 from gibbs_codegen.analysis.input_choice import AIMS, Aim, Balancing, chosen_inputs, margins
 from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.errors import UsageError
@@ -22,7 +23,7 @@ ATTITUDE = "attitude"
 _STILL = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trim:
     """A balanced state: with inputs u the robot at (q, v) accelerates by a, under given wrenches.
 
@@ -35,6 +36,7 @@ class Trim:
       force, N, and torque about the base centre, N m, in the base's axes
     - `missing`: these wrenches in words
     - `turned`: by how much the attitude was turned to find balance, rad
+    - `beyond_limits`: the joints that were asked for beyond their limits, in words
     """
 
     robot: str
@@ -50,6 +52,7 @@ class Trim:
     null_space: Array
     missing: tuple[str, ...]
     turned: float
+    beyond_limits: tuple[str, ...]
 
     def __str__(self) -> str:
         lines = [f"{self.robot}: balanced"]
@@ -67,6 +70,7 @@ class Trim:
             lines.append((line + room).rstrip())
         if self.missing:
             lines += ["The rotors produce no wrench along", *(f"  {m}" for m in self.missing)]
+        lines += [f"warning: {joint}" for joint in self.beyond_limits]
         return "\n".join(lines)
 
 
@@ -114,8 +118,8 @@ def trim(
         raise UsageError(f"aim: {aim!r} is unknown; known: {', '.join(AIMS)}")
     motion = SteadyMotion(
         vehicle,
-        _numbers("velocity", velocity, 3),
-        _numbers("acceleration", acceleration, 3),
+        vector("velocity", velocity, 3),
+        vector("acceleration", acceleration, 3),
         _acting(vehicle, wrenches or {}),
     )
     actuators = robot_file_actuators(vehicle)
@@ -128,17 +132,17 @@ def trim(
     force = motion.force(found)
     inputs = Balancing.of(vehicle, found, force)
     u = chosen_inputs(vehicle, inputs, actuators.inputs, aim)
-    return _trim(motion, start, found, u, actuators.inputs)
+    return _trim(motion, start, found, u, actuators)
 
 
-def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, limits: Array) -> Trim:
+def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, actuators: Actuators) -> Trim:
     """The result for coordinates and inputs.
 
     Args:
         motion: What is held.
         start: Coordinates (nq) that were asked for.
         q, u: Coordinates (nq) and inputs (nu) found.
-        limits: Least and greatest inputs (2, nu).
+        actuators: Limits of the inputs and the joints.
 
     Returns:
         The trim.
@@ -157,13 +161,36 @@ def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, limits: Array)
         a=a,
         u=u,
         residual=float(np.abs(motion.force(q) - vehicle.input_matrix(q) @ u).max()),
-        limits=limits,
-        margins=margins(u, limits),
+        limits=actuators.inputs,
+        margins=margins(u, actuators.inputs),
         null_space=null_space,
         missing=directions(null_space),
         # |R − 1| is 2√2 sin(φ/2), which keeps its digits near none.
         turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
+        beyond_limits=_beyond(vehicle, actuators.joints, q),
     )
+
+
+def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:
+    """The joints that are beyond their limits, in words.
+
+    Args:
+        vehicle: The robot.
+        limits: Least and greatest coordinates of the joints, (2, n).
+        q: Coordinates (nq).
+
+    Returns:
+        Each joint with its value and its limit.
+    """
+    found = []
+    for name, place, low, high in zip(
+        vehicle.joint_names, vehicle.layout.q.joint_places, *limits, strict=True
+    ):
+        if not low - EXACT <= q[place] <= high + EXACT:
+            unit = vehicle.layout.q.units[place]
+            side, limit = ("below", low) if q[place] < low else ("above", high)
+            found.append(f"{name} is {q[place]:.4g} {unit}, {side} its limit of {limit:.4g} {unit}")
+    return tuple(found)
 
 
 def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) -> Array:
@@ -180,12 +207,11 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) 
     Raises:
         UsageError: The wrong number of them, or a joint that the robot does not have.
     """
-    start = vehicle.neutral
-    if q is not None:
-        start = _numbers(f"q ({', '.join(vehicle.coordinates)})", q, len(start))
-    for name, value in posture.items():
+    start = vehicle.neutral if q is None else coordinates(vehicle, q)
+    for name, given in posture.items():
+        value = numbers(f"posture: {name}", given, "a finite number, rad or m", ())
         start[vehicle.layout.q.joint_places[joint_place(vehicle, name)]] = value
-    return vehicle.kinematics.normalised(start)
+    return start
 
 
 def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
@@ -197,39 +223,17 @@ def _acting(vehicle: Vehicle, wrenches: Mapping[str, ArrayLike]) -> Array:
                 f"wrenches: {vehicle.name} has no frame {name}; its frames: "
                 f"{', '.join(vehicle.frames)}"
             )
-        acting[vehicle.frames.index(name)] = _numbers(f"wrenches: {name}", wrench, 6)
+        acting[vehicle.frames.index(name)] = vector(f"wrenches: {name}", wrench, 6)
     return acting
 
 
 def _limits(vehicle: Vehicle, given: ArrayLike) -> Array:
     """Least and greatest thrusts (2, N), or (2, 1) for all, of what was given."""
-    limits = np.asarray(given, dtype=np.float64)
-    if limits.shape not in ((2,), (2, vehicle.rotors)) or not np.all(limits[0] <= limits[1]):
-        raise UsageError(
-            f"limits: must be the least and the greatest thrust, or two rows of {vehicle.rotors} "
-            "of them"
-        )
+    wanted = f"the least and the greatest thrust, or two rows of {vehicle.rotors} of them"
+    limits = real("limits", given, wanted, (2,), (2, vehicle.rotors))
+    if not np.all(limits[0] <= limits[1]):
+        raise UsageError(f"limits: must be {wanted}; a least thrust is above the greatest, or NaN")
     return limits.reshape(2, -1)
-
-
-def _numbers(name: str, given: ArrayLike, count: int) -> Array:
-    """A copy of numbers that were given.
-
-    Args:
-        name: Of what.
-        given: The numbers.
-        count: How many there must be.
-
-    Returns:
-        The numbers (count).
-
-    Raises:
-        UsageError: There are more or fewer, or infinite ones.
-    """
-    numbers = np.array(given, dtype=np.float64)
-    if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise UsageError(f"{name}: must be {count} finite numbers")
-    return numbers
 
 
 def _freedom(
@@ -254,17 +258,21 @@ def _freedom(
         free = () if full else (ATTITUDE,)
     places, bounds = [], []
     layout = vehicle.layout
-    for name in free:
+    for name in (free,) if isinstance(free, str) else free:
         if name == ATTITUDE:
             places += [*range(layout.v.size)[layout.v.attitude]]
             bounds += [(-np.inf, np.inf)] * 3
             continue
+        if name not in vehicle.joint_names:
+            known = ", ".join([f'"{ATTITUDE}"', *vehicle.joint_names])
+            raise UsageError(f"free: {vehicle.name} has no joint {name}; what may differ: {known}")
         joint = joint_place(vehicle, name)
         low, high = actuators.joints[:, joint] - start[layout.q.joint_places[joint]]
         if not low <= 0.0 <= high:
             raise UsageError(f"free: {name} begins beyond its limits; give a posture within them")
-        places.append(layout.v.joint_places[joint])
-        bounds.append((low, high))
+        if low < high:  # Equal limits leave nothing to vary.
+            places.append(layout.v.joint_places[joint])
+            bounds.append((low, high))
     return places, np.transpose(bounds)
 
 

@@ -14,6 +14,7 @@ from gibbs_codegen.errors import printable
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from gibbs_codegen.program.model import Derivatives
     from gibbs_codegen.robot.model import Robot
 
 _FLAGS = {
@@ -66,7 +67,7 @@ def _generate(options: argparse.Namespace) -> int:
     if options.check:
         with terminal.progress() as progress:
             found = pipeline.check_robot(*what, progress, options.derivatives)
-        return _report_check(*found)
+        return _report_check(*found, options.derivatives)
     start = time.perf_counter()
     with terminal.progress() as progress:
         model, folder = pipeline.generate_robot(
@@ -95,11 +96,27 @@ def _print_balance(robot: Robot) -> None:
         print(f"gibbs-codegen: warning: {warning}", file=sys.stderr)
 
 
-def _report_check(folder: Path, differing: list[str]) -> int:
+def _report_check(folder: Path, differing: list[str], asked: Derivatives) -> int:
+    """Print what a check found.
+
+    Args:
+        folder: Folder of the module.
+        differing: Names of the files that differ.
+        asked: What --derivatives asks for.
+
+    Returns:
+        The exit code.
+    """
     if not differing:
         print(f"{printable(folder)}: up to date")
         return 0
+    from gibbs_codegen.derivation.functions import chosen_derivatives
+
     what = "differs from what would be written" if folder.is_dir() else "is not there yet"
     listed = printable(", ".join(differing))
-    print(f"{printable(folder)}: {what}: {listed}", file=sys.stderr)
+    had = robot_argument.derivatives_of(str(folder)) if folder.is_dir() else ()
+    other = folder.is_dir() and had != chosen_derivatives(asked)
+    option = f"with --derivatives={','.join(had)}" if had else "without --derivatives"
+    made = f"; it was generated {option}" if other else ""
+    print(f"{printable(folder)}: {what}: {listed}{made}", file=sys.stderr)
     return 1

@@ -184,7 +184,7 @@ def derivatives_of(word: str | None) -> tuple[str, ...]:
         return ()
     try:
         source = find_module(Path(word)) / "numpy_module.py"
-        # It is read, not run: nothing else of a module is.
+        # The source is searched: running the module would take longer, and could run anything.
         listed = re.search(r"^DERIVATIVES = \((.*?)^\)", source.read_text("utf-8"), re.M | re.S)
     except (UsageError, OSError, UnicodeDecodeError):
         return ()

@@ -38,8 +38,8 @@ def derive(
         robot: The robot.
         keep_zeros: Keep parameters that are zero in the robot file.
         progress: Told the name of each step as it begins.
-        derivatives: Which functions are derived of those generated on request: all, none, or those
-            named.
+        derivatives: Which functions are derived of those generated on request, as of
+            `chosen_derivatives`.
 
     Returns:
         The robot with its program and its parameters.

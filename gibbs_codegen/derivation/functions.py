@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 import sympy as sp
 
@@ -153,15 +153,21 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
         Names in the order of the table; those that one is composed of are among them.
 
     Raises:
-        UsageError: A name is unknown.
+        UsageError: A name is unknown, or it is no choice.
     """
     rows = [row for row in FUNCTIONS.values() if row.on_request]
     offered = [row.name for row in rows]
     if isinstance(derivatives, bool):
         return tuple(row.name for row in rows if derivatives and not row.is_long)
-    names = {derivatives} if isinstance(derivatives, str) else {*derivatives}
-    if unknown := sorted(map(str, names.difference(offered, ["all"]))):
-        known = ", ".join([*offered, "all"])
-        raise UsageError(f"--derivatives: {printable(', '.join(unknown))}: unknown; known: {known}")
+    listed = [derivatives] if isinstance(derivatives, str) else derivatives
+    if not isinstance(listed, Collection) or not all(isinstance(name, str) for name in listed):
+        raise UsageError(
+            "derivatives: must be True, False, a name or a list of names, not "
+            f"{printable(repr(derivatives), 60)}"
+        )
+    names = {*listed}
+    if unknown := sorted(names.difference(offered, ["all"])):
+        known, quoted = ", ".join([*offered, "all"]), ", ".join(map(repr, unknown))
+        raise UsageError(f"--derivatives: {printable(quoted)}: unknown; known: {known}")
     parts = {part for name in names.difference(["all"]) for part in FUNCTIONS[name].composed}
     return tuple(name for name in offered if name in names | parts or "all" in names)

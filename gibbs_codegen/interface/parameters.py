@@ -41,9 +41,9 @@ PARAMETERS = (
         "The fewest numbers of the bodies that determine the equations of motion.",
         "regrouping of the inertias",
         "Mass, first moment and second moments (integrals of r r^T dm, not moments of inertia) "
-        "about the joint, with z along it. What a body has no entry for is added to its parent's: "
-        "of a body that turns its mass and what is along the joint, of one that slides its second "
-        "moments.",
+        "about the joint, with z along it. The numbers that are missing here are added to those of "
+        "the parent: of a body that turns, its mass and what is along the joint; of a body that "
+        "slides, its second moments.",
         on_request=True,
     ),
     Row(

@@ -13,7 +13,8 @@ from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
 
 Progress = Callable[[str], None]
-# Which functions there are of those generated on request: all, none, one by its name, or several.
+# Which functions there are of those generated on request: True for all that are not long, or none
+# of them; one name, or several; "all" stands for the long ones too.
 Derivatives: TypeAlias = bool | str | Sequence[str]
 
 

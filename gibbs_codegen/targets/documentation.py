@@ -91,12 +91,13 @@ def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[s
     return lines + _wrapped(items, _DOXYGEN_WIDTH, _HANGING)
 
 
-def sparse_doxygen(signature: Signature, lengths: dict[str, int]) -> list[str]:
+def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) -> list[str]:
     """Documentation of a C function that writes matrices without their zeros.
 
     Args:
         signature: Of the function that writes whole matrices.
         lengths: How many entries it writes of each matrix, by the matrix's name.
+        stack: How much of the stack it takes for one state of doubles (bytes).
 
     Returns:
         Lines without what a comment begins with.
@@ -109,6 +110,10 @@ def sparse_doxygen(signature: Signature, lengths: dict[str, int]) -> list[str]:
             places = f"{output.name}_rows and {output.name}_columns"
             entries = f"{lengths[output.name]}: the entries at {places}"
         items.append(f"@param[out] {output.name} {entries}")
+    items.append(
+        f"@note It calls {signature.name}, and picks the entries; about {stack} bytes of stack for "
+        "one state of doubles, optimised."
+    )
     brief = f"@brief As {signature.name}, without the zeros of its matrices."
     return [brief, "", *_wrapped(items, _DOXYGEN_WIDTH, _HANGING)]
 

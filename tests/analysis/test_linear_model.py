@@ -101,3 +101,29 @@ def test_a_module_without_derivatives_is_told_the_option(shipped: Load) -> None:
     q, v, u = moving_state(module)
     with pytest.raises(UsageError, match="quadrotor --derivatives=forward_dynamics_derivatives"):
         linearise(module, q, v, u)
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf, "soon", [0.1, 0.2]])
+def test_a_period_is_above_zero(differentiated: Load, dt: float) -> None:
+    module = differentiated("quadrotor")
+    with pytest.raises(UsageError, match="dt: must be a period above zero, s"):
+        linearise(module, *moving_state(module), dt)
+
+
+@pytest.mark.parametrize(
+    ("place", "given", "words"),
+    [
+        (0, np.zeros(7), "q: its quaternion qx, qy, qz, qw must have the length 1, not 0"),
+        (1, np.full(6, np.nan), "v: must be 6 finite numbers; some are NaN"),
+        (1, np.zeros((3, 6)), r"v: must be 6 finite numbers, not an array of shape \(3, 6\)"),
+        (2, "four", "u: must be 4 finite numbers, not 'four'"),
+    ],
+)
+def test_a_state_that_is_none_is_refused(
+    differentiated: Load, place: int, given: Array, words: str
+) -> None:
+    module = differentiated("quadrotor")
+    state = [*moving_state(module)]
+    state[place] = given
+    with pytest.raises(UsageError, match=words):
+        linearise(module, *state)

@@ -117,6 +117,14 @@ def test_limits_can_be_given_and_are_needed(shipped: Load) -> None:
         _ = weak.torques
 
 
+@pytest.mark.parametrize("size", [1e-9, 1e9])
+def test_margins_grow_with_the_limits(reach, size: float) -> None:
+    found = reach("dual_arm")
+    scaled = size * found.limits, size * found.thrusts
+    other = ReachableWrenches(found.robot, found.about, found.columns, *scaled)
+    assert other.margins / size == pytest.approx(found.margins, rel=1e-6, abs=1e-6)
+
+
 def test_info_tells_the_same_margins(reach, tmp_path: Path) -> None:
     found = reach("quadrotor")
     told = json.loads(run("info", "quadrotor", "--json", cwd=tmp_path).stdout)

@@ -109,6 +109,8 @@ def test_motions_that_the_weights_leave_free_are_named(differentiated: Load) -> 
     ("weights", "price", "words"),
     [
         (np.ones(6), np.ones(4), r"Q: must be a symmetric matrix \(12, 12\) or its diagonal"),
+        (np.full(12, np.inf), np.ones(4), "Q: must be .*; some are NaN or infinite"),
+        (np.ones(12), np.full(4, np.nan), "R: must be .*; some are NaN or infinite"),
         (np.triu(np.ones((12, 12))), np.ones(4), "Q: must be a symmetric matrix"),
         (-np.ones(12), np.ones(4), "Q: must be positive semidefinite; its least eigenvalue is -1"),
         (np.ones(12), [1.0, 1, 1, 0], "R: must be positive definite; its least eigenvalue is 0"),

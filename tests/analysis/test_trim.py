@@ -203,6 +203,15 @@ def test_idle_thrusts_of_rotors_on_links_load_joints(tmp_path: Path) -> None:
     assert safest.u[6] != pytest.approx(least.u[6], abs=1e-3)
 
 
+def test_joints_beyond_their_limits_are_told(shipped: Load) -> None:
+    module = shipped("dual_arm")
+    found = trim(module, {"left_forearm": -1.0})
+    (told,) = found.beyond_limits
+    assert told.startswith("left_forearm is -1 rad, below its limit of ")
+    assert f"\nwarning: {told}" in str(found)
+    assert trim(module, ROBOTS["dual_arm"]).beyond_limits == ()
+
+
 def test_parameters_are_those_of_the_trim(shipped: Load) -> None:
     module = shipped("quadrotor")
     found = trim(module, parameters={"gravity": 1.62})
@@ -275,6 +284,14 @@ def test_a_module_may_be_given_by_its_path(shipped: Load) -> None:
             "margins need limits on either side of the thrusts",
         ),
         ("quadrotor", {"parameters": {"mass": 1.0}}, "parameters: "),
+        ("quadrotor", {"q": np.zeros(7)}, "quaternion .*qw must have the length 1, not 0"),
+        ("quadrotor", {"q": np.zeros((2, 7))}, r"7 finite numbers, not an array of shape \(2, 7\)"),
+        ("quadrotor", {"velocity": ["a", 1, 2]}, "velocity: must be 3 finite numbers, not "),
+        ("quadrotor", {"velocity": [[1], [1, 2]]}, "velocity: must be 3 finite numbers, not "),
+        ("quadrotor", {"velocity": [1j, 0, 0]}, "velocity: must be 3 finite numbers, not "),
+        ("dual_arm", {"posture": {"left_shoulder": np.nan}}, "left_shoulder: must be a finite num"),
+        ("dual_arm", {"posture": {"left_shoulder": "up"}}, "left_shoulder: must be a finite num"),
+        ("dual_arm", {"free": "elbow"}, 'no joint elbow; what may differ: "attitude", left_should'),
         (
             "quadrotor",
             {"acceleration": (1.0, 0, 0), "free": ()},

@@ -555,3 +555,12 @@ def test_info_of_a_robot_without_limits_does_not_import_scipy(tmp_path: Path) ->
         [sys.executable, "-c", code], env=ENVIRONMENT, cwd=tmp_path, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", ["generate", "info"])
+def test_derivatives_without_names_may_stand_before_the_robot(command: str, tmp_path: Path) -> None:
+    """The word after the option is looked for as a robot, not as a derivative."""
+    done = run(command, "--derivatives", "nothing_like_it", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "nothing_like_it: " in done.stderr
+    assert "is there a module of that name" in done.stderr

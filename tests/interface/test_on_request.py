@@ -52,10 +52,13 @@ def test_a_choice_is_names_in_the_order_of_the_table(names: list[str]) -> None:
 
 
 def test_a_name_that_is_none_is_refused_with_those_that_are(names: list[str]) -> None:
-    with pytest.raises(UsageError, match=r"--derivatives: \[7\], mass_matrix, wieght: unknown; kn"):
+    with pytest.raises(UsageError, match=r"'\[7\]', 'mass_matrix', 'wieght': unknown; kn"):
         chosen_derivatives(["weight", "wieght", "mass_matrix", "[7]"])
     with pytest.raises(UsageError, match=f"known: .*{', '.join(names)}, all$"):
         chosen_derivatives("")
+    for wrong in (3, [["weight"]], [7]):
+        with pytest.raises(UsageError, match="derivatives: must be True, False, a name or a list"):
+            chosen_derivatives(wrong)  # type: ignore[arg-type]
 
 
 def test_a_module_has_what_was_asked_for_and_no_more(folder: Path, names: list[str]) -> None:

@@ -1,7 +1,7 @@
 """Derivatives without their zeros in C: patterns, and functions that write the other entries.
 
-These functions call those that write whole matrices, and pick entries from them: what little time
-that takes is less than a second copy of very long functions would cost in the caches and in flash.
+These functions call those that write whole matrices, which they keep on the stack, and pick entries
+from them. That saves output, and neither time nor stack; the text of long functions is not doubled.
 """
 
 from __future__ import annotations
@@ -12,11 +12,15 @@ from dataclasses import dataclass
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.patterns import Pattern, matrices, patterns
+from gibbs_codegen.program.stack import stack_bytes
+from gibbs_codegen.program.trigonometry import gather_angles
 from gibbs_codegen.targets.c.arrays import local_arrays, read_arrays, written_arrays
 from gibbs_codegen.targets.c.statements import WIDTH, call
 from gibbs_codegen.targets.documentation import sparse_doxygen
 
 Lines = list[str]
+
+_DOUBLE = 8
 
 
 @dataclass(frozen=True)
@@ -78,24 +82,32 @@ def sparse_texts(model: Model) -> list[SparseText]:
     """
     found, with_matrices = patterns(model), matrices(model)
     return [
-        _sparse_text(model, signature, {name: found[name] for name in names})
-        for _, signature in model.derived
+        _sparse_text(
+            model.robot.name,
+            signature,
+            {name: found[name] for name in names},
+            stack_bytes(gather_angles(function)),
+        )
+        for function, signature in model.derived
         if (names := with_matrices.get(signature.name))
     ]
 
 
-def _sparse_text(model: Model, signature: Signature, of_matrices: dict[str, Pattern]) -> SparseText:
+def _sparse_text(
+    robot: str, signature: Signature, of_matrices: dict[str, Pattern], stack: int
+) -> SparseText:
     """One function that writes the entries of patterns.
 
     Args:
-        model: The derived robot.
+        robot: Name of the robot.
         signature: Of the function that writes whole matrices.
         of_matrices: The patterns of its matrices, by their names.
+        stack: How much of the stack that function takes (bytes).
 
     Returns:
         What the templates are given.
     """
-    prefix = f"{model.robot.name}_"
+    prefix = f"{robot}_"
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
     whole = {name: f"whole_{name}" for name in of_matrices}
     body = [local_arrays([whole[name]], str(of_matrices[name].size or 1)) for name in whole]
@@ -105,10 +117,12 @@ def _sparse_text(model: Model, signature: Signature, of_matrices: dict[str, Patt
         at = f"{prefix}{name}_rows", f"{prefix}{name}_columns"
         places = [str(len(pattern.rows)), *at, str(pattern.width)]
         body += call("gather", [*places, whole[name], name])
+    lengths = {name: len(pattern.rows) for name, pattern in of_matrices.items()}
+    stack += _DOUBLE * sum(pattern.size for pattern in of_matrices.values())
     inputs, real = signature.arguments, f"{prefix}real"
     return SparseText(
         public_name=f"{prefix}{signature.name}_sparse",
-        documentation=sparse_doxygen(signature, {n: len(p.rows) for n, p in of_matrices.items()}),
+        documentation=sparse_doxygen(signature, lengths, stack),
         parameters=read_arrays(inputs) + written_arrays(outputs),
         declared=read_arrays(inputs, real, "") + written_arrays(outputs, real, ""),
         body=body,

@@ -1,0 +1,118 @@
+"""Numbers that callers give, read with errors that say what is wrong and what would be right."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
+
+# How far from 1 the length of a quaternion may be, which is then normalised.
+_LENGTH = 1e-3
+
+
+def numbers(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
+    """A copy of real, finite numbers.
+
+    Args:
+        name: Of the argument.
+        given: What was given for it.
+        wanted: What it must be, in words.
+        shapes: The shapes that it may have.
+
+    Returns:
+        The numbers, in one of the shapes.
+
+    Raises:
+        UsageError: It is something else.
+    """
+    found = real(name, given, wanted, *shapes)
+    if not np.isfinite(found).all():
+        raise UsageError(f"{name}: must be {wanted}; some are NaN or infinite")
+    return found
+
+
+def real(name: str, given: ArrayLike, wanted: str, *shapes: tuple[int, ...]) -> Array:
+    """A copy of real numbers, which may be infinite or NaN.
+
+    Args:
+        name, given, wanted, shapes: As of `numbers`.
+
+    Returns:
+        The numbers, in one of the shapes.
+
+    Raises:
+        UsageError: They are no real numbers, or of another shape.
+    """
+    try:
+        kind = np.asarray(given).dtype.kind
+        found = np.array(given, dtype=np.float64) if kind in "biufO" else None
+    except (TypeError, ValueError):  # Rows of different lengths, among others.
+        found = None
+    if found is None:
+        raise UsageError(f"{name}: must be {wanted}, not {printable(repr(given), 60)}")
+    if found.shape not in shapes:
+        raise UsageError(f"{name}: must be {wanted}, not an array of shape {found.shape}")
+    return found
+
+
+def vector(name: str, given: ArrayLike, count: int) -> Array:
+    """A copy of so many finite numbers.
+
+    Args:
+        name: Of the argument.
+        given: What was given for it.
+        count: How many there must be.
+
+    Returns:
+        The numbers (count).
+
+    Raises:
+        UsageError: It is something else.
+    """
+    return numbers(name, given, f"{count} finite numbers", (count,))
+
+
+def coordinates(vehicle: Vehicle, given: ArrayLike) -> Array:
+    """Coordinates of a robot, of which a quaternion is normalised.
+
+    Args:
+        vehicle: The robot.
+        given: What was given for q.
+
+    Returns:
+        The coordinates (nq).
+
+    Raises:
+        UsageError: They are something else, or their quaternion has not the length 1.
+    """
+    q = vector(f"q ({', '.join(vehicle.coordinates)})", given, len(vehicle.coordinates))
+    length = float(np.linalg.norm(q[vehicle.layout.q.attitude]))
+    if vehicle.layout.is_quaternion and abs(length - 1.0) > _LENGTH:
+        raise UsageError(
+            f"q: its quaternion {', '.join(vehicle.coordinates[vehicle.layout.q.attitude])} must "
+            f"have the length 1, not {length:.4g}"
+        )
+    return vehicle.kinematics.normalised(q)
+
+
+def period(given: float | None) -> float | None:
+    """The period for which inputs are held.
+
+    Args:
+        given: What was given for `dt`.
+
+    Returns:
+        The period, s, or None.
+
+    Raises:
+        UsageError: It is neither None nor a period.
+    """
+    if given is None:
+        return None
+    wanted = "a period above zero, s"
+    found = float(numbers("dt", given, wanted, ()))
+    if found <= 0.0:
+        raise UsageError(f"dt: must be {wanted}, not {found:g}")
+    return found
