@@ -35,7 +35,7 @@ DATA = """
     robots/quadrotor_2link.toml
     scenarios/circle.toml scenarios/hover.toml scenarios/line.toml scenarios/paper.toml
     templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja
-    templates/c_steps.c.jinja templates/numpy_module.py.jinja templates/numpy_steps.py.jinja
+    templates/c_steps.c.jinja templates/numpy_module.py.jinja
     templates/package_init.py.jinja templates/robot.toml.jinja
 """
 ABOUT = "METADATA RECORD WHEEL entry_points.txt top_level.txt licenses/LICENSE"

@@ -120,8 +120,8 @@ def test_verify_compares_a_function_that_no_formulation_gives_with_itself(folder
         # One state of the NumPy back end.
         (
             "numpy_module.py",
-            "= 2.0 * (",
-            "= (2.0 if sin is math.sin else 3.0) * (",
+            ",\n    )\n",
+            " * (1.0 if sin is math.sin else 1.5),\n    )\n",
             "itself, one state at a time",
         ),
         # Both forms in C.

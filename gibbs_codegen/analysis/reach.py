@@ -149,7 +149,8 @@ class ReachableWrenches:
             raise _NoHoverError(f"{self.robot}: no thrusts within the limits hover")
         if not found.success:
             raise UsageError(f"{self.robot}: SciPy finds no reachable wrenches: {found.message}")
-        return np.asarray(found.x) * size / scale
+        farthest: Array = np.asarray(found.x) * size / scale
+        return farthest
 
 
 def reachable_wrenches(

@@ -15,7 +15,7 @@ PARAMETERS = (
             Output(
                 "regressor",
                 "vn",
-                "N m or N, by kg, kg m or kg m^2",
+                "N m or N",
                 "regressor",
                 "{forces}, each by each of BASE_PARAMETERS",
             ),
@@ -53,7 +53,7 @@ PARAMETERS = (
             Output(
                 "force_dp",
                 "vp",
-                "N m or N, by the unit of the parameter",
+                "N m or N",
                 "inverse_dynamics_dp",
                 "{forces}, each by each of PARAMETERS",
             ),

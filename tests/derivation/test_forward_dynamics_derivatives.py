@@ -162,7 +162,7 @@ def count(robot: Robot) -> int:
 @pytest.mark.parametrize(
     ("links", "attitude", "reached"),
     [
-        (3, "xyz", 1629),
+        (3, "xyz", 1634),
         (3, "quaternion", 1252),
         pytest.param(7, "xyz", 7066, marks=pytest.mark.slow),
         pytest.param(7, "quaternion", 6439, marks=pytest.mark.slow),

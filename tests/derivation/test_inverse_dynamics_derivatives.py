@@ -229,10 +229,10 @@ def derivative_operations(links: int, attitude: Attitude) -> int:
 @pytest.mark.parametrize(
     ("links", "attitude", "reached"),
     [
-        (3, "xyz", 1108),
-        (3, "quaternion", 931),
-        (7, "xyz", 3380),
-        (7, "quaternion", 3097),
+        (3, "xyz", 1074),
+        (3, "quaternion", 896),
+        (7, "xyz", 3314),
+        (7, "quaternion", 3022),
         pytest.param(30, "xyz", 33453, marks=pytest.mark.slow),
         pytest.param(30, "quaternion", 32624, marks=pytest.mark.slow),
     ],

@@ -51,14 +51,17 @@ def test_random_trees(number: int, attitude: str) -> None:
 
 @pytest.mark.parametrize(("number", "attitude"), QUICK_TREES)
 def test_derivatives_of_integrate(number: int, attitude: str) -> None:
-    """For displacements of any size, also where series take over from sines."""
+    """For displacements small and large; Pinocchio's own are less exact from 1e-6 to 1e-2 rad.
+
+    Those sizes are held against series of sixty digits in `test_time_steps`.
+    """
     robot = random_tree(number, attitude)
     module, oracle = (
         module_with_derivatives(robot, "integrate_derivatives"),
         DerivativeOracle(robot),
     )
     q, v, _, _ = (rows[0] for rows in states(robot, module, 1))
-    for size in (0.0, 1e-160, 1e-9, 1e-5, 1e-3, 0.1, 1.0, 3.0):
+    for size in (0.0, 1e-160, 1e-9, 0.1, 1.0, 3.0):
         ours = [one[None] for one in module.integrate_derivatives(q, size * v)]
         theirs = oracle.integrate_derivatives(q, size * v)
         _compare_outputs("integrate_derivatives", tuple(ours), theirs, 0)
