@@ -75,7 +75,7 @@ def _generate(options: argparse.Namespace) -> int:
         )
     counts = count_operations(model.program.function("mass_matrix_and_residual").nodes())
     print(
-        f"{printable(folder)}: {len(model.program.functions)} functions of "
+        f"{printable(folder)}: {len(model.signatures)} functions of "
         f"{len(model.program.inputs['q'])} coordinates and {len(model.program.inputs['u'])} inputs "
         f"in {time.perf_counter() - start:.1f} s; mass matrix and residual take {counts.total} "
         f"operations and {counts.sine_cosine_pairs} sine-cosine pairs"

@@ -22,8 +22,12 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
         Output("v_next", "v", "rad/s or m/s", entries="{velocities}"),
     )
     rows = "[{unit}]; rows belong to q_next and then to v_next"
-    by_state = Output("A", "ss", "1, s, 1/s, rad/m or m/rad", entries=f"{rows}, columns likewise")
-    by_inputs = Output("B", "su", "rad or m, or their rates, by N or N m", entries=rows)
+    by_state = Output(
+        "A", "ss", "1, s, 1/s, rad/m or m/rad", entries=f"{rows}, columns to q and then to v"
+    )
+    by_inputs = Output(
+        "B", "su", "rad or m, or their rates, by N or N m", entries=f"{rows}, columns to u"
+    )
     moves = composed["integrate"]
     with_derivatives = {
         "forward_dynamics_derivatives": composed["forward_dynamics"],
