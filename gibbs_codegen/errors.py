@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -184,10 +183,11 @@ class MissingFunctionError(UsageError, AttributeError):
         self, module: str, missing: str, present: Sequence[str], function: str | None = None
     ) -> None:
         wanted = [*present, function or missing]
+        listed = ", ".join(f'"{name}"' for name in wanted)
         super().__init__(
             f"{module}: has no {missing}, which is generated on request: "
             f"gibbs-codegen generate {module} --derivatives={','.join(wanted)}, or derivatives="
-            f"{json.dumps(wanted)} in Python"
+            f"[{listed}] in Python"
         )
 
 

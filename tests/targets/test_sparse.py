@@ -33,7 +33,9 @@ def emitted(
 
 
 def on_demand(emitted: Emitted) -> list[Signature]:
-    return [s for s in emitted.signatures() if FUNCTIONS[s.name].on_request]
+    """Signatures of the functions on request; the matrices of composed ones are dense."""
+    rows = {name for name, row in FUNCTIONS.items() if row.on_request and not row.composed}
+    return [signature for signature in emitted.signatures() if signature.name in rows]
 
 
 def matrices(signature: Signature) -> list[str]:
