@@ -67,8 +67,8 @@ def test_derivatives_of_integrate(number: int, attitude: str) -> None:
         _compare_outputs("integrate_derivatives", tuple(ours), theirs, 0)
 
 
-# Other robots that ship have cond(M) above 1e4, where rounding alone is more than the limit; complex
-# steps hold their derivatives (`tests/derivation`).
+# Other robots that ship have cond(M) above 1e4, where rounding alone is more than the limit;
+# complex steps hold their derivatives (`tests/derivation`).
 @pytest.mark.parametrize("name", ["hexarotor_3link"])
 def test_robots_that_ship(name: str) -> None:
     compare_derivatives(read_robot(name)[0], count=20)
