@@ -4,6 +4,17 @@ from __future__ import annotations
 
 from gibbs_codegen.interface.rows import Output, Row
 
+_ENTRIES = "[{unit}]; rows belong to q_next and then to v_next"
+_SLOPES = (
+    Output(
+        "A",
+        "ss",
+        "1, s, 1/s, rad/m or m/rad",
+        entries=f"{_ENTRIES}, columns to q and then to v",
+    ),
+    Output("B", "su", "rad or m, or their rates, by N or N m", entries=f"{_ENTRIES}, columns to u"),
+)
+
 
 def _step(name: str, method: str, composed: dict[str, int], details: str) -> tuple[Row, Row]:
     """A time step by itself, and with its derivatives.
@@ -20,13 +31,6 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
     after = (
         Output("q_next", "q", "rad or m", entries="{coordinates}"),
         Output("v_next", "v", "rad/s or m/s", entries="{velocities}"),
-    )
-    rows = "[{unit}]; rows belong to q_next and then to v_next"
-    by_state = Output(
-        "A", "ss", "1, s, 1/s, rad/m or m/rad", entries=f"{rows}, columns to q and then to v"
-    )
-    by_inputs = Output(
-        "B", "su", "rad or m, or their rates, by N or N m", entries=f"{rows}, columns to u"
     )
     moves = composed["integrate"]
     with_derivatives = {
@@ -49,7 +53,7 @@ def _step(name: str, method: str, composed: dict[str, int], details: str) -> tup
         Row(
             f"{name}_derivatives",
             "qvuh",
-            (*after, by_state, by_inputs),
+            (*after, *_SLOPES),
             f"What {name} gives, and its derivatives by q, v and u.",
             source,
             "A displacement d of q and v together and one e of u move the result by A d + B e, "
