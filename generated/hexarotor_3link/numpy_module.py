@@ -284,9 +284,7 @@ def _constants(values):
     k117 = k75 + k107
     k118 = k85 * k111
     k119 = k85 * k112
-    if not k78 > 0.0:
-        raise ZeroDivisionError
-    return (
+    return k78, (
         gravity, base_arm_length, k8, k14, k20, link2_length, k27, k33, k39, link3_length, k46, k52,
         k58, k63, k64, k65, k66, k67, k68, k69, k71, k73, k74, k75, k77, k78, k79, k80, k81, k82,
         k83, k84, k85, k86, k87, k88, k90, k91, k92, k93, k94, k97, k98, k99, k100, k102, k103,
@@ -301,7 +299,7 @@ _MOST_AXES = 31
 
 
 def prepared(
-    compute: Callable[[dict[str, float]], tuple[float, ...]],
+    compute: Callable[[dict[str, float]], tuple[float, tuple[float, ...]]],
     defaults: Mapping[str, float],
     folded: Sequence[str],
     parameters: Mapping[str, float],
@@ -309,7 +307,7 @@ def prepared(
     """Constants of a module for given parameters.
 
     Args:
-        compute: Constants of all parameters; ZeroDivisionError where there are none.
+        compute: Total mass and constants, from all parameters.
         defaults: All parameters with their defaults.
         folded: Names that are no parameters, since they are zero in the robot file.
         parameters: Values that differ from the defaults, by name.
@@ -334,7 +332,9 @@ def prepared(
             raise ValueError(f"{name} must be a finite number, not {number}")
         values[name] = float(number)
     try:
-        constants = compute(values)
+        mass, constants = compute(values)
+        if not mass > 0.0:
+            raise ZeroDivisionError
     except ZeroDivisionError:
         raise ValueError(
             "these parameters leave an acceleration undetermined: "

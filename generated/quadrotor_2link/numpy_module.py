@@ -212,9 +212,7 @@ def _constants(values):
     k67 = 0.25 * k38
     k68 = k39 + k60
     k69 = k56 * k64
-    if not k50 > 0.0:
-        raise ZeroDivisionError
-    return (
+    return k50, (
         gravity, base_arm_length, k8, k14, k19, k20, link2_length, k27, k33, k39, k43, k44, k45,
         k46, k47, k49, k50, k51, k52, k53, k54, k55, k56, k57, k58, k59, k61, k62, k63, k64, k65,
         k66, k67, k68, k69,
@@ -228,7 +226,7 @@ _MOST_AXES = 31
 
 
 def prepared(
-    compute: Callable[[dict[str, float]], tuple[float, ...]],
+    compute: Callable[[dict[str, float]], tuple[float, tuple[float, ...]]],
     defaults: Mapping[str, float],
     folded: Sequence[str],
     parameters: Mapping[str, float],
@@ -236,7 +234,7 @@ def prepared(
     """Constants of a module for given parameters.
 
     Args:
-        compute: Constants of all parameters; ZeroDivisionError where there are none.
+        compute: Total mass and constants, from all parameters.
         defaults: All parameters with their defaults.
         folded: Names that are no parameters, since they are zero in the robot file.
         parameters: Values that differ from the defaults, by name.
@@ -261,7 +259,9 @@ def prepared(
             raise ValueError(f"{name} must be a finite number, not {number}")
         values[name] = float(number)
     try:
-        constants = compute(values)
+        mass, constants = compute(values)
+        if not mass > 0.0:
+            raise ZeroDivisionError
     except ZeroDivisionError:
         raise ValueError(
             "these parameters leave an acceleration undetermined: "

@@ -22,7 +22,7 @@ _MOST_AXES = 31
 
 
 def prepared(
-    compute: Callable[[dict[str, float]], tuple[float, ...]],
+    compute: Callable[[dict[str, float]], tuple[float, tuple[float, ...]]],
     defaults: Mapping[str, float],
     folded: Sequence[str],
     parameters: Mapping[str, float],
@@ -30,7 +30,7 @@ def prepared(
     """Constants of a module for given parameters.
 
     Args:
-        compute: Constants of all parameters; ZeroDivisionError where there are none.
+        compute: Total mass and constants, from all parameters.
         defaults: All parameters with their defaults.
         folded: Names that are no parameters, since they are zero in the robot file.
         parameters: Values that differ from the defaults, by name.
@@ -55,7 +55,9 @@ def prepared(
             raise ValueError(f"{name} must be a finite number, not {number}")
         values[name] = float(number)
     try:
-        constants = compute(values)
+        mass, constants = compute(values)
+        if not mass > 0.0:
+            raise ZeroDivisionError
     except ZeroDivisionError:
         raise ValueError(
             "these parameters leave an acceleration undetermined: "

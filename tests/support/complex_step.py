@@ -75,6 +75,6 @@ def parameter_derivative(module: Any, name: str, arguments: Mapping[str, Array])
     for parameter in module.PARAMETERS:
         values = dict(source.PARAMETERS)
         values[parameter] = np.complex128(values[parameter] + 1j * _STEP)
-        outputs = complex_values(module, name, arguments, source._constants(values))
+        outputs = complex_values(module, name, arguments, source._constants(values)[1])
         columns.append([output.imag / _STEP for output in outputs])
     return [np.stack(each, axis=-1) for each in zip(*columns, strict=True)]

@@ -1,0 +1,71 @@
+"""The kernels of a NumPy module, computed by another library.
+
+A kernel is the body of an emitted function: it takes constants, sine, cosine and the entries of its
+arguments, and uses nothing but arithmetic and the functions `sqrt`, `atan` and `sign` of its
+module. So it also runs on symbols and traced arrays of libraries that have functions of these
+names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import FunctionType, ModuleType
+from typing import Any
+
+# What replaces the functions of the module, besides sine and cosine.
+ELEMENTARY = ("sqrt", "atan", "sign")
+
+
+class Kernels:
+    """The kernels of a module with the elementary functions of another library."""
+
+    def __init__(self, module: ModuleType, elementary: Mapping[str, Callable[..., Any]]) -> None:
+        """Take the kernels of a module.
+
+        Args:
+            module: A generated module, with the NumPy back end.
+            elementary: "sin", "cos" and the names of `ELEMENTARY`, with the library's functions.
+        """
+        self._source = module.numpy_module
+        self._sine_cosine = elementary["sin"], elementary["cos"]
+        self._names = {**vars(self._source), **{name: elementary[name] for name in ELEMENTARY}}
+
+    def entries(
+        self, function: str, constants: Sequence[Any], *arguments: Sequence[Any]
+    ) -> Sequence[Any]:
+        """Entries of all outputs of a function, one output after the other, row by row.
+
+        Args:
+            function: A function of the module that is not composed of others.
+            constants: What `constants` gives, or the module's `prepare`.
+            arguments: The entries of each argument, row by row, in the order of the function.
+
+        Returns:
+            Values of the library; Python's floats where an entry is a number at every state.
+        """
+        kernel = self._rebound(f"_{function}")
+        entries: Sequence[Any] = kernel(constants, *self._sine_cosine, *arguments)
+        return entries
+
+    def constants(self, parameters: Mapping[str, Any]) -> tuple[Any, ...]:
+        """Constants of the module for parameters that need not be numbers, and are not checked.
+
+        Args:
+            parameters: All of the module's PARAMETERS, with numbers or values of the library.
+
+        Returns:
+            The constants, as `entries` takes them.
+        """
+        constants: tuple[Any, ...] = self._rebound("_constants")(parameters)[1]
+        return constants
+
+    def _rebound(self, name: str) -> Callable[..., Any]:
+        """A function of the module's source that sees the other library's functions.
+
+        Args:
+            name: Its name in the source.
+
+        Returns:
+            The function.
+        """
+        return FunctionType(getattr(self._source, name).__code__, self._names, name)
