@@ -31,54 +31,269 @@ settings.load_profile("project")
 
 ROOT = Path(__file__).parent.parent
 
-# Tests that repeat themselves with other numbers, and how many of their cases the default run has,
-# so that it stays within minutes. The rest is for `pytest -m exhaustive`.
-CASES_BY_DEFAULT = {
-    "test_a_lost_flight_ends_with_its_reason": 4,
-    "test_a_million_angles": 8,
-    "test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers": 1,
-    "test_constants_that_c_computes_keep_their_digits": 2,
-    "test_energy_balances_to_1e_8": 1,
-    "test_every_attitude_and_origin": 4,
-    "test_every_step_is_that_of_python": 8,
-    "test_fixed_steps_are_of_fourth_order_with_gravity_on": 2,
-    "test_machine_stands_where_its_frames_are": 2,
-    "test_motion_inputs_and_constraint_torques_solve_the_hybrid_system": 1,
-    "test_names_and_values_are_those_of_the_derivation": 2,
-    "test_stack_is_what_the_header_promises": 3,
-    "test_text_read_back_gives_the_same_numbers": 7,
-    "test_what_is_right_passes_every_formulation": 4,
-}
-# Slow tests that repeat themselves with other numbers, and how many of their cases CI runs, so that
-# it stays within its time on slow machines. The rest is for `pytest -m exhaustive`.
-CASES_IN_CI = {
-    "test_a_flood_is_refused_soon": 6,
-    "test_a_stiff_flight_ends_with_the_reason": 1,
-    "test_all_back_ends_are_accurate_ever_nearer_to_the_singularity": 2,
-    "test_constants_that_c_computes_keep_their_digits": 2,
-    "test_degenerate_robots": 1,
-    "test_mass_matrix_keeps_its_digits": 1,
-    "test_random_robots": 2,
-    "test_shipped_robots_compile_silently": 10,
-    "test_single_precision_is_near_double": 2,
-    "test_ten_thousand_broken_robot_files": 2,
-    "test_the_watch_sees": 5,
-    "test_unstable_fixed_steps_are_refused_with_ones_that_serve": 1,
-    "test_what_only_a_c_program_uses": 3,
+# Tests that take long: how many of their cases the default run has, so that it stays within
+# minutes, and how many more of them CI runs. The rest is for `pytest -m exhaustive`.
+CASES = {
+    "analysis/test_linear_model.py": {
+        "test_deviations_grow_as_the_model_says": (1, 1),
+    },
+    "analysis/test_reach.py": {
+        "test_thrusts_within_the_limits_stay_inside": (1, 1),
+    },
+    "cli/test_app.py": {
+        "test_every_command_takes_every_kind_of_robot": (4, 1),
+    },
+    "cli/test_simulate.py": {
+        "test_a_flight_leaves_series_and_figures": (0, 1),
+    },
+    "derivation/test_articulated.py": {
+        "test_the_way_with_fewer_operations_is_emitted": (1, 1),
+    },
+    "derivation/test_coriolis.py": {
+        "test_the_coriolis_matrix": (1, 0),
+    },
+    "derivation/test_forward_dynamics_derivatives.py": {
+        "test_derivatives_are_those_of_forward_dynamics": (5, 3),
+    },
+    "derivation/test_hybrid.py": {
+        "test_chains_of_a_tree_add_up_to_the_emitted_hybrid_system": (1, 1),
+    },
+    "derivation/test_inverse_dynamics_derivatives.py": {
+        "test_helmholtz": (1, 1),
+        "test_random_arms": (1, 1),
+        "test_random_trees": (2, 2),
+        "test_robots_that_ship": (1, 1),
+    },
+    "derivation/test_link_frames.py": {
+        "test_an_arm_by_poses_costs_no_more_than_by_parameters": (1, 0),
+    },
+    "derivation/test_parameter_derivatives.py": {
+        "test_derivatives_by_the_parameters": (1, 0),
+    },
+    "derivation/test_regressor.py": {
+        "test_it_is_inverse_dynamics_and_no_parameter_is_superfluous": (1, 1),
+    },
+    "derivation/test_regularity.py": {
+        "test_degenerate_robots": (0, 1),
+        "test_what_nothing_resists_is_the_null_space_of_the_oracle": (1, 1),
+    },
+    "derivation/test_tree.py": {
+        "test_both_forward_dynamics_and_trees_that_are_not_regrouped": (2, 1),
+        "test_joints_on_different_branches_do_not_couple": (2, 2),
+    },
+    "emitted/test_sine_cosine.py": {
+        "test_a_million_angles": (4, 2),
+    },
+    "equations/test_show.py": {
+        "test_chains_add_up_to_the_hybrid_system": (1, 1),
+        "test_chains_of_a_tree_add_up_to_the_hybrid_system": (0, 1),
+        "test_every_attitude_and_origin": (1, 1),
+        "test_latex_is_well_formed_and_has_no_internal_names": (2, 1),
+        "test_text_of_a_tree_is_readable": (1, 1),
+        "test_text_read_back_gives_the_same_numbers": (3, 2),
+    },
+    "exchange/test_hostile_sources.py": {
+        "test_thousands_of_mutants": (0, 1),
+    },
+    "exchange/test_oracles.py": {
+        "test_emitted_functions_are_those_of_the_source": (1, 1),
+    },
+    "figures/test_machine_and_chains.py": {
+        "test_frames_of_a_tree_are_where_the_emitted_functions_put_them": (1, 0),
+        "test_machine_stands_where_its_frames_are": (1, 0),
+        "test_other_machines_can_be_drawn": (3, 2),
+    },
+    "files/test_module_writer.py": {
+        "test_nothing_is_left_behind_when_ended": (3, 2),
+    },
+    "program/test_loops.py": {
+        "test_a_robot": (1, 0),
+    },
+    "properties/test_derivatives.py": {
+        "test_first_derivatives_are_those_of_the_function": (2, 2),
+    },
+    "properties/test_derivatives_pinocchio.py": {
+        "test_derivatives_of_integrate": (1, 0),
+        "test_random_trees": (1, 2),
+        "test_robots_that_ship": (0, 1),
+    },
+    "properties/test_determinism.py": {
+        "test_bytes_do_not_depend_on_seed_encoding_time_zone_place_or_flags": (0, 1),
+        "test_bytes_of_every_robot_are_the_same_in_every_surroundings": (0, 0),
+    },
+    "properties/test_operation_counts.py": {
+        "test_derivatives_take_as_few_as_they_did": (1, 1),
+        "test_forty_rotors_cost_the_same_as_four": (0, 1),
+        "test_operations_are_as_few_as_they_were": (2, 2),
+        "test_sums_over_the_arms_vanish_for_every_rotor_count": (1, 1),
+        "test_two_arms_of_seven_joints_cost_less_than_one_of_fourteen": (0, 1),
+        "test_wrenches_cost_what_it_takes_to_carry_them_in": (1, 0),
+    },
+    "properties/test_parameter_derivatives.py": {
+        "test_forces_by_parameters": (1, 0),
+    },
+    "properties/test_physics.py": {
+        "test_attitude_is_the_sequence_of_the_angles": (2, 1),
+        "test_gradients_of_gibbs_function_and_energies": (0, 1),
+    },
+    "properties/test_pinocchio.py": {
+        "test_family": (1, 1),
+        "test_keeping_zero_parameters_changes_nothing": (0, 1),
+        "test_random_robots": (0, 1),
+        "test_random_trees": (1, 2),
+    },
+    "properties/test_quaternion.py": {
+        "test_random_robots": (2, 1),
+        "test_robots_that_ship": (2, 2),
+    },
+    "properties/test_singularity.py": {
+        "test_all_back_ends_are_accurate_ever_nearer_to_the_singularity": (0, 1),
+        "test_numpy_is_accurate_next_to_the_singularity": (2, 1),
+    },
+    "properties/test_slender_bodies.py": {
+        "test_constants_that_c_computes_keep_their_digits": (1, 1),
+        "test_mass_matrix_keeps_its_digits": (0, 1),
+    },
+    "properties/test_steps.py": {
+        "test_euler_is_semi_implicit": (1, 0),
+    },
+    "properties/test_time_steps.py": {
+        "test_both_targets_agree": (2, 1),
+    },
+    "properties/test_wrenches.py": {
+        "test_a_joint_that_is_held_passes_on_its_constraint_torque": (1, 0),
+        "test_compiled_functions_of_trees_are_those_of_pinocchio": (1, 0),
+        "test_what_a_joint_passes_on_along_its_axis_is_what_drives_it": (1, 0),
+    },
+    "robustness/test_hostile_files.py": {
+        "test_a_flood_is_refused_soon": (0, 2),
+        "test_a_thousand_broken_files_of_trees": (0, 1),
+        "test_ten_thousand_broken_robot_files": (0, 1),
+        "test_what_is_accepted_makes_a_module": (0, 1),
+    },
+    "robustness/test_hostile_names.py": {
+        "test_what_is_accepted_compiles_and_imports": (0, 1),
+    },
+    "robustness/test_kills.py": {
+        "test_a_kill_at_any_moment_of_a_first_load": (0, 0),
+    },
+    "robustness/test_no_eval.py": {
+        "test_no_command_makes_code_of_text": (1, 0),
+        "test_the_watch_sees": (0, 2),
+    },
+    "runtime/test_arguments.py": {
+        "test_ten_thousand_random_calls": (0, 0),
+    },
+    "runtime/test_c_backend.py": {
+        "test_both_back_ends_agree_on_other_robots": (0, 1),
+    },
+    "simulator/test_any_robot.py": {
+        "test_a_flight_of_any_robot_is_drawn_and_written": (0, 1),
+        "test_a_quaternion_flies_as_angles_do": (0, 1),
+        "test_an_offset_hover_is_reached": (0, 1),
+        "test_energy_balances_without_inputs": (1, 1),
+        "test_series_of_a_held_link_have_its_name": (0, 1),
+    },
+    "simulator/test_compiled_loop.py": {
+        "test_every_step_is_that_of_python": (3, 2),
+        "test_sanitizers_find_nothing_in_random_flights": (0, 1),
+    },
+    "simulator/test_integrate.py": {
+        "test_a_flight_at_limits_gets_to_its_end": (1, 1),
+        "test_a_lost_flight_ends_with_its_reason": (1, 1),
+        "test_a_stiff_flight_ends_with_the_reason": (0, 1),
+        "test_both_back_ends_fly_the_same": (1, 0),
+        "test_energy_balances_to_1e_8": (0, 1),
+        "test_energy_balances_with_everything_on": (0, 1),
+        "test_fixed_steps_are_of_fourth_order_with_gravity_on": (0, 1),
+        "test_flights_end_at_the_singularity_of_every_sequence": (2, 0),
+        "test_samples_are_at_the_rate_asked_for": (4, 2),
+        "test_unstable_fixed_steps_are_refused_with_ones_that_serve": (0, 1),
+        "test_without_gravity_and_inputs_energy_and_momentum_stay": (1, 1),
+    },
+    "simulator/test_inverse_dynamics.py": {
+        "test_constraint_torques_along_the_paper_flight_agree_with_pinocchio": (0, 1),
+        "test_motion_inputs_and_constraint_torques_solve_the_hybrid_system": (1, 0),
+    },
+    "simulator/test_inverse_kinematics.py": {
+        "test_arms_with_prismatic_joints": (2, 1),
+        "test_base_is_exact_and_goes_on_through_half_turns": (1, 1),
+        "test_limits_are_kept_and_left_again": (0, 1),
+    },
+    "simulator/test_push.py": {
+        "test_momentum_changes_as_gravity_and_the_push_say": (1, 1),
+    },
+    "simulator/test_simulation.py": {
+        "test_more_rotors_fly_it_with_the_least_thrusts": (0, 1),
+    },
+    "targets/test_c_source.py": {
+        "test_functions_equal_numpy": (2, 2),
+        "test_random_robots_compile_silently": (0, 1),
+        "test_sanitizers_find_nothing_in_random_calls": (0, 1),
+        "test_shipped_robots_compile_silently": (0, 3),
+        "test_single_precision_is_near_double": (1, 1),
+        "test_small_robot_compiles_silently": (4, 2),
+        "test_stack_is_what_the_header_promises": (1, 1),
+        "test_symbols": (2, 0),
+    },
+    "targets/test_embedded.py": {
+        "test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers": (1, 0),
+        "test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack": (2, 1),
+    },
+    "targets/test_sparse.py": {
+        "test_forms_without_zeros_have_the_entries_of_the_patterns": (2, 0),
+        "test_they_are_described": (1, 0),
+        "test_they_compile_silently": (2, 0),
+    },
+    "test_interface.py": {
+        "test_both_back_ends_load_a_function_that_was_added": (1, 0),
+        "test_verify_finds_what_is_wrong_with_it": (1, 0),
+    },
+    "verification/test_derivatives.py": {
+        "test_faults_planted_in_derivatives_are_found": (1, 1),
+    },
+    "verification/test_extremes.py": {
+        "test_planted_faults_are_found": (1, 1),
+        "test_what_is_right_passes_every_formulation": (1, 1),
+    },
+    "verification/test_parameters.py": {
+        "test_names_and_values_are_those_of_the_derivation": (1, 1),
+    },
+    "verification/test_thoroughness.py": {
+        "test_single_precision_that_does_not_compile_fails": (0, 1),
+        "test_what_only_a_c_program_uses": (0, 1),
+    },
+    "verification/test_trees.py": {
+        "test_random_trees_pass": (1, 1),
+    },
+    "verification/test_verify.py": {
+        "test_a_quaternion_passes_in_both_back_ends": (0, 1),
+        "test_planted_faults_are_found": (1, 1),
+        "test_planted_faults_in_c_are_found": (0, 1),
+        "test_what_c_has_of_its_own_is_compared": (0, 1),
+    },
 }
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the cases that the default run and CI leave out, evenly spread over all of a test."""
-    for kept, were_slow in ((CASES_BY_DEFAULT, False), (CASES_IN_CI, True)):
-        for name, count in kept.items():
-            cases = [item for item in items if item.name.startswith(f"{name}[")]
-            cases = [i for i in cases if bool(i.get_closest_marker("slow")) == were_slow]
-            chosen = {round(k * len(cases) / count) for k in range(count)}
-            for place, item in enumerate(cases):
-                if place not in chosen:
-                    item.add_marker(pytest.mark.slow)
-                    item.add_marker(pytest.mark.exhaustive)
+    cases: dict[tuple[int, int, str], list[pytest.Item]] = {}
+    for item in items:
+        file, _, test = item.nodeid.partition("[")[0].removeprefix("tests/").partition("::")
+        if counts := CASES.get(file, {}).get(test):
+            cases.setdefault((*counts, item.nodeid.partition("[")[0]), []).append(item)
+    for (by_default, in_ci, _), found in cases.items():
+        kept = _spread([i for i in found if not i.get_closest_marker("slow")], by_default)
+        slow = [item for item in found if item not in kept]
+        for item in slow:
+            item.add_marker(pytest.mark.slow)
+        for item in {*slow} - {*_spread(slow, in_ci)}:
+            item.add_marker(pytest.mark.exhaustive)
+
+
+def _spread(cases: list[pytest.Item], count: int) -> list[pytest.Item]:
+    places = {round(k * len(cases) / count) for k in range(count)}
+    return [item for place, item in enumerate(cases) if place in places]
 
 
 @pytest.fixture(scope="session")
