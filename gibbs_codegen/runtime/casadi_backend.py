@@ -7,7 +7,7 @@ made when it is first used.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -84,6 +84,18 @@ class CasadiFunction(casadi.Function):
         return CasadiFunction, (casadi.Function(self), self.with_constants)
 
 
+class _Symbols(np.ndarray[Any, np.dtype[np.object_]]):
+    """An array of symbols and numbers, whose matrix products are without the terms that vanish."""
+
+    def __matmul__(self, other: Any) -> Objects:
+        product = casadi.mtimes(_matrix(self), _matrix(other))
+        return _symbols(casadi.vertsplit(casadi.vec(product.T))).reshape(product.shape)
+
+
+def _symbols(entries: Sequence[Any]) -> Objects:
+    return objects(entries).view(_Symbols)
+
+
 class _CasadiModule(LoadedModule):
     """A module whose functions are made when they are first looked up."""
 
@@ -141,8 +153,10 @@ class _CasadiModule(LoadedModule):
             self._normalised(argument, symbol)
             for argument, symbol in zip(names, symbols, strict=True)
         ]
-        found = self._kernels.outputs(name, casadi.vertsplit(constants), *values)
+        found = self._kernels.outputs(name, casadi.vertsplit(constants), *values, array=_symbols)
         outputs = [_matrix(output) for output in found]
+        if FUNCTIONS[name].composed:
+            outputs = [casadi.sparsify(output) for output in outputs]
         results = [output.name for output in FUNCTIONS[name].outputs]
         every = casadi.Function(
             name, [*symbols, constants], outputs, [*names, "constants"], results
@@ -194,4 +208,5 @@ def _matrix(output: Objects) -> Any:
 
 
 def _is_zero(entry: Any) -> bool:
-    return bool(casadi.SX(entry).is_zero())
+    """Whether the emitted code has a zero there; CasADi may find more than PATTERNS has."""
+    return not isinstance(entry, casadi.SX) and entry == 0.0

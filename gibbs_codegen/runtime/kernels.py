@@ -67,7 +67,11 @@ class Kernels:
         return entries
 
     def outputs(
-        self, function: str, constants: Sequence[Any], *arguments: Objects
+        self,
+        function: str,
+        constants: Sequence[Any],
+        *arguments: Objects,
+        array: Callable[[Sequence[Any]], Objects] = objects,
     ) -> list[Objects]:
         """Outputs of any function for one state, also of one that is composed of others.
 
@@ -75,6 +79,7 @@ class Kernels:
             function: A function of the module.
             constants: As of `entries`.
             arguments: Arrays of the library's values, of the shapes that the function takes.
+            array: What makes arrays of one axis of the entries of the functions in between.
 
         Returns:
             Arrays of such values, and of Python's floats where an entry is a number at every state.
@@ -87,7 +92,7 @@ class Kernels:
         # What takes and returns floats. Everything between them stands in the module.
         names["state_array"] = lambda _, values, *shape: values.reshape(-1)
         names["_evaluate"] = self._evaluated
-        names["shaped"] = lambda entries, shape, _: objects(entries).reshape(shape)
+        names["shaped"] = lambda entries, shape, _: array(entries).reshape(shape)
         outputs = names[function](*arguments, constants=constants)
         return list(outputs) if isinstance(outputs, tuple) else [outputs]
 
