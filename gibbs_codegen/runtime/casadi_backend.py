@@ -56,7 +56,7 @@ class CasadiFunction(casadi.Function):
         """Call it as CasADi's functions are called.
 
         Args:
-            arguments: Numbers, DM, SX or MX, in the order of the inputs.
+            arguments: Numbers, DM, SX or MX, in the order of the inputs; constants may come last.
             constants: What the module's `prepare` returned, or None for the default parameters.
             named: The same as `arguments` by their names, in place of them.
 
@@ -67,6 +67,8 @@ class CasadiFunction(casadi.Function):
             TypeError: The constants are not this module's.
         """
         function = casadi.Function(self)
+        if len(arguments) == self.n_in() + 1:
+            *arguments, constants = arguments  # type: ignore[assignment]
         if constants is not None:
             function = self.with_constants
             size = function.size1_in("constants")

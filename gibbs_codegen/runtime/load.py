@@ -93,7 +93,7 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
         if method not in METHODS:
             known = ", ".join(METHODS)
             raise UsageError(f"method {printable(method)}: unknown; known: {known}")
-        return getattr(module, f"step_{method}{ending}")(q, v, u, h, constants=constants)
+        return getattr(module, f"step_{method}{ending}")(q, v, u, h, constants)
 
     step.__name__ = step.__qualname__ = f"step{ending}"
     step.__module__ = module.__name__

@@ -174,7 +174,12 @@ def test_functions_do_not_depend_on_the_length_of_a_quaternion(pair: Callable[[s
     longer[attitude] *= 3.0
     radial = np.zeros_like(q)
     radial[attitude] = q[attitude]
-    for name, others in (("forward_dynamics", (v, u)), ("frame_poses", ()), ("integrate", (v,))):
+    for name, others in (
+        ("forward_dynamics", (v, u)),
+        ("frame_poses", ()),
+        ("integrate", (v,)),
+        ("coordinate_rates", (v,)),
+    ):
         function = getattr(ours, name)
         assert_agree(function(longer, *others), getattr(numpy, name)(q, *others), name)
         slope = function.jacobian()(longer, *others, *[0.0] * function.n_out())
@@ -231,6 +236,8 @@ def test_functions_are_called_as_casadis_are(pair: Callable[[str], Pair]) -> Non
         q, v, u, ours.prepare({"gravity": casadi.DM(1.62)})
     )
     assert_agree(given, lighter, "with constants")
+    given = ours.forward_dynamics(q, v, u, ours.prepare(moon))
+    assert_agree(given, lighter, "constants for the last argument")
     columns = ours.forward_dynamics(np.transpose([q, q]), np.transpose([v, v]), u)
     assert_close("columns", columns.full(), np.transpose([expected, expected]), TOLERANCE)
     symbols = [casadi.MX.sym(name, len(x)) for name, x in (("q", q), ("v", v), ("u", u))]
@@ -285,5 +292,7 @@ def test_what_is_wrong_is_said(pair: Callable[[str], Pair]) -> None:
     for constants in (numpy.prepare({}), ours.prepare({})[:-1], 1.0):
         with pytest.raises(TypeError, match=r"what this module's prepare\(\) returned"):
             ours.forward_dynamics(q, v, u, constants=constants)
+    with pytest.raises(RuntimeError, match=r"shape|dimension"):
+        ours.forward_dynamics(q[:-1], v, u)
     with pytest.raises(UsageError, match="threads"):
         load(ROOT / "generated" / ANGLES, backend="casadi", threads=0)
