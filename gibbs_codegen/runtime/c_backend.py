@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, Signature, module_signatures
+from gibbs_codegen.interface import Signature, module_signatures
 from gibbs_codegen.runtime.c_library import compiled_library
 from gibbs_codegen.runtime.caller import caller_type
 from gibbs_codegen.runtime.compiled_function import (
@@ -21,6 +21,7 @@ from gibbs_codegen.runtime.compiled_function import (
     Pool,
 )
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError
+from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 
 def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int) -> ModuleType:
@@ -46,12 +47,8 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
     functions = module_signatures(module)
     _check_symbols(library, module.NAME, functions)
-    made = ModuleType(module.__name__, module.__doc__)
+    made = LoadedModule(module)
     made.__file__ = str(path)
-    made.__path__ = [str(folder)]
-    for name in (*DATA, *DATA_ON_REQUEST):
-        if hasattr(module, name):
-            setattr(made, name, getattr(module, name))
     constants = CompiledConstants(library, module)
     prepare = GeneralFunction(lambda given: constants.prepare(**given), module.prepare)
     made.prepare = prepare  # type: ignore[attr-defined]

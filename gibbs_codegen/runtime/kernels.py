@@ -12,8 +12,27 @@ from collections.abc import Callable, Mapping, Sequence
 from types import FunctionType, ModuleType
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+Objects = NDArray[np.object_]
 # What replaces the functions of the module, besides sine and cosine.
 ELEMENTARY = ("sqrt", "atan", "sign")
+
+
+def objects(values: Sequence[Any]) -> Objects:
+    """An array of values that NumPy would take for arrays, if it were left to it.
+
+    Args:
+        values: Values of any library.
+
+    Returns:
+        Array of one axis.
+    """
+    array = np.empty(len(values), dtype=object)
+    for i, value in enumerate(values):
+        array[i] = value
+    return array
 
 
 class Kernels:
@@ -46,6 +65,49 @@ class Kernels:
         kernel = self._rebound(f"_{function}")
         entries: Sequence[Any] = kernel(constants, *self._sine_cosine, *arguments)
         return entries
+
+    def outputs(
+        self,
+        function: str,
+        constants: Sequence[Any],
+        *arguments: Objects,
+        array: Callable[[Sequence[Any]], Objects] = objects,
+    ) -> list[Objects]:
+        """Outputs of any function for one state, also of one that is composed of others.
+
+        Args:
+            function: A function of the module.
+            constants: As of `entries`.
+            arguments: Arrays of the library's values, of the shapes that the function takes.
+            array: What makes arrays of one axis of the entries of the functions in between.
+
+        Returns:
+            Arrays of such values, and of Python's floats where an entry is a number at every state.
+        """
+        names = self._names.copy()
+        for name, value in vars(self._source).items():
+            if isinstance(value, FunctionType) and value.__module__ == self._source.__name__:
+                names[name] = FunctionType(value.__code__, names, name, value.__defaults__)
+        names |= {name: self._names[name] for name in ELEMENTARY}
+        # What takes and returns floats. Everything between them stands in the module.
+        names["state_array"] = lambda _, values, *shape: values.reshape(-1)
+        names["_evaluate"] = self._evaluated
+        names["shaped"] = lambda entries, shape, _: array(entries).reshape(shape)
+        outputs = names[function](*arguments, constants=constants)
+        return list(outputs) if isinstance(outputs, tuple) else [outputs]
+
+    def _evaluated(
+        self, kernel: Callable[..., Any], constants: Sequence[Any], *arguments: Objects
+    ) -> tuple[Sequence[Any], tuple[int, ...]]:
+        """What stands for the module's `_evaluate`.
+
+        Args:
+            kernel, constants, arguments: As it takes them.
+
+        Returns:
+            The entries, and the shape of no batch.
+        """
+        return kernel(constants, *self._sine_cosine, *arguments), ()
 
     def constants(self, parameters: Mapping[str, Any]) -> tuple[Any, ...]:
         """Constants of the module for parameters that need not be numbers, and are not checked.

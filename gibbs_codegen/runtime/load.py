@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import importlib
 import importlib.util
 import logging
 import os
@@ -16,20 +17,15 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import NoReturn
 
-from gibbs_codegen.errors import MissingFunctionError, UsageError, printable
-from gibbs_codegen.interface import DATA, FUNCTIONS, module_signatures
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.interface import DATA, module_signatures
+from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 BACKENDS = ("numpy", "c")
+# Back ends whose functions belong to another library, which the extra of that name installs.
+LIBRARIES = ("casadi", "jax")
 METHODS = ("euler", "rk4")
-# Functions that bring what is no function of the table.
-_BROUGHT_BY = {
-    "BASE_PARAMETERS": "base_parameters",
-    "PATTERNS": "forward_dynamics_derivatives",
-    "step": "step_euler",
-    "step_derivatives": "step_euler_derivatives",
-}
 
 _log = logging.getLogger("gibbs_codegen")
 _importing = threading.Lock()
@@ -43,8 +39,9 @@ def load(
     Args:
         name_or_path: The module's folder, or a name, which is looked for in `generated/` of the
             working directory.
-        backend: "numpy", or "c", which compiles the module's C source once, with CC or the
-            machine's compiler, and keeps it in a cache.
+        backend: "numpy"; "c", which compiles the module's C source once, with CC or the
+            machine's compiler, and keeps it in a cache; "casadi" or "jax", whose functions are
+            those of that library.
         threads: How many threads of the C back end share large batches.
 
     Returns:
@@ -53,17 +50,21 @@ def load(
         `gibbs_codegen` says so in a line.
 
     Raises:
-        UsageError: There is no such module, C source or back end.
+        UsageError: There is no such module, C source or back end, or its library is not installed.
     """
-    if backend not in BACKENDS:
-        raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(BACKENDS)}")
+    if backend not in (known := (*BACKENDS, *LIBRARIES)):
+        raise UsageError(f"back end {backend!r}: unknown; known: {', '.join(known)}")
     if not isinstance(threads, int) or threads < 1:
         raise UsageError(f"threads: a whole number, at least 1, not {threads!r}")
     folder = find_module(Path(name_or_path))
     with _importing:
         module = _import(folder)
-    loaded = module if backend == "numpy" else _compiled(module, folder, threads)
-    loaded.__class__ = _Loaded
+    if backend in LIBRARIES:
+        loaded = _of_library(module, folder, backend)
+    else:
+        loaded = module if backend == "numpy" else _compiled(module, folder, threads)
+    if not isinstance(loaded, LoadedModule):
+        loaded.__class__ = LoadedModule
     for ending in ("", "_derivatives"):
         if any(f"step_{method}{ending}" in loaded.DERIVATIVES for method in METHODS):
             setattr(loaded, f"step{ending}", _time_step(loaded, ending))
@@ -103,23 +104,37 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
     return step
 
 
-class _Loaded(ModuleType):
-    """A module whose error for what it lacks names the option that adds it."""
+def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
+    """A module with the functions of another library.
 
-    def __getattr__(self, name: str) -> NoReturn:
-        """Say why a name is not there.
+    Args:
+        module: The NumPy module.
+        folder: Where its files are.
+        library: One of LIBRARIES.
 
-        Args:
-            name: The name that was looked up.
+    Returns:
+        The module with the back end.
 
-        Raises:
-            MissingFunctionError: It is that of what is generated on request.
-            AttributeError: It is any other.
-        """
-        function = _BROUGHT_BY.get(name, name)
-        if function in FUNCTIONS and FUNCTIONS[function].on_request:
-            raise MissingFunctionError(self.NAME, name, self.DERIVATIVES, function)
-        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+    Raises:
+        UsageError: The library is not installed.
+    """
+    try:
+        importlib.import_module(library)
+    except ModuleNotFoundError as error:
+        if error.name != library:
+            raise
+        raise UsageError(
+            f"back end {library!r}: the package {library} is not installed; "
+            f"install it with: pip install 'gibbs_codegen[{library}]'"
+        ) from None
+    if library == "casadi":
+        from gibbs_codegen.runtime.casadi_backend import casadi_module
+
+        return casadi_module(module)
+    from gibbs_codegen.runtime import jax_backend  # type: ignore[attr-defined, unused-ignore]
+
+    made: ModuleType = jax_backend.jax_module(module, folder)
+    return made
 
 
 def _compiled(module: ModuleType, folder: Path, threads: int) -> ModuleType:

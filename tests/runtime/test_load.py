@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import pydoc
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from support.command import ENVIRONMENT
 from support.tools import tool
 
 from gibbs_codegen import load
@@ -72,8 +74,48 @@ def test_half_a_module_is_none(tmp_path: Path) -> None:
 def test_what_is_not_there_is_refused_with_the_command_that_makes_it() -> None:
     with pytest.raises(UsageError, match="gibbs-codegen generate nowhere"):
         load("nowhere")
-    with pytest.raises(UsageError, match="known: numpy, c"):
+    with pytest.raises(UsageError, match="known: numpy, c, casadi, jax"):
         load("nowhere", backend="fortran")
+
+
+@pytest.mark.parametrize("backend", ["casadi", "jax"])
+def test_a_library_that_is_missing_is_named_with_its_extra(
+    backend: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, f"gibbs_codegen.runtime.{backend}_backend", raising=False)
+    for name in [n for n in sys.modules if n.partition(".")[0] == backend]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr(sys, "meta_path", [_Without(backend), *sys.meta_path])
+    said = rf"{backend} is not installed; .* pip install 'gibbs_codegen\[{backend}\]'"
+    with pytest.raises(UsageError, match=said):
+        load(folder / "generated" / "hexarotor", backend=backend)
+
+
+class _Without:
+    """Finds that a package is not installed."""
+
+    def __init__(self, package: str) -> None:
+        self.package = package
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        if name == self.package:
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+
+def test_no_other_library_is_imported_until_its_back_end_is_loaded(folder: Path) -> None:
+    code = (
+        "import sys, gibbs_codegen, gibbs_codegen.cli.app\n"
+        "for name in gibbs_codegen.__all__:\n    getattr(gibbs_codegen, name)\n"
+        "gibbs_codegen.load('hexarotor')\n"
+        "assert not {'casadi', 'jax'} & set(sys.modules)\n"
+        "gibbs_codegen.load('hexarotor', backend='casadi')\n"
+        "assert 'jax' not in sys.modules"
+    )
+    pytest.importorskip("casadi")
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=ENVIRONMENT, cwd=folder, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize("backend", ["numpy", "c"])

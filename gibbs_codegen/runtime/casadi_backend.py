@@ -1,0 +1,214 @@
+"""The CasADi back end: the functions of a generated module as CasADi's functions of SX symbols.
+
+The emitted code runs on symbols, so they are made of the same operations as the module's. Each is
+made when it is first used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import ModuleType
+from typing import Any
+
+import casadi
+import numpy as np
+
+from gibbs_codegen.interface import FUNCTIONS, Signature, module_signatures
+from gibbs_codegen.runtime.kernels import Kernels, Objects, objects
+from gibbs_codegen.runtime.loaded_module import LoadedModule
+
+_ELEMENTARY = {
+    "sin": casadi.sin,
+    "cos": casadi.cos,
+    "sqrt": casadi.sqrt,
+    "atan": casadi.atan,
+    "sign": lambda x: casadi.copysign(1.0, x),  # CasADi's sign of zero is zero.
+}
+_QUATERNION = ("qx", "qy", "qz", "qw")
+
+
+def casadi_module(module: ModuleType) -> ModuleType:
+    """The functions and constants of a module, computed by CasADi.
+
+    Args:
+        module: The NumPy module.
+
+    Returns:
+        A module with the names of `module`, whose functions are of the type `CasadiFunction`.
+    """
+    return _CasadiModule(module)
+
+
+class CasadiFunction(casadi.Function):
+    """A function of a module with the default parameters; `constants` selects others.
+
+    Attributes:
+        with_constants: The same function with one more input, `constants`, the last.
+    """
+
+    def __init__(self, function: casadi.Function, with_constants: casadi.Function) -> None:
+        """Take the function with the default constants, and the one with constants to be given."""
+        super().__init__(function)
+        self.with_constants = with_constants
+
+    def __call__(self, *arguments: Any, constants: Any = None, **named: Any) -> Any:
+        """Call it as CasADi's functions are called.
+
+        Args:
+            arguments: Numbers, DM, SX or MX, in the order of the inputs; constants may come last.
+            constants: What the module's `prepare` returned, or None for the default parameters.
+            named: The same as `arguments` by their names, in place of them.
+
+        Returns:
+            One output or a tuple of them, or where arguments have names, a dictionary.
+
+        Raises:
+            TypeError: The constants are not this module's.
+        """
+        function = casadi.Function(self)
+        if len(arguments) == self.n_in() + 1:
+            *arguments, constants = arguments  # type: ignore[assignment]
+        if constants is not None:
+            function = self.with_constants
+            size = function.size1_in("constants")
+            if getattr(constants, "shape", (None,))[0] != size:
+                raise TypeError("constants must be what this module's prepare() returned")
+            if named:
+                named["constants"] = constants
+            else:
+                arguments = (*arguments, constants)
+        if arguments or named:
+            return function(*arguments, **named)
+        return function.call([])[0]  # CasADi gives a dictionary where nothing is given.
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CasadiFunction, (casadi.Function(self), self.with_constants)
+
+
+class _Symbols(np.ndarray[Any, np.dtype[np.object_]]):
+    """An array of symbols and numbers, whose matrix products are without the terms that vanish."""
+
+    def __matmul__(self, other: Any) -> Objects:
+        product = casadi.mtimes(_matrix(self), _matrix(other))
+        return _symbols(casadi.vertsplit(casadi.vec(product.T))).reshape(product.shape)
+
+
+def _symbols(entries: Sequence[Any]) -> Objects:
+    return objects(entries).view(_Symbols)
+
+
+class _CasadiModule(LoadedModule):
+    """A module whose functions are made when they are first looked up."""
+
+    def __init__(self, module: ModuleType) -> None:
+        super().__init__(module)
+        self._module = module
+        self._kernels = Kernels(module, _ELEMENTARY)
+        self._default = casadi.DM(module.prepare({}))
+        self._signatures = {signature.name: signature for signature in module_signatures(module)}
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in self.__dict__.get("_signatures", ()):
+            return super().__getattr__(name)
+        made = self._made(self._signatures[name])
+        setattr(self, name, made)
+        return made
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self._signatures, "prepare"})
+
+    def prepare(self, parameters: Mapping[str, Any]) -> Any:
+        """Constants of the functions for given parameters.
+
+        Args:
+            parameters: Values that differ from the defaults by name: numbers, or SX or MX symbols.
+                Where one is a symbol, the numbers are not checked.
+
+        Returns:
+            A column, of the type of the symbols, or a DM where all are numbers.
+
+        Raises:
+            ValueError, TypeError: As of the NumPy module's `prepare`.
+        """
+        given = {n: float(p) if isinstance(p, casadi.DM) else p for n, p in parameters.items()}
+        if not any(isinstance(value, casadi.SX | casadi.MX) for value in given.values()):
+            return casadi.DM(self._module.prepare(given))
+        self._module.prepare({name: self.PARAMETERS.get(name, 0.0) for name in given})
+        if "_prepared" not in self.__dict__:
+            symbols = casadi.SX.sym("parameters", len(self.PARAMETERS))
+            values = dict(zip(self.PARAMETERS, casadi.vertsplit(symbols), strict=True))
+            column = casadi.vertcat(*self._kernels.constants(values))
+            self._prepared = casadi.Function(
+                "prepare", [symbols], [column], ["parameters"], ["constants"]
+            )
+        return self._prepared(casadi.vertcat(*{**self.PARAMETERS, **given}.values()))
+
+    def _made(self, signature: Signature) -> CasadiFunction:
+        name, names = signature.name, [*signature.arguments]
+        symbols = [
+            casadi.SX.sym(argument, *shape)
+            for argument, shape in zip(names, signature.argument_shapes, strict=True)
+        ]
+        constants = casadi.SX.sym("constants", *self._default.shape)
+        values = [
+            self._normalised(argument, symbol)
+            for argument, symbol in zip(names, symbols, strict=True)
+        ]
+        found = self._kernels.outputs(name, casadi.vertsplit(constants), *values, array=_symbols)
+        outputs = [_matrix(output) for output in found]
+        if FUNCTIONS[name].composed:
+            outputs = [casadi.sparsify(output) for output in outputs]
+        results = [output.name for output in FUNCTIONS[name].outputs]
+        every = casadi.Function(
+            name, [*symbols, constants], outputs, [*names, "constants"], results
+        )
+        known = every.call([*symbols, self._default])
+        made = CasadiFunction(casadi.Function(name, symbols, known, names, results), every)
+        made.__doc__ = getattr(self._module, name).__doc__
+        return made
+
+    def _normalised(self, argument: str, symbol: Any) -> Objects:
+        """Entries of an argument, those of a quaternion divided by its length.
+
+        The module's functions expect a unit quaternion. A solver's iterates are none, and its
+        derivatives by a quaternion's entries are to be those of what is defined beside them.
+
+        Args:
+            argument: Its name.
+            symbol: The argument, a vector or a matrix.
+
+        Returns:
+            The entries, row by row.
+        """
+        entries = objects(casadi.vertsplit(casadi.vec(symbol.T)))
+        if self.ATTITUDE == "quaternion" and argument in ("q", "q0", "q1"):
+            places = [self.COORDINATES.index(name) for name in _QUATERNION]
+            length = casadi.norm_2(casadi.vertcat(*entries[places]))
+            entries[places] = objects([entry / length for entry in entries[places]])
+        return entries
+
+
+def _matrix(output: Objects) -> Any:
+    """An output as CasADi's matrix: a vector dense, all else without the zeros of every state.
+
+    Args:
+        output: Array of symbols and numbers.
+
+    Returns:
+        SX; blocks of an array of more than two axes are one below the other.
+    """
+    is_matrix = output.ndim > 1
+    columns = output.shape[-1] if is_matrix else 1
+    table = output.reshape(math.prod(output.shape) // max(columns, 1), columns)
+    kept = [
+        (i, j) for j, i in np.ndindex(*table.T.shape) if not (is_matrix and _is_zero(table[i, j]))
+    ]
+    rows, places = [i for i, _ in kept], [j for _, j in kept]
+    pattern = casadi.Sparsity.triplet(*table.shape, rows, places)
+    return casadi.SX(pattern, casadi.SX(casadi.vertcat(*(table[place] for place in kept))))
+
+
+def _is_zero(entry: Any) -> bool:
+    """Whether the emitted code has a zero there; CasADi may find more than PATTERNS has."""
+    return not isinstance(entry, casadi.SX) and entry == 0.0
