@@ -6,6 +6,7 @@ standard library. The C back end imports it, and so refuses and reports in the s
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import inspect
 import math
@@ -54,15 +55,15 @@ def prepared(
         if not math.isfinite(number):
             raise ValueError(f"{name} must be a finite number, not {number}")
         values[name] = float(number)
-    try:
-        mass, constants = compute(values)
-        if not mass > 0.0:
-            raise ZeroDivisionError
-    except ZeroDivisionError:
+    constants: tuple[float, ...] = ()
+    with contextlib.suppress(ZeroDivisionError):
+        mass, found = compute(values)
+        constants = found if mass > 0.0 else ()
+    if not constants:
         raise ValueError(
             "these parameters leave an acceleration undetermined: "
             "look for masses and inertias that are zero or negative"
-        ) from None
+        )
     if not all(map(math.isfinite, constants)):
         raise ValueError("these parameters are too large or too small to compute with")
     return constants
