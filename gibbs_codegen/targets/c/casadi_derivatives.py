@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from gibbs_codegen.interface import FUNCTIONS, Signature
 from gibbs_codegen.program.model import Model
+from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.targets.c.casadi_blocks import Block, Matrix, column_by_column, empty
 from gibbs_codegen.targets.c.casadi_form import PARAMETERS, Form, as_matrix, at
 from gibbs_codegen.targets.c.statements import loop
+from gibbs_codegen.targets.c.step_patterns import step_patterns
 
 # By output and input.
 Blocks = dict[tuple[str, str], Block]
@@ -94,6 +96,9 @@ def _jacobian(form: Form, row: Derived) -> Form:
     """Complete `jac_F`."""
     blocks = _blocks(form, row)
     form.unused("out_", form.results)
+    if layout_of(form.model.robot).is_quaternion:
+        for (output, name), block in blocks.items():
+            blocks[output, name] = _moved_alike(block, output) if name == "q" else block
     for output, shape in form.results:
         for name, of_input in form.arguments:
             none = empty(math.prod(shape), math.prod(of_input))
@@ -168,6 +173,31 @@ def _blocks(form: Form, row: Derived) -> Blocks:
     return blocks
 
 
+def _moved_alike(block: Block, output: str) -> Block:
+    """Derivatives by q without those zeros that are there since a shift moves everything alike.
+
+    Args:
+        block: Derivatives of an output, row by row, by position, quaternion and joints.
+        output: Its name.
+
+    Returns:
+        The block; by the position it has the ones of positions.
+    """
+
+    def axis(row: int) -> int | None:
+        if output in ("coordinates", "q_next"):
+            return row if row < 3 else None
+        is_position = output in ("pose", "poses") and row % 4 == 3 and row % 16 < 12
+        return row % 16 // 4 if is_position else None
+
+    places = {
+        (row, column): place
+        for (row, column), place in block.places.items()
+        if column >= 3 or axis(row) == column
+    }
+    return Block(block.rows, block.columns, places)
+
+
 def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
     """First derivatives of a time step. Those by its length are in no module, and not numbers.
 
@@ -179,8 +209,10 @@ def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
         The blocks.
     """
     maps = form.maps_at_result(found["q_next"])
-    by_state = form.rows_by_entries_of_q(form.by_entries_of_q(found["A"]), maps)
-    by_input = form.rows_by_entries_of_q(found["B"], maps)
+    known = step_patterns(form.model, form.signature.name)
+    by_state, by_input = (replace(found[name], nonzeros=known[name]) for name in "AB")
+    by_state = form.rows_by_entries_of_q(form.by_entries_of_q(by_state), maps)
+    by_input = form.rows_by_entries_of_q(by_input, maps)
     by_length = form.take(1, 1)
     form.body.append(f"scratch[{by_length.start}] = (real)NAN;")
     blocks: Blocks = {}
