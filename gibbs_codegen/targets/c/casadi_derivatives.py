@@ -1,9 +1,10 @@
 """The derivatives that CasADi looks up beside a function, from those that the module has.
 
 Of a function F it asks for `jac_F`, with a matrix for each output and input, for `adj1_F`, the
-gradient of the outputs times seeds, and for `jac_adj1_F`, the derivatives of that. Where a form is
-not there, it makes `adj1_F` of `jac_F`. There is no `fwd1_F`: with it, CasADi would compute a
-Jacobian column by column.
+gradient of the outputs times seeds, and for `jac_adj1_F`, the derivatives of that. Without
+`adj1_F` it makes gradients of `jac_F`; with it, it may compute a Jacobian row by row, so that
+`adj1_F` is there only where second derivatives or parameters need it. With `fwd1_F` it would
+compute a Jacobian column by column, so that there is none.
 """
 
 from __future__ import annotations
@@ -84,11 +85,13 @@ def derivative_forms(model: Model, signature: Signature, of_parameters: bool) ->
     if row.jacobian not in has or (of_parameters and row.by_parameters not in has):
         return []
     forms = [_jacobian(Form(model, signature, "JAC", of_parameters), row)]
-    # Where there is the matrix by the parameters, CasADi makes the gradient of matrices.
-    if row.gradient in has and not (of_parameters and not _is_gradient(row.by_parameters)):
+    if of_parameters:
+        # Matrices by the parameters that the module has make a gradient too.
+        if row.gradient in has and _is_gradient(row.by_parameters):
+            forms.append(_gradient(Form(model, signature, "ADJ", of_parameters), row))
+    elif {row.gradient, row.hessian} <= has:
         forms.append(_gradient(Form(model, signature, "ADJ", of_parameters), row))
-        if row.hessian in has and not of_parameters:
-            forms.append(_hessian(Form(model, signature, "JAC_ADJ", of_parameters), row))
+        forms.append(_hessian(Form(model, signature, "JAC_ADJ", of_parameters), row))
     return forms
 
 
