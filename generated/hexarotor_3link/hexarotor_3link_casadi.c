@@ -160,19 +160,23 @@ static const casadi_int pattern_18[] = {
     3, 9, 1
 };
 
-static const char *const CASADI(mass_matrix_and_residual_inputs)[] = {
+static const char *const
+    CASADI(mass_matrix_and_residual_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(mass_matrix_and_residual_outputs)[] = {
+static const char *const
+    CASADI(mass_matrix_and_residual_outputs)[] = {
     "mass_matrix",
     "residual",
 };
-static const casadi_int *const CASADI(mass_matrix_and_residual_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(mass_matrix_and_residual_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_output_patterns)[] = {
     pattern_2,
     pattern_1,
 };
@@ -190,21 +194,25 @@ FORM(CASADI, mass_matrix_and_residual, 2, 2, 90)
     return 0;
 }
 
-static const char *const CASADI(mass_matrix_and_residual_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(mass_matrix_and_residual_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(mass_matrix_and_residual_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(mass_matrix_and_residual_of_parameters_outputs)[] = {
     "mass_matrix",
     "residual",
 };
-static const casadi_int *const CASADI(mass_matrix_and_residual_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(mass_matrix_and_residual_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_of_parameters_output_patterns)[] = {
     pattern_2,
     pattern_1,
 };
@@ -226,16 +234,20 @@ FORM(CASADI, mass_matrix_and_residual_of_parameters, 3, 2, 90)
     return 0;
 }
 
-static const char *const CASADI(mass_matrix_inputs)[] = {
+static const char *const
+    CASADI(mass_matrix_inputs)[] = {
     "q",
 };
-static const char *const CASADI(mass_matrix_outputs)[] = {
+static const char *const
+    CASADI(mass_matrix_outputs)[] = {
     "mass_matrix",
 };
-static const casadi_int *const CASADI(mass_matrix_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(mass_matrix_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_output_patterns)[] = {
     pattern_2,
 };
 FORM(CASADI, mass_matrix, 1, 1, 81)
@@ -250,18 +262,22 @@ FORM(CASADI, mass_matrix, 1, 1, 81)
     return 0;
 }
 
-static const char *const CASADI(mass_matrix_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(mass_matrix_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(mass_matrix_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(mass_matrix_of_parameters_outputs)[] = {
     "mass_matrix",
 };
-static const casadi_int *const CASADI(mass_matrix_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(mass_matrix_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(mass_matrix_of_parameters_output_patterns)[] = {
     pattern_2,
 };
 FORM(CASADI, mass_matrix_of_parameters, 2, 1, 81)
@@ -280,18 +296,22 @@ FORM(CASADI, mass_matrix_of_parameters, 2, 1, 81)
     return 0;
 }
 
-static const char *const CASADI(residual_inputs)[] = {
+static const char *const
+    CASADI(residual_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(residual_outputs)[] = {
+static const char *const
+    CASADI(residual_outputs)[] = {
     "residual",
 };
-static const casadi_int *const CASADI(residual_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(residual_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(residual_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(residual_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, residual, 2, 1, 9)
@@ -306,20 +326,24 @@ FORM(CASADI, residual, 2, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(residual_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(residual_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(residual_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(residual_of_parameters_outputs)[] = {
     "residual",
 };
-static const casadi_int *const CASADI(residual_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(residual_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(residual_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(residual_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, residual_of_parameters, 3, 1, 9)
@@ -338,16 +362,20 @@ FORM(CASADI, residual_of_parameters, 3, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(input_matrix_inputs)[] = {
+static const char *const
+    CASADI(input_matrix_inputs)[] = {
     "q",
 };
-static const char *const CASADI(input_matrix_outputs)[] = {
+static const char *const
+    CASADI(input_matrix_outputs)[] = {
     "input_matrix",
 };
-static const casadi_int *const CASADI(input_matrix_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(input_matrix_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(input_matrix_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(input_matrix_output_patterns)[] = {
     pattern_2,
 };
 FORM(CASADI, input_matrix, 1, 1, 81)
@@ -362,18 +390,22 @@ FORM(CASADI, input_matrix, 1, 1, 81)
     return 0;
 }
 
-static const char *const CASADI(input_matrix_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(input_matrix_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(input_matrix_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(input_matrix_of_parameters_outputs)[] = {
     "input_matrix",
 };
-static const casadi_int *const CASADI(input_matrix_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(input_matrix_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(input_matrix_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(input_matrix_of_parameters_output_patterns)[] = {
     pattern_2,
 };
 FORM(CASADI, input_matrix_of_parameters, 2, 1, 81)
@@ -392,20 +424,24 @@ FORM(CASADI, input_matrix_of_parameters, 2, 1, 81)
     return 0;
 }
 
-static const char *const CASADI(forward_dynamics_inputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_inputs)[] = {
     "q",
     "v",
     "u",
 };
-static const char *const CASADI(forward_dynamics_outputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_outputs)[] = {
     "acceleration",
 };
-static const casadi_int *const CASADI(forward_dynamics_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(forward_dynamics_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, forward_dynamics, 3, 1, 9)
@@ -421,22 +457,26 @@ FORM(CASADI, forward_dynamics, 3, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(forward_dynamics_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_of_parameters_inputs)[] = {
     "q",
     "v",
     "u",
     "parameters",
 };
-static const char *const CASADI(forward_dynamics_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_of_parameters_outputs)[] = {
     "acceleration",
 };
-static const casadi_int *const CASADI(forward_dynamics_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(forward_dynamics_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, forward_dynamics_of_parameters, 4, 1, 9)
@@ -456,20 +496,24 @@ FORM(CASADI, forward_dynamics_of_parameters, 4, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(inverse_dynamics_inputs)[] = {
+static const char *const
+    CASADI(inverse_dynamics_inputs)[] = {
     "q",
     "v",
     "a",
 };
-static const char *const CASADI(inverse_dynamics_outputs)[] = {
+static const char *const
+    CASADI(inverse_dynamics_outputs)[] = {
     "force",
 };
-static const casadi_int *const CASADI(inverse_dynamics_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(inverse_dynamics_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(inverse_dynamics_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(inverse_dynamics_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, inverse_dynamics, 3, 1, 9)
@@ -485,22 +529,26 @@ FORM(CASADI, inverse_dynamics, 3, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(inverse_dynamics_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(inverse_dynamics_of_parameters_inputs)[] = {
     "q",
     "v",
     "a",
     "parameters",
 };
-static const char *const CASADI(inverse_dynamics_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(inverse_dynamics_of_parameters_outputs)[] = {
     "force",
 };
-static const casadi_int *const CASADI(inverse_dynamics_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(inverse_dynamics_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(inverse_dynamics_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(inverse_dynamics_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, inverse_dynamics_of_parameters, 4, 1, 9)
@@ -520,16 +568,20 @@ FORM(CASADI, inverse_dynamics_of_parameters, 4, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(hybrid_mass_matrix_inputs)[] = {
+static const char *const
+    CASADI(hybrid_mass_matrix_inputs)[] = {
     "q",
 };
-static const char *const CASADI(hybrid_mass_matrix_outputs)[] = {
+static const char *const
+    CASADI(hybrid_mass_matrix_outputs)[] = {
     "mass_matrix",
 };
-static const casadi_int *const CASADI(hybrid_mass_matrix_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(hybrid_mass_matrix_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_output_patterns)[] = {
     pattern_4,
 };
 FORM(CASADI, hybrid_mass_matrix, 1, 1, 361)
@@ -544,18 +596,22 @@ FORM(CASADI, hybrid_mass_matrix, 1, 1, 361)
     return 0;
 }
 
-static const char *const CASADI(hybrid_mass_matrix_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(hybrid_mass_matrix_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(hybrid_mass_matrix_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(hybrid_mass_matrix_of_parameters_outputs)[] = {
     "mass_matrix",
 };
-static const casadi_int *const CASADI(hybrid_mass_matrix_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(hybrid_mass_matrix_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_of_parameters_output_patterns)[] = {
     pattern_4,
 };
 FORM(CASADI, hybrid_mass_matrix_of_parameters, 2, 1, 361)
@@ -574,18 +630,22 @@ FORM(CASADI, hybrid_mass_matrix_of_parameters, 2, 1, 361)
     return 0;
 }
 
-static const char *const CASADI(hybrid_residual_inputs)[] = {
+static const char *const
+    CASADI(hybrid_residual_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(hybrid_residual_outputs)[] = {
+static const char *const
+    CASADI(hybrid_residual_outputs)[] = {
     "residual",
 };
-static const casadi_int *const CASADI(hybrid_residual_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_residual_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(hybrid_residual_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_residual_output_patterns)[] = {
     pattern_5,
 };
 FORM(CASADI, hybrid_residual, 2, 1, 19)
@@ -601,20 +661,24 @@ FORM(CASADI, hybrid_residual, 2, 1, 19)
     return 0;
 }
 
-static const char *const CASADI(hybrid_residual_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(hybrid_residual_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(hybrid_residual_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(hybrid_residual_of_parameters_outputs)[] = {
     "residual",
 };
-static const casadi_int *const CASADI(hybrid_residual_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_residual_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(hybrid_residual_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_residual_of_parameters_output_patterns)[] = {
     pattern_5,
 };
 FORM(CASADI, hybrid_residual_of_parameters, 3, 1, 19)
@@ -634,16 +698,20 @@ FORM(CASADI, hybrid_residual_of_parameters, 3, 1, 19)
     return 0;
 }
 
-static const char *const CASADI(hybrid_input_matrix_inputs)[] = {
+static const char *const
+    CASADI(hybrid_input_matrix_inputs)[] = {
     "q",
 };
-static const char *const CASADI(hybrid_input_matrix_outputs)[] = {
+static const char *const
+    CASADI(hybrid_input_matrix_outputs)[] = {
     "input_matrix",
 };
-static const casadi_int *const CASADI(hybrid_input_matrix_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(hybrid_input_matrix_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_output_patterns)[] = {
     pattern_6,
 };
 FORM(CASADI, hybrid_input_matrix, 1, 1, 171)
@@ -658,18 +726,22 @@ FORM(CASADI, hybrid_input_matrix, 1, 1, 171)
     return 0;
 }
 
-static const char *const CASADI(hybrid_input_matrix_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(hybrid_input_matrix_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(hybrid_input_matrix_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(hybrid_input_matrix_of_parameters_outputs)[] = {
     "input_matrix",
 };
-static const casadi_int *const CASADI(hybrid_input_matrix_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(hybrid_input_matrix_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_of_parameters_output_patterns)[] = {
     pattern_6,
 };
 FORM(CASADI, hybrid_input_matrix_of_parameters, 2, 1, 171)
@@ -688,22 +760,26 @@ FORM(CASADI, hybrid_input_matrix_of_parameters, 2, 1, 171)
     return 0;
 }
 
-static const char *const CASADI(constraint_torques_inputs)[] = {
+static const char *const
+    CASADI(constraint_torques_inputs)[] = {
     "q",
     "v",
     "a",
     "u",
 };
-static const char *const CASADI(constraint_torques_outputs)[] = {
+static const char *const
+    CASADI(constraint_torques_outputs)[] = {
     "torque",
 };
-static const casadi_int *const CASADI(constraint_torques_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(constraint_torques_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(constraint_torques_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(constraint_torques_output_patterns)[] = {
     pattern_7,
 };
 FORM(CASADI, constraint_torques, 4, 1, 5)
@@ -719,24 +795,28 @@ FORM(CASADI, constraint_torques, 4, 1, 5)
     return 0;
 }
 
-static const char *const CASADI(constraint_torques_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(constraint_torques_of_parameters_inputs)[] = {
     "q",
     "v",
     "a",
     "u",
     "parameters",
 };
-static const char *const CASADI(constraint_torques_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(constraint_torques_of_parameters_outputs)[] = {
     "torque",
 };
-static const casadi_int *const CASADI(constraint_torques_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(constraint_torques_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(constraint_torques_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(constraint_torques_of_parameters_output_patterns)[] = {
     pattern_7,
 };
 FORM(CASADI, constraint_torques_of_parameters, 5, 1, 5)
@@ -756,20 +836,24 @@ FORM(CASADI, constraint_torques_of_parameters, 5, 1, 5)
     return 0;
 }
 
-static const char *const CASADI(gibbs_inputs)[] = {
+static const char *const
+    CASADI(gibbs_inputs)[] = {
     "q",
     "v",
     "a",
 };
-static const char *const CASADI(gibbs_outputs)[] = {
+static const char *const
+    CASADI(gibbs_outputs)[] = {
     "value",
 };
-static const casadi_int *const CASADI(gibbs_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(gibbs_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(gibbs_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(gibbs_output_patterns)[] = {
     pattern_8,
 };
 FORM(CASADI, gibbs, 3, 1, 1)
@@ -785,22 +869,26 @@ FORM(CASADI, gibbs, 3, 1, 1)
     return 0;
 }
 
-static const char *const CASADI(gibbs_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(gibbs_of_parameters_inputs)[] = {
     "q",
     "v",
     "a",
     "parameters",
 };
-static const char *const CASADI(gibbs_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(gibbs_of_parameters_outputs)[] = {
     "value",
 };
-static const casadi_int *const CASADI(gibbs_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(gibbs_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(gibbs_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(gibbs_of_parameters_output_patterns)[] = {
     pattern_8,
 };
 FORM(CASADI, gibbs_of_parameters, 4, 1, 1)
@@ -820,18 +908,22 @@ FORM(CASADI, gibbs_of_parameters, 4, 1, 1)
     return 0;
 }
 
-static const char *const CASADI(kinetic_energy_inputs)[] = {
+static const char *const
+    CASADI(kinetic_energy_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(kinetic_energy_outputs)[] = {
+static const char *const
+    CASADI(kinetic_energy_outputs)[] = {
     "energy",
 };
-static const casadi_int *const CASADI(kinetic_energy_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(kinetic_energy_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(kinetic_energy_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(kinetic_energy_output_patterns)[] = {
     pattern_8,
 };
 FORM(CASADI, kinetic_energy, 2, 1, 1)
@@ -847,20 +939,24 @@ FORM(CASADI, kinetic_energy, 2, 1, 1)
     return 0;
 }
 
-static const char *const CASADI(kinetic_energy_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(kinetic_energy_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(kinetic_energy_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(kinetic_energy_of_parameters_outputs)[] = {
     "energy",
 };
-static const casadi_int *const CASADI(kinetic_energy_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(kinetic_energy_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(kinetic_energy_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(kinetic_energy_of_parameters_output_patterns)[] = {
     pattern_8,
 };
 FORM(CASADI, kinetic_energy_of_parameters, 3, 1, 1)
@@ -880,16 +976,20 @@ FORM(CASADI, kinetic_energy_of_parameters, 3, 1, 1)
     return 0;
 }
 
-static const char *const CASADI(potential_energy_inputs)[] = {
+static const char *const
+    CASADI(potential_energy_inputs)[] = {
     "q",
 };
-static const char *const CASADI(potential_energy_outputs)[] = {
+static const char *const
+    CASADI(potential_energy_outputs)[] = {
     "energy",
 };
-static const casadi_int *const CASADI(potential_energy_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(potential_energy_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(potential_energy_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(potential_energy_output_patterns)[] = {
     pattern_8,
 };
 FORM(CASADI, potential_energy, 1, 1, 1)
@@ -904,18 +1004,22 @@ FORM(CASADI, potential_energy, 1, 1, 1)
     return 0;
 }
 
-static const char *const CASADI(potential_energy_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(potential_energy_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(potential_energy_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(potential_energy_of_parameters_outputs)[] = {
     "energy",
 };
-static const casadi_int *const CASADI(potential_energy_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(potential_energy_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(potential_energy_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(potential_energy_of_parameters_output_patterns)[] = {
     pattern_8,
 };
 FORM(CASADI, potential_energy_of_parameters, 2, 1, 1)
@@ -934,16 +1038,20 @@ FORM(CASADI, potential_energy_of_parameters, 2, 1, 1)
     return 0;
 }
 
-static const char *const CASADI(gravity_forces_inputs)[] = {
+static const char *const
+    CASADI(gravity_forces_inputs)[] = {
     "q",
 };
-static const char *const CASADI(gravity_forces_outputs)[] = {
+static const char *const
+    CASADI(gravity_forces_outputs)[] = {
     "force",
 };
-static const casadi_int *const CASADI(gravity_forces_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(gravity_forces_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(gravity_forces_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(gravity_forces_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, gravity_forces, 1, 1, 9)
@@ -958,18 +1066,22 @@ FORM(CASADI, gravity_forces, 1, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(gravity_forces_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(gravity_forces_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(gravity_forces_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(gravity_forces_of_parameters_outputs)[] = {
     "force",
 };
-static const casadi_int *const CASADI(gravity_forces_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(gravity_forces_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(gravity_forces_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(gravity_forces_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, gravity_forces_of_parameters, 2, 1, 9)
@@ -988,18 +1100,22 @@ FORM(CASADI, gravity_forces_of_parameters, 2, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(wrench_forces_inputs)[] = {
+static const char *const
+    CASADI(wrench_forces_inputs)[] = {
     "q",
     "W",
 };
-static const char *const CASADI(wrench_forces_outputs)[] = {
+static const char *const
+    CASADI(wrench_forces_outputs)[] = {
     "force",
 };
-static const casadi_int *const CASADI(wrench_forces_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(wrench_forces_input_patterns)[] = {
     pattern_1,
     pattern_9,
 };
-static const casadi_int *const CASADI(wrench_forces_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(wrench_forces_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, wrench_forces, 2, 1, 21)
@@ -1015,20 +1131,24 @@ FORM(CASADI, wrench_forces, 2, 1, 21)
     return 0;
 }
 
-static const char *const CASADI(wrench_forces_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(wrench_forces_of_parameters_inputs)[] = {
     "q",
     "W",
     "parameters",
 };
-static const char *const CASADI(wrench_forces_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(wrench_forces_of_parameters_outputs)[] = {
     "force",
 };
-static const casadi_int *const CASADI(wrench_forces_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(wrench_forces_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_9,
     pattern_3,
 };
-static const casadi_int *const CASADI(wrench_forces_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(wrench_forces_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, wrench_forces_of_parameters, 3, 1, 21)
@@ -1048,22 +1168,26 @@ FORM(CASADI, wrench_forces_of_parameters, 3, 1, 21)
     return 0;
 }
 
-static const char *const CASADI(forward_dynamics_with_wrenches_inputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_inputs)[] = {
     "q",
     "v",
     "u",
     "W",
 };
-static const char *const CASADI(forward_dynamics_with_wrenches_outputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_outputs)[] = {
     "acceleration",
 };
-static const casadi_int *const CASADI(forward_dynamics_with_wrenches_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_9,
 };
-static const casadi_int *const CASADI(forward_dynamics_with_wrenches_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, forward_dynamics_with_wrenches, 4, 1, 21)
@@ -1080,24 +1204,28 @@ FORM(CASADI, forward_dynamics_with_wrenches, 4, 1, 21)
     return 0;
 }
 
-static const char *const CASADI(forward_dynamics_with_wrenches_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_inputs)[] = {
     "q",
     "v",
     "u",
     "W",
     "parameters",
 };
-static const char *const CASADI(forward_dynamics_with_wrenches_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_outputs)[] = {
     "acceleration",
 };
-static const casadi_int *const CASADI(forward_dynamics_with_wrenches_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_9,
     pattern_3,
 };
-static const casadi_int *const CASADI(forward_dynamics_with_wrenches_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, forward_dynamics_with_wrenches_of_parameters, 5, 1, 21)
@@ -1118,22 +1246,26 @@ FORM(CASADI, forward_dynamics_with_wrenches_of_parameters, 5, 1, 21)
     return 0;
 }
 
-static const char *const CASADI(joint_wrenches_inputs)[] = {
+static const char *const
+    CASADI(joint_wrenches_inputs)[] = {
     "q",
     "v",
     "a",
     "u",
 };
-static const char *const CASADI(joint_wrenches_outputs)[] = {
+static const char *const
+    CASADI(joint_wrenches_outputs)[] = {
     "wrenches",
 };
-static const casadi_int *const CASADI(joint_wrenches_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(joint_wrenches_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(joint_wrenches_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(joint_wrenches_output_patterns)[] = {
     pattern_10,
 };
 FORM(CASADI, joint_wrenches, 4, 1, 48)
@@ -1149,24 +1281,28 @@ FORM(CASADI, joint_wrenches, 4, 1, 48)
     return 0;
 }
 
-static const char *const CASADI(joint_wrenches_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(joint_wrenches_of_parameters_inputs)[] = {
     "q",
     "v",
     "a",
     "u",
     "parameters",
 };
-static const char *const CASADI(joint_wrenches_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(joint_wrenches_of_parameters_outputs)[] = {
     "wrenches",
 };
-static const casadi_int *const CASADI(joint_wrenches_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(joint_wrenches_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(joint_wrenches_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(joint_wrenches_of_parameters_output_patterns)[] = {
     pattern_10,
 };
 FORM(CASADI, joint_wrenches_of_parameters, 5, 1, 48)
@@ -1186,16 +1322,20 @@ FORM(CASADI, joint_wrenches_of_parameters, 5, 1, 48)
     return 0;
 }
 
-static const char *const CASADI(positions_inputs)[] = {
+static const char *const
+    CASADI(positions_inputs)[] = {
     "q",
 };
-static const char *const CASADI(positions_outputs)[] = {
+static const char *const
+    CASADI(positions_outputs)[] = {
     "position",
 };
-static const casadi_int *const CASADI(positions_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(positions_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(positions_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(positions_output_patterns)[] = {
     pattern_11,
 };
 FORM(CASADI, positions, 1, 1, 36)
@@ -1210,18 +1350,22 @@ FORM(CASADI, positions, 1, 1, 36)
     return 0;
 }
 
-static const char *const CASADI(positions_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(positions_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(positions_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(positions_of_parameters_outputs)[] = {
     "position",
 };
-static const casadi_int *const CASADI(positions_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(positions_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(positions_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(positions_of_parameters_output_patterns)[] = {
     pattern_11,
 };
 FORM(CASADI, positions_of_parameters, 2, 1, 36)
@@ -1240,16 +1384,20 @@ FORM(CASADI, positions_of_parameters, 2, 1, 36)
     return 0;
 }
 
-static const char *const CASADI(tip_pose_inputs)[] = {
+static const char *const
+    CASADI(tip_pose_inputs)[] = {
     "q",
 };
-static const char *const CASADI(tip_pose_outputs)[] = {
+static const char *const
+    CASADI(tip_pose_outputs)[] = {
     "pose",
 };
-static const casadi_int *const CASADI(tip_pose_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_pose_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(tip_pose_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_pose_output_patterns)[] = {
     pattern_12,
 };
 FORM(CASADI, tip_pose, 1, 1, 16)
@@ -1264,18 +1412,22 @@ FORM(CASADI, tip_pose, 1, 1, 16)
     return 0;
 }
 
-static const char *const CASADI(tip_pose_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(tip_pose_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(tip_pose_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(tip_pose_of_parameters_outputs)[] = {
     "pose",
 };
-static const casadi_int *const CASADI(tip_pose_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_pose_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(tip_pose_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_pose_of_parameters_output_patterns)[] = {
     pattern_12,
 };
 FORM(CASADI, tip_pose_of_parameters, 2, 1, 16)
@@ -1294,16 +1446,20 @@ FORM(CASADI, tip_pose_of_parameters, 2, 1, 16)
     return 0;
 }
 
-static const char *const CASADI(tip_jacobian_inputs)[] = {
+static const char *const
+    CASADI(tip_jacobian_inputs)[] = {
     "q",
 };
-static const char *const CASADI(tip_jacobian_outputs)[] = {
+static const char *const
+    CASADI(tip_jacobian_outputs)[] = {
     "jacobian",
 };
-static const casadi_int *const CASADI(tip_jacobian_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_jacobian_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(tip_jacobian_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_jacobian_output_patterns)[] = {
     pattern_13,
 };
 FORM(CASADI, tip_jacobian, 1, 1, 54)
@@ -1318,18 +1474,22 @@ FORM(CASADI, tip_jacobian, 1, 1, 54)
     return 0;
 }
 
-static const char *const CASADI(tip_jacobian_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(tip_jacobian_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(tip_jacobian_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(tip_jacobian_of_parameters_outputs)[] = {
     "jacobian",
 };
-static const casadi_int *const CASADI(tip_jacobian_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_jacobian_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(tip_jacobian_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_jacobian_of_parameters_output_patterns)[] = {
     pattern_13,
 };
 FORM(CASADI, tip_jacobian_of_parameters, 2, 1, 54)
@@ -1348,18 +1508,22 @@ FORM(CASADI, tip_jacobian_of_parameters, 2, 1, 54)
     return 0;
 }
 
-static const char *const CASADI(tip_bias_acceleration_inputs)[] = {
+static const char *const
+    CASADI(tip_bias_acceleration_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(tip_bias_acceleration_outputs)[] = {
+static const char *const
+    CASADI(tip_bias_acceleration_outputs)[] = {
     "bias_acceleration",
 };
-static const casadi_int *const CASADI(tip_bias_acceleration_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(tip_bias_acceleration_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_output_patterns)[] = {
     pattern_14,
 };
 FORM(CASADI, tip_bias_acceleration, 2, 1, 6)
@@ -1375,20 +1539,24 @@ FORM(CASADI, tip_bias_acceleration, 2, 1, 6)
     return 0;
 }
 
-static const char *const CASADI(tip_bias_acceleration_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(tip_bias_acceleration_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(tip_bias_acceleration_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(tip_bias_acceleration_of_parameters_outputs)[] = {
     "bias_acceleration",
 };
-static const casadi_int *const CASADI(tip_bias_acceleration_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(tip_bias_acceleration_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_of_parameters_output_patterns)[] = {
     pattern_14,
 };
 FORM(CASADI, tip_bias_acceleration_of_parameters, 3, 1, 6)
@@ -1408,16 +1576,20 @@ FORM(CASADI, tip_bias_acceleration_of_parameters, 3, 1, 6)
     return 0;
 }
 
-static const char *const CASADI(frame_poses_inputs)[] = {
+static const char *const
+    CASADI(frame_poses_inputs)[] = {
     "q",
 };
-static const char *const CASADI(frame_poses_outputs)[] = {
+static const char *const
+    CASADI(frame_poses_outputs)[] = {
     "poses",
 };
-static const casadi_int *const CASADI(frame_poses_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_poses_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(frame_poses_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_poses_output_patterns)[] = {
     pattern_15,
 };
 FORM(CASADI, frame_poses, 1, 1, 32)
@@ -1432,18 +1604,22 @@ FORM(CASADI, frame_poses, 1, 1, 32)
     return 0;
 }
 
-static const char *const CASADI(frame_poses_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(frame_poses_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(frame_poses_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(frame_poses_of_parameters_outputs)[] = {
     "poses",
 };
-static const casadi_int *const CASADI(frame_poses_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_poses_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(frame_poses_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_poses_of_parameters_output_patterns)[] = {
     pattern_15,
 };
 FORM(CASADI, frame_poses_of_parameters, 2, 1, 32)
@@ -1462,16 +1638,20 @@ FORM(CASADI, frame_poses_of_parameters, 2, 1, 32)
     return 0;
 }
 
-static const char *const CASADI(frame_jacobians_inputs)[] = {
+static const char *const
+    CASADI(frame_jacobians_inputs)[] = {
     "q",
 };
-static const char *const CASADI(frame_jacobians_outputs)[] = {
+static const char *const
+    CASADI(frame_jacobians_outputs)[] = {
     "jacobians",
 };
-static const casadi_int *const CASADI(frame_jacobians_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_jacobians_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(frame_jacobians_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_jacobians_output_patterns)[] = {
     pattern_16,
 };
 FORM(CASADI, frame_jacobians, 1, 1, 108)
@@ -1486,18 +1666,22 @@ FORM(CASADI, frame_jacobians, 1, 1, 108)
     return 0;
 }
 
-static const char *const CASADI(frame_jacobians_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(frame_jacobians_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(frame_jacobians_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(frame_jacobians_of_parameters_outputs)[] = {
     "jacobians",
 };
-static const casadi_int *const CASADI(frame_jacobians_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_jacobians_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(frame_jacobians_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_jacobians_of_parameters_output_patterns)[] = {
     pattern_16,
 };
 FORM(CASADI, frame_jacobians_of_parameters, 2, 1, 108)
@@ -1516,18 +1700,22 @@ FORM(CASADI, frame_jacobians_of_parameters, 2, 1, 108)
     return 0;
 }
 
-static const char *const CASADI(frame_velocities_inputs)[] = {
+static const char *const
+    CASADI(frame_velocities_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(frame_velocities_outputs)[] = {
+static const char *const
+    CASADI(frame_velocities_outputs)[] = {
     "velocities",
 };
-static const casadi_int *const CASADI(frame_velocities_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_velocities_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(frame_velocities_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_velocities_output_patterns)[] = {
     pattern_9,
 };
 FORM(CASADI, frame_velocities, 2, 1, 12)
@@ -1543,20 +1731,24 @@ FORM(CASADI, frame_velocities, 2, 1, 12)
     return 0;
 }
 
-static const char *const CASADI(frame_velocities_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(frame_velocities_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(frame_velocities_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(frame_velocities_of_parameters_outputs)[] = {
     "velocities",
 };
-static const casadi_int *const CASADI(frame_velocities_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_velocities_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(frame_velocities_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_velocities_of_parameters_output_patterns)[] = {
     pattern_9,
 };
 FORM(CASADI, frame_velocities_of_parameters, 3, 1, 12)
@@ -1576,18 +1768,22 @@ FORM(CASADI, frame_velocities_of_parameters, 3, 1, 12)
     return 0;
 }
 
-static const char *const CASADI(frame_bias_accelerations_inputs)[] = {
+static const char *const
+    CASADI(frame_bias_accelerations_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(frame_bias_accelerations_outputs)[] = {
+static const char *const
+    CASADI(frame_bias_accelerations_outputs)[] = {
     "bias_accelerations",
 };
-static const casadi_int *const CASADI(frame_bias_accelerations_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(frame_bias_accelerations_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_output_patterns)[] = {
     pattern_9,
 };
 FORM(CASADI, frame_bias_accelerations, 2, 1, 12)
@@ -1603,20 +1799,24 @@ FORM(CASADI, frame_bias_accelerations, 2, 1, 12)
     return 0;
 }
 
-static const char *const CASADI(frame_bias_accelerations_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(frame_bias_accelerations_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(frame_bias_accelerations_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(frame_bias_accelerations_of_parameters_outputs)[] = {
     "bias_accelerations",
 };
-static const casadi_int *const CASADI(frame_bias_accelerations_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(frame_bias_accelerations_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_of_parameters_output_patterns)[] = {
     pattern_9,
 };
 FORM(CASADI, frame_bias_accelerations_of_parameters, 3, 1, 12)
@@ -1636,16 +1836,20 @@ FORM(CASADI, frame_bias_accelerations_of_parameters, 3, 1, 12)
     return 0;
 }
 
-static const char *const CASADI(centre_of_mass_inputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_inputs)[] = {
     "q",
 };
-static const char *const CASADI(centre_of_mass_outputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_outputs)[] = {
     "position",
 };
-static const casadi_int *const CASADI(centre_of_mass_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(centre_of_mass_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_output_patterns)[] = {
     pattern_17,
 };
 FORM(CASADI, centre_of_mass, 1, 1, 3)
@@ -1660,18 +1864,22 @@ FORM(CASADI, centre_of_mass, 1, 1, 3)
     return 0;
 }
 
-static const char *const CASADI(centre_of_mass_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(centre_of_mass_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_of_parameters_outputs)[] = {
     "position",
 };
-static const casadi_int *const CASADI(centre_of_mass_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(centre_of_mass_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_of_parameters_output_patterns)[] = {
     pattern_17,
 };
 FORM(CASADI, centre_of_mass_of_parameters, 2, 1, 3)
@@ -1690,16 +1898,20 @@ FORM(CASADI, centre_of_mass_of_parameters, 2, 1, 3)
     return 0;
 }
 
-static const char *const CASADI(centre_of_mass_jacobian_inputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_jacobian_inputs)[] = {
     "q",
 };
-static const char *const CASADI(centre_of_mass_jacobian_outputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_jacobian_outputs)[] = {
     "jacobian",
 };
-static const casadi_int *const CASADI(centre_of_mass_jacobian_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_input_patterns)[] = {
     pattern_1,
 };
-static const casadi_int *const CASADI(centre_of_mass_jacobian_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_output_patterns)[] = {
     pattern_18,
 };
 FORM(CASADI, centre_of_mass_jacobian, 1, 1, 27)
@@ -1714,18 +1926,22 @@ FORM(CASADI, centre_of_mass_jacobian, 1, 1, 27)
     return 0;
 }
 
-static const char *const CASADI(centre_of_mass_jacobian_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_jacobian_of_parameters_inputs)[] = {
     "q",
     "parameters",
 };
-static const char *const CASADI(centre_of_mass_jacobian_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(centre_of_mass_jacobian_of_parameters_outputs)[] = {
     "jacobian",
 };
-static const casadi_int *const CASADI(centre_of_mass_jacobian_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(centre_of_mass_jacobian_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_of_parameters_output_patterns)[] = {
     pattern_18,
 };
 FORM(CASADI, centre_of_mass_jacobian_of_parameters, 2, 1, 27)
@@ -1744,18 +1960,22 @@ FORM(CASADI, centre_of_mass_jacobian_of_parameters, 2, 1, 27)
     return 0;
 }
 
-static const char *const CASADI(centroidal_momentum_inputs)[] = {
+static const char *const
+    CASADI(centroidal_momentum_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(centroidal_momentum_outputs)[] = {
+static const char *const
+    CASADI(centroidal_momentum_outputs)[] = {
     "momentum",
 };
-static const casadi_int *const CASADI(centroidal_momentum_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(centroidal_momentum_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(centroidal_momentum_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(centroidal_momentum_output_patterns)[] = {
     pattern_14,
 };
 FORM(CASADI, centroidal_momentum, 2, 1, 6)
@@ -1771,20 +1991,24 @@ FORM(CASADI, centroidal_momentum, 2, 1, 6)
     return 0;
 }
 
-static const char *const CASADI(centroidal_momentum_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(centroidal_momentum_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(centroidal_momentum_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(centroidal_momentum_of_parameters_outputs)[] = {
     "momentum",
 };
-static const casadi_int *const CASADI(centroidal_momentum_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(centroidal_momentum_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(centroidal_momentum_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(centroidal_momentum_of_parameters_output_patterns)[] = {
     pattern_14,
 };
 FORM(CASADI, centroidal_momentum_of_parameters, 3, 1, 6)
@@ -1804,18 +2028,22 @@ FORM(CASADI, centroidal_momentum_of_parameters, 3, 1, 6)
     return 0;
 }
 
-static const char *const CASADI(coordinate_rates_inputs)[] = {
+static const char *const
+    CASADI(coordinate_rates_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(coordinate_rates_outputs)[] = {
+static const char *const
+    CASADI(coordinate_rates_outputs)[] = {
     "rate",
 };
-static const casadi_int *const CASADI(coordinate_rates_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(coordinate_rates_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(coordinate_rates_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(coordinate_rates_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, coordinate_rates, 2, 1, 9)
@@ -1831,20 +2059,24 @@ FORM(CASADI, coordinate_rates, 2, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(coordinate_rates_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(coordinate_rates_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(coordinate_rates_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(coordinate_rates_of_parameters_outputs)[] = {
     "rate",
 };
-static const casadi_int *const CASADI(coordinate_rates_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(coordinate_rates_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(coordinate_rates_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(coordinate_rates_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, coordinate_rates_of_parameters, 3, 1, 9)
@@ -1864,18 +2096,22 @@ FORM(CASADI, coordinate_rates_of_parameters, 3, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(integrate_inputs)[] = {
+static const char *const
+    CASADI(integrate_inputs)[] = {
     "q",
     "v",
 };
-static const char *const CASADI(integrate_outputs)[] = {
+static const char *const
+    CASADI(integrate_outputs)[] = {
     "coordinates",
 };
-static const casadi_int *const CASADI(integrate_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(integrate_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(integrate_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(integrate_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, integrate, 2, 1, 9)
@@ -1890,20 +2126,24 @@ FORM(CASADI, integrate, 2, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(integrate_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(integrate_of_parameters_inputs)[] = {
     "q",
     "v",
     "parameters",
 };
-static const char *const CASADI(integrate_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(integrate_of_parameters_outputs)[] = {
     "coordinates",
 };
-static const casadi_int *const CASADI(integrate_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(integrate_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(integrate_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(integrate_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, integrate_of_parameters, 3, 1, 9)
@@ -1922,18 +2162,22 @@ FORM(CASADI, integrate_of_parameters, 3, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(difference_inputs)[] = {
+static const char *const
+    CASADI(difference_inputs)[] = {
     "q0",
     "q1",
 };
-static const char *const CASADI(difference_outputs)[] = {
+static const char *const
+    CASADI(difference_outputs)[] = {
     "displacement",
 };
-static const casadi_int *const CASADI(difference_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(difference_input_patterns)[] = {
     pattern_1,
     pattern_1,
 };
-static const casadi_int *const CASADI(difference_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(difference_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, difference, 2, 1, 9)
@@ -1948,20 +2192,24 @@ FORM(CASADI, difference, 2, 1, 9)
     return 0;
 }
 
-static const char *const CASADI(difference_of_parameters_inputs)[] = {
+static const char *const
+    CASADI(difference_of_parameters_inputs)[] = {
     "q0",
     "q1",
     "parameters",
 };
-static const char *const CASADI(difference_of_parameters_outputs)[] = {
+static const char *const
+    CASADI(difference_of_parameters_outputs)[] = {
     "displacement",
 };
-static const casadi_int *const CASADI(difference_of_parameters_input_patterns)[] = {
+static const casadi_int *const
+    CASADI(difference_of_parameters_input_patterns)[] = {
     pattern_1,
     pattern_1,
     pattern_3,
 };
-static const casadi_int *const CASADI(difference_of_parameters_output_patterns)[] = {
+static const casadi_int *const
+    CASADI(difference_of_parameters_output_patterns)[] = {
     pattern_1,
 };
 FORM(CASADI, difference_of_parameters, 3, 1, 9)

@@ -1,8 +1,7 @@
-"""The derivatives that CasADi finds in the compiled adapter, against its own of the same kernels."""
+"""Derivatives that CasADi finds in the compiled adapter, against its own of the same kernels."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -174,13 +173,11 @@ def normalised(emitted: Emitted, symbols: Any) -> Any:
 @pytest.fixture(
     scope="module", params=[pytest.param("angles", marks=pytest.mark.slow), "quaternion"]
 )
-def robot(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[External]:
+def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> External:
     tool("gcc")
     folder = tmp_path_factory.mktemp("casadi")
     made = paper_family(3, 1) if request.param == "angles" else parse_robot(TREE)
-    yield External(emit(made, folder / "module", derivatives=DERIVATIVES), folder)
+    return External(emit(made, folder / "module", derivatives=DERIVATIVES), folder)
 
 
 def full(values: Any) -> list[np.ndarray]:
