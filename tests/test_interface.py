@@ -79,7 +79,7 @@ def test_every_target_has_a_function_that_was_added(folder: Path) -> None:
     for text in (source, header):
         assert re.search(rf"\bquadrotor_2link_{NAME}\(", text)
         assert re.search(rf"\bquadrotor_2link_{NAME}_batch\(", text)
-    assert f"int CASADI({NAME})(" in casadi
+    assert f"FORM(CASADI, {NAME}, " in casadi
     for text in (numpy, header):
         assert ADDED.summary in text
         assert "theta_m1 [N m]" in text

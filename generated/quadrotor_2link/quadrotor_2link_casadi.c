@@ -7,11 +7,15 @@
 /*
  * The functions of the header as CasADi calls external functions.
  *
- *     casadi.external("NAME_casadi_FUNCTION", "LIBRARY.so", {"enable_fd": True})
+ *     casadi.external("NAME_casadi_FUNCTION", "LIBRARY.so")
  *
- * is one of the header's functions, NAME being the robot's; enable_fd has CasADi differentiate it
- * by finite differences. The parameters are those of the robot file. An array of three axes is a
- * matrix in CasADi, with one block below the other.
+ * is one of the header's functions, NAME being the robot's, with the parameters of the robot file;
+ * NAME_casadi_FUNCTION_of_parameters has the parameters as its last input, in the order of their
+ * places. An array of three axes is a matrix in CasADi, with one block below the other.
+ *
+ * The module has no derivatives, so CasADi differentiates these functions by finite differences
+ * only, and only with the option {"enable_fd": True}. Generate the module with --derivatives to
+ * have them differentiated exactly.
  */
 
 #include "quadrotor_2link.h"
@@ -21,297 +25,72 @@
 #endif
 
 typedef quadrotor_2link_real real;
+typedef quadrotor_2link_constants Constants;
 
 #define CASADI(f) quadrotor_2link_casadi_##f
+
+/* One of the `count` entries of an array; null for an entry that there is not. */
+#define ENTRY(array, count, i) ((i) >= 0 && (i) < (count) ? (array)[i] : 0)
+
+/*
+ * What CasADi asks of a function before it calls it: how many inputs and outputs there are, their
+ * names and patterns, and how long the scratch has to be.
+ */
+#define FORM(KIND, f, inputs, outputs, length) \
+    int KIND(f)(const real **, real **, casadi_int *, real *, int); \
+    casadi_int KIND(f##_n_in)(void); \
+    casadi_int KIND(f##_n_in)(void) \
+    { \
+        return inputs; \
+    } \
+    casadi_int KIND(f##_n_out)(void); \
+    casadi_int KIND(f##_n_out)(void) \
+    { \
+        return outputs; \
+    } \
+    const char *KIND(f##_name_in)(casadi_int); \
+    const char *KIND(f##_name_in)(casadi_int i) \
+    { \
+        return ENTRY(KIND(f##_inputs), inputs, i); \
+    } \
+    const char *KIND(f##_name_out)(casadi_int); \
+    const char *KIND(f##_name_out)(casadi_int i) \
+    { \
+        return ENTRY(KIND(f##_outputs), outputs, i); \
+    } \
+    const casadi_int *KIND(f##_sparsity_in)(casadi_int); \
+    const casadi_int *KIND(f##_sparsity_in)(casadi_int i) \
+    { \
+        return ENTRY(KIND(f##_input_patterns), inputs, i); \
+    } \
+    const casadi_int *KIND(f##_sparsity_out)(casadi_int); \
+    const casadi_int *KIND(f##_sparsity_out)(casadi_int i) \
+    { \
+        return ENTRY(KIND(f##_output_patterns), outputs, i); \
+    } \
+    int KIND(f##_work)(casadi_int *, casadi_int *, casadi_int *, casadi_int *); \
+    int KIND(f##_work)( \
+        casadi_int *sz_arg, casadi_int *sz_res, casadi_int *sz_iw, casadi_int *sz_w) \
+    { \
+        *sz_arg = inputs; \
+        *sz_res = outputs; \
+        *sz_iw = 0; \
+        *sz_w = length; \
+        return 0; \
+    } \
+    int KIND(f)(const real **arg, real **res, casadi_int *iw, real *scratch, int mem)
 
 #ifdef __cplusplus
 extern "C" {
 #endif
-int CASADI(mass_matrix_and_residual)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(mass_matrix_and_residual_n_in)(void);
-casadi_int CASADI(mass_matrix_and_residual_n_out)(void);
-const char *CASADI(mass_matrix_and_residual_name_in)(casadi_int);
-const char *CASADI(mass_matrix_and_residual_name_out)(casadi_int);
-const casadi_int *CASADI(mass_matrix_and_residual_sparsity_in)(casadi_int);
-const casadi_int *CASADI(mass_matrix_and_residual_sparsity_out)(casadi_int);
-int CASADI(mass_matrix_and_residual_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(mass_matrix)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(mass_matrix_n_in)(void);
-casadi_int CASADI(mass_matrix_n_out)(void);
-const char *CASADI(mass_matrix_name_in)(casadi_int);
-const char *CASADI(mass_matrix_name_out)(casadi_int);
-const casadi_int *CASADI(mass_matrix_sparsity_in)(casadi_int);
-const casadi_int *CASADI(mass_matrix_sparsity_out)(casadi_int);
-int CASADI(mass_matrix_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(residual)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(residual_n_in)(void);
-casadi_int CASADI(residual_n_out)(void);
-const char *CASADI(residual_name_in)(casadi_int);
-const char *CASADI(residual_name_out)(casadi_int);
-const casadi_int *CASADI(residual_sparsity_in)(casadi_int);
-const casadi_int *CASADI(residual_sparsity_out)(casadi_int);
-int CASADI(residual_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(input_matrix)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(input_matrix_n_in)(void);
-casadi_int CASADI(input_matrix_n_out)(void);
-const char *CASADI(input_matrix_name_in)(casadi_int);
-const char *CASADI(input_matrix_name_out)(casadi_int);
-const casadi_int *CASADI(input_matrix_sparsity_in)(casadi_int);
-const casadi_int *CASADI(input_matrix_sparsity_out)(casadi_int);
-int CASADI(input_matrix_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(forward_dynamics)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(forward_dynamics_n_in)(void);
-casadi_int CASADI(forward_dynamics_n_out)(void);
-const char *CASADI(forward_dynamics_name_in)(casadi_int);
-const char *CASADI(forward_dynamics_name_out)(casadi_int);
-const casadi_int *CASADI(forward_dynamics_sparsity_in)(casadi_int);
-const casadi_int *CASADI(forward_dynamics_sparsity_out)(casadi_int);
-int CASADI(forward_dynamics_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(inverse_dynamics)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(inverse_dynamics_n_in)(void);
-casadi_int CASADI(inverse_dynamics_n_out)(void);
-const char *CASADI(inverse_dynamics_name_in)(casadi_int);
-const char *CASADI(inverse_dynamics_name_out)(casadi_int);
-const casadi_int *CASADI(inverse_dynamics_sparsity_in)(casadi_int);
-const casadi_int *CASADI(inverse_dynamics_sparsity_out)(casadi_int);
-int CASADI(inverse_dynamics_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(hybrid_mass_matrix)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(hybrid_mass_matrix_n_in)(void);
-casadi_int CASADI(hybrid_mass_matrix_n_out)(void);
-const char *CASADI(hybrid_mass_matrix_name_in)(casadi_int);
-const char *CASADI(hybrid_mass_matrix_name_out)(casadi_int);
-const casadi_int *CASADI(hybrid_mass_matrix_sparsity_in)(casadi_int);
-const casadi_int *CASADI(hybrid_mass_matrix_sparsity_out)(casadi_int);
-int CASADI(hybrid_mass_matrix_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(hybrid_residual)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(hybrid_residual_n_in)(void);
-casadi_int CASADI(hybrid_residual_n_out)(void);
-const char *CASADI(hybrid_residual_name_in)(casadi_int);
-const char *CASADI(hybrid_residual_name_out)(casadi_int);
-const casadi_int *CASADI(hybrid_residual_sparsity_in)(casadi_int);
-const casadi_int *CASADI(hybrid_residual_sparsity_out)(casadi_int);
-int CASADI(hybrid_residual_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(hybrid_input_matrix)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(hybrid_input_matrix_n_in)(void);
-casadi_int CASADI(hybrid_input_matrix_n_out)(void);
-const char *CASADI(hybrid_input_matrix_name_in)(casadi_int);
-const char *CASADI(hybrid_input_matrix_name_out)(casadi_int);
-const casadi_int *CASADI(hybrid_input_matrix_sparsity_in)(casadi_int);
-const casadi_int *CASADI(hybrid_input_matrix_sparsity_out)(casadi_int);
-int CASADI(hybrid_input_matrix_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(constraint_torques)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(constraint_torques_n_in)(void);
-casadi_int CASADI(constraint_torques_n_out)(void);
-const char *CASADI(constraint_torques_name_in)(casadi_int);
-const char *CASADI(constraint_torques_name_out)(casadi_int);
-const casadi_int *CASADI(constraint_torques_sparsity_in)(casadi_int);
-const casadi_int *CASADI(constraint_torques_sparsity_out)(casadi_int);
-int CASADI(constraint_torques_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(gibbs)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(gibbs_n_in)(void);
-casadi_int CASADI(gibbs_n_out)(void);
-const char *CASADI(gibbs_name_in)(casadi_int);
-const char *CASADI(gibbs_name_out)(casadi_int);
-const casadi_int *CASADI(gibbs_sparsity_in)(casadi_int);
-const casadi_int *CASADI(gibbs_sparsity_out)(casadi_int);
-int CASADI(gibbs_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(kinetic_energy)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(kinetic_energy_n_in)(void);
-casadi_int CASADI(kinetic_energy_n_out)(void);
-const char *CASADI(kinetic_energy_name_in)(casadi_int);
-const char *CASADI(kinetic_energy_name_out)(casadi_int);
-const casadi_int *CASADI(kinetic_energy_sparsity_in)(casadi_int);
-const casadi_int *CASADI(kinetic_energy_sparsity_out)(casadi_int);
-int CASADI(kinetic_energy_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(potential_energy)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(potential_energy_n_in)(void);
-casadi_int CASADI(potential_energy_n_out)(void);
-const char *CASADI(potential_energy_name_in)(casadi_int);
-const char *CASADI(potential_energy_name_out)(casadi_int);
-const casadi_int *CASADI(potential_energy_sparsity_in)(casadi_int);
-const casadi_int *CASADI(potential_energy_sparsity_out)(casadi_int);
-int CASADI(potential_energy_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(gravity_forces)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(gravity_forces_n_in)(void);
-casadi_int CASADI(gravity_forces_n_out)(void);
-const char *CASADI(gravity_forces_name_in)(casadi_int);
-const char *CASADI(gravity_forces_name_out)(casadi_int);
-const casadi_int *CASADI(gravity_forces_sparsity_in)(casadi_int);
-const casadi_int *CASADI(gravity_forces_sparsity_out)(casadi_int);
-int CASADI(gravity_forces_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(wrench_forces)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(wrench_forces_n_in)(void);
-casadi_int CASADI(wrench_forces_n_out)(void);
-const char *CASADI(wrench_forces_name_in)(casadi_int);
-const char *CASADI(wrench_forces_name_out)(casadi_int);
-const casadi_int *CASADI(wrench_forces_sparsity_in)(casadi_int);
-const casadi_int *CASADI(wrench_forces_sparsity_out)(casadi_int);
-int CASADI(wrench_forces_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(forward_dynamics_with_wrenches)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(forward_dynamics_with_wrenches_n_in)(void);
-casadi_int CASADI(forward_dynamics_with_wrenches_n_out)(void);
-const char *CASADI(forward_dynamics_with_wrenches_name_in)(casadi_int);
-const char *CASADI(forward_dynamics_with_wrenches_name_out)(casadi_int);
-const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_in)(casadi_int);
-const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_out)(casadi_int);
-int CASADI(forward_dynamics_with_wrenches_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(joint_wrenches)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(joint_wrenches_n_in)(void);
-casadi_int CASADI(joint_wrenches_n_out)(void);
-const char *CASADI(joint_wrenches_name_in)(casadi_int);
-const char *CASADI(joint_wrenches_name_out)(casadi_int);
-const casadi_int *CASADI(joint_wrenches_sparsity_in)(casadi_int);
-const casadi_int *CASADI(joint_wrenches_sparsity_out)(casadi_int);
-int CASADI(joint_wrenches_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(positions)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(positions_n_in)(void);
-casadi_int CASADI(positions_n_out)(void);
-const char *CASADI(positions_name_in)(casadi_int);
-const char *CASADI(positions_name_out)(casadi_int);
-const casadi_int *CASADI(positions_sparsity_in)(casadi_int);
-const casadi_int *CASADI(positions_sparsity_out)(casadi_int);
-int CASADI(positions_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(tip_pose)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(tip_pose_n_in)(void);
-casadi_int CASADI(tip_pose_n_out)(void);
-const char *CASADI(tip_pose_name_in)(casadi_int);
-const char *CASADI(tip_pose_name_out)(casadi_int);
-const casadi_int *CASADI(tip_pose_sparsity_in)(casadi_int);
-const casadi_int *CASADI(tip_pose_sparsity_out)(casadi_int);
-int CASADI(tip_pose_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(tip_jacobian)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(tip_jacobian_n_in)(void);
-casadi_int CASADI(tip_jacobian_n_out)(void);
-const char *CASADI(tip_jacobian_name_in)(casadi_int);
-const char *CASADI(tip_jacobian_name_out)(casadi_int);
-const casadi_int *CASADI(tip_jacobian_sparsity_in)(casadi_int);
-const casadi_int *CASADI(tip_jacobian_sparsity_out)(casadi_int);
-int CASADI(tip_jacobian_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(tip_bias_acceleration)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(tip_bias_acceleration_n_in)(void);
-casadi_int CASADI(tip_bias_acceleration_n_out)(void);
-const char *CASADI(tip_bias_acceleration_name_in)(casadi_int);
-const char *CASADI(tip_bias_acceleration_name_out)(casadi_int);
-const casadi_int *CASADI(tip_bias_acceleration_sparsity_in)(casadi_int);
-const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int);
-int CASADI(tip_bias_acceleration_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(frame_poses)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(frame_poses_n_in)(void);
-casadi_int CASADI(frame_poses_n_out)(void);
-const char *CASADI(frame_poses_name_in)(casadi_int);
-const char *CASADI(frame_poses_name_out)(casadi_int);
-const casadi_int *CASADI(frame_poses_sparsity_in)(casadi_int);
-const casadi_int *CASADI(frame_poses_sparsity_out)(casadi_int);
-int CASADI(frame_poses_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(frame_jacobians)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(frame_jacobians_n_in)(void);
-casadi_int CASADI(frame_jacobians_n_out)(void);
-const char *CASADI(frame_jacobians_name_in)(casadi_int);
-const char *CASADI(frame_jacobians_name_out)(casadi_int);
-const casadi_int *CASADI(frame_jacobians_sparsity_in)(casadi_int);
-const casadi_int *CASADI(frame_jacobians_sparsity_out)(casadi_int);
-int CASADI(frame_jacobians_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(frame_velocities)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(frame_velocities_n_in)(void);
-casadi_int CASADI(frame_velocities_n_out)(void);
-const char *CASADI(frame_velocities_name_in)(casadi_int);
-const char *CASADI(frame_velocities_name_out)(casadi_int);
-const casadi_int *CASADI(frame_velocities_sparsity_in)(casadi_int);
-const casadi_int *CASADI(frame_velocities_sparsity_out)(casadi_int);
-int CASADI(frame_velocities_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(frame_bias_accelerations)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(frame_bias_accelerations_n_in)(void);
-casadi_int CASADI(frame_bias_accelerations_n_out)(void);
-const char *CASADI(frame_bias_accelerations_name_in)(casadi_int);
-const char *CASADI(frame_bias_accelerations_name_out)(casadi_int);
-const casadi_int *CASADI(frame_bias_accelerations_sparsity_in)(casadi_int);
-const casadi_int *CASADI(frame_bias_accelerations_sparsity_out)(casadi_int);
-int CASADI(frame_bias_accelerations_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(centre_of_mass)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(centre_of_mass_n_in)(void);
-casadi_int CASADI(centre_of_mass_n_out)(void);
-const char *CASADI(centre_of_mass_name_in)(casadi_int);
-const char *CASADI(centre_of_mass_name_out)(casadi_int);
-const casadi_int *CASADI(centre_of_mass_sparsity_in)(casadi_int);
-const casadi_int *CASADI(centre_of_mass_sparsity_out)(casadi_int);
-int CASADI(centre_of_mass_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(centre_of_mass_jacobian)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(centre_of_mass_jacobian_n_in)(void);
-casadi_int CASADI(centre_of_mass_jacobian_n_out)(void);
-const char *CASADI(centre_of_mass_jacobian_name_in)(casadi_int);
-const char *CASADI(centre_of_mass_jacobian_name_out)(casadi_int);
-const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_in)(casadi_int);
-const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_out)(casadi_int);
-int CASADI(centre_of_mass_jacobian_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(centroidal_momentum)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(centroidal_momentum_n_in)(void);
-casadi_int CASADI(centroidal_momentum_n_out)(void);
-const char *CASADI(centroidal_momentum_name_in)(casadi_int);
-const char *CASADI(centroidal_momentum_name_out)(casadi_int);
-const casadi_int *CASADI(centroidal_momentum_sparsity_in)(casadi_int);
-const casadi_int *CASADI(centroidal_momentum_sparsity_out)(casadi_int);
-int CASADI(centroidal_momentum_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(coordinate_rates)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(coordinate_rates_n_in)(void);
-casadi_int CASADI(coordinate_rates_n_out)(void);
-const char *CASADI(coordinate_rates_name_in)(casadi_int);
-const char *CASADI(coordinate_rates_name_out)(casadi_int);
-const casadi_int *CASADI(coordinate_rates_sparsity_in)(casadi_int);
-const casadi_int *CASADI(coordinate_rates_sparsity_out)(casadi_int);
-int CASADI(coordinate_rates_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(integrate)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(integrate_n_in)(void);
-casadi_int CASADI(integrate_n_out)(void);
-const char *CASADI(integrate_name_in)(casadi_int);
-const char *CASADI(integrate_name_out)(casadi_int);
-const casadi_int *CASADI(integrate_sparsity_in)(casadi_int);
-const casadi_int *CASADI(integrate_sparsity_out)(casadi_int);
-int CASADI(integrate_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-int CASADI(difference)(const real **, real **, casadi_int *, real *, int);
-casadi_int CASADI(difference_n_in)(void);
-casadi_int CASADI(difference_n_out)(void);
-const char *CASADI(difference_name_in)(casadi_int);
-const char *CASADI(difference_name_out)(casadi_int);
-const casadi_int *CASADI(difference_sparsity_in)(casadi_int);
-const casadi_int *CASADI(difference_sparsity_out)(casadi_int);
-int CASADI(difference_work)(
-    casadi_int *, casadi_int *, casadi_int *, casadi_int *);
-#ifdef __cplusplus
-}
-#endif
 
 /* What stands for an input that is not given. */
 static const real zeros[12] = {0};
+
+static const real *given(const real *input)
+{
+    return input ? input : zeros;
+}
 
 /* Copies a row-major matrix to a column-major one, unless `to` is null. */
 static void store(const int rows, const int columns, const real *from, real *to)
@@ -325,2382 +104,2130 @@ static void store(const int rows, const int columns, const real *from, real *to)
     }
 }
 
-/* ---- mass_matrix_and_residual ---- */
 
-int CASADI(mass_matrix_and_residual)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
+static const casadi_int pattern_1[] = {
+    8, 1, 1
+};
+static const casadi_int pattern_2[] = {
+    8, 8, 1
+};
+static const casadi_int pattern_3[] = {
+    11, 1, 1
+};
+static const casadi_int pattern_4[] = {
+    8, 6, 1
+};
+static const casadi_int pattern_5[] = {
+    6, 1, 1
+};
+static const casadi_int pattern_6[] = {
+    14, 14, 1
+};
+static const casadi_int pattern_7[] = {
+    14, 1, 1
+};
+static const casadi_int pattern_8[] = {
+    14, 6, 1
+};
+static const casadi_int pattern_9[] = {
+    3, 1, 1
+};
+static const casadi_int pattern_10[] = {
+    1, 1, 1
+};
+static const casadi_int pattern_11[] = {
+    2, 6, 1
+};
+static const casadi_int pattern_12[] = {
+    5, 6, 1
+};
+static const casadi_int pattern_13[] = {
+    9, 3, 1
+};
+static const casadi_int pattern_14[] = {
+    4, 4, 1
+};
+static const casadi_int pattern_15[] = {
+    6, 8, 1
+};
+static const casadi_int pattern_16[] = {
+    8, 4, 1
+};
+static const casadi_int pattern_17[] = {
+    12, 8, 1
+};
+static const casadi_int pattern_18[] = {
+    3, 8, 1
+};
+
+static const char *const
+    CASADI(mass_matrix_and_residual_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(mass_matrix_and_residual_outputs)[] = {
+    "mass_matrix",
+    "residual",
+};
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_output_patterns)[] = {
+    pattern_2,
+    pattern_1,
+};
+FORM(CASADI, mass_matrix_and_residual, 2, 2, 72)
 {
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_mass_matrix_and_residual(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0, w + 64);
-    store(8, 8, w + 0, res[0]);
-    store(8, 1, w + 64, res[1]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_mass_matrix_and_residual(constants, given(arg[0]), given(arg[1]),
+        &scratch[0], &scratch[64]);
+    store(8, 8, &scratch[0], res[0]);
+    store(8, 1, &scratch[64], res[1]);
     return 0;
 }
 
-casadi_int CASADI(mass_matrix_and_residual_n_in)(void)
+static const char *const
+    CASADI(mass_matrix_and_residual_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(mass_matrix_and_residual_of_parameters_outputs)[] = {
+    "mass_matrix",
+    "residual",
+};
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(mass_matrix_and_residual_of_parameters_output_patterns)[] = {
+    pattern_2,
+    pattern_1,
+};
+FORM(CASADI, mass_matrix_and_residual_of_parameters, 3, 2, 72)
 {
-    return 2;
-}
-
-casadi_int CASADI(mass_matrix_and_residual_n_out)(void)
-{
-    return 2;
-}
-
-const char *CASADI(mass_matrix_and_residual_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(mass_matrix_and_residual_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "mass_matrix",
-        "residual",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(mass_matrix_and_residual_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(mass_matrix_and_residual_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 8, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-int CASADI(mass_matrix_and_residual_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 2;
-    *sz_iw = 0;
-    *sz_w = 72;
-    return 0;
-}
-
-/* ---- mass_matrix ---- */
-
-int CASADI(mass_matrix)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_mass_matrix(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(8, 8, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_mass_matrix_and_residual(constants, given(arg[0]), given(arg[1]),
+        &scratch[0], &scratch[64]);
+    store(8, 8, &scratch[0], res[0]);
+    store(8, 1, &scratch[64], res[1]);
     return 0;
 }
 
-casadi_int CASADI(mass_matrix_n_in)(void)
+static const char *const
+    CASADI(mass_matrix_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(mass_matrix_outputs)[] = {
+    "mass_matrix",
+};
+static const casadi_int *const
+    CASADI(mass_matrix_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(mass_matrix_output_patterns)[] = {
+    pattern_2,
+};
+FORM(CASADI, mass_matrix, 1, 1, 64)
 {
-    return 1;
-}
-
-casadi_int CASADI(mass_matrix_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(mass_matrix_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(mass_matrix_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "mass_matrix",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(mass_matrix_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(mass_matrix_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 8, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(mass_matrix_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 64;
-    return 0;
-}
-
-/* ---- residual ---- */
-
-int CASADI(residual)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_residual(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_mass_matrix(constants, given(arg[0]), &scratch[0]);
+    store(8, 8, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(residual_n_in)(void)
+static const char *const
+    CASADI(mass_matrix_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(mass_matrix_of_parameters_outputs)[] = {
+    "mass_matrix",
+};
+static const casadi_int *const
+    CASADI(mass_matrix_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(mass_matrix_of_parameters_output_patterns)[] = {
+    pattern_2,
+};
+FORM(CASADI, mass_matrix_of_parameters, 2, 1, 64)
 {
-    return 2;
-}
-
-casadi_int CASADI(residual_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(residual_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(residual_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "residual",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(residual_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(residual_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(residual_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 8;
-    return 0;
-}
-
-/* ---- input_matrix ---- */
-
-int CASADI(input_matrix)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_input_matrix(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(8, 6, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_mass_matrix(constants, given(arg[0]), &scratch[0]);
+    store(8, 8, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(input_matrix_n_in)(void)
+static const char *const
+    CASADI(residual_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(residual_outputs)[] = {
+    "residual",
+};
+static const casadi_int *const
+    CASADI(residual_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(residual_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, residual, 2, 1, 8)
 {
-    return 1;
-}
-
-casadi_int CASADI(input_matrix_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(input_matrix_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(input_matrix_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "input_matrix",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(input_matrix_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(input_matrix_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 6, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(input_matrix_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 48;
-    return 0;
-}
-
-/* ---- forward_dynamics ---- */
-
-int CASADI(forward_dynamics)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_forward_dynamics(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        arg[2] ? arg[2] : zeros,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_residual(constants, given(arg[0]), given(arg[1]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(forward_dynamics_n_in)(void)
+static const char *const
+    CASADI(residual_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(residual_of_parameters_outputs)[] = {
+    "residual",
+};
+static const casadi_int *const
+    CASADI(residual_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(residual_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, residual_of_parameters, 3, 1, 8)
 {
-    return 3;
-}
-
-casadi_int CASADI(forward_dynamics_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(forward_dynamics_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-        "u",
-    };
-    return i >= 0 && i < 3 ? names[i] : 0;
-}
-
-const char *CASADI(forward_dynamics_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "acceleration",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(forward_dynamics_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-        {6, 1, 1},
-    };
-    return i >= 0 && i < 3 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(forward_dynamics_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(forward_dynamics_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 3;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 8;
-    return 0;
-}
-
-/* ---- inverse_dynamics ---- */
-
-int CASADI(inverse_dynamics)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_inverse_dynamics(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        arg[2] ? arg[2] : zeros,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_residual(constants, given(arg[0]), given(arg[1]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(inverse_dynamics_n_in)(void)
+static const char *const
+    CASADI(input_matrix_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(input_matrix_outputs)[] = {
+    "input_matrix",
+};
+static const casadi_int *const
+    CASADI(input_matrix_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(input_matrix_output_patterns)[] = {
+    pattern_4,
+};
+FORM(CASADI, input_matrix, 1, 1, 48)
 {
-    return 3;
-}
-
-casadi_int CASADI(inverse_dynamics_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(inverse_dynamics_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-        "a",
-    };
-    return i >= 0 && i < 3 ? names[i] : 0;
-}
-
-const char *CASADI(inverse_dynamics_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "force",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(inverse_dynamics_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 3 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(inverse_dynamics_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(inverse_dynamics_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 3;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 8;
-    return 0;
-}
-
-/* ---- hybrid_mass_matrix ---- */
-
-int CASADI(hybrid_mass_matrix)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_hybrid_mass_matrix(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(14, 14, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_input_matrix(constants, given(arg[0]), &scratch[0]);
+    store(8, 6, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(hybrid_mass_matrix_n_in)(void)
+static const char *const
+    CASADI(input_matrix_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(input_matrix_of_parameters_outputs)[] = {
+    "input_matrix",
+};
+static const casadi_int *const
+    CASADI(input_matrix_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(input_matrix_of_parameters_output_patterns)[] = {
+    pattern_4,
+};
+FORM(CASADI, input_matrix_of_parameters, 2, 1, 48)
 {
-    return 1;
-}
-
-casadi_int CASADI(hybrid_mass_matrix_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(hybrid_mass_matrix_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(hybrid_mass_matrix_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "mass_matrix",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(hybrid_mass_matrix_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(hybrid_mass_matrix_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {14, 14, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(hybrid_mass_matrix_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 196;
-    return 0;
-}
-
-/* ---- hybrid_residual ---- */
-
-int CASADI(hybrid_residual)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_hybrid_residual(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(14, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_input_matrix(constants, given(arg[0]), &scratch[0]);
+    store(8, 6, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(hybrid_residual_n_in)(void)
+static const char *const
+    CASADI(forward_dynamics_inputs)[] = {
+    "q",
+    "v",
+    "u",
+};
+static const char *const
+    CASADI(forward_dynamics_outputs)[] = {
+    "acceleration",
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_5,
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, forward_dynamics, 3, 1, 8)
 {
-    return 2;
-}
-
-casadi_int CASADI(hybrid_residual_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(hybrid_residual_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(hybrid_residual_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "residual",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(hybrid_residual_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(hybrid_residual_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {14, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(hybrid_residual_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 14;
-    return 0;
-}
-
-/* ---- hybrid_input_matrix ---- */
-
-int CASADI(hybrid_input_matrix)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_hybrid_input_matrix(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(14, 6, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_forward_dynamics(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(hybrid_input_matrix_n_in)(void)
+static const char *const
+    CASADI(forward_dynamics_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "u",
+    "parameters",
+};
+static const char *const
+    CASADI(forward_dynamics_of_parameters_outputs)[] = {
+    "acceleration",
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_5,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, forward_dynamics_of_parameters, 4, 1, 8)
 {
-    return 1;
-}
-
-casadi_int CASADI(hybrid_input_matrix_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(hybrid_input_matrix_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(hybrid_input_matrix_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "input_matrix",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(hybrid_input_matrix_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(hybrid_input_matrix_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {14, 6, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(hybrid_input_matrix_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 84;
-    return 0;
-}
-
-/* ---- constraint_torques ---- */
-
-int CASADI(constraint_torques)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_constraint_torques(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        arg[2] ? arg[2] : zeros,
-        arg[3] ? arg[3] : zeros,
-        w + 0);
-    store(3, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[3]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_forward_dynamics(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(constraint_torques_n_in)(void)
+static const char *const
+    CASADI(inverse_dynamics_inputs)[] = {
+    "q",
+    "v",
+    "a",
+};
+static const char *const
+    CASADI(inverse_dynamics_outputs)[] = {
+    "force",
+};
+static const casadi_int *const
+    CASADI(inverse_dynamics_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(inverse_dynamics_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, inverse_dynamics, 3, 1, 8)
 {
-    return 4;
-}
-
-casadi_int CASADI(constraint_torques_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(constraint_torques_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-        "a",
-        "u",
-    };
-    return i >= 0 && i < 4 ? names[i] : 0;
-}
-
-const char *CASADI(constraint_torques_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "torque",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(constraint_torques_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-        {8, 1, 1},
-        {6, 1, 1},
-    };
-    return i >= 0 && i < 4 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(constraint_torques_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {3, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(constraint_torques_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 4;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 3;
-    return 0;
-}
-
-/* ---- gibbs ---- */
-
-int CASADI(gibbs)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_gibbs(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        arg[2] ? arg[2] : zeros,
-        w + 0);
-    store(1, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_inverse_dynamics(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(gibbs_n_in)(void)
+static const char *const
+    CASADI(inverse_dynamics_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "a",
+    "parameters",
+};
+static const char *const
+    CASADI(inverse_dynamics_of_parameters_outputs)[] = {
+    "force",
+};
+static const casadi_int *const
+    CASADI(inverse_dynamics_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(inverse_dynamics_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, inverse_dynamics_of_parameters, 4, 1, 8)
 {
-    return 3;
-}
-
-casadi_int CASADI(gibbs_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(gibbs_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-        "a",
-    };
-    return i >= 0 && i < 3 ? names[i] : 0;
-}
-
-const char *CASADI(gibbs_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "value",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(gibbs_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 3 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(gibbs_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {1, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(gibbs_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 3;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 1;
-    return 0;
-}
-
-/* ---- kinetic_energy ---- */
-
-int CASADI(kinetic_energy)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_kinetic_energy(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(1, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[3]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_inverse_dynamics(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(kinetic_energy_n_in)(void)
+static const char *const
+    CASADI(hybrid_mass_matrix_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(hybrid_mass_matrix_outputs)[] = {
+    "mass_matrix",
+};
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_output_patterns)[] = {
+    pattern_6,
+};
+FORM(CASADI, hybrid_mass_matrix, 1, 1, 196)
 {
-    return 2;
-}
-
-casadi_int CASADI(kinetic_energy_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(kinetic_energy_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(kinetic_energy_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "energy",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(kinetic_energy_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(kinetic_energy_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {1, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(kinetic_energy_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 1;
-    return 0;
-}
-
-/* ---- potential_energy ---- */
-
-int CASADI(potential_energy)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_potential_energy(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(1, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_hybrid_mass_matrix(constants, given(arg[0]), &scratch[0]);
+    store(14, 14, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(potential_energy_n_in)(void)
+static const char *const
+    CASADI(hybrid_mass_matrix_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(hybrid_mass_matrix_of_parameters_outputs)[] = {
+    "mass_matrix",
+};
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(hybrid_mass_matrix_of_parameters_output_patterns)[] = {
+    pattern_6,
+};
+FORM(CASADI, hybrid_mass_matrix_of_parameters, 2, 1, 196)
 {
-    return 1;
-}
-
-casadi_int CASADI(potential_energy_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(potential_energy_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(potential_energy_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "energy",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(potential_energy_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(potential_energy_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {1, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(potential_energy_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 1;
-    return 0;
-}
-
-/* ---- gravity_forces ---- */
-
-int CASADI(gravity_forces)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_gravity_forces(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_hybrid_mass_matrix(constants, given(arg[0]), &scratch[0]);
+    store(14, 14, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(gravity_forces_n_in)(void)
+static const char *const
+    CASADI(hybrid_residual_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(hybrid_residual_outputs)[] = {
+    "residual",
+};
+static const casadi_int *const
+    CASADI(hybrid_residual_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(hybrid_residual_output_patterns)[] = {
+    pattern_7,
+};
+FORM(CASADI, hybrid_residual, 2, 1, 14)
 {
-    return 1;
-}
-
-casadi_int CASADI(gravity_forces_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(gravity_forces_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(gravity_forces_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "force",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(gravity_forces_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(gravity_forces_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(gravity_forces_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 8;
-    return 0;
-}
-
-/* ---- wrench_forces ---- */
-
-int CASADI(wrench_forces)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    store(6, 2, arg[1] ? arg[1] : zeros, w + 8);
-    quadrotor_2link_wrench_forces(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 8,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_hybrid_residual(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(14, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(wrench_forces_n_in)(void)
+static const char *const
+    CASADI(hybrid_residual_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(hybrid_residual_of_parameters_outputs)[] = {
+    "residual",
+};
+static const casadi_int *const
+    CASADI(hybrid_residual_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(hybrid_residual_of_parameters_output_patterns)[] = {
+    pattern_7,
+};
+FORM(CASADI, hybrid_residual_of_parameters, 3, 1, 14)
 {
-    return 2;
-}
-
-casadi_int CASADI(wrench_forces_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(wrench_forces_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "W",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(wrench_forces_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "force",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(wrench_forces_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {2, 6, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(wrench_forces_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(wrench_forces_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 20;
-    return 0;
-}
-
-/* ---- forward_dynamics_with_wrenches ---- */
-
-int CASADI(forward_dynamics_with_wrenches)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    store(6, 2, arg[3] ? arg[3] : zeros, w + 8);
-    quadrotor_2link_forward_dynamics_with_wrenches(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        arg[2] ? arg[2] : zeros,
-        w + 8,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_hybrid_residual(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(14, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(forward_dynamics_with_wrenches_n_in)(void)
+static const char *const
+    CASADI(hybrid_input_matrix_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(hybrid_input_matrix_outputs)[] = {
+    "input_matrix",
+};
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_output_patterns)[] = {
+    pattern_8,
+};
+FORM(CASADI, hybrid_input_matrix, 1, 1, 84)
 {
-    return 4;
-}
-
-casadi_int CASADI(forward_dynamics_with_wrenches_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(forward_dynamics_with_wrenches_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-        "u",
-        "W",
-    };
-    return i >= 0 && i < 4 ? names[i] : 0;
-}
-
-const char *CASADI(forward_dynamics_with_wrenches_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "acceleration",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-        {6, 1, 1},
-        {2, 6, 1},
-    };
-    return i >= 0 && i < 4 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(forward_dynamics_with_wrenches_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(forward_dynamics_with_wrenches_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 4;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 20;
-    return 0;
-}
-
-/* ---- joint_wrenches ---- */
-
-int CASADI(joint_wrenches)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_joint_wrenches(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        arg[2] ? arg[2] : zeros,
-        arg[3] ? arg[3] : zeros,
-        w + 0);
-    store(5, 6, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_hybrid_input_matrix(constants, given(arg[0]), &scratch[0]);
+    store(14, 6, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(joint_wrenches_n_in)(void)
+static const char *const
+    CASADI(hybrid_input_matrix_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(hybrid_input_matrix_of_parameters_outputs)[] = {
+    "input_matrix",
+};
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(hybrid_input_matrix_of_parameters_output_patterns)[] = {
+    pattern_8,
+};
+FORM(CASADI, hybrid_input_matrix_of_parameters, 2, 1, 84)
 {
-    return 4;
-}
-
-casadi_int CASADI(joint_wrenches_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(joint_wrenches_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-        "a",
-        "u",
-    };
-    return i >= 0 && i < 4 ? names[i] : 0;
-}
-
-const char *CASADI(joint_wrenches_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "wrenches",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(joint_wrenches_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-        {8, 1, 1},
-        {6, 1, 1},
-    };
-    return i >= 0 && i < 4 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(joint_wrenches_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {5, 6, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(joint_wrenches_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 4;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 30;
-    return 0;
-}
-
-/* ---- positions ---- */
-
-int CASADI(positions)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_positions(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(9, 3, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_hybrid_input_matrix(constants, given(arg[0]), &scratch[0]);
+    store(14, 6, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(positions_n_in)(void)
+static const char *const
+    CASADI(constraint_torques_inputs)[] = {
+    "q",
+    "v",
+    "a",
+    "u",
+};
+static const char *const
+    CASADI(constraint_torques_outputs)[] = {
+    "torque",
+};
+static const casadi_int *const
+    CASADI(constraint_torques_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+    pattern_5,
+};
+static const casadi_int *const
+    CASADI(constraint_torques_output_patterns)[] = {
+    pattern_9,
+};
+FORM(CASADI, constraint_torques, 4, 1, 3)
 {
-    return 1;
-}
-
-casadi_int CASADI(positions_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(positions_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(positions_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "position",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(positions_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(positions_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {9, 3, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(positions_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 27;
-    return 0;
-}
-
-/* ---- tip_pose ---- */
-
-int CASADI(tip_pose)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_tip_pose(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(4, 4, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_constraint_torques(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), given(arg[3]), &scratch[0]);
+    store(3, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(tip_pose_n_in)(void)
+static const char *const
+    CASADI(constraint_torques_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "a",
+    "u",
+    "parameters",
+};
+static const char *const
+    CASADI(constraint_torques_of_parameters_outputs)[] = {
+    "torque",
+};
+static const casadi_int *const
+    CASADI(constraint_torques_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+    pattern_5,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(constraint_torques_of_parameters_output_patterns)[] = {
+    pattern_9,
+};
+FORM(CASADI, constraint_torques_of_parameters, 5, 1, 3)
 {
-    return 1;
-}
-
-casadi_int CASADI(tip_pose_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(tip_pose_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(tip_pose_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "pose",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(tip_pose_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(tip_pose_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {4, 4, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(tip_pose_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 16;
-    return 0;
-}
-
-/* ---- tip_jacobian ---- */
-
-int CASADI(tip_jacobian)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_tip_jacobian(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(6, 8, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[4]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_constraint_torques(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), given(arg[3]), &scratch[0]);
+    store(3, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(tip_jacobian_n_in)(void)
+static const char *const
+    CASADI(gibbs_inputs)[] = {
+    "q",
+    "v",
+    "a",
+};
+static const char *const
+    CASADI(gibbs_outputs)[] = {
+    "value",
+};
+static const casadi_int *const
+    CASADI(gibbs_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(gibbs_output_patterns)[] = {
+    pattern_10,
+};
+FORM(CASADI, gibbs, 3, 1, 1)
 {
-    return 1;
-}
-
-casadi_int CASADI(tip_jacobian_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(tip_jacobian_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(tip_jacobian_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "jacobian",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(tip_jacobian_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(tip_jacobian_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {6, 8, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(tip_jacobian_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 48;
-    return 0;
-}
-
-/* ---- tip_bias_acceleration ---- */
-
-int CASADI(tip_bias_acceleration)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_tip_bias_acceleration(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(6, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_gibbs(constants, given(arg[0]), given(arg[1]), given(arg[2]),
+        &scratch[0]);
+    store(1, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(tip_bias_acceleration_n_in)(void)
+static const char *const
+    CASADI(gibbs_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "a",
+    "parameters",
+};
+static const char *const
+    CASADI(gibbs_of_parameters_outputs)[] = {
+    "value",
+};
+static const casadi_int *const
+    CASADI(gibbs_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(gibbs_of_parameters_output_patterns)[] = {
+    pattern_10,
+};
+FORM(CASADI, gibbs_of_parameters, 4, 1, 1)
 {
-    return 2;
-}
-
-casadi_int CASADI(tip_bias_acceleration_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(tip_bias_acceleration_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(tip_bias_acceleration_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "bias_acceleration",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(tip_bias_acceleration_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(tip_bias_acceleration_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {6, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(tip_bias_acceleration_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 6;
-    return 0;
-}
-
-/* ---- frame_poses ---- */
-
-int CASADI(frame_poses)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_frame_poses(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(8, 4, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[3]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_gibbs(constants, given(arg[0]), given(arg[1]), given(arg[2]),
+        &scratch[0]);
+    store(1, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(frame_poses_n_in)(void)
+static const char *const
+    CASADI(kinetic_energy_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(kinetic_energy_outputs)[] = {
+    "energy",
+};
+static const casadi_int *const
+    CASADI(kinetic_energy_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(kinetic_energy_output_patterns)[] = {
+    pattern_10,
+};
+FORM(CASADI, kinetic_energy, 2, 1, 1)
 {
-    return 1;
-}
-
-casadi_int CASADI(frame_poses_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(frame_poses_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(frame_poses_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "poses",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(frame_poses_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(frame_poses_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 4, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(frame_poses_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 32;
-    return 0;
-}
-
-/* ---- frame_jacobians ---- */
-
-int CASADI(frame_jacobians)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_frame_jacobians(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(12, 8, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_kinetic_energy(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(1, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(frame_jacobians_n_in)(void)
+static const char *const
+    CASADI(kinetic_energy_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(kinetic_energy_of_parameters_outputs)[] = {
+    "energy",
+};
+static const casadi_int *const
+    CASADI(kinetic_energy_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(kinetic_energy_of_parameters_output_patterns)[] = {
+    pattern_10,
+};
+FORM(CASADI, kinetic_energy_of_parameters, 3, 1, 1)
 {
-    return 1;
-}
-
-casadi_int CASADI(frame_jacobians_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(frame_jacobians_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(frame_jacobians_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "jacobians",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(frame_jacobians_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(frame_jacobians_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {12, 8, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(frame_jacobians_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 96;
-    return 0;
-}
-
-/* ---- frame_velocities ---- */
-
-int CASADI(frame_velocities)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_frame_velocities(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(2, 6, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_kinetic_energy(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(1, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(frame_velocities_n_in)(void)
+static const char *const
+    CASADI(potential_energy_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(potential_energy_outputs)[] = {
+    "energy",
+};
+static const casadi_int *const
+    CASADI(potential_energy_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(potential_energy_output_patterns)[] = {
+    pattern_10,
+};
+FORM(CASADI, potential_energy, 1, 1, 1)
 {
-    return 2;
-}
-
-casadi_int CASADI(frame_velocities_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(frame_velocities_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(frame_velocities_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "velocities",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(frame_velocities_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(frame_velocities_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {2, 6, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(frame_velocities_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 12;
-    return 0;
-}
-
-/* ---- frame_bias_accelerations ---- */
-
-int CASADI(frame_bias_accelerations)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_frame_bias_accelerations(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(2, 6, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_potential_energy(constants, given(arg[0]), &scratch[0]);
+    store(1, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(frame_bias_accelerations_n_in)(void)
+static const char *const
+    CASADI(potential_energy_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(potential_energy_of_parameters_outputs)[] = {
+    "energy",
+};
+static const casadi_int *const
+    CASADI(potential_energy_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(potential_energy_of_parameters_output_patterns)[] = {
+    pattern_10,
+};
+FORM(CASADI, potential_energy_of_parameters, 2, 1, 1)
 {
-    return 2;
-}
-
-casadi_int CASADI(frame_bias_accelerations_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(frame_bias_accelerations_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(frame_bias_accelerations_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "bias_accelerations",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(frame_bias_accelerations_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(frame_bias_accelerations_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {2, 6, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(frame_bias_accelerations_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 12;
-    return 0;
-}
-
-/* ---- centre_of_mass ---- */
-
-int CASADI(centre_of_mass)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_centre_of_mass(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(3, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_potential_energy(constants, given(arg[0]), &scratch[0]);
+    store(1, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(centre_of_mass_n_in)(void)
+static const char *const
+    CASADI(gravity_forces_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(gravity_forces_outputs)[] = {
+    "force",
+};
+static const casadi_int *const
+    CASADI(gravity_forces_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(gravity_forces_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, gravity_forces, 1, 1, 8)
 {
-    return 1;
-}
-
-casadi_int CASADI(centre_of_mass_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(centre_of_mass_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(centre_of_mass_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "position",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(centre_of_mass_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(centre_of_mass_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {3, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(centre_of_mass_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 3;
-    return 0;
-}
-
-/* ---- centre_of_mass_jacobian ---- */
-
-int CASADI(centre_of_mass_jacobian)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_centre_of_mass_jacobian(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        w + 0);
-    store(3, 8, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_gravity_forces(constants, given(arg[0]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(centre_of_mass_jacobian_n_in)(void)
+static const char *const
+    CASADI(gravity_forces_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(gravity_forces_of_parameters_outputs)[] = {
+    "force",
+};
+static const casadi_int *const
+    CASADI(gravity_forces_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(gravity_forces_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, gravity_forces_of_parameters, 2, 1, 8)
 {
-    return 1;
-}
-
-casadi_int CASADI(centre_of_mass_jacobian_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(centre_of_mass_jacobian_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const char *CASADI(centre_of_mass_jacobian_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "jacobian",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(centre_of_mass_jacobian_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {3, 8, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(centre_of_mass_jacobian_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 1;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 24;
-    return 0;
-}
-
-/* ---- centroidal_momentum ---- */
-
-int CASADI(centroidal_momentum)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_centroidal_momentum(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(6, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_gravity_forces(constants, given(arg[0]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
     return 0;
 }
 
-casadi_int CASADI(centroidal_momentum_n_in)(void)
+static const char *const
+    CASADI(wrench_forces_inputs)[] = {
+    "q",
+    "W",
+};
+static const char *const
+    CASADI(wrench_forces_outputs)[] = {
+    "force",
+};
+static const casadi_int *const
+    CASADI(wrench_forces_input_patterns)[] = {
+    pattern_1,
+    pattern_11,
+};
+static const casadi_int *const
+    CASADI(wrench_forces_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, wrench_forces, 2, 1, 20)
 {
-    return 2;
-}
-
-casadi_int CASADI(centroidal_momentum_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(centroidal_momentum_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(centroidal_momentum_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "momentum",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(centroidal_momentum_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(centroidal_momentum_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {6, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(centroidal_momentum_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 6;
-    return 0;
-}
-
-/* ---- coordinate_rates ---- */
-
-int CASADI(coordinate_rates)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_coordinate_rates(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    store(6, 2, given(arg[1]), &scratch[0]);
+    quadrotor_2link_wrench_forces(constants, given(arg[0]), &scratch[0], &scratch[12]);
+    store(8, 1, &scratch[12], res[0]);
     return 0;
 }
 
-casadi_int CASADI(coordinate_rates_n_in)(void)
+static const char *const
+    CASADI(wrench_forces_of_parameters_inputs)[] = {
+    "q",
+    "W",
+    "parameters",
+};
+static const char *const
+    CASADI(wrench_forces_of_parameters_outputs)[] = {
+    "force",
+};
+static const casadi_int *const
+    CASADI(wrench_forces_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_11,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(wrench_forces_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, wrench_forces_of_parameters, 3, 1, 20)
 {
-    return 2;
-}
-
-casadi_int CASADI(coordinate_rates_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(coordinate_rates_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(coordinate_rates_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "rate",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(coordinate_rates_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(coordinate_rates_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(coordinate_rates_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 8;
-    return 0;
-}
-
-/* ---- integrate ---- */
-
-int CASADI(integrate)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_integrate(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    store(6, 2, given(arg[1]), &scratch[0]);
+    quadrotor_2link_wrench_forces(constants, given(arg[0]), &scratch[0], &scratch[12]);
+    store(8, 1, &scratch[12], res[0]);
     return 0;
 }
 
-casadi_int CASADI(integrate_n_in)(void)
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_inputs)[] = {
+    "q",
+    "v",
+    "u",
+    "W",
+};
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_outputs)[] = {
+    "acceleration",
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_5,
+    pattern_11,
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, forward_dynamics_with_wrenches, 4, 1, 20)
 {
-    return 2;
-}
-
-casadi_int CASADI(integrate_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(integrate_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q",
-        "v",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(integrate_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "coordinates",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(integrate_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(integrate_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(integrate_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 8;
-    return 0;
-}
-
-/* ---- difference ---- */
-
-int CASADI(difference)(
-    const real **arg,
-    real **res,
-    casadi_int *iw,
-    real *w,
-    int mem)
-{
+    (void)arg;
+    (void)res;
     (void)iw;
     (void)mem;
-    quadrotor_2link_difference(
-        &quadrotor_2link_default_constants,
-        arg[0] ? arg[0] : zeros,
-        arg[1] ? arg[1] : zeros,
-        w + 0);
-    store(8, 1, w + 0, res[0]);
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    store(6, 2, given(arg[3]), &scratch[0]);
+    quadrotor_2link_forward_dynamics_with_wrenches(constants, given(arg[0]),
+        given(arg[1]), given(arg[2]), &scratch[0], &scratch[12]);
+    store(8, 1, &scratch[12], res[0]);
     return 0;
 }
 
-casadi_int CASADI(difference_n_in)(void)
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "u",
+    "W",
+    "parameters",
+};
+static const char *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_outputs)[] = {
+    "acceleration",
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_5,
+    pattern_11,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(forward_dynamics_with_wrenches_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, forward_dynamics_with_wrenches_of_parameters, 5, 1, 20)
 {
-    return 2;
-}
-
-casadi_int CASADI(difference_n_out)(void)
-{
-    return 1;
-}
-
-const char *CASADI(difference_name_in)(casadi_int i)
-{
-    static const char *const names[] = {
-        "q0",
-        "q1",
-    };
-    return i >= 0 && i < 2 ? names[i] : 0;
-}
-
-const char *CASADI(difference_name_out)(casadi_int i)
-{
-    static const char *const names[] = {
-        "displacement",
-    };
-    return i >= 0 && i < 1 ? names[i] : 0;
-}
-
-const casadi_int *CASADI(difference_sparsity_in)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 2 ? dense[i] : 0;
-}
-
-const casadi_int *CASADI(difference_sparsity_out)(casadi_int i)
-{
-    static const casadi_int dense[][3] = {
-        {8, 1, 1},
-    };
-    return i >= 0 && i < 1 ? dense[i] : 0;
-}
-
-int CASADI(difference_work)(
-    casadi_int *sz_arg,
-    casadi_int *sz_res,
-    casadi_int *sz_iw,
-    casadi_int *sz_w)
-{
-    *sz_arg = 2;
-    *sz_res = 1;
-    *sz_iw = 0;
-    *sz_w = 8;
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[4]), &own)) {
+        return 1;
+    }
+    store(6, 2, given(arg[3]), &scratch[0]);
+    quadrotor_2link_forward_dynamics_with_wrenches(constants, given(arg[0]),
+        given(arg[1]), given(arg[2]), &scratch[0], &scratch[12]);
+    store(8, 1, &scratch[12], res[0]);
     return 0;
 }
+
+static const char *const
+    CASADI(joint_wrenches_inputs)[] = {
+    "q",
+    "v",
+    "a",
+    "u",
+};
+static const char *const
+    CASADI(joint_wrenches_outputs)[] = {
+    "wrenches",
+};
+static const casadi_int *const
+    CASADI(joint_wrenches_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+    pattern_5,
+};
+static const casadi_int *const
+    CASADI(joint_wrenches_output_patterns)[] = {
+    pattern_12,
+};
+FORM(CASADI, joint_wrenches, 4, 1, 30)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_joint_wrenches(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), given(arg[3]), &scratch[0]);
+    store(5, 6, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(joint_wrenches_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "a",
+    "u",
+    "parameters",
+};
+static const char *const
+    CASADI(joint_wrenches_of_parameters_outputs)[] = {
+    "wrenches",
+};
+static const casadi_int *const
+    CASADI(joint_wrenches_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_1,
+    pattern_5,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(joint_wrenches_of_parameters_output_patterns)[] = {
+    pattern_12,
+};
+FORM(CASADI, joint_wrenches_of_parameters, 5, 1, 30)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[4]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_joint_wrenches(constants, given(arg[0]), given(arg[1]),
+        given(arg[2]), given(arg[3]), &scratch[0]);
+    store(5, 6, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(positions_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(positions_outputs)[] = {
+    "position",
+};
+static const casadi_int *const
+    CASADI(positions_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(positions_output_patterns)[] = {
+    pattern_13,
+};
+FORM(CASADI, positions, 1, 1, 27)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_positions(constants, given(arg[0]), &scratch[0]);
+    store(9, 3, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(positions_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(positions_of_parameters_outputs)[] = {
+    "position",
+};
+static const casadi_int *const
+    CASADI(positions_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(positions_of_parameters_output_patterns)[] = {
+    pattern_13,
+};
+FORM(CASADI, positions_of_parameters, 2, 1, 27)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_positions(constants, given(arg[0]), &scratch[0]);
+    store(9, 3, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(tip_pose_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(tip_pose_outputs)[] = {
+    "pose",
+};
+static const casadi_int *const
+    CASADI(tip_pose_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(tip_pose_output_patterns)[] = {
+    pattern_14,
+};
+FORM(CASADI, tip_pose, 1, 1, 16)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_tip_pose(constants, given(arg[0]), &scratch[0]);
+    store(4, 4, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(tip_pose_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(tip_pose_of_parameters_outputs)[] = {
+    "pose",
+};
+static const casadi_int *const
+    CASADI(tip_pose_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(tip_pose_of_parameters_output_patterns)[] = {
+    pattern_14,
+};
+FORM(CASADI, tip_pose_of_parameters, 2, 1, 16)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_tip_pose(constants, given(arg[0]), &scratch[0]);
+    store(4, 4, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(tip_jacobian_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(tip_jacobian_outputs)[] = {
+    "jacobian",
+};
+static const casadi_int *const
+    CASADI(tip_jacobian_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(tip_jacobian_output_patterns)[] = {
+    pattern_15,
+};
+FORM(CASADI, tip_jacobian, 1, 1, 48)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_tip_jacobian(constants, given(arg[0]), &scratch[0]);
+    store(6, 8, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(tip_jacobian_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(tip_jacobian_of_parameters_outputs)[] = {
+    "jacobian",
+};
+static const casadi_int *const
+    CASADI(tip_jacobian_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(tip_jacobian_of_parameters_output_patterns)[] = {
+    pattern_15,
+};
+FORM(CASADI, tip_jacobian_of_parameters, 2, 1, 48)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_tip_jacobian(constants, given(arg[0]), &scratch[0]);
+    store(6, 8, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(tip_bias_acceleration_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(tip_bias_acceleration_outputs)[] = {
+    "bias_acceleration",
+};
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_output_patterns)[] = {
+    pattern_5,
+};
+FORM(CASADI, tip_bias_acceleration, 2, 1, 6)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_tip_bias_acceleration(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(6, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(tip_bias_acceleration_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(tip_bias_acceleration_of_parameters_outputs)[] = {
+    "bias_acceleration",
+};
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(tip_bias_acceleration_of_parameters_output_patterns)[] = {
+    pattern_5,
+};
+FORM(CASADI, tip_bias_acceleration_of_parameters, 3, 1, 6)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_tip_bias_acceleration(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(6, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_poses_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(frame_poses_outputs)[] = {
+    "poses",
+};
+static const casadi_int *const
+    CASADI(frame_poses_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(frame_poses_output_patterns)[] = {
+    pattern_16,
+};
+FORM(CASADI, frame_poses, 1, 1, 32)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_frame_poses(constants, given(arg[0]), &scratch[0]);
+    store(8, 4, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_poses_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(frame_poses_of_parameters_outputs)[] = {
+    "poses",
+};
+static const casadi_int *const
+    CASADI(frame_poses_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(frame_poses_of_parameters_output_patterns)[] = {
+    pattern_16,
+};
+FORM(CASADI, frame_poses_of_parameters, 2, 1, 32)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_frame_poses(constants, given(arg[0]), &scratch[0]);
+    store(8, 4, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_jacobians_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(frame_jacobians_outputs)[] = {
+    "jacobians",
+};
+static const casadi_int *const
+    CASADI(frame_jacobians_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(frame_jacobians_output_patterns)[] = {
+    pattern_17,
+};
+FORM(CASADI, frame_jacobians, 1, 1, 96)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_frame_jacobians(constants, given(arg[0]), &scratch[0]);
+    store(12, 8, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_jacobians_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(frame_jacobians_of_parameters_outputs)[] = {
+    "jacobians",
+};
+static const casadi_int *const
+    CASADI(frame_jacobians_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(frame_jacobians_of_parameters_output_patterns)[] = {
+    pattern_17,
+};
+FORM(CASADI, frame_jacobians_of_parameters, 2, 1, 96)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_frame_jacobians(constants, given(arg[0]), &scratch[0]);
+    store(12, 8, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_velocities_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(frame_velocities_outputs)[] = {
+    "velocities",
+};
+static const casadi_int *const
+    CASADI(frame_velocities_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(frame_velocities_output_patterns)[] = {
+    pattern_11,
+};
+FORM(CASADI, frame_velocities, 2, 1, 12)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_frame_velocities(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(2, 6, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_velocities_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(frame_velocities_of_parameters_outputs)[] = {
+    "velocities",
+};
+static const casadi_int *const
+    CASADI(frame_velocities_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(frame_velocities_of_parameters_output_patterns)[] = {
+    pattern_11,
+};
+FORM(CASADI, frame_velocities_of_parameters, 3, 1, 12)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_frame_velocities(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(2, 6, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_bias_accelerations_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(frame_bias_accelerations_outputs)[] = {
+    "bias_accelerations",
+};
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_output_patterns)[] = {
+    pattern_11,
+};
+FORM(CASADI, frame_bias_accelerations, 2, 1, 12)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_frame_bias_accelerations(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(2, 6, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(frame_bias_accelerations_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(frame_bias_accelerations_of_parameters_outputs)[] = {
+    "bias_accelerations",
+};
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(frame_bias_accelerations_of_parameters_output_patterns)[] = {
+    pattern_11,
+};
+FORM(CASADI, frame_bias_accelerations_of_parameters, 3, 1, 12)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_frame_bias_accelerations(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(2, 6, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(centre_of_mass_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(centre_of_mass_outputs)[] = {
+    "position",
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_output_patterns)[] = {
+    pattern_9,
+};
+FORM(CASADI, centre_of_mass, 1, 1, 3)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_centre_of_mass(constants, given(arg[0]), &scratch[0]);
+    store(3, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(centre_of_mass_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(centre_of_mass_of_parameters_outputs)[] = {
+    "position",
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_of_parameters_output_patterns)[] = {
+    pattern_9,
+};
+FORM(CASADI, centre_of_mass_of_parameters, 2, 1, 3)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_centre_of_mass(constants, given(arg[0]), &scratch[0]);
+    store(3, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(centre_of_mass_jacobian_inputs)[] = {
+    "q",
+};
+static const char *const
+    CASADI(centre_of_mass_jacobian_outputs)[] = {
+    "jacobian",
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_input_patterns)[] = {
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_output_patterns)[] = {
+    pattern_18,
+};
+FORM(CASADI, centre_of_mass_jacobian, 1, 1, 24)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_centre_of_mass_jacobian(constants, given(arg[0]), &scratch[0]);
+    store(3, 8, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(centre_of_mass_jacobian_of_parameters_inputs)[] = {
+    "q",
+    "parameters",
+};
+static const char *const
+    CASADI(centre_of_mass_jacobian_of_parameters_outputs)[] = {
+    "jacobian",
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(centre_of_mass_jacobian_of_parameters_output_patterns)[] = {
+    pattern_18,
+};
+FORM(CASADI, centre_of_mass_jacobian_of_parameters, 2, 1, 24)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[1]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_centre_of_mass_jacobian(constants, given(arg[0]), &scratch[0]);
+    store(3, 8, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(centroidal_momentum_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(centroidal_momentum_outputs)[] = {
+    "momentum",
+};
+static const casadi_int *const
+    CASADI(centroidal_momentum_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(centroidal_momentum_output_patterns)[] = {
+    pattern_5,
+};
+FORM(CASADI, centroidal_momentum, 2, 1, 6)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_centroidal_momentum(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(6, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(centroidal_momentum_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(centroidal_momentum_of_parameters_outputs)[] = {
+    "momentum",
+};
+static const casadi_int *const
+    CASADI(centroidal_momentum_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(centroidal_momentum_of_parameters_output_patterns)[] = {
+    pattern_5,
+};
+FORM(CASADI, centroidal_momentum_of_parameters, 3, 1, 6)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_centroidal_momentum(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(6, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(coordinate_rates_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(coordinate_rates_outputs)[] = {
+    "rate",
+};
+static const casadi_int *const
+    CASADI(coordinate_rates_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(coordinate_rates_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, coordinate_rates, 2, 1, 8)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_coordinate_rates(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(coordinate_rates_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(coordinate_rates_of_parameters_outputs)[] = {
+    "rate",
+};
+static const casadi_int *const
+    CASADI(coordinate_rates_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(coordinate_rates_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, coordinate_rates_of_parameters, 3, 1, 8)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_coordinate_rates(constants, given(arg[0]), given(arg[1]),
+        &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(integrate_inputs)[] = {
+    "q",
+    "v",
+};
+static const char *const
+    CASADI(integrate_outputs)[] = {
+    "coordinates",
+};
+static const casadi_int *const
+    CASADI(integrate_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(integrate_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, integrate, 2, 1, 8)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_integrate(constants, given(arg[0]), given(arg[1]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(integrate_of_parameters_inputs)[] = {
+    "q",
+    "v",
+    "parameters",
+};
+static const char *const
+    CASADI(integrate_of_parameters_outputs)[] = {
+    "coordinates",
+};
+static const casadi_int *const
+    CASADI(integrate_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(integrate_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, integrate_of_parameters, 3, 1, 8)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_integrate(constants, given(arg[0]), given(arg[1]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(difference_inputs)[] = {
+    "q0",
+    "q1",
+};
+static const char *const
+    CASADI(difference_outputs)[] = {
+    "displacement",
+};
+static const casadi_int *const
+    CASADI(difference_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+};
+static const casadi_int *const
+    CASADI(difference_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, difference, 2, 1, 8)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    const Constants *const constants = &quadrotor_2link_default_constants;
+    quadrotor_2link_difference(constants, given(arg[0]), given(arg[1]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+static const char *const
+    CASADI(difference_of_parameters_inputs)[] = {
+    "q0",
+    "q1",
+    "parameters",
+};
+static const char *const
+    CASADI(difference_of_parameters_outputs)[] = {
+    "displacement",
+};
+static const casadi_int *const
+    CASADI(difference_of_parameters_input_patterns)[] = {
+    pattern_1,
+    pattern_1,
+    pattern_3,
+};
+static const casadi_int *const
+    CASADI(difference_of_parameters_output_patterns)[] = {
+    pattern_1,
+};
+FORM(CASADI, difference_of_parameters, 3, 1, 8)
+{
+    (void)arg;
+    (void)res;
+    (void)iw;
+    (void)mem;
+    Constants own;
+    const Constants *const constants = &own;
+    if (quadrotor_2link_init_constants(given(arg[2]), &own)) {
+        return 1;
+    }
+    quadrotor_2link_difference(constants, given(arg[0]), given(arg[1]), &scratch[0]);
+    store(8, 1, &scratch[0], res[0]);
+    return 0;
+}
+
+#ifdef __cplusplus
+}
+#endif

@@ -626,8 +626,9 @@ def test_symbols(
     assert {name for kind, name in source if kind == "U"} <= library | moving
     assert {name for kind, name in casadi if kind == "U"} <= declared | moving
     adapters = {
-        f"{robot.name}_casadi_{function.name}{ending}"
+        f"{robot.name}_casadi_{function.name}{family}{ending}"
         for function in robot.model.program.functions
+        for family in ("", "_of_parameters")
         for ending in (
             *("", "_n_in", "_n_out", "_name_in", "_name_out"),
             *("_sparsity_in", "_sparsity_out", "_work"),
@@ -679,7 +680,8 @@ def test_zeros_for_absent_arguments_are_as_many_as_the_widest_has(
 ) -> None:
     """CasADi passes no array for an argument that is zero. There may be more inputs than q has."""
     robot = emitted(label)
-    widest = max(width for signature in robot.signatures() for width in signature.widths)
+    widths = [width for signature in robot.signatures() for width in signature.widths]
+    widest = max(*widths, len(robot.model.defaults))
     assert f" zeros[{widest}] = " in robot.text("_casadi.c")
 
 
