@@ -25,12 +25,14 @@ class Target:
     """A language to emit: its printer, its templates' context, and a file name per template.
 
     `context` takes the model, the printer, and the lines that open every file; what it returns is a
-    value whose attributes the templates read.
+    value whose attributes the templates read. What is not `by_default` is emitted only if it is
+    asked for by name.
     """
 
     printer: InfixPrinter
     context: Callable[[Model, InfixPrinter, list[str]], object]
     files: Mapping[str, str]
+    by_default: bool = True
 
 
 TARGETS: dict[str, Target] = {
@@ -49,13 +51,14 @@ TARGETS: dict[str, Target] = {
         },
     ),
 }
+DEFAULT_TARGETS = tuple(name for name, target in TARGETS.items() if target.by_default)
 
 
-def find_targets(names: Sequence[str]) -> dict[str, Target]:
+def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     """Targets by their names.
 
     Args:
-        names: Of targets.
+        names: Of targets; without them those that are emitted by default.
 
     Returns:
         Rows of `TARGETS`, in the order of the names.
@@ -105,7 +108,7 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     command = "gibbs-codegen generate THIS_FOLDER/robot.toml --out ."
     if model.keeps_zeros:
         command += " --all-parameters"
-    if set(targets) != set(TARGETS):
+    if set(targets) != set(DEFAULT_TARGETS):
         command += "".join(f" --target {name}" for name in targets)
     if model.derivatives:
         rows = [row for row in FUNCTIONS.values() if row.on_request]
