@@ -15,6 +15,8 @@ from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.targets.c import target as c_target
+from gibbs_codegen.targets.matlab import target as matlab_target
+from gibbs_codegen.targets.matlab.statements import MatlabPrinter
 from gibbs_codegen.targets.numpy import target as numpy_target
 from gibbs_codegen.targets.printers import CPrinter, InfixPrinter
 from gibbs_codegen.version import HEADER_START, __version__
@@ -25,8 +27,9 @@ class Target:
     """A language to emit: its printer, its templates' context, and a file name per template.
 
     `context` takes the model, the printer, and the lines that open every file; what it returns is a
-    value whose attributes the templates read. What is not `by_default` is emitted only if it is
-    asked for by name.
+    value whose attributes the templates read. Of a template that makes several files it returns
+    such a value for each of them, by template and by what stands for {part} in the file's name.
+    What is not `by_default` is emitted only if it is asked for by name.
     """
 
     printer: InfixPrinter
@@ -49,6 +52,12 @@ TARGETS: dict[str, Target] = {
             "c_source.c.jinja": "{name}.c",
             "c_casadi.c.jinja": "{name}_casadi.c",
         },
+    ),
+    "matlab": Target(
+        MatlabPrinter(),
+        matlab_target.package_text,
+        dict.fromkeys(matlab_target.TEMPLATES, "+{name}/{part}.m"),
+        by_default=False,
     ),
 }
 DEFAULT_TARGETS = tuple(name for name, target in TARGETS.items() if target.by_default)
@@ -90,7 +99,10 @@ def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) 
     for target in targets.values():
         context = target.context(model, target.printer, opening)
         for template, file_name in target.files.items():
-            files[file_name.format(name=model.robot.name)] = render(template, context)
+            parts = context[template] if isinstance(context, Mapping) else {"": context}
+            for part, of_part in parts.items():
+                name = file_name.format(name=model.robot.name, part=part)
+                files[name] = render(template, of_part)
     return files
 
 
