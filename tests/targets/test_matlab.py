@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import made_once
+from conftest import ROOT, made_once
 from support.octave import octave, octave_arrays
 from support.random_robots import random_tree
 
@@ -21,7 +21,6 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.module_writer import differing_files, write_module
 from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, module_signatures
-from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
@@ -31,7 +30,7 @@ from gibbs_codegen.targets.registry import find_targets, render_module
 
 COUNT = 3
 TARGETS = ("numpy", "matlab")
-SMALL = "quadrotor_2link"
+SMALL = "hexarotor_3link"
 # Lines in which a function names its own variables.
 OWN = re.compile(r"^function .*|^ +.*?(?= =)|for \w+|@\(.*?\)", re.MULTILINE)
 
@@ -145,14 +144,14 @@ def test_default_parameters_lists_and_patterns(
     lines = [
         f"addpath('{made.folder}');",
         f"constants = {name}.prepare(struct());",
-        "[q_names, q_units] = quadrotor_2link.coordinate_names();",
-        "input_names = quadrotor_2link.input_names();",
-        "[values, units] = quadrotor_2link.parameters();",
-        "found = quadrotor_2link.patterns();",
-        "[M, R] = quadrotor_2link.mass_matrix_and_residual(q, 2 * q);",
+        "[q_names, q_units] = hexarotor_3link.coordinate_names();",
+        "input_names = hexarotor_3link.input_names();",
+        "[values, units] = hexarotor_3link.parameters();",
+        "found = hexarotor_3link.patterns();",
+        "[M, R] = hexarotor_3link.mass_matrix_and_residual(q, 2 * q);",
     ]
     wanted = ["constants", "q_names", "q_units", "input_names", "values", "units", "found", "M"]
-    q = np.linspace(-0.5, 0.5, 8)
+    q = np.linspace(-0.5, 0.5, 9)
     got = dict(zip(wanted, octave_arrays(tmp_path, {"q": q[:, None]}, lines, wanted), strict=True))
     constants = module.prepare({})
     np.testing.assert_allclose(got["constants"].ravel(), constants, rtol=1e-14)
@@ -186,14 +185,14 @@ def test_default_parameters_lists_and_patterns(
 def test_help_and_errors_are_in_words(packaged: Callable[[str], Packaged], tmp_path: Path) -> None:
     made = packaged(SMALL)
     calls = {
-        "residual(zeros(7, 1), zeros(8, 1))": "q must be 8 x k for k states, not 7 x 1",
-        "mass_matrix(zeros(1, 8))": "q must be 8 x k for k states, not 1 x 8",
-        "wrench_forces(zeros(8, 1), zeros(6, 2))": "W must be 2 x 6 x k for k states, not 6 x 2",
-        "residual(zeros(8, 2), zeros(8, 3))": "v has 3 states, but arguments before it have 2",
+        "residual(zeros(7, 1), zeros(9, 1))": "q must be 9 x k for k states, not 7 x 1",
+        "mass_matrix(zeros(1, 9))": "q must be 9 x k for k states, not 1 x 9",
+        "wrench_forces(zeros(9, 1), zeros(6, 2))": "W must be 2 x 6 x k for k states, not 6 x 2",
+        "residual(zeros(9, 2), zeros(9, 3))": "v has 3 states, but arguments before it have 2",
         "mass_matrix({1})": "q must be real numbers",
         "mass_matrix('12345678')": "q must be real numbers",
-        "mass_matrix(1i * ones(8, 1))": "q must be real numbers",
-        "mass_matrix(zeros(8, 1), 1)": "constants must be",
+        "mass_matrix(1i * ones(9, 1))": "q must be real numbers",
+        "mass_matrix(zeros(9, 1), 1)": "constants must be",
         "mass_matrix()": "not enough input arguments",
         "prepare(struct('gravty', 1))": "unknown parameter gravty: the function parameters of this",
         "prepare(struct('link1_d', 1))": "link1_d is no parameter: it is zero in the robot file",
@@ -202,17 +201,17 @@ def test_help_and_errors_are_in_words(packaged: Callable[[str], Packaged], tmp_p
         "prepare(3)": "parameters must be one struct of numbers",
         "prepare(struct('base_arm_length', 1e300))": "these parameters leave an acceleration",
     }
-    lines = [f"addpath('{made.folder}');", "help quadrotor_2link.forward_dynamics"]
+    lines = [f"addpath('{made.folder}');", "help hexarotor_3link.forward_dynamics"]
     for call in calls:
-        lines += ["try", f"quadrotor_2link.{call};", "disp('no error')"]
+        lines += ["try", f"hexarotor_3link.{call};", "disp('no error')"]
         lines += ["catch reason", "disp(['said: ', reason.message])", "end"]
     said = octave(tmp_path, lines)
     helped, *messages = said.split("said: ")
     for words in (
         "FORWARD_DYNAMICS Accelerations a of M a = R + B u.",
-        "acceleration = quadrotor_2link.forward_dynamics(q, v, u, constants)",
-        "q  8 x k: coordinates, theta_m1 [rad]",
-        "acceleration  8 x k: a_theta_m1 [rad/s^2]",
+        "acceleration = hexarotor_3link.forward_dynamics(q, v, u, constants)",
+        "q  9 x k: coordinates, theta_m1 [rad]",
+        "acceleration  9 x k: a_theta_m1 [rad/s^2]",
         "Source: eq. 19",
     ):
         assert words in helped
@@ -220,6 +219,21 @@ def test_help_and_errors_are_in_words(packaged: Callable[[str], Packaged], tmp_p
     assert len(messages) == len(calls), said
     for message, words in zip(messages, calls.values(), strict=True):
         assert words in message
+
+
+def test_what_the_page_shows_runs_and_reaches_the_goal(
+    packaged: Callable[[str], Packaged], tmp_path: Path
+) -> None:
+    """The blocks of the page as one script: it ends within a millimetre of where it hovers."""
+    made = packaged(SMALL)
+    (tmp_path / "generated").symlink_to(made.folder.parent)
+    page = (ROOT / "docs" / "matlab.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```matlab\n(.*?)^```", page, flags=re.DOTALL | re.MULTILINE)
+    said = octave(tmp_path, blocks)
+    assert "FORWARD_DYNAMICS Accelerations a" in said
+    assert "ans = 8.19" in said
+    distance = float(said.rpartition("distance = ")[2])
+    assert 0.0 < distance < 1e-3
 
 
 def test_source_keeps_to_what_matlab_has_too(packaged: Callable[[str], Packaged]) -> None:
@@ -243,14 +257,10 @@ def test_source_keeps_to_what_matlab_has_too(packaged: Callable[[str], Packaged]
 
 def test_names_that_matlab_does_not_take() -> None:
     """A name that begins with a digit gets an x; a robot's that hides another is refused."""
-    robot = read_robot(SMALL)[0]
-    link = robot.links[1]
-
-    def model(*names: str) -> Model:
-        return derive(replace(robot, links=tuple(replace(link, name=name) for name in names)))
-
-    given = model("1st", "e")
-    source = render_module(given, "", find_targets(["matlab"]))[f"+{SMALL}/mass_matrix.m"]
+    robot = read_robot("quadrotor_2link")[0]
+    links = tuple(replace(robot.links[1], name=name) for name in ("1st", "e"))
+    given = derive(replace(robot, links=links))
+    source = render_module(given, "", find_targets(["matlab"]))["+quadrotor_2link/mass_matrix.m"]
     assert re.search(r"^    x_1st_q = q\(4, :\);$", source, flags=re.MULTILINE)
     assert "e_q = q(5, :);" in source
     assert not re.search(r"(?<!\w)_", re.sub("%.*", "", source))
@@ -259,34 +269,36 @@ def test_names_that_matlab_does_not_take() -> None:
             check_names(replace(given, robot=replace(robot, name=name)))
     with pytest.raises(UsageError, match=f"{'b' * 64} has more than 63 characters"):
         check_names(replace(given, robot=replace(robot, name="b" * 64)))
-    with pytest.raises(UsageError, match=r"a{60}_\w+ has more than 63 characters"):
-        check_names(model("a" * 60))
-    with pytest.raises(UsageError, match=r"_1st_\w+ would be x_1st_\w+, which is there already"):
-        check_names(model("1st", "x_1st"))
+    for names, words in (
+        (["a" * 64], r"a{64} has more than 63 characters"),
+        (["_1st_x", "x_1st_x"], "_1st_x would be x_1st_x, which is there already"),
+    ):
+        with pytest.raises(UsageError, match=words):
+            check_names(replace(given, defaults=dict.fromkeys(names, 1.0)))
 
 
 def test_a_package_is_whole_in_the_module_that_has_it(
     packaged: Callable[[str], Packaged], tmp_path: Path
 ) -> None:
     """A file that was changed, one too many, and one that a package lost: each is named."""
-    robot, text = read_robot(SMALL)
+    robot, text = read_robot("quadrotor")
     model = derive(robot)
     files = render_module(model, text, find_targets(["matlab"]))
-    folder = tmp_path / SMALL
+    folder = tmp_path / robot.name
     write_module(folder, files)
-    package = folder / f"+{SMALL}"
+    package = folder / "+quadrotor"
     assert differing_files(folder, files) == []
     (package / "prepare.m").write_text("", encoding="utf-8")
     (package / "mine.m").write_text("", encoding="utf-8")
     (package / "+internal" / "states.m").unlink()
     (package / "empty").mkdir()
     assert differing_files(folder, files) == [
-        f"+{SMALL}/prepare.m",
-        f"+{SMALL}/+internal/states.m",
-        f"+{SMALL}/empty",
-        f"+{SMALL}/mine.m",
+        "+quadrotor/prepare.m",
+        "+quadrotor/+internal/states.m",
+        "+quadrotor/empty",
+        "+quadrotor/mine.m",
     ]
-    with pytest.raises(UsageError, match=r"\+quadrotor_2link/mine\.m"):
+    with pytest.raises(UsageError, match=r"\+quadrotor/mine\.m"):
         write_module(folder, files)
     (package / "mine.m").unlink()
     (package / "empty").rmdir()
