@@ -32,7 +32,7 @@ from gibbs_codegen.files.output_folder import check_output_folder
 from gibbs_codegen.program.model import Derivatives, Model, Progress
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
-from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
+from gibbs_codegen.targets.registry import DEFAULT_TARGETS, find_targets, render_module
 from gibbs_codegen.verification.modules import refuse_wrong
 
 StrPath = str | os.PathLike[str]
@@ -41,7 +41,7 @@ StrPath = str | os.PathLike[str]
 def generate(
     robot_file: StrPath,
     out: StrPath = "generated",
-    targets: Sequence[str] = tuple(TARGETS),
+    targets: Sequence[str] = DEFAULT_TARGETS,
     keep_zeros: bool = False,
     verify: bool = True,
     force: bool = False,
@@ -83,7 +83,7 @@ def generate_robot(
     robot: Robot,
     text: str,
     out: StrPath,
-    targets: Sequence[str] = tuple(TARGETS),
+    targets: Sequence[str] = DEFAULT_TARGETS,
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
     verify: bool = True,
@@ -123,7 +123,7 @@ def check_robot(
     robot: Robot,
     text: str,
     out: StrPath,
-    targets: Sequence[str] = tuple(TARGETS),
+    targets: Sequence[str] = DEFAULT_TARGETS,
     keep_zeros: bool = False,
     progress: Progress = lambda _: None,
     derivatives: Derivatives = False,

@@ -39,7 +39,7 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import SingularRobotError
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.targets.registry import TARGETS, render_module
+from gibbs_codegen.targets.registry import find_targets, render_module
 from gibbs_codegen.verification.comparison import failure_text
 from gibbs_codegen.verification.free_base import formulated
 from gibbs_codegen.verification.newton_euler import NewtonEuler
@@ -113,7 +113,7 @@ def check(robot: Robot, number: int, compiled: bool) -> tuple[str, dict[str, flo
         return _refused(robot, error), {}
     if number % 2 == 0 and smallest_eigenvalue(robot)[0] < SMALLEST:
         raise DisagreementError(f"is singular and was not refused: {unresisted(robot)}")
-    targets = TARGETS if compiled else NUMPY
+    targets = find_targets() if compiled else NUMPY
     with _emitted(render_module(model, "", targets), number) as folder:
         found = compare(robot, load(folder), number)
         if compiled:

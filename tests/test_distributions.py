@@ -28,6 +28,8 @@ DATA = """
     py.typed
     emitted/blocks.c emitted/column_major.c emitted/gather.c emitted/platform.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
+    emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m
+    emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/rk4.c runtime/native/rows.c
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
@@ -35,7 +37,11 @@ DATA = """
     robots/quadrotor_2link.toml
     scenarios/circle.toml scenarios/hover.toml scenarios/line.toml scenarios/paper.toml
     templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja
-    templates/c_steps.c.jinja templates/numpy_module.py.jinja
+    templates/c_steps.c.jinja templates/matlab_constants.m.jinja
+    templates/matlab_function.m.jinja templates/matlab_list.m.jinja
+    templates/matlab_parameters.m.jinja templates/matlab_patterns.m.jinja
+    templates/matlab_prepare.m.jinja templates/matlab_source.m.jinja
+    templates/numpy_module.py.jinja
     templates/package_init.py.jinja templates/robot.toml.jinja
 """
 ABOUT = "METADATA RECORD WHEEL entry_points.txt top_level.txt licenses/LICENSE"

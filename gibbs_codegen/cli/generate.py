@@ -43,7 +43,7 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
         "--target",
         action="append",
         metavar="TARGET",
-        help="a target to emit, such as numpy or c; may be repeated (default: all targets)",
+        help="a target to emit, such as numpy or c; may be repeated (default: numpy and c)",
     )
     generate.add_argument(
         "--out",
@@ -61,9 +61,9 @@ def _generate(options: argparse.Namespace) -> int:
     robot, text = robot_argument.chosen_robot(options)
     from gibbs_codegen import pipeline
     from gibbs_codegen.program.operations import count_operations
-    from gibbs_codegen.targets.registry import TARGETS
+    from gibbs_codegen.targets.registry import DEFAULT_TARGETS
 
-    what = robot, text, options.out, options.target or list(TARGETS), options.all_parameters
+    what = robot, text, options.out, options.target or DEFAULT_TARGETS, options.all_parameters
     if options.check:
         with terminal.progress() as progress:
             found = pipeline.check_robot(*what, progress, options.derivatives)

@@ -80,15 +80,23 @@ def entries(folder: Path, names: Collection[str]) -> Iterator[str]:
 
     Args:
         folder: The folder.
-        names: Names of the sources.
+        names: Names of the sources. A folder that some of them are in is entered.
 
     Yields:
-        The names.
+        The names, with those of the folders that were entered before them.
     """
     if not folder.is_dir():
         return
     for path in sorted(folder.iterdir()):
-        if path.name != _CACHE or path.is_symlink() or not path.is_dir():
+        if path.is_symlink() or not path.is_dir():
+            yield path.name
+            continue
+        start = f"{path.name}/"
+        inside = {name.removeprefix(start) for name in names if name.startswith(start)}
+        if inside:
+            yield from (start + name for name in entries(path, inside))
+            continue
+        if path.name != _CACHE:
             yield path.name
             continue
         for kept in sorted(path.iterdir()):

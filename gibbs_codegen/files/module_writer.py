@@ -201,6 +201,7 @@ def write_new_file(path: Path, text: str, force: bool | None = None) -> None:
 
 
 def _write_flushed(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         file.write(text.encode())
         file.flush()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import jinja2
@@ -17,15 +18,20 @@ def render(template: str, context: object) -> str:
     Returns:
         The text; a name that the context lacks is an error of Jinja's.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(template_folder()),
+    return _environment(template_folder()).get_template(template).render(vars(context))
+
+
+@cache
+def _environment(folder: Path) -> jinja2.Environment:
+    """The environment of a folder, which keeps the templates that it has compiled."""
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(folder),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701 - what is rendered is source code, not HTML
     )
-    return environment.get_template(template).render(vars(context))
 
 
 def template_folder() -> Path:

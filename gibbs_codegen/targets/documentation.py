@@ -27,7 +27,7 @@ from gibbs_codegen.robot.module_lists import body_names
 
 # Of a docstring's lines, which are indented by four, and of a C comment's, which begin with " * ".
 _DOCSTRING_WIDTH, _DOXYGEN_WIDTH = 96, 97
-_HANGING = "    "
+HANGING = "    "
 
 
 def docstring(robot: Robot, signature: Signature, work: str) -> list[str]:
@@ -42,7 +42,7 @@ def docstring(robot: Robot, signature: Signature, work: str) -> list[str]:
         Lines without indentation.
     """
     row = FUNCTIONS[signature.name]
-    takes = [f"{a}: {_meaning(robot, a)}, {argument_text(robot, a)}" for a in signature.arguments]
+    takes = [f"{a}: {meaning(robot, a)}, {argument_text(robot, a)}" for a in signature.arguments]
     takes.append("constants: what `prepare` returns; those of the default parameters if omitted")
     returns = ["Returns:"]
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
@@ -51,9 +51,9 @@ def docstring(robot: Robot, signature: Signature, work: str) -> list[str]:
     returns.append(f"Source: {row.source}. {work}.")
     lines = [row.summary]
     if row.details:
-        lines += ["", *_wrapped([_details(robot, row)], _DOCSTRING_WIDTH, "")]
+        lines += ["", *wrapped([details(robot, row)], _DOCSTRING_WIDTH, "")]
     for items in (takes, returns):
-        lines += ["", *_wrapped(items, _DOCSTRING_WIDTH, _HANGING)]
+        lines += ["", *wrapped(items, _DOCSTRING_WIDTH, HANGING)]
     return lines
 
 
@@ -76,7 +76,7 @@ def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[s
     ]
     for a, width in zip(signature.arguments, signature.widths, strict=True):
         items.append(
-            f"@param[in] {a} {_meaning(robot, a)}, {width} entries: {argument_text(robot, a)}"
+            f"@param[in] {a} {meaning(robot, a)}, {width} entries: {argument_text(robot, a)}"
         )
     for output, sizes in zip(row.outputs, signature.shapes, strict=True):
         shape = " x ".join(map(str, sizes)) or "1"
@@ -87,8 +87,8 @@ def doxygen(robot: Robot, signature: Signature, work: str, stack: int) -> list[s
     ]
     lines = [f"@brief {row.summary}", ""]
     if row.details:
-        lines += [*_wrapped([_details(robot, row)], _DOXYGEN_WIDTH, ""), ""]
-    return lines + _wrapped(items, _DOXYGEN_WIDTH, _HANGING)
+        lines += [*wrapped([details(robot, row)], _DOXYGEN_WIDTH, ""), ""]
+    return lines + wrapped(items, _DOXYGEN_WIDTH, HANGING)
 
 
 def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) -> list[str]:
@@ -115,15 +115,33 @@ def sparse_doxygen(signature: Signature, lengths: dict[str, int], stack: int) ->
         "one state of doubles, optimised."
     )
     brief = f"@brief As {signature.name}, without the zeros of its matrices."
-    return [brief, "", *_wrapped(items, _DOXYGEN_WIDTH, _HANGING)]
+    return [brief, "", *wrapped(items, _DOXYGEN_WIDTH, HANGING)]
 
 
-def _meaning(robot: Robot, argument: str) -> str:
+def meaning(robot: Robot, argument: str) -> str:
+    """What an argument is.
+
+    Args:
+        robot: Whose functions take it.
+        argument: One of `interface.ARGUMENTS`.
+
+    Returns:
+        Words that its entries follow.
+    """
     row = ARGUMENTS[argument]
     return (layout_of(robot).is_quaternion and row.with_quaternion) or row.meaning
 
 
-def _details(robot: Robot, row: Row) -> str:
+def details(robot: Robot, row: Row) -> str:
+    """What is to be said of a function beyond its summary.
+
+    Args:
+        robot: Whose function it is.
+        row: Of the function.
+
+    Returns:
+        Sentences; "" where there is nothing to say.
+    """
     return row.details.format(singularity="" if layout_of(robot).is_quaternion else _SINGULARITY)
 
 
@@ -163,7 +181,7 @@ def calls(robot: Robot, name: str) -> str:
     return f"Calls: {', '.join(f'{count} of {part}' for part, count in counts.items())}"
 
 
-def _wrapped(items: list[str], width: int, hanging: str) -> list[str]:
+def wrapped(items: list[str], width: int, hanging: str) -> list[str]:
     """Lines of items, each on lines of its own.
 
     Args:

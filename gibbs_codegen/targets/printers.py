@@ -10,8 +10,22 @@ from gibbs_codegen.program.nodes import Call, Name, Node, Number, Product, Recip
 class InfixPrinter:
     """Prints nodes with + − * / and calls, as Python, C and most languages write them.
 
-    A language that differs overrides `number` or `call`.
+    A language that differs overrides `name`, `number` or `call`, or has other signs.
     """
+
+    TIMES = "*"
+    OVER = "/"
+
+    def name(self, name: str) -> str:
+        """A variable of the language.
+
+        Args:
+            name: What the program calls it.
+
+        Returns:
+            What it is called in the language.
+        """
+        return name
 
     def number(self, value: float) -> str:
         """A literal of the language.
@@ -47,15 +61,15 @@ class InfixPrinter:
         """
         match node:
             case Name(name):
-                return name
+                return self.name(name)
             case Number(value):
                 return self.number(value)
             case Sum(terms):
                 return self._sum(terms)
             case Product(factors):
-                return " * ".join(map(self._factor, factors))
+                return f" {self.TIMES} ".join(map(self._factor, factors))
             case Reciprocal(argument):
-                return f"{self.number(1.0)} / {self._divisor(argument)}"
+                return f"{self.number(1.0)} {self.OVER} {self._divisor(argument)}"
             case Call(function, argument):
                 return self.call(function, self.expression(argument))
             case _:

@@ -15,6 +15,8 @@ from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.targets.c import target as c_target
+from gibbs_codegen.targets.matlab import target as matlab_target
+from gibbs_codegen.targets.matlab.statements import MatlabPrinter
 from gibbs_codegen.targets.numpy import target as numpy_target
 from gibbs_codegen.targets.printers import CPrinter, InfixPrinter
 from gibbs_codegen.version import HEADER_START, __version__
@@ -25,12 +27,15 @@ class Target:
     """A language to emit: its printer, its templates' context, and a file name per template.
 
     `context` takes the model, the printer, and the lines that open every file; what it returns is a
-    value whose attributes the templates read.
+    value whose attributes the templates read. Of a template that makes several files it returns
+    such a value for each of them, by template and by what stands for {part} in the file's name.
+    What is not `by_default` is emitted only if it is asked for by name.
     """
 
     printer: InfixPrinter
     context: Callable[[Model, InfixPrinter, list[str]], object]
     files: Mapping[str, str]
+    by_default: bool = True
 
 
 TARGETS: dict[str, Target] = {
@@ -48,14 +53,21 @@ TARGETS: dict[str, Target] = {
             "c_casadi.c.jinja": "{name}_casadi.c",
         },
     ),
+    "matlab": Target(
+        MatlabPrinter(),
+        matlab_target.package_text,
+        dict.fromkeys(matlab_target.TEMPLATES, "+{name}/{part}.m"),
+        by_default=False,
+    ),
 }
+DEFAULT_TARGETS = tuple(name for name, target in TARGETS.items() if target.by_default)
 
 
-def find_targets(names: Sequence[str]) -> dict[str, Target]:
+def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     """Targets by their names.
 
     Args:
-        names: Of targets.
+        names: Of targets; without them those that are emitted by default.
 
     Returns:
         Rows of `TARGETS`, in the order of the names.
@@ -87,7 +99,10 @@ def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) 
     for target in targets.values():
         context = target.context(model, target.printer, opening)
         for template, file_name in target.files.items():
-            files[file_name.format(name=model.robot.name)] = render(template, context)
+            parts = context[template] if isinstance(context, Mapping) else {"": context}
+            for part, of_part in parts.items():
+                name = file_name.format(name=model.robot.name, part=part)
+                files[name] = render(template, of_part)
     return files
 
 
@@ -105,7 +120,7 @@ def header(model: Model, robot_text: str, targets: Mapping[str, Target]) -> list
     command = "gibbs-codegen generate THIS_FOLDER/robot.toml --out ."
     if model.keeps_zeros:
         command += " --all-parameters"
-    if set(targets) != set(TARGETS):
+    if set(targets) != set(DEFAULT_TARGETS):
         command += "".join(f" --target {name}" for name in targets)
     if model.derivatives:
         rows = [row for row in FUNCTIONS.values() if row.on_request]

@@ -46,5 +46,17 @@ def c_source(name: str) -> str:
     return _INCLUDE.sub(lambda match: c_source(match[1]), _text(name))
 
 
+def matlab_source(name: str) -> list[str]:
+    """A file of the folder's functions in MATLAB.
+
+    Args:
+        name: Of the function.
+
+    Returns:
+        Its lines.
+    """
+    return _text(f"matlab/{name}.m").splitlines()
+
+
 def _text(name: str) -> str:
     return (_FOLDER / name).read_text(encoding="utf-8")

@@ -52,7 +52,7 @@ from gibbs_codegen.simulator.control import Controller, Gains, Law  # noqa: E402
 from gibbs_codegen.simulator.reference import Reference  # noqa: E402
 from gibbs_codegen.simulator.trajectory import desired_motion  # noqa: E402
 from gibbs_codegen.simulator.vehicle import Vehicle  # noqa: E402
-from gibbs_codegen.targets.registry import TARGETS, render_module  # noqa: E402
+from gibbs_codegen.targets.registry import find_targets, render_module  # noqa: E402
 
 SHIPPED = Path(__file__).parents[2] / "generated" / "hexarotor_3link"
 STEP = 1e-3
@@ -145,7 +145,7 @@ def emitted(robot: Robot, folder: Path) -> ModuleType:
     """The compiled module of a robot, emitted in `folder`."""
     package = folder / f"{robot.name}_module"
     package.mkdir()
-    for file, text in render_module(derive(robot), "", TARGETS).items():
+    for file, text in render_module(derive(robot), "", find_targets()).items():
         (package / file).write_text(text, encoding="utf-8")
     return load(package, backend="c")
 

@@ -24,7 +24,7 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.targets.registry import TARGETS, render_module
+from gibbs_codegen.targets.registry import find_targets, render_module
 
 ONE, BATCH = "gibbs_codegen", "gibbs_codegen, batch"
 
@@ -53,7 +53,7 @@ def our_contenders(robot: Robot, folder: Path) -> list[Contender]:
 def written(model: Model, package: Path) -> Path:
     """Write a robot's module to a folder: its C source."""
     package.mkdir(parents=True, exist_ok=True)
-    for file, text in render_module(model, "", TARGETS).items():
+    for file, text in render_module(model, "", find_targets()).items():
         (package / file).write_text(text, encoding="utf-8")
     return package / f"{model.robot.name}.c"
 

@@ -32,6 +32,7 @@ EMISSION = (
     *_in("program", "live_ranges rows scratch patterns"),
     *_in("targets", "printers documentation registry verbatim"),
     *_in("targets.c", "target function sections sparse statements arrays"),
+    *_in("targets.matlab", "target statements lists names help"),
     *_in("targets.numpy", "target statements"),
     "emitted.evaluation",
 )
@@ -87,6 +88,7 @@ _QUICK_EMISSION = (
     "tests/targets/test_printers.py",
     "tests/targets/test_c_statements.py",
     "tests/targets/test_numpy_statements.py",
+    "tests/targets/test_matlab.py",
     "tests/program/test_nodes.py",
     "tests/program/test_trigonometry.py",
     "tests/program/test_steps.py",

@@ -22,7 +22,7 @@ from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.simulator import simulation
 from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.targets.registry import TARGETS
+from gibbs_codegen.targets.registry import DEFAULT_TARGETS
 
 
 @pytest.fixture
@@ -54,7 +54,7 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def module_files() -> Any:
     """What is emitted of the smallest robot that ships, derived once for all tests."""
     robot, text = read_robot("hexarotor")
-    return pipeline.module_files(robot, text, list(TARGETS), False, lambda _: None)
+    return pipeline.module_files(robot, text, DEFAULT_TARGETS, False, lambda _: None)
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from gibbs_codegen.program.model import Derivatives, Model
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.targets.registry import TARGETS, render_module
+from gibbs_codegen.targets.registry import find_targets, render_module
 from support.random_robots import random_robot
 from support.tools import run, tool
 
@@ -90,7 +90,7 @@ def emit(robot: Robot, folder: Path, text: str = "", derivatives: Derivatives = 
     """Derive a robot, write its module to a new folder, and import it."""
     model = derive(robot, derivatives=derivatives)
     folder.mkdir()
-    for name, content in render_module(model, text, TARGETS).items():
+    for name, content in render_module(model, text, find_targets()).items():
         (folder / name).write_text(content, encoding="utf-8")
     return Emitted(model, folder, load(folder))
 

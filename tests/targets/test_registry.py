@@ -14,6 +14,7 @@ import jinja2
 import pytest
 from conftest import ROOT
 
+from gibbs_codegen.cli.app import main
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
@@ -22,13 +23,20 @@ from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import read_robot, shipped_robots
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.targets.printers import InfixPrinter
-from gibbs_codegen.targets.registry import TARGETS, Target, find_targets, render_module
+from gibbs_codegen.targets.registry import (
+    DEFAULT_TARGETS,
+    TARGETS,
+    Target,
+    find_targets,
+    header,
+    render_module,
+)
 
 
 @pytest.fixture(scope="module")
 def files() -> dict[str, str]:
     robot, text = read_robot("octorotor_7link")
-    return render_module(derive(robot), text, TARGETS)
+    return render_module(derive(robot), text, find_targets())
 
 
 def test_a_name_that_the_context_lacks_is_an_error() -> None:
@@ -48,8 +56,8 @@ def test_templates_take_no_decisions() -> None:
 @pytest.mark.slow
 def test_no_line_is_longer_than_100_characters(files: dict[str, str]) -> None:
     model = derive(replace(paper_family(40, 12), name="a" * 64), keep_zeros=True)
-    long_names = render_module(model, robot_text(model.robot), TARGETS)
-    many_folded = render_module(derive(paper_family(40, 1)), "-\n", TARGETS)
+    long_names = render_module(model, robot_text(model.robot), find_targets())
+    many_folded = render_module(derive(paper_family(40, 1)), "-\n", find_targets())
     assert "base_drag_40" in many_folded["numpy_module.py"].partition("PARAMETERS = {")[0]
     for text in [*files.values(), *long_names.values(), *many_folded.values()]:
         # A name of 64 letters makes names that are longer than a line.
@@ -110,6 +118,22 @@ def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
 def test_unknown_target_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UsageError, match="known targets: numpy, c"):
         find_targets(["fortran"])
+
+
+def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    toy = Target(InfixPrinter(), lambda *_: SimpleNamespace(), {}, by_default=False)
+    monkeypatch.setitem(TARGETS, "toy", toy)
+    assert [*find_targets()] == [*DEFAULT_TARGETS] == ["numpy", "c"]
+    model = derive(paper_family(4, 1))
+    command = "generate THIS_FOLDER/robot.toml --out ."
+    assert header(model, "", find_targets())[3].endswith(command)
+    asked = header(model, "", find_targets(["numpy", "c", "toy"]))
+    assert asked[3].endswith(f"{command} --target numpy --target c --target toy")
+    with pytest.raises(SystemExit):
+        main(["generate", "--help"])
+    assert f"default: {' and '.join(DEFAULT_TARGETS)}" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_toy_target_is_a_printer_a_context_and_a_template(

@@ -1,0 +1,1 @@
+"""MATLAB and GNU Octave: a package folder with a file for each function."""
