@@ -184,6 +184,11 @@ def test_every_emitted_function_is_listed() -> None:
         assert row.on_request == (f"`{row.name}(" in PAGES["docs/derivatives.md"]), row.name
 
 
+def test_pages_that_are_run_elsewhere_have_their_tests() -> None:
+    for page, tests in RUN_ELSEWHERE.items():
+        assert f'run_python("{page}")' in (ROOT / tests).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_links_lead_somewhere(page: str) -> None:
     for target in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
