@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import os
 import re
 from pathlib import Path
@@ -15,6 +14,7 @@ from conftest import ROOT
 from numpy.typing import NDArray
 from support.command import ENVIRONMENT
 from support.command import run as run_command
+from support.pages import PAGES, blocks, run_python
 from support.tools import run, tool
 
 from gibbs_codegen import generate
@@ -27,17 +27,9 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.file import parse_scenario
 from gibbs_codegen.scenario.tables import ScenarioTable
 
-PAGES = {
-    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
-    for folder in (ROOT, ROOT / "docs")
-    for path in sorted(folder.glob("*.md"))
-}
+# Pages that need a package more, each with a test file that runs it and asserts what comes out.
+RUN_ELSEWHERE = {"docs/crocoddyl.md": "tests/test_crocoddyl.py"}
 COMMAND = re.compile(r"gibbs-codegen ([^#&\n]*)")
-
-
-def blocks(page: str, language: str) -> list[str]:
-    """Fenced blocks of a language."""
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
 
 
 def pages_with(language: str) -> list[str]:
@@ -53,21 +45,12 @@ def quick_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("quick_compiler")
-@pytest.mark.parametrize("page", pages_with("python"))
+@pytest.mark.parametrize("page", [p for p in pages_with("python") if p not in RUN_ELSEWHERE])
 def test_python_runs(page: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """The blocks of a page one after the other; those with prompts give what is shown."""
     (tmp_path / "generated").symlink_to(ROOT / "generated")
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    for block in blocks(page, "python"):
-        if not block.startswith(">>>"):
-            exec(block, names)  # noqa: S102
-            continue
-        session = doctest.DocTestParser().get_doctest(block, names, page, page, 0)
-        runner = doctest.DocTestRunner()
-        runner.run(session, clear_globs=False)
-        assert runner.summarize(verbose=False).failed == 0
-        names = session.globs
+    run_python(page)
 
 
 def test_the_step_that_is_shown_is_of_the_fourth_order(
@@ -199,6 +182,11 @@ def test_every_emitted_function_is_listed() -> None:
         assert re.search(rf"[`.]{name}\(", PAGES["docs/generated-module.md"]), name
     for row in FUNCTIONS.values():
         assert row.on_request == (f"`{row.name}(" in PAGES["docs/derivatives.md"]), row.name
+
+
+def test_pages_that_are_run_elsewhere_have_their_tests() -> None:
+    for page, tests in RUN_ELSEWHERE.items():
+        assert f'run_python("{page}")' in (ROOT / tests).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES)

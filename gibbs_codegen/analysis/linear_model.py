@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,17 +19,67 @@ from scipy.linalg import expm
 
 from gibbs_codegen.analysis.given import coordinates, period, vector
 from gibbs_codegen.analysis.loaded import vehicle_of
-from gibbs_codegen.errors import MissingFunctionError
+from gibbs_codegen.analysis.trim import Trim
+from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 _DERIVATIVES = "forward_dynamics_derivatives"
 
 
+class State(NamedTuple):
+    """Where a robot is to be linearised.
+
+    Attributes:
+        q, v, u: Coordinates (nq), velocities (nv) and inputs (nu).
+        wrenches: On the frames (f, 6), in the order of `FRAMES`, world axes, N and N m.
+    """
+
+    q: Array
+    v: Array
+    u: Array
+    wrenches: Array
+
+
+def given_state(
+    vehicle: Vehicle, q: ArrayLike | Trim, v: ArrayLike | None, u: ArrayLike | None
+) -> State:
+    """The state that callers give, as a trim or by its parts.
+
+    Args:
+        vehicle: The robot.
+        q: A trim, or coordinates (nq).
+        v, u: None beside a trim, else velocities (nv) and inputs (nu).
+
+    Returns:
+        The state; without a trim no wrenches act.
+
+    Raises:
+        UsageError: An argument is not what it must be, or the trim is another robot's.
+    """
+    wrenches = np.zeros((len(vehicle.frames), 6))
+    if isinstance(q, Trim):
+        if v is not None or u is not None:
+            raise UsageError("v, u: a trim has its own; give them without a trim, or neither")
+        if q.robot != vehicle.name:
+            raise UsageError(f"q: the trim is of {q.robot}, not of {vehicle.name}")
+        found = q
+        q, v, u, wrenches = found.q, found.v, found.u, found.wrenches
+    elif v is None or u is None:
+        raise UsageError("q, v, u: give all three, or a trim in the place of q")
+    size = vehicle.layout.v.size
+    return State(
+        coordinates(vehicle, q),
+        vector("v", v, size),
+        vector("u", u, len(vehicle.inputs)),
+        wrenches,
+    )
+
+
 def linearise(
     robot: ModuleType | str | os.PathLike[str],
-    q: ArrayLike,
-    v: ArrayLike,
-    u: ArrayLike,
+    q: ArrayLike | Trim,
+    v: ArrayLike | None = None,
+    u: ArrayLike | None = None,
     dt: float | None = None,
     *,
     parameters: Mapping[str, float] | None = None,
@@ -41,7 +92,8 @@ def linearise(
 
     Args:
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
-        q, v, u: Coordinates (nq), velocities (nv) and inputs (nu).
+        q: A trim, which has v and u as well, or coordinates (nq).
+        v, u: Velocities (nv) and inputs (nu), without a trim.
         dt: None, or a period, s, for which inputs are held: then x' = A x + B w after it, exactly.
         parameters: Parameters of the module's `prepare`.
 
@@ -55,10 +107,9 @@ def linearise(
     vehicle = vehicle_of(robot, parameters)
     if _DERIVATIVES not in vehicle.module.DERIVATIVES:
         raise MissingFunctionError(vehicle.name, _DERIVATIVES, vehicle.module.DERIVATIVES)
-    dt, size = period(dt), vehicle.layout.v.size
-    q, v, u = coordinates(vehicle, q), vector("v", v, size), vector("u", u, len(vehicle.inputs))
-    _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(q, v, u)
-    above = np.concatenate([_carried(vehicle, v), np.eye(size)], axis=1)
+    dt, state = period(dt), given_state(vehicle, q, v, u)
+    _, by_q, by_v, by_u = vehicle.function(_DERIVATIVES)(state.q, state.v, state.u)
+    above = np.concatenate([_carried(vehicle, state.v), np.eye(len(state.v))], axis=1)
     a = np.concatenate([above, np.concatenate([by_q, by_v], axis=1)])
     b = np.concatenate([np.zeros_like(by_u), by_u])
     return (a, b) if dt is None else held(a, b, dt)

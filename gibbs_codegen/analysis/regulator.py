@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import ModuleType
@@ -13,14 +14,17 @@ from scipy import linalg
 
 from gibbs_codegen.analysis.controllability import unreached
 from gibbs_codegen.analysis.given import numbers
-from gibbs_codegen.analysis.linear_model import linearise
+from gibbs_codegen.analysis.linear_model import State, given_state, linearise
 from gibbs_codegen.analysis.loaded import vehicle_of
+from gibbs_codegen.analysis.trim import Trim
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.wrenches import directions
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 # How far an eigenvalue may be from where motions neither grow nor decay, as a share of the model's.
 _MARGINAL = 1e-7
+# Accelerations, m/s² or rad/s², that a robot may have where a regulator is to keep it.
+_STEADY = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,20 +46,24 @@ class Regulator:
 
 def lqr(
     robot: ModuleType | str | os.PathLike[str],
-    q: ArrayLike,
-    v: ArrayLike,
-    u: ArrayLike,
-    Q: ArrayLike,  # noqa: N803 - the names of the field
-    R: ArrayLike,  # noqa: N803
+    q: ArrayLike | Trim,
+    v: ArrayLike | None = None,
+    u: ArrayLike | None = None,
+    Q: ArrayLike | None = None,  # noqa: N803 - the names of the field
+    R: ArrayLike | None = None,  # noqa: N803
     dt: float | None = None,
     *,
     parameters: Mapping[str, float] | None = None,
 ) -> Regulator:
     """The regulator that keeps a robot at a state with the least cost ∫ (xᵀ Q x + wᵀ R w) dt.
 
+    A warning tells how the robot accelerates if the state is not balanced, by more than 1e-3 m/s²
+    or rad/s².
+
     Args:
         robot: A generated module with derivatives, or the name or path of one, which is loaded.
-        q, v, u: Coordinates (nq), velocities (nv) and inputs (nu) of the state, as of `trim`.
+        q: A trim, which has v and u as well, or coordinates (nq).
+        v, u: Velocities (nv) and inputs (nu), without a trim.
         Q: Weights of the deviations x of `linearise`, (2 nv, 2 nv), or their diagonal (2 nv).
         R: Weights of deviations w of the inputs, (nu, nu), or their diagonal (nu).
         dt: None, or a period, s, for which inputs are held; the cost is then a sum over periods.
@@ -70,9 +78,12 @@ def lqr(
             be stabilised or that Q leaves free.
     """
     vehicle = vehicle_of(robot, parameters)
+    if Q is None or R is None:
+        raise UsageError("Q, R: give the weights of deviations and those of inputs")
     a, b = linearise(vehicle.module, q, v, u, dt, parameters=parameters)
     if not vehicle.inputs:
         raise UsageError(f"{vehicle.name}: has no inputs, so there is no regulator")
+    _warn_if_unbalanced(vehicle, given_state(vehicle, q, v, u))
     states, inputs = _weights("Q", Q, len(a), False), _weights("R", R, b.shape[1], True)
     _check_solvable(vehicle, a, b, states, dt)
     solve = linalg.solve_continuous_are if dt is None else linalg.solve_discrete_are
@@ -90,6 +101,24 @@ def lqr(
     values = np.linalg.eigvals(a - b @ gain)
     slowest = np.argsort(-(values.real if dt is None else np.abs(values)))
     return Regulator(gain, cost, values[slowest], a, b)
+
+
+def _warn_if_unbalanced(vehicle: Vehicle, state: State) -> None:
+    """Warn, with the accelerations by name, where a robot does not keep its velocities."""
+    acceleration = vehicle.forward_dynamics_with_wrenches(*state)
+    rates = vehicle.layout.v
+    told = [
+        f"{name} by {value:.3g} {unit}²"
+        for name, value, unit in zip(rates.names, acceleration, rates.units, strict=True)
+        if abs(value) > _STEADY
+    ]
+    if told:
+        warnings.warn(
+            f"{vehicle.name}: the state is not balanced, so the regulator cannot hold it: "
+            f"velocities change, {_listed(told)}. Give a trim without acceleration",
+            RuntimeWarning,
+            stacklevel=3,
+        )
 
 
 def _weights(name: str, given: ArrayLike, size: int, definite: bool) -> Array:

@@ -27,8 +27,12 @@ _STILL = (0.0, 0.0, 0.0)
 class Trim:
     """A balanced state: with inputs u the robot at (q, v) accelerates by a, under given wrenches.
 
-    - `robot`, `input_names`, `input_units`: what it is of
+    - `robot`, `input_names`, `joint_units`, `input_units`: what it is of
     - `q` (nq), `v`, `a` (nv), `u` (nu): coordinates, velocities, accelerations, inputs
+    - `attitude`: angles of the base by name, rad: its coordinates or, of a quaternion, roll, pitch
+      and yaw, R = Rz Ry Rx
+    - `posture`: the joints' coordinates by name, rad or m
+    - `wrenches` (f, 6): on the frames, in the order of `FRAMES`, world axes, N and N m
     - `residual`: largest entry of M a − R − Jᵀ W − B u, N and N m
     - `limits` (2, nu), `margins` (nu): least and greatest inputs, and how far each input is from
       the nearer of them, infinite without limits
@@ -41,11 +45,15 @@ class Trim:
 
     robot: str
     input_names: tuple[str, ...]
+    joint_units: tuple[str, ...]
     input_units: tuple[str, ...]
     q: Array
     v: Array
     a: Array
     u: Array
+    attitude: dict[str, float]
+    posture: dict[str, float]
+    wrenches: Array
     residual: float
     limits: Array
     margins: Array
@@ -58,13 +66,13 @@ class Trim:
         lines = [f"{self.robot}: balanced"]
         if self.turned > EXACT:
             lines[0] += f", with its attitude turned by {np.degrees(self.turned):.4g}°"
-        width, noise = (
-            max(map(len, self.input_names), default=0),
-            EXACT * np.abs(self.u).max(initial=0.0),
-        )
-        for name, unit, value, margin in zip(
-            self.input_names, self.input_units, self.u, self.margins, strict=True
-        ):
+        names = [*self.attitude, *self.posture, *self.input_names]
+        values = [*self.attitude.values(), *self.posture.values(), *self.u]
+        units = ["rad"] * len(self.attitude) + [*self.joint_units, *self.input_units]
+        rooms = [np.inf] * (len(names) - len(self.u)) + [*self.margins]
+        noise = EXACT * np.abs(self.u).max(initial=1.0)
+        width = max(map(len, names))
+        for name, unit, value, margin in zip(names, units, values, rooms, strict=True):
             line = f"  {name:<{width}} {value if abs(value) > noise else 0.0:10.4g} {unit:<3}"
             room = f" {margin:10.4g} {unit} from a limit" if np.isfinite(margin) else ""
             lines.append((line + room).rstrip())
@@ -155,11 +163,15 @@ def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, actuators: Act
     return Trim(
         robot=vehicle.name,
         input_names=vehicle.inputs,
+        joint_units=vehicle.layout.q.units[vehicle.arm],
         input_units=("N",) * vehicle.rotors + vehicle.layout.effort_units,
         q=q,
         v=v,
         a=a,
         u=u,
+        attitude=_attitude(vehicle, q),
+        posture=dict(zip(vehicle.joint_names, q[vehicle.arm].tolist(), strict=True)),
+        wrenches=motion.wrenches,
         residual=float(np.abs(motion.force(q) - vehicle.input_matrix(q) @ u).max()),
         limits=actuators.inputs,
         margins=margins(u, actuators.inputs),
@@ -169,6 +181,17 @@ def _trim(motion: SteadyMotion, start: Array, q: Array, u: Array, actuators: Act
         turned=float(2.0 * np.arcsin(min(1.0, np.linalg.norm(turn - np.eye(3)) / np.sqrt(8.0)))),
         beyond_limits=_beyond(vehicle, actuators.joints, q),
     )
+
+
+def _attitude(vehicle: Vehicle, q: Array) -> dict[str, float]:
+    """Angles of the base, rad, by name."""
+    if vehicle.layout.is_quaternion:
+        r = vehicle.base_rotation(q)
+        roll, yaw = np.arctan2(r[2, 1], r[2, 2]), np.arctan2(r[1, 0], r[0, 0])
+        pitch = np.arctan2(-r[2, 0], np.hypot(r[2, 1], r[2, 2]))
+        return {"roll": float(roll), "pitch": float(pitch), "yaw": float(yaw)}
+    places = vehicle.layout.q.attitude
+    return dict(zip(vehicle.coordinates[places], q[places].tolist(), strict=True))
 
 
 def _beyond(vehicle: Vehicle, limits: Array, q: Array) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Collection
 
 import sympy as sp
@@ -39,6 +40,9 @@ from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.model import Derivatives
 from gibbs_codegen.robot.layout import layout_of
+
+# Of more unknown names nobody reads what each could be.
+_MOST_SUGGESTIONS = 5
 
 
 def _gibbs(systems: Systems) -> sp.Expr:
@@ -167,7 +171,10 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
         )
     names = {*listed}
     if unknown := sorted(names.difference(offered, ["all"])):
-        known, quoted = ", ".join([*offered, "all"]), ", ".join(map(repr, unknown))
-        raise UsageError(f"--derivatives: {printable(quoted)}: unknown; known: {known}")
+        known, quoted = [*offered, "all"], ", ".join(map(repr, unknown))
+        few = unknown[:_MOST_SUGGESTIONS]
+        near = [best for name in few for best in difflib.get_close_matches(name[:80], known, n=1)]
+        right = f"did you mean {' and '.join(near)}?" if near else f"known: {', '.join(known)}"
+        raise UsageError(f"--derivatives: {printable(quoted)}: unknown; {right}")
     parts = {part for name in names.difference(["all"]) for part in FUNCTIONS[name].composed}
     return tuple(name for name in offered if name in names | parts or "all" in names)

@@ -91,9 +91,27 @@ def test_parameters_are_those_of_the_model(differentiated: Load) -> None:
     module = differentiated("quadrotor")
     moon = {"gravity": 1.62}
     found = trim(module, parameters=moon)
-    a, _ = linearise(module, found.q, found.v, found.u, parameters=moon)
+    a, _ = linearise(module, found, parameters=moon)
     # A tilt accelerates at g.
     assert np.abs(a[6:9, 3:6]).max() == pytest.approx(1.62, abs=1e-9)
+
+
+def test_a_trim_stands_for_its_state(differentiated: Load) -> None:
+    module = differentiated("quadrotor")
+    found = trim(module, velocity=[1.0, 2.0, 0.0])
+    by_parts = linearise(module, found.q, found.v, found.u, 0.1)
+    assert all(map(np.array_equal, linearise(module, found, dt=0.1), by_parts))
+
+
+def test_a_trim_is_given_alone_and_of_the_same_robot(differentiated: Load) -> None:
+    module = differentiated("quadrotor")
+    found = trim(module)
+    with pytest.raises(UsageError, match="v, u: a trim has its own"):
+        linearise(module, found, found.v)
+    with pytest.raises(UsageError, match="q, v, u: give all three, or a trim in the place of q"):
+        linearise(module, found.q, found.v)
+    with pytest.raises(UsageError, match="the trim is of quadrotor, not of hexarotor_3link"):
+        linearise(differentiated("hexarotor_3link"), found)
 
 
 def test_a_module_without_derivatives_is_told_the_option(shipped: Load) -> None:

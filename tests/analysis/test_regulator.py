@@ -22,7 +22,7 @@ def test_the_gain_is_stable_and_optimal(differentiated: Load, name: str, dt: flo
     found = trim(module)
     nv, nu = len(found.v), len(found.u)
     weights, price = np.repeat([4.0, 1.0], nv), np.linspace(0.5, 2.0, nu)
-    regulator = lqr(module, found.q, found.v, found.u, weights, np.diag(price), dt)
+    regulator = lqr(module, found, Q=weights, R=np.diag(price), dt=dt)
     a, b, gain, cost = regulator.a, regulator.b, regulator.gain, regulator.cost
     values = regulator.eigenvalues
     growth = values.real if dt is None else np.abs(values) - 1.0
@@ -78,16 +78,7 @@ def test_motions_that_no_input_changes_are_named(differentiated: Load) -> None:
     found = trim(module, parameters=without)
     for dt in (None, 0.01):
         with pytest.raises(UsageError) as refused:
-            lqr(
-                module,
-                found.q,
-                found.v,
-                found.u,
-                np.ones(12),
-                np.ones(4),
-                dt,
-                parameters=without,
-            )
+            lqr(module, found, Q=np.ones(12), R=np.ones(4), dt=dt, parameters=without)
         assert str(refused.value) == (
             "quadrotor: cannot be stabilised here: no input changes attitude about the base's z "
             "and wz"
@@ -102,7 +93,7 @@ def test_motions_that_the_weights_leave_free_are_named(differentiated: Load) -> 
     with pytest.raises(
         UsageError, match=r"Q leaves free what does not decay by itself: x and the "
     ):
-        lqr(module, found.q, found.v, found.u, weights, np.ones(9))
+        lqr(module, found, Q=weights, R=np.ones(9))
 
 
 @pytest.mark.parametrize(
@@ -123,6 +114,35 @@ def test_weights_that_make_no_cost_are_refused(
     found = trim(module)
     with pytest.raises(UsageError, match=words):
         lqr(module, found.q, found.v, found.u, weights, price)
+
+
+def test_weights_are_needed(differentiated: Load) -> None:
+    module = differentiated("quadrotor")
+    with pytest.raises(UsageError, match="Q, R: give the weights of deviations and those of inpu"):
+        lqr(module, trim(module), Q=np.ones(12))
+
+
+def test_a_state_that_is_not_balanced_is_told(differentiated: Load) -> None:
+    module = differentiated("quadrotor")
+    found = trim(module)
+    told = r"quadrotor: the state is not balanced.*: velocities change, vz by -4.91 m/s². Give a t"
+    with pytest.warns(RuntimeWarning, match=told):
+        lqr(module, found.q, found.v, 0.5 * found.u, np.ones(12), np.ones(4))
+    with pytest.warns(RuntimeWarning, match=r"change, vx by .* m/s² and vz by .* m/s²\. Give"):
+        lqr(module, trim(module, acceleration=[1.0, 0, 0]), Q=np.ones(12), R=np.ones(4))
+    with pytest.warns(RuntimeWarning, match="vz by 8.19 m/s²"):
+        lqr(module, found, Q=np.ones(12), R=np.ones(4), parameters={"gravity": 1.62})
+
+
+def test_a_wrench_of_the_trim_balances_too(differentiated: Load) -> None:
+    """Without its wrench the trim is as any other state, and not balanced."""
+    module = differentiated("quadrotor")
+    found = trim(module, wrenches={"base": [0.0, 0, -3, 0, 0, 0]})
+    weights, price = np.ones(12), np.ones(4)
+    regulator = lqr(module, found, Q=weights, R=price)
+    with pytest.warns(RuntimeWarning, match="vz by 2 m/s²"):
+        other = lqr(module, found.q, found.v, found.u, weights, price)
+    assert np.array_equal(regulator.gain, other.gain)
 
 
 def test_what_inputs_reach_is_told_apart_in_any_coordinates() -> None:

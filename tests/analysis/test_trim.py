@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -212,6 +213,36 @@ def test_joints_beyond_their_limits_are_told(shipped: Load) -> None:
     assert trim(module, ROBOTS["dual_arm"]).beyond_limits == ()
 
 
+def test_attitude_and_posture_are_told_by_name(shipped: Load) -> None:
+    arms = trim(shipped("dual_arm"), {"left_shoulder": 0.7})
+    assert arms.posture["left_shoulder"] == 0.7
+    assert re.search("\n  left_shoulder +0.7 rad\n", str(arms))
+    assert trim(shipped("dual_arm"), arms.posture).u == pytest.approx(arms.u)
+    angles = trim(shipped("hexarotor_3link"), q=np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0, 0, 0]))
+    assert angles.attitude == {"theta_m1": 0.1, "theta_0": 0.2, "theta_1": 0.3}
+    assert angles.posture == {"theta_7": 0.4, "theta_8": 0.5, "theta_9": 0.6}
+
+
+def test_the_attitude_of_a_quaternion_is_told_by_angles(shipped: Load) -> None:
+    """R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    roll, pitch, yaw = 0.2, -0.3, 2.0
+    turned = np.array([0.0, 0.0, 0.0, 1.0])
+    for angle, axis in ((roll, 0), (pitch, 1), (yaw, 2)):
+        x, y, z = np.sin(0.5 * angle) * np.eye(3)[axis]
+        w, (a, b, c, d) = np.cos(0.5 * angle), turned
+        turned = np.array(  # The later turn, about fixed axes, from the left.
+            [
+                w * a + x * d + y * c - z * b,
+                w * b + y * d + z * a - x * c,
+                w * c + z * d + x * b - y * a,
+                w * d - x * a - y * b - z * c,
+            ]
+        )
+    module = shipped("hextilt_flying_arm_5")
+    found = trim(module, q=np.concatenate([np.zeros(3), turned, np.zeros(5)]))
+    assert found.attitude == pytest.approx({"roll": roll, "pitch": pitch, "yaw": yaw})
+
+
 def test_parameters_are_those_of_the_trim(shipped: Load) -> None:
     module = shipped("quadrotor")
     found = trim(module, parameters={"gravity": 1.62})
@@ -225,9 +256,15 @@ def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
     found = trim(module, velocity=(1.0, 2.0, 3.0))
     assert found.u.shape == (0,)
     assert len(found.missing) == 6
-    assert str(found).startswith(
-        "lone: balanced\nThe rotors produce no wrench along\n  force along x"
-    )
+    lines = str(found).splitlines()
+    assert lines[0] == "lone: balanced"
+    assert [line.split() for line in lines[1:6]] == [
+        ["theta_m1", "0", "rad"],
+        ["theta_0", "0", "rad"],
+        ["theta_1", "0", "rad"],
+        ["The", "rotors", "produce", "no", "wrench", "along"],
+        ["force", "along", "x"],
+    ]
 
 
 def test_a_module_may_be_given_by_its_path(shipped: Load) -> None:

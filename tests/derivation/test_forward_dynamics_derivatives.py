@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from benchmarks.family import benchmark_robot
-from support.complex_tape import derivatives, entries, stepped, tape_values
+from support.complex_tape import derivatives, entries, inputs_at, stepped, tape_values
 from support.random_robots import random_robot, random_tree
 
 from gibbs_codegen.derivation.forces import input_matrix
@@ -57,15 +57,6 @@ def random_point(symbolic: SymbolicRobot, seed: int) -> Point:
             point["q"][layout_of(symbolic.robot).q.attitude]
         )
     return point
-
-
-def inputs_at(symbolic: SymbolicRobot, point: dict[str, Any]) -> dict[sp.Expr, Any]:
-    """Values of all inputs of the tape: parameters, coordinates, velocities and inputs."""
-    values: dict[sp.Expr, Any] = dict.fromkeys(symbolic.tape.stages, 0.0)
-    values |= {sp.Symbol(name): value for name, value in symbolic.parameters.defaults.items()}
-    for name, numbers in point.items():
-        values |= zip(getattr(symbolic, name), numbers, strict=True)
-    return values
 
 
 def tangent(symbolic: SymbolicRobot, tape: Tape, point: Point) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from benchmarks.family import benchmark_robot, two_arms
-from support.complex_program import complex_step
+from support.complex_tape import derivatives, inputs_at, stepped, tape_values
 from support.random_robots import random_robot, random_tree
 
 from gibbs_codegen.derivation.derive import derive
@@ -31,10 +31,10 @@ OUTPUTS = ("force", "force_dq", "force_dv", "mass_matrix")
 class Derived:
     """A robot's derivatives and its inverse dynamics as a program, with values to put in."""
 
-    robot: Robot
+    symbolic: SymbolicRobot
+    equations: dict[str, tuple[sp.Expr, ...]]
     program: Program
     parameters: dict[str, float]
-    places: Places
 
     @classmethod
     def of(cls, robot: Robot) -> Derived:
@@ -43,12 +43,11 @@ class Derived:
         symbolic = SymbolicRobot.of(robot, tape)
         found = inverse_dynamics_derivatives(symbolic)
         size = symbolic.places.size
+        matrices = map(flat, (found.force_dq, found.force_dv, found.mass_matrix))
+        equations = dict(zip(OUTPUTS, (tuple(found.force), *matrices), strict=True))
         outputs = [
-            ((size,), tuple(found.force)),
-            *(
-                ((size, size), flat(matrix))
-                for matrix in (found.force_dq, found.force_dv, found.mass_matrix)
-            ),
+            ((size,) if name == "force" else (size, size), entries)
+            for name, entries in equations.items()
         ]
         forces = ((size,), tuple(inverse_dynamics(symbolic)))
         arguments = ("q", "v", "a")
@@ -67,7 +66,17 @@ class Derived:
             ],
         )
         parameters = {name: defaults[name] for name in program.parameters}
-        return cls(robot, program, parameters, symbolic.places)
+        return cls(symbolic, {**equations, "force": forces[1]}, program, parameters)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot."""
+        return self.symbolic.robot
+
+    @property
+    def places(self) -> Places:
+        """Where velocities and accelerations stand."""
+        return self.symbolic.places
 
     def state(self, seed: int) -> dict[str, np.ndarray]:
         """A random state, its quaternion of unit length."""
@@ -97,14 +106,18 @@ class Derived:
         """The same by complex steps of the inverse dynamics."""
         directions = {"q": self.displacements(state["q"]), "v": np.eye(self.places.size)}
         directions["a"] = directions["v"]
-        exact = {
-            name: complex_step(
-                self.program, "inverse_dynamics", self.parameters, state, {name: along}
-            )
-            for name, along in directions.items()
-        }
+        exact = {name: self.rates("force", state, {name: d}) for name, d in directions.items()}
         entries = (self.forces(state), exact["q"], exact["v"], exact["a"])
         return dict(zip(OUTPUTS, entries, strict=True))
+
+    def rates(
+        self, name: str, state: dict[str, np.ndarray], directions: dict[str, np.ndarray]
+    ) -> np.ndarray:
+        """Derivatives of an output along directions of an argument, which are columns."""
+        ((argument, along),) = directions.items()
+        moved = {**state, argument: stepped(state[argument], along)}
+        values = tape_values(self.symbolic.tape, inputs_at(self.symbolic, moved))
+        return derivatives(values, self.equations[name], along.shape[1])
 
     def displacements(self, q: np.ndarray) -> np.ndarray:
         """Rates of the coordinates per unit of each velocity."""
@@ -212,9 +225,7 @@ def test_helmholtz(seed: int) -> None:
     derived = Derived.of(replace(robot, links=undamped))
     state, size = derived.state(seed), derived.places.size
     along = {"q": state["v"][:, np.newaxis]}
-    rate = complex_step(
-        derived.program, "derivatives", derived.parameters, state, along, output=3
-    ).reshape(size, size)
+    rate = derived.rates("mass_matrix", state, along).reshape(size, size)
     by_rate = derived.found(state)["force_dv"]
     np.testing.assert_allclose(by_rate + by_rate.T, 2 * rate, atol=1e-11 * np.abs(rate).max())
 

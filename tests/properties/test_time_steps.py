@@ -69,9 +69,8 @@ def test_methods_have_their_order(module: ModuleType, method: str, order: float)
     assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.15)
 
 
+@pytest.mark.parametrize("emitted", ["xyz"], indirect=True)
 def test_rk4_is_the_classical_method_for_attitude_angles(module: ModuleType) -> None:
-    if module.ATTITUDE == "quaternion":
-        pytest.skip("angles only")
     q, v, u = random_states(module, 4)
     h, state, slopes = 0.05, np.concatenate([q, v], axis=-1), [0.0]
     for share in (0.0, 0.5, 0.5, 1.0):

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from gibbs_codegen.derivation.symbolic_robot import SymbolicRobot
 from gibbs_codegen.symbolic.tape import Tape
 
 _STEP = 1e-30
@@ -22,6 +23,15 @@ def tape_values(tape: Tape, inputs: Mapping[sp.Expr, Any]) -> Values:
     values: Values = dict(inputs)
     for name, expression in tape.statements.items():
         values[name] = _value(expression, values)
+    return values
+
+
+def inputs_at(symbolic: SymbolicRobot, point: dict[str, Any]) -> Values:
+    """Values of all inputs of the tape: parameters, coordinates, velocities and inputs."""
+    values: Values = dict.fromkeys(symbolic.tape.stages, 0.0)
+    values |= {sp.Symbol(name): value for name, value in symbolic.parameters.defaults.items()}
+    for name, numbers in point.items():
+        values |= zip(getattr(symbolic, name), numbers, strict=True)
     return values
 
 

@@ -1,0 +1,35 @@
+"""The README and the pages in `docs/`, and what their blocks do."""
+
+from __future__ import annotations
+
+import doctest
+import re
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent.parent
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for folder in (ROOT, ROOT / "docs")
+    for path in sorted(folder.glob("*.md"))
+}
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """Fenced blocks of a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGES[page], flags=re.DOTALL | re.MULTILINE)
+
+
+def run_python(page: str) -> dict[str, Any]:
+    """The names that a page defines, whose blocks with prompts give what is shown."""
+    names: dict[str, Any] = {}
+    for block in blocks(page, "python"):
+        if not block.startswith(">>>"):
+            exec(block, names)  # noqa: S102
+            continue
+        session = doctest.DocTestParser().get_doctest(block, names, page, page, 0)
+        runner = doctest.DocTestRunner()
+        runner.run(session, clear_globs=False)
+        assert runner.summarize(verbose=False).failed == 0
+        names = session.globs
+    return names
