@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.compiled import Emitted, build, emit
+from support.compiled import LANGUAGES, Emitted, build, emit
 from support.tools import run, tool
 
 from gibbs_codegen.robot.family import paper_family
@@ -306,3 +306,10 @@ def test_what_has_no_second_derivatives_says_so(robot: External) -> None:
     missing = f"Derivatives cannot be calculated for jac_{robot.emitted.name}_casadi_frame_poses"
     with pytest.raises(RuntimeError, match=missing):
         casadi.hessian(casadi.sum1(casadi.vec(poses(q))), q)
+
+
+@pytest.mark.parametrize("compiler", LANGUAGES)
+def test_the_adapter_compiles_silently(compiler: str, robot: External) -> None:
+    options = ["-fsyntax-only", "-Dcasadi_int=int"]
+    for precision in ([], [robot.emitted.single]):
+        run([tool(compiler), *LANGUAGES[compiler], *options, *precision, robot.emitted.sources[1]])
