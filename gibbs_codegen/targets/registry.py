@@ -53,9 +53,12 @@ TARGETS: dict[str, Target] = {
         },
     ),
     "acados": Target(
-        CPrinter(),
+        InfixPrinter(),
         acados_target.module_text,
-        {"acados_source.c.jinja": "{name}_acados.c"},
+        {
+            "acados_source.c.jinja": "{name}_acados.c",
+            "acados_script.py.jinja": "{name}_acados.py",
+        },
         by_default=False,
         needs=("c",),
     ),

@@ -66,7 +66,7 @@ def input_hessian_rows(point: Point, values: Mapping[str, Array]) -> Iterator[De
         return found
 
     theirs = point.slopes.along_q(slopes, q)
-    # Displacements of the attitude do not commute; the second derivative is the mean of both orders.
+    # Displacements of the attitude do not commute: it is the mean of both orders.
     theirs = 0.5 * (theirs + np.swapaxes(theirs, -1, -2))
     size = weighed / (units.q[:, None] * units.q)
     yield DerivativeRow(by_q, ours[: len(q)], theirs, size, CURVATURE)

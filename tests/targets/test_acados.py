@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import ctypes
+import importlib.util
+import re
+import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.compiled import LANGUAGES, build, compile_only
+from support.compiled import build, compile_only
 from support.differences import rate
 from support.random_robots import random_tree
+from support.tools import run, tool
 
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.targets.registry import find_targets, render_module
+from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
 
 Array = NDArray[np.float64]
 
-TARGETS = ("numpy", "c", "acados")
 DERIVATIVES = (
     *("forward_dynamics_derivatives", "forward_dynamics_vjp", "forward_dynamics_hessian"),
     *("inverse_dynamics_derivatives", "inverse_dynamics_vjp", "inverse_dynamics_hessian"),
@@ -104,11 +108,13 @@ class Case:
     """A robot's module and its file for acados, with a state and directions."""
 
     def __init__(self, robot: Robot, folder: Path) -> None:
-        model = derive(robot, derivatives=DERIVATIVES)
+        self.model = model = derive(robot, derivatives=DERIVATIVES)
         self.name, self.folder = robot.name, folder
         folder.mkdir()
-        for file, text in render_module(model, "", find_targets(TARGETS)).items():
+        for file, text in render_module(model, "", find_targets(["numpy", "c", "acados"])).items():
             (folder / file).write_text(text, encoding="utf-8")
+        sources = [str(folder / f"{robot.name}.c")]
+        (self.compiled,) = compile_only("gcc", ["-fPIC"], sources, folder)
         self.module: ModuleType = load(folder)
         self.nq, self.nv = len(self.module.COORDINATES), len(self.module.VELOCITIES)
         self.nx, self.nu = self.nq + self.nv, len(self.module.INPUTS)
@@ -119,12 +125,12 @@ class Case:
     def library(self, *options: str) -> Library:
         """The C code, compiled without optimisation."""
         path = self.folder / f"library{len(options)}.so"
-        sources = [str(self.folder / f"{self.name}{end}.c") for end in ("", "_acados")]
+        sources = [str(self.folder / f"{self.name}_acados.c"), str(self.compiled)]
         build("gcc", ["-shared", "-fPIC", *options], sources, path)
         return Library(self.name, path)
 
     def unit(self, x: Array) -> tuple[Array, Array, Array]:
-        """q with a quaternion of unit length, the lengths (…, 1), and v."""
+        """Q with a quaternion of unit length, the lengths (…, 1), and v."""
         q, v = x[..., : self.nq].copy(), x[..., self.nq :]
         length = np.ones_like(q[..., :1])
         if self.module.ATTITUDE == "quaternion":
@@ -187,14 +193,15 @@ def slopes(function: Any, *arguments: Array) -> list[Array]:
 def near(ours: Array, theirs: Array, limit: float = 1e-9) -> None:
     """Fail unless an array is what it should be, as a share of its largest entry."""
     assert ours.shape == theirs.shape
-    assert np.abs(ours - theirs).max(initial=0.0) < limit * max(1.0, np.abs(theirs).max(initial=0.0))
+    largest = np.abs(theirs).max(initial=1.0)
+    assert np.abs(ours - theirs).max(initial=0.0) < limit * largest
 
 
 EMPTY = np.zeros((0, 1))
 H = np.array([STEP])
 ROBOTS = {
     "angles": lambda: paper_family(4, 1),
-    "quaternion_tree": lambda: replace(random_tree(36, "quaternion"), name="tree"),
+    "quaternion_tree": lambda: replace(random_tree(145, "quaternion"), name="tree"),
 }
 
 
@@ -285,3 +292,148 @@ def test_discrete_forms(case: Case, library: Library) -> None:
     near(same[:, 0], next_x, 1e-13)
     near(transposed, np.hstack([by_u, by_x]).T)
     near(hessian, np.hstack(slopes(gradient, u, x)), 1e-8)
+
+
+def test_parameters_and_steps_are_given_where_the_source_is_compiled_so(case: Case) -> None:
+    upper = case.name.upper()
+    names = list(case.module.PARAMETERS)
+    values = np.array([case.module.PARAMETERS[name] for name in names])
+    values[names.index("gravity")] = 1.62
+    x, u = case.x, case.u
+    changed = case.library(f"-D{upper}_ACADOS_PARAMETERS", f"-D{upper}_ACADOS_STEP={STEP}")
+    for form, (inputs, outputs) in shapes(case.nx, case.nu, len(names)).items():
+        last = (len(names), 1)
+        assert changed.shapes(form, "in") == [*inputs[:-1], last], form
+        assert changed.shapes(form, "out") == outputs, form
+    constants = case.module.prepare({"gravity": 1.62})
+    (found,) = changed("expl_ode_fun", x, u, values)
+    near(found[:, 0], case.field(x, u, constants=constants), 1e-12)
+    values[names.index("gravity")] = case.module.PARAMETERS["gravity"]
+    (found,) = changed("dyn_disc_phi_fun", x, u, values)
+    near(found[:, 0], case.step(x, u), 1e-12)
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang++"])
+def test_it_compiles_silently(compiler: str, case: Case, tmp_path: Path) -> None:
+    upper, sources = case.name.upper(), [str(case.folder / f"{case.name}_acados.c")]
+    compile_only(compiler, [], sources, tmp_path)
+    compile_only(compiler, [f"-D{upper}_ACADOS_PARAMETERS"], sources, tmp_path)
+
+
+PARTS = {
+    "no derivatives": (),
+    "slopes": DERIVATIVES[:1],
+    "gradients": DERIVATIVES[1:2],
+    "curvatures": DERIVATIVES[1:3],
+    "implicit slopes": (DERIVATIVES[3], DERIVATIVES[6]),
+    "implicit curvatures": DERIVATIVES[4:],
+}
+
+
+@pytest.mark.parametrize("names", PARTS.values(), ids=PARTS)
+def test_functions_that_need_others_are_missing_and_the_comment_says_what_brings_them(
+    names: tuple[str, ...], case: Case, tmp_path: Path
+) -> None:
+    model = replace(case.model, derivatives=names)
+    target = TARGETS["acados"]
+    context = target.context(model, target.printer, [])
+    text = render("acados_source.c.jinja", context)
+    (tmp_path / "part.c").write_text(text, encoding="utf-8")
+    include = f"-I{case.folder}"
+    compile_only("gcc", [include], [str(tmp_path / "part.c")], tmp_path)
+    there, _, missing = text.partition("#include")[0].partition("Missing are")
+    for form in shapes(1, 1, 0):
+        words = set(re.findall(r"\w+", there if f"int MODULE({form})(" in text else missing))
+        assert f"{case.name}_{form}" in words, form
+    assert all(name in missing for name in DERIVATIVES if name not in names)
+
+
+def test_the_target_needs_that_of_c() -> None:
+    with pytest.raises(UsageError, match=r"--target acados: .* add --target c"):
+        find_targets(["acados"])
+
+
+class StandIn(ModuleType):
+    """What stands for acados_template: it generates files as acados does, and compiles them."""
+
+    class AcadosModel(SimpleNamespace):
+        """A model."""
+
+    class AcadosOcp(SimpleNamespace):
+        """A problem."""
+
+    class AcadosOcpSolver:
+        """A solver that is no more than the functions of the model, in `functions`."""
+
+        def __init__(self, ocp: Any) -> None:
+            name, folder = ocp.model.name, ocp.folder
+            (folder / f"{name}_model").mkdir()
+            for form in ocp.forms:
+                text = "#error this was to be replaced"
+                (folder / f"{name}_model" / f"{name}_{form}.c").write_text(text)
+            self.build(str(folder), verbose=False)
+            self.functions = Library(name, folder / "solver.so")
+
+        @staticmethod
+        def build(code_export_dir: str, verbose: bool = True) -> None:
+            """Compile what is in the folder of the model."""
+            sources = sorted(map(str, Path(code_export_dir).glob("*_model/*.c")))
+            output = f"{code_export_dir}/solver.so"
+            run([tool("gcc"), "-shared", "-fPIC", *sources, "-o", output, "-lm"])
+
+
+@pytest.fixture
+def script(case: Case, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The emitted script, with what stands for acados."""
+    monkeypatch.setitem(sys.modules, "acados_template", StandIn("acados_template"))
+    place = case.folder / f"{case.name}_acados.py"
+    spec = importlib.util.spec_from_file_location("script", place)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def problem(model: Any, folder: Path, kind: str = "DISCRETE", **options: Any) -> Any:
+    """A problem of twenty steps, for which acados generates all functions of a kind."""
+    named = {"tf": 20 * STEP, "N_horizon": 20, "shooting_nodes": None, "time_steps": None}
+    return StandIn.AcadosOcp(
+        model=model,
+        folder=folder,
+        forms=["dyn_disc_phi_fun", "dyn_disc_phi_fun_jac"],
+        solver_options=SimpleNamespace(integrator_type=kind, **named | options),
+    )
+
+
+def test_the_script_puts_the_functions_in_their_places(
+    case: Case, script: ModuleType, tmp_path: Path
+) -> None:
+    model = script.model()
+    assert (model.x.shape, model.u.shape, model.p.shape) == ((case.nx, 1), (case.nu, 1), (0, 1))
+    assert model.disc_dyn_expr.shape == model.f_expl_expr.shape == (case.nx, 1)
+    assert script.PARAMETERS == case.module.PARAMETERS
+    solver = script.solver(problem(model, tmp_path))
+    next_x = case.step(case.x, case.u)
+    near(solver.functions("dyn_disc_phi_fun", case.x, case.u, EMPTY)[0][:, 0], next_x, 1e-12)
+
+
+def test_the_script_refuses_what_the_functions_do_not_serve(
+    case: Case, script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uneven = problem(script.model(), tmp_path, time_steps=[0.1, 0.2])
+    with pytest.raises(ValueError, match=r"take model\(step=True\)"):
+        script.solver(uneven)
+    nodes = problem(script.model(), tmp_path, shooting_nodes=[0.0, 0.1, 0.3])
+    with pytest.raises(ValueError, match=r"take model\(step=True\)"):
+        script.solver(nodes)
+    wrong = script.model()
+    wrong.p = np.zeros((2, 1))
+    with pytest.raises(ValueError, match="p has 2 entries"):
+        script.solver(problem(wrong, tmp_path))
+    monkeypatch.setattr(script, "FUNCTIONS", ("dyn_disc_phi_fun",))
+    with pytest.raises(ValueError, match="the module lacks dyn_disc_phi_fun_jac"):
+        script.solver(problem(script.model(), tmp_path))
+    monkeypatch.setitem(sys.modules, "acados_template", None)
+    with pytest.raises(ModuleNotFoundError, match="acados_template is not installed"):
+        script.model()

@@ -6,6 +6,7 @@ import textwrap
 from dataclasses import dataclass
 
 from gibbs_codegen.program.model import Model
+from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.targets.acados.forms import FORMS, Form
 from gibbs_codegen.targets.c.statements import WIDTH
@@ -17,52 +18,65 @@ Lines = list[str]
 
 @dataclass(frozen=True)
 class AcadosText:
-    """Everything in acados' functions that depends on the robot.
+    """Everything in acados' functions and script that depends on the robot.
 
-    `forms` are those that there are, and `has` says of every form whether it is among them;
-    `form_lines` say the same in words, with what those that are missing need. `differentiated`,
-    `slopes` and `curvatures` say whether any form has derivatives, matrices of first derivatives,
-    and second derivatives.
+    `states` are the names of the entries of x. `forms` are the functions that there are, and `has`
+    says of every one whether it is among them; `form_lines` say the same in words, with what those
+    that are missing need. `differentiated`, `first`, `by_both`, `slopes` and `curvatures` say
+    whether any has derivatives, first ones, some by x and u side by side, matrices of first ones,
+    and second ones.
     """
 
     header: Lines
     name: str
     NAME: str
-    parameters: int
+    states: Lines
+    inputs: Lines
+    parameters: dict[str, str]
     is_quaternion: bool
     forms: list[Form]
     form_lines: Lines
     has: dict[str, bool]
     differentiated: bool
+    first: bool
+    by_both: bool
     slopes: bool
     curvatures: bool
     column_major: str
 
 
-def module_text(model: Model, _: InfixPrinter, header: Lines) -> AcadosText:
+def module_text(model: Model, printer: InfixPrinter, header: Lines) -> AcadosText:
     """Context of the templates of acados.
 
     Args:
         model: The derived robot.
-        _: No expression is printed.
+        printer: Of Python, for numbers.
         header: Lines that open every file.
 
     Returns:
         The context.
     """
+    layout = layout_of(model.robot)
+    # With attitude angles an entry of v has the name of its coordinate.
+    prefix = "" if layout.is_quaternion else "v_"
     has = {form.name: {*form.needs} <= {*model.derivatives} for form in FORMS}
     forms = [form for form in FORMS if has[form.name]]
+    slopes = has["expl_vde_forw"] or has["impl_dae_fun_jac_x_xdot_z"]
     return AcadosText(
         header=header,
         name=model.robot.name,
         NAME=model.robot.name.upper(),
-        parameters=len(model.defaults),
-        is_quaternion=layout_of(model.robot).is_quaternion,
+        states=[*layout.q.names, *(f"{prefix}{name}" for name in layout.v.names)],
+        inputs=[entry.name for entry in inputs(model.robot)],
+        parameters={name: printer.number(value) for name, value in model.defaults.items()},
+        is_quaternion=layout.is_quaternion,
         forms=forms,
         form_lines=_form_lines(model.robot.name, has),
         has=has,
         differentiated=any(form.needs for form in forms),
-        slopes=has["expl_vde_forw"] or has["impl_dae_fun_jac_x_xdot_z"],
+        first=slopes or has["expl_vde_adj"],
+        by_both=has["expl_vde_forw"] or has["expl_vde_adj"],
+        slopes=slopes,
         curvatures=has["expl_ode_hess"] or has["impl_dae_hess"],
         column_major=c_source("column_major.c"),
     )
