@@ -34,6 +34,11 @@ def _block(systems: Systems, rows: str, columns: str) -> Matrix:
     return [row[place[columns]] for row in systems.inverse_hessian[place[rows]]]
 
 
+def _by_q(systems: Systems) -> Matrix:
+    """Rows by q of the second derivatives of the inputs' forces."""
+    return systems.input_hessian[: len(systems.symbolic.v)]
+
+
 def _frame_poses_dq(systems: Systems) -> Array:
     poses = frame_poses(systems.symbolic, mounted_frames(systems.symbolic))
     entries = [entry for pose in poses for row in pose for entry in row]
@@ -90,6 +95,10 @@ DERIVATIVES: dict[str, Callable[[Systems], Array]] = {
     "inverse_dynamics_vv": lambda s: _block(s, "v", "v"),
     "inverse_dynamics_qa": lambda s: s.generic.jacobian(s.inverse_gradient[0], "a"),
     "forward_dynamics_hessian": lambda s: s.generic.hessian(s.dynamics[1], "qvu"),
+    "input_forces": lambda s: s.input_forces,
+    "input_forces_dq": lambda s: s.generic.jacobian(s.input_forces, "q"),
+    "input_forces_qq": lambda s: [row[: len(s.symbolic.v)] for row in _by_q(s)],
+    "input_forces_qu": lambda s: [row[len(s.symbolic.v) :] for row in _by_q(s)],
     "coriolis_matrix": lambda s: coriolis_matrix(s.symbolic),
     "regressor": regressor,
     "base_parameters": base_parameters,

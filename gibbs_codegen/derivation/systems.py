@@ -92,6 +92,20 @@ class Systems:
         return self.generic.gradient(self.dynamics[1], "qvu")
 
     @cached_property
+    def input_forces(self) -> list[sp.Expr]:
+        """B u."""
+        with self.tape.group("generalised forces of the inputs"):
+            return [
+                self.tape.let(sp.Add(*(b * u for b, u in zip(row, self.symbolic.u, strict=True))))
+                for row in self.reduced.inputs
+            ]
+
+    @cached_property
+    def input_hessian(self) -> list[list[Ref]]:
+        """Second derivatives of w·B u by q and u."""
+        return self.generic.hessian(self.input_forces, "qu")
+
+    @cached_property
     def inverse_hessian(self) -> list[list[Ref]]:
         """Second derivatives of w·(M a − R) by q and v."""
         return self.generic.hessian(self.inverse_dynamics, "qv")

@@ -184,6 +184,31 @@ DERIVATIVES = (
         is_long=True,
     ),
     Row(
+        "input_forces_derivatives",
+        "qu",
+        (
+            Output("input_forces", "v", "N m or N", "input_forces", "{forces}"),
+            Output("input_forces_dq", "vv", "N m or N", "input_forces_dq", "{forces}" + BY_Q),
+        ),
+        "Generalised forces B u of the inputs, and their derivatives by q.",
+        "eqs. 7-13, differentiated",
+        TANGENT,
+        on_request=True,
+    ),
+    Row(
+        "input_forces_hessian",
+        "quw",
+        (
+            Output("input_forces_qq", "vv", "N m or N", "input_forces_qq", _WEIGHTED + BY_Q),
+            Output("input_forces_qu", "vu", "1 or m", "input_forces_qu", _WEIGHTED + ", by q, u"),
+        ),
+        "Second derivatives of w^T B u by q, and by q and u.",
+        "eqs. 7-13, differentiated twice",
+        TANGENT + " The first matrix is symmetric, with both triangles filled.",
+        on_request=True,
+        is_long=True,
+    ),
+    Row(
         "coriolis_matrix",
         "qv",
         (

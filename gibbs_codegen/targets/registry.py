@@ -14,6 +14,7 @@ from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.model import Model
+from gibbs_codegen.targets.acados import target as acados_target
 from gibbs_codegen.targets.c import target as c_target
 from gibbs_codegen.targets.matlab import target as matlab_target
 from gibbs_codegen.targets.matlab.statements import MatlabPrinter
@@ -29,13 +30,15 @@ class Target:
     `context` takes the model, the printer, and the lines that open every file; what it returns is a
     value whose attributes the templates read. Of a template that makes several files it returns
     such a value for each of them, by template and by what stands for {part} in the file's name.
-    What is not `by_default` is emitted only if it is asked for by name.
+    What is not `by_default` is emitted only if it is asked for by name. Its files need those of the
+    targets that it `needs`.
     """
 
     printer: InfixPrinter
     context: Callable[[Model, InfixPrinter, list[str]], object]
     files: Mapping[str, str]
     by_default: bool = True
+    needs: tuple[str, ...] = ()
 
 
 TARGETS: dict[str, Target] = {
@@ -59,6 +62,16 @@ TARGETS: dict[str, Target] = {
         dict.fromkeys(matlab_target.TEMPLATES, "+{name}/{part}.m"),
         by_default=False,
     ),
+    "acados": Target(
+        InfixPrinter(),
+        acados_target.module_text,
+        {
+            "acados_source.c.jinja": "{name}_acados.c",
+            "acados_script.py.jinja": "{name}_acados.py",
+        },
+        by_default=False,
+        needs=("c",),
+    ),
 }
 DEFAULT_TARGETS = tuple(name for name, target in TARGETS.items() if target.by_default)
 
@@ -73,14 +86,21 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
         Rows of `TARGETS`, in the order of the names.
 
     Raises:
-        UsageError: A name is unknown.
+        UsageError: A name is unknown, or a target is missing that another needs.
     """
     for name in names:
         if name not in TARGETS:
             raise UsageError(
                 f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
             )
-    return {name: TARGETS[name] for name in names}
+    found = {name: TARGETS[name] for name in names}
+    for name, target in found.items():
+        if missing := [needed for needed in target.needs if needed not in found]:
+            raise UsageError(
+                f"--target {name}: its files use those of the target {missing[0]}; add "
+                f"--target {missing[0]}"
+            )
+    return found
 
 
 def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) -> dict[str, str]:

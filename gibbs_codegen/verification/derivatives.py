@@ -23,6 +23,7 @@ from gibbs_codegen.verification.dynamics_derivatives import (
     vjp_rows,
 )
 from gibbs_codegen.verification.evaluation import Evaluation
+from gibbs_codegen.verification.input_derivatives import input_hessian_rows, input_rows
 from gibbs_codegen.verification.motion_derivatives import (
     euler_step,
     frame_rows,
@@ -51,6 +52,8 @@ _ROWS: dict[str, _Rows] = {
     "forward_dynamics_vjp": partial(vjp_rows, forward=True),
     "inverse_dynamics_hessian": partial(hessian_rows, forward=False),
     "forward_dynamics_hessian": partial(hessian_rows, forward=True),
+    "input_forces_derivatives": input_rows,
+    "input_forces_hessian": input_hessian_rows,
     "coriolis_matrix": coriolis_rows,
     "frame_poses_derivatives": frame_rows,
     "frame_velocities_derivatives": frame_rows,

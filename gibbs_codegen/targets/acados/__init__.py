@@ -1,0 +1,1 @@
+"""acados: the dynamics as its C interface links them."""
