@@ -36,14 +36,14 @@ class FormText:
     """A function that CasADi calls.
 
     `kind` is the macro that makes its name of `name`. `inputs` and `outputs` are names with
-    patterns. `parameters` is the place of the parameters among the inputs, None without them.
+    patterns. `parameters` is the place of the parameters among the inputs, empty without them.
     """
 
     kind: str
     name: str
     inputs: list[tuple[str, str]]
     outputs: list[tuple[str, str]]
-    parameters: int | None
+    parameters: str
     body: Lines
     entries: int
 
@@ -183,7 +183,7 @@ def _form_text(form: Form, tables: _Tables) -> FormText:
         form.name,
         [(port.name, tables.pattern(port.pattern)) for port in form.inputs],
         [(port.name, tables.pattern(port.pattern)) for port in outputs],
-        names.index(PARAMETERS) if form.of_parameters else None,
+        str(names.index(PARAMETERS)) if form.of_parameters else "",
         [*form.body, *(line for line in stored if line)],
         form.size,
     )
