@@ -99,7 +99,10 @@ def _function(
 
     @functools.wraps(like)
     def function(*arguments: Any, **named: Any) -> Any:
-        given = inspect.signature(like).bind(*arguments, **named).arguments
+        try:
+            given = inspect.signature(like).bind(*arguments, **named).arguments
+        except TypeError as error:
+            raise TypeError(f"{signature.name}() {error}") from None
         operands = [
             functions.tangents.normalised(name, array)
             for name, array in zip(signature.arguments, _states(signature, given), strict=True)
