@@ -32,9 +32,13 @@ except ImportError:
 
 Array = np.ndarray
 ANGLES, TURNING = "angles", "quaternion"
-SELECTED = [
+DERIVATIVES = [
     *("forward_dynamics_derivatives", "frame_poses_derivatives", "step_euler"),
     *("step_rk4_derivatives", "forward_dynamics_parameters_vjp"),
+]
+MORE = [
+    *("forward_dynamics_hessian", "inverse_dynamics_derivatives", "inverse_dynamics_hessian"),
+    *("frame_velocities_derivatives", "inverse_dynamics_parameters"),
 ]
 # The second robot, and what XLA takes long to compile, are for the slow run.
 LABELS = pytest.mark.parametrize("label", [pytest.param(ANGLES, marks=pytest.mark.slow), TURNING])
@@ -65,7 +69,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
             if label == TURNING:
                 robot = replace(robot, base=replace(robot.base, attitude="quaternion"))
             path = tmp_path_factory.mktemp("jax") / "module"
-            emit(robot, path, derivatives="all" if label == TURNING else SELECTED)
+            emit(robot, path, derivatives=DERIVATIVES + MORE * (label == TURNING))
             made[label] = Pair(load(path), load(path, backend="jax"))
             with pytest.MonkeyPatch.context() as patch:
                 patch.setenv("CC", f"{tool('cc')} -O0")
