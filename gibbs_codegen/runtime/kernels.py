@@ -84,17 +84,26 @@ class Kernels:
         Returns:
             Arrays of such values, and of Python's floats where an entry is a number at every state.
         """
-        names = self._names.copy()
-        for name, value in vars(self._source).items():
-            if isinstance(value, FunctionType) and value.__module__ == self._source.__name__:
-                names[name] = FunctionType(value.__code__, names, name, value.__defaults__)
-        names |= {name: self._names[name] for name in ELEMENTARY}
+        names = self.source()
         # What takes and returns floats. Everything between them stands in the module.
         names["state_array"] = lambda _, values, *shape: values.reshape(-1)
         names["_evaluate"] = self._evaluated
         names["shaped"] = lambda entries, shape, _: array(entries).reshape(shape)
         outputs = names[function](*arguments, constants=constants)
         return list(outputs) if isinstance(outputs, tuple) else [outputs]
+
+    def source(self) -> dict[str, Any]:
+        """What stands in the module's source, with functions that see this dictionary.
+
+        Returns:
+            Values by names; functions see those that are put in place of others.
+        """
+        names = self._names.copy()
+        for name, value in vars(self._source).items():
+            if isinstance(value, FunctionType) and value.__module__ == self._source.__name__:
+                names[name] = FunctionType(value.__code__, names, name, value.__defaults__)
+        names |= {name: self._names[name] for name in ELEMENTARY}
+        return names
 
     def _evaluated(
         self, kernel: Callable[..., Any], constants: Sequence[Any], *arguments: Objects

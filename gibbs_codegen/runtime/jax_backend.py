@@ -1,0 +1,195 @@
+"""The JAX back end: the functions of a generated module as pure functions of JAX's arrays."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gibbs_codegen.emitted.evaluation import batch_shape, real_numbers, state_array
+from gibbs_codegen.interface import FUNCTIONS, Signature, module_signatures
+from gibbs_codegen.runtime.jax_functions import Functions
+from gibbs_codegen.runtime.loaded_module import LoadedModule
+
+
+def jax_module(module: ModuleType, folder: Path) -> ModuleType:
+    """The functions and constants of a module, computed by JAX.
+
+    Args:
+        module: The NumPy module.
+        folder: Where its files are.
+
+    Returns:
+        A module with the names of `module`.
+    """
+    functions = Functions(module, folder)
+    made = LoadedModule(module)
+    made.prepare = _prepare(module, functions)  # type: ignore[attr-defined]
+    # Functions that are composed of others are those of the source, which see JAX's others.
+    source = functions.kernels.source()
+    source["np"] = jnp
+    for signature in module_signatures(module):
+        name = signature.name
+        composed = FUNCTIONS[name].composed
+        body = source[f"_{name}"] if composed else functools.partial(functions, name)
+        source[name] = _function(module, functions, signature, body)
+        setattr(made, name, source[name])
+    return made
+
+
+def _prepare(module: ModuleType, functions: Functions) -> Callable[[Mapping[str, Any]], Any]:
+    """The function `prepare` of a module.
+
+    Args:
+        module: The NumPy module.
+        functions: Its functions.
+
+    Returns:
+        The function.
+    """
+
+    def prepare(parameters: Mapping[str, Any]) -> Any:
+        defaults = module.PARAMETERS
+        module.prepare({name: defaults.get(name, 0.0) for name in parameters})
+        given = _arrays(parameters, parameters.values())
+        shape = jnp.broadcast_shapes(*(value.shape for value in given))
+        every = {**defaults, **dict(zip(parameters, given, strict=True))}
+        dtype = given[0].dtype if given else jnp.result_type(float)
+        entries = [*functions.kernels.constants(every), *every.values()]
+        return jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), shape) for e in entries], -1)
+
+    prepare.__doc__ = """Constants of the other functions for given parameters.
+
+    `parameters` maps names of PARAMETERS to numbers or to arrays, which broadcast; a name that is
+    left out keeps its default. The constants are an array (..., size), to be passed on as it is,
+    which JAX differentiates by the parameters. Values are not checked. Raises ValueError for a name
+    that is not in PARAMETERS.
+    """
+    prepare.__module__ = module.__name__
+    return prepare
+
+
+def _function(
+    module: ModuleType,
+    functions: Functions,
+    signature: Signature,
+    body: Callable[..., Sequence[Any]],
+) -> Callable[..., Any]:
+    """A function of a module.
+
+    Args:
+        module: The NumPy module.
+        functions: Its functions.
+        signature: That of the function.
+        body: What takes constants and arguments (..., width), and returns the outputs.
+
+    Returns:
+        The function, which takes numbers and arrays as that of the NumPy module does.
+    """
+    like = getattr(module, signature.name)
+    size = len(module.prepare({})) + len(module.PARAMETERS)
+
+    @functools.wraps(like)
+    def function(*arguments: Any, **named: Any) -> Any:
+        try:
+            given = inspect.signature(like).bind(*arguments, **named).arguments
+        except TypeError as error:
+            raise TypeError(f"{signature.name}() {error}") from None
+        operands = [
+            functions.tangents.normalised(name, array)
+            for name, array in zip(signature.arguments, _states(signature, given), strict=True)
+        ]
+        constants = given.get("constants")
+        if constants is not None:
+            operands.append(_constants(constants, size, operands))
+        batch = batch_shape(operands)
+        operands = [a.reshape((1,) * (len(batch) + 1 - a.ndim) + a.shape) for a in operands]
+        last = None if constants is None else operands.pop()
+        shaped = [
+            output.reshape(*batch, *shape)
+            for output, shape in zip(body(last, *operands), signature.shapes, strict=True)
+        ]
+        return shaped[0] if len(shaped) == 1 else tuple(shaped)
+
+    return function
+
+
+def _constants(constants: Any, size: int, arguments: Sequence[Any]) -> Any:
+    """Constants that a function was called with.
+
+    Args:
+        constants: What was given.
+        size: How many entries there are.
+        arguments: The function's arguments, whose precision the constants get.
+
+    Returns:
+        Array (..., size).
+
+    Raises:
+        TypeError: They are not this module's.
+    """
+    shape = getattr(constants, "shape", ())
+    if not shape or shape[-1] != size:
+        raise TypeError("constants must be what this module's prepare() returned")
+    return jnp.asarray(constants, arguments[0].dtype) if arguments else constants
+
+
+def _states(signature: Signature, given: Mapping[str, Any]) -> list[Any]:
+    """Arguments of a function as arrays of one precision.
+
+    Args:
+        signature: That of the function.
+        given: What it was called with, by names.
+
+    Returns:
+        Arrays (..., width), the entries of one state along the last axis, row by row.
+
+    Raises:
+        TypeError, ValueError: As of `state_array`.
+    """
+    arrays = _arrays(signature.arguments, [given[name] for name in signature.arguments])
+    found = []
+    for name, array, shape in zip(
+        signature.arguments, arrays, signature.argument_shapes, strict=True
+    ):
+        leading = array.shape[: max(array.ndim - len(shape), 0)]
+        if array.shape != (*leading, *shape):
+            state_array(name, np.broadcast_to(0.0, array.shape), *shape)
+        found.append(array.reshape(*leading, math.prod(shape)))
+    return found
+
+
+def _arrays(names: Sequence[str] | Mapping[str, Any], values: Any) -> list[Any]:
+    """Real numbers as arrays of one precision, which is that of the arrays among them.
+
+    Args:
+        names: What errors call the values.
+        values: JAX's arrays, NumPy's, numbers or nested sequences of these.
+
+    Returns:
+        Arrays of float32, or of float64 where JAX has it enabled and an array is of it, or none is
+        of another.
+
+    Raises:
+        TypeError, ValueError: As of `real_numbers`.
+        TypeError: An array has another precision.
+    """
+    arrays = [
+        value if isinstance(value, jax.Array) else real_numbers(name, value)
+        for name, value in zip(names, values, strict=True)
+    ]
+    typed = [value for value in values if hasattr(value, "dtype")]
+    dtype = jnp.result_type(*typed) if typed else jnp.result_type(float)
+    if not jnp.issubdtype(dtype, jnp.inexact):
+        dtype = jnp.result_type(float)
+    if dtype not in (jnp.float32, jnp.float64):
+        raise TypeError(f"{', '.join(names)} must be float64 or float32, not {dtype}")
+    return [jnp.asarray(array, dtype) for array in arrays]

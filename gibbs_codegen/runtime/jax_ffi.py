@@ -1,0 +1,141 @@
+"""The compiled functions of a module as operations of XLA on the CPU.
+
+XLA takes minutes to compile what a C compiler does in seconds, and its code for a long function is
+slower by far. `native/jax_call.c` hands the arrays of a batch to the module's C functions.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import logging
+import math
+import os
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import jax
+
+from gibbs_codegen.errors import printable
+from gibbs_codegen.interface import Signature, module_signatures
+from gibbs_codegen.runtime.c_library import NATIVE, c_files, compiled_library
+from gibbs_codegen.runtime.cache import CacheError, cached_library
+from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
+
+_log = logging.getLogger("gibbs_codegen")
+_SLOW = "%s: XLA compiles all functions, which takes long: %s"
+_TARGET = "gibbs_codegen"
+_adding = threading.Lock()
+
+
+class CompiledCalls:
+    """Calls of a module's compiled functions in programs of XLA."""
+
+    def __init__(self, module: ModuleType, path: Path, caller: ctypes.CDLL) -> None:
+        """Add the functions to those that XLA can call.
+
+        Args:
+            module: The NumPy module.
+            path: Its library.
+            caller: That of `native/jax_call.c`.
+        """
+        # The folder in the cache has its name from what the library was made of.
+        self._prefix = f"{module.NAME}/{path.parent.name}/"
+        self._library = ctypes.CDLL(str(path))
+        self._constants = len(module.prepare({}))
+        for signature in module_signatures(module):
+            self._add(module.NAME, signature, caller)
+
+    def _add(self, module: str, signature: Signature, caller: ctypes.CDLL) -> None:
+        """Add a function to those that XLA can call.
+
+        Args:
+            module: Name of the module.
+            signature: That of the function.
+            caller: The library of `native/jax_call.c`.
+        """
+        sizes = [*signature.widths, *map(math.prod, signature.shapes), self._constants]
+        own = f"{module}_{signature.name}_batch"
+        caller.gibbs_codegen_jax_add(
+            f"{self._prefix}{signature.name}".encode(),
+            ctypes.cast(self._library["gibbs_codegen_rows"], ctypes.c_void_p),
+            ctypes.cast(self._library[own], ctypes.c_void_p),
+            ctypes.byref(ctypes.c_double.in_dll(self._library, f"{module}_default_constants")),
+            len(signature.widths),
+            len(signature.shapes),
+            (ctypes.c_size_t * len(sizes))(*sizes),
+        )
+
+    def __call__(
+        self, signature: Signature, constants: Any, arguments: Sequence[Any]
+    ) -> tuple[Any, ...]:
+        """Results of a function that takes arguments.
+
+        Args:
+            signature: Of the function.
+            constants: Array (..., number of constants), or None for the default.
+            arguments: Arrays (..., width), of one precision. They and the constants have equally
+                many axes, which broadcast.
+
+        Returns:
+            Arrays (..., width), one for each output.
+        """
+        operands = [*arguments] if constants is None else [*arguments, constants]
+        batch = jax.numpy.broadcast_shapes(*(array.shape[:-1] for array in operands))
+        shapes = [
+            jax.ShapeDtypeStruct((*batch, math.prod(shape)), operands[0].dtype)
+            for shape in signature.shapes
+        ]
+        call = jax.ffi.ffi_call(_TARGET, shapes, vmap_method="expand_dims")
+        return tuple(call(*operands, function=f"{self._prefix}{signature.name}"))
+
+
+def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | None:
+    """The compiled functions of a module.
+
+    Args:
+        module: The NumPy module.
+        folder: Where its C files are, if it has the C target.
+
+    Returns:
+        What calls them, or None where they cannot be compiled, which the log says.
+
+    Raises:
+        UsageError: A C file is of another make.
+    """
+    if any(not (folder / name).is_file() for name in c_files(module.NAME)):
+        _log.warning(_SLOW, module.NAME, "the module was generated without the C target")
+        return None
+    try:
+        compiler = find_compiler(os.environ.get("CC") or None)
+        library = compiled_library(folder, module.NAME, compiler)
+        with _adding:
+            return CompiledCalls(module, library, _caller())
+    except (CompilerError, CacheError, OSError) as error:
+        _log.warning(_SLOW, module.NAME, printable(error, 400))
+        return None
+
+
+@functools.cache
+def _caller() -> ctypes.CDLL:
+    """The library of `native/jax_call.c`, whose target XLA knows afterwards: one for the process.
+
+    Raises `CompilerError` or `CacheError` where it cannot be made or kept, `OSError` where it
+    cannot be loaded.
+    """
+    compiler = find_compiler(os.environ.get("CC") or None)
+    source = NATIVE / "jax_call.c"
+    include = Path(jax.ffi.include_dir())
+    header = include / "xla" / "ffi" / "api" / "c_api.h"
+    texts = [path.read_text(encoding="utf-8") for path in (source, header)]
+
+    def make(output: Path) -> None:
+        compiler.library([source], output, [f"-I{include}"])
+
+    library = ctypes.CDLL(str(cached_library("\n".join([compiler.identity, *texts]), make)))
+    target = jax.ffi.pycapsule(library.gibbs_codegen_jax_call)
+    jax.ffi.register_ffi_target(_TARGET, target, platform="cpu")
+    return library

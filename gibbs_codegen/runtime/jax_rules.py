@@ -1,0 +1,227 @@
+"""Derivatives of functions by other functions of their module: what JAX is told of them.
+
+Matrices are computed whole and multiplied by the direction: under `jacfwd`, `jacrev` or `vmap` over
+directions they are computed once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import jax.numpy as jnp
+
+from gibbs_codegen.interface import FUNCTIONS
+from gibbs_codegen.runtime.jax_tangents import Tangents
+
+Arrays = Sequence[Any]
+
+
+class Differentiable(Protocol):
+    """The functions of a module, which a rule calls."""
+
+    tangents: Tangents
+
+    def __call__(self, name: str, constants: Any, *arguments: Any) -> tuple[Any, ...]:
+        """Results of a function, as of `jax_functions.Functions`."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A rule, and the function without which it does not hold.
+
+    `apply` takes the functions, the name of the one that is differentiated, constants, arguments,
+    and the displacements or changes of these, None for those that do not change. It returns the
+    results and their changes.
+    """
+
+    needs: str
+    apply: Callable[[Differentiable, str, Any, Arrays, Arrays], tuple[Arrays, Arrays]]
+
+
+def product(matrix: Any, direction: Any) -> Any:
+    """A matrix that is given row by row times a direction.
+
+    Args:
+        matrix: Array (..., rows times columns).
+        direction: Array (..., columns).
+
+    Returns:
+        Array (..., rows).
+    """
+    whole = matrix.reshape(*matrix.shape[:-1], -1, direction.shape[-1])
+    return (whole @ direction[..., None])[..., 0]
+
+
+def _sum_of_products(matrices: Arrays, changes: Arrays) -> Any:
+    """The change of a result whose derivatives are matrices, one for each argument.
+
+    Args:
+        matrices: Arrays (..., rows times columns).
+        changes: Arrays (..., columns), or None; not all of them.
+
+    Returns:
+        Array (..., rows).
+    """
+    parts = [
+        product(matrix, change)
+        for matrix, change in zip(matrices, changes, strict=True)
+        if change is not None
+    ]
+    return sum(parts[1:], parts[0])
+
+
+def _by_matrices(
+    functions: Differentiable, name: str, constants: Any, arguments: Arrays, changes: Arrays
+) -> tuple[Arrays, Arrays]:
+    """The rule of a function whose derivatives are matrices, one for each argument.
+
+    Args:
+        functions: Those of the module.
+        name: Of the function that is differentiated.
+        constants, arguments, changes: As of `Rule`.
+
+    Returns:
+        As of `Rule`.
+    """
+    value, *matrices = functions(RULES[name].needs, constants, *arguments)
+    return [value], [_sum_of_products(matrices, changes)]
+
+
+def _integrate(
+    functions: Differentiable, name: str, constants: Any, arguments: Arrays, changes: Arrays
+) -> tuple[Arrays, Arrays]:
+    """The rule of `integrate`, whose derivative is in the tangent space at the result.
+
+    Args:
+        functions: Those of the module.
+        name: Of the function that is differentiated.
+        constants, arguments, changes: As of `Rule`.
+
+    Returns:
+        As of `Rule`.
+    """
+    matrices = functions(RULES[name].needs, constants, *arguments)
+    (value,) = functions(name, constants, *arguments)
+    return [value], [functions.tangents.changes(value, _sum_of_products(matrices, changes))]
+
+
+def _by_hessian(
+    functions: Differentiable, name: str, constants: Any, arguments: Arrays, changes: Arrays
+) -> tuple[Arrays, Arrays]:
+    """The rule of first derivatives of forces or accelerations.
+
+    Args:
+        functions: Those of the module.
+        name: Of the function that is differentiated.
+        constants, arguments, changes: As of `Rule`.
+
+    Returns:
+        As of `Rule`.
+    """
+    results = functions(name, constants, *arguments)
+    value, *matrices = results
+    sizes = [argument.shape[-1] for argument in arguments]
+    sizes[0] = sizes[1]  # Displacements are as many as velocities.
+    blocks = functions(RULES[name].needs, *_by_entry(value, constants, arguments))
+    change = jnp.concatenate(_filled(value, sizes, changes), axis=-1)[..., None, :, None]
+    moved = (_whole(blocks, sizes) @ change)[..., 0]
+    pieces = jnp.split(moved, [sizes[0], sizes[0] + sizes[1]], axis=-1)
+    if changes[0] is not None:
+        by_q = matrices[0].reshape(pieces[0].shape)
+        pieces[0] = pieces[0] + functions.tangents.turned_columns(by_q, changes[0])
+    flat = [piece.reshape(matrix.shape) for piece, matrix in zip(pieces, matrices, strict=True)]
+    return results, [_sum_of_products(matrices, changes), *flat]
+
+
+def _by_entry(like: Any, constants: Any, arguments: Arrays) -> list[Any]:
+    """Constants, arguments and weights w of functions of wᵀ f that give a row for each entry of f.
+
+    Args:
+        like: An array (..., entries of f).
+        constants, arguments: As of `Rule`, or without an axis for the rows.
+
+    Returns:
+        The arrays, with one more axis before the last, that of the rows.
+    """
+    size = like.shape[-1]
+    weights = jnp.eye(size, dtype=like.dtype).reshape((1,) * (like.ndim - 1) + (size, size))
+    own = None if constants is None else constants[..., None, :]
+    return [own, *(argument[..., None, :] for argument in arguments), weights]
+
+
+def _filled(like: Any, sizes: Sequence[int], changes: Arrays) -> list[Any]:
+    """Changes of all arguments, those that do not change included.
+
+    Args:
+        like: An array (..., any width), of the batch's shape.
+        sizes: Of the changes.
+        changes: Of the arguments, or None.
+
+    Returns:
+        Arrays (..., size).
+    """
+    batch = like.shape[:-1]
+    return [
+        jnp.zeros((*batch, size), like.dtype)
+        if change is None
+        else jnp.broadcast_to(change, (*batch, size))
+        for size, change in zip(sizes, changes, strict=True)
+    ]
+
+
+def _whole(blocks: Arrays, sizes: Sequence[int]) -> Any:
+    """A Hessian from what its function gives.
+
+    Args:
+        blocks: The whole, or the blocks qq, qv, vv and qa, row by row; those left out are zero.
+        sizes: Of the arguments.
+
+    Returns:
+        Array (..., all entries, all entries).
+    """
+    if len(blocks) == 1:
+        return blocks[0].reshape(*blocks[0].shape[:-1], sum(sizes), sum(sizes))
+    first, _, last = sizes
+    qq, qv, vv, qa = (block.reshape(*block.shape[:-1], first, first) for block in blocks)
+    nothing = jnp.zeros((*qa.shape[:-1], last), qa.dtype)
+    rows = [[qq, qv, qa], [qv.mT, vv, nothing], [qa.mT, nothing, nothing]]
+    return jnp.concatenate([jnp.concatenate(row, axis=-1) for row in rows], axis=-2)
+
+
+def by_parameters(
+    functions: Differentiable, name: str, constants: Any, arguments: Arrays, change: Any
+) -> Arrays:
+    """Change of a function's result with the parameters.
+
+    Args:
+        functions: Those of the module.
+        name: A function of `BY_PARAMETERS`.
+        constants, arguments: Of the function.
+        change: Of the parameters, array (..., np).
+
+    Returns:
+        The change of its one result.
+    """
+    needed = BY_PARAMETERS[name]
+    if FUNCTIONS[needed].arguments[-1] != "w":
+        (matrix,) = functions(needed, constants, *arguments)
+        return [product(matrix, change)]
+    (matrix,) = functions(needed, *_by_entry(arguments[1], constants, arguments))
+    return [(matrix @ change[..., None])[..., 0]]
+
+
+RULES = {
+    "forward_dynamics": Rule("forward_dynamics_derivatives", _by_matrices),
+    "inverse_dynamics": Rule("inverse_dynamics_derivatives", _by_matrices),
+    "frame_poses": Rule("frame_poses_derivatives", _by_matrices),
+    "frame_velocities": Rule("frame_velocities_derivatives", _by_matrices),
+    "integrate": Rule("integrate_derivatives", _integrate),
+    "forward_dynamics_derivatives": Rule("forward_dynamics_hessian", _by_hessian),
+    "inverse_dynamics_derivatives": Rule("inverse_dynamics_hessian", _by_hessian),
+}
+BY_PARAMETERS = {
+    "forward_dynamics": "forward_dynamics_parameters_vjp",
+    "inverse_dynamics": "inverse_dynamics_parameters",
+}
