@@ -131,7 +131,7 @@ def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
         from gibbs_codegen.runtime.casadi_backend import casadi_module
 
         return casadi_module(module)
-    from gibbs_codegen.runtime import jax_backend  # type: ignore[attr-defined, unused-ignore]
+    from gibbs_codegen.runtime import jax_backend
 
     made: ModuleType = jax_backend.jax_module(module, folder)
     return made
