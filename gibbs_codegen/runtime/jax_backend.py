@@ -92,7 +92,8 @@ def _function(
         body: What takes constants and arguments (..., width), and returns the outputs.
 
     Returns:
-        The function, which takes numbers and arrays as that of the NumPy module does.
+        The function, which takes numbers and arrays as that of the NumPy module does, and raises
+        TypeError or ValueError for others.
     """
     like = getattr(module, signature.name)
     size = len(module.prepare({})) + len(module.PARAMETERS)
