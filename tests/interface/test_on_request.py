@@ -165,4 +165,4 @@ def test_the_command_line_takes_them(
     assert main(["info", ROBOT]) == 0
     assert "\nweight  " not in capsys.readouterr().out
     assert main(["generate", ROBOT, "--derivatives=wieght"]) == 2
-    assert "'wieght': unknown; known: " in capsys.readouterr().err
+    assert "'wieght': unknown; did you mean weight?" in capsys.readouterr().err

@@ -25,7 +25,7 @@ from gibbs_codegen.robot.names import coordinate_of, link_label, name_fault, nam
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.file import parse_scenario
 from gibbs_codegen.simulator.flight import read_flight
-from gibbs_codegen.targets.registry import TARGETS, render_module
+from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
 
 ROBOT = """name = NAME
 [base]
@@ -288,7 +288,7 @@ def test_what_is_accepted_compiles_and_imports(
         model = dataclasses.replace(small, robot=dataclasses.replace(small.robot, name=name))
         folder = tmp_path / "modules" / name
         folder.mkdir(parents=True)
-        for file, text in render_module(model, "", TARGETS).items():
+        for file, text in render_module(model, "", find_targets()).items():
             (folder / file).write_text(text)
         sources += [folder / f"{name}.c", folder / f"{name}_casadi.c"]
     warnings = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only"]
@@ -314,7 +314,7 @@ def test_a_robot_may_be_named_like_a_header_that_emitted_code_reads(
 ) -> None:
     """Its own header is found by its place, and the system's where the folder above is searched."""
     (tmp_path / "plain").mkdir()
-    for file, text in render_module(small, "", TARGETS).items():
+    for file, text in render_module(small, "", find_targets()).items():
         (tmp_path / "plain" / file).write_text(text)
     plain = tmp_path / "plain" / "plain.c"
     listed = run([tool("gcc"), "-M", "-fopenmp", plain]).replace("\\\n", " ").split()
