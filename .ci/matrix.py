@@ -1,11 +1,11 @@
-"""Install a wheel with every Python there is, and with the oldest dependencies, and compare.
+"""Install a wheel with the oldest and the newest Python, and the oldest dependencies, and compare.
 
     python3 .ci/matrix.py WHEEL
 
-There is an environment for every Python from `requires-python` on that is on the path or among
-pyenv's, with the newest dependencies, and one for the oldest of them with the oldest dependencies
-that pyproject.toml allows. In each, modules in generated/ must be up to date, a user's commands and
-some tests must pass, and what is emitted must be the same bytes in all.
+There are environments for the oldest and the newest Python from `requires-python` on that are on
+the path or among pyenv's, with the newest dependencies, and one for the oldest with the oldest
+dependencies that pyproject.toml allows. In each, modules in generated/ must be up to date, a user's
+commands and some tests must pass, and what is emitted must be the same bytes in all.
 """
 
 from __future__ import annotations
@@ -149,10 +149,11 @@ def environments(work: Path) -> list[Environment]:
     if not found:
         sys.exit(f"no Python from 3.{OLDEST_MINOR} on with venv and pip (Debian: python3-venv)")
     version, oldest = found[0]
+    newest = found[1:][-1:]
     return [
         Environment(f"Python {version}, oldest packages", oldest, work / "oldest", OLDEST),
         Environment(f"Python {version}, number packages", oldest, work / version, NUMBER_PACKAGES),
-        *(Environment(f"Python {version}", path, work / version) for version, path in found[1:]),
+        *(Environment(f"Python {version}", path, work / version) for version, path in newest),
     ]
 
 
