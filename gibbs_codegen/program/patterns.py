@@ -63,7 +63,7 @@ def patterns(model: Model) -> dict[str, Pattern]:
         outputs = model.program.function(function).outputs
         for described, output in zip(FUNCTIONS[function].outputs, outputs, strict=True):
             if described.name in names:
-                places.setdefault(described.name, set()).update(_nonzeros(output))
+                places.setdefault(described.name, set()).update(nonzeros(output))
                 shapes[described.name] = output.shape
     return {
         name: Pattern(
@@ -76,8 +76,15 @@ def patterns(model: Model) -> dict[str, Pattern]:
     }
 
 
-def _nonzeros(output: Output) -> set[tuple[int, int]]:
-    """Column and row of each entry that is not zero at every state."""
-    width = output.shape[-1]
+def nonzeros(output: Output) -> set[tuple[int, int]]:
+    """Which entries of an output are not zero at every state.
+
+    Args:
+        output: Of a function of the program.
+
+    Returns:
+        Column and row of each, in its matrix; a vector is one row.
+    """
+    width = math.prod(output.shape[-1:])
     zero = Number(0.0)
     return {(i % width, i // width) for i, e in enumerate(output.entries) if e != zero}

@@ -12,6 +12,7 @@ from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
+from gibbs_codegen.targets.c.casadi import CasadiText, casadi_text
 from gibbs_codegen.targets.c.composed import composed_texts
 from gibbs_codegen.targets.c.function import CFunction
 from gibbs_codegen.targets.c.function_text import FunctionText
@@ -51,9 +52,8 @@ class ModuleText:
     """Everything in header, source and CasADi adapter that depends on the robot.
 
     `entry_lines` explain the entries of arguments and results. `places` has the enumerators of the
-    places in arguments, by the words for these. `support` and `column_major` are the source that
-    depends on no robot, and `gather` that of functions without zeros; `widest` is the width of the
-    widest argument. The adapter has the functions that have arguments.
+    places in arguments, by the words for these. `support` is the source that depends on no robot,
+    and `gather` that of functions without zeros. `casadi` is what the adapter is given besides.
     """
 
     header: Lines
@@ -73,13 +73,11 @@ class ModuleText:
     prepare: Lines
     total_mass: str
     support: str
-    column_major: str
-    widest: int
     functions: list[FunctionText]
-    adapted: list[FunctionText]
     patterns: list[PatternText]
     sparse: list[SparseText]
     gather: str
+    casadi: CasadiText
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleText:
@@ -119,13 +117,11 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> ModuleTex
         prepare=StatementPrinter(printer, kind="STEPWISE real").declare_all(program.prepare),
         total_mass=printer.expression(model.total_mass),
         support=c_source("support.c"),
-        column_major=c_source("column_major.c"),
-        widest=max(map(len, program.inputs.values())),
         functions=functions,
-        adapted=[function for function in functions if function.inputs],
         patterns=pattern_texts(model),
         sparse=sparse_texts(model),
         gather=c_source("gather.c"),
+        casadi=casadi_text(model),
     )
 
 

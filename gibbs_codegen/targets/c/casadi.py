@@ -1,0 +1,208 @@
+"""The adapter by which CasADi calls a module's functions, and their derivatives, as external ones.
+
+Every function has two forms, the second with the parameters as a further input. What CasADi asks
+for beside a function is in `casadi_derivatives`.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gibbs_codegen.interface import Signature
+from gibbs_codegen.program.model import Model
+from gibbs_codegen.robot.layout import layout_of
+from gibbs_codegen.targets.c.casadi_blocks import Block
+from gibbs_codegen.targets.c.casadi_derivatives import derivative_forms
+from gibbs_codegen.targets.c.casadi_form import PARAMETERS, Form, Port, at
+from gibbs_codegen.targets.c.statements import WIDTH
+from gibbs_codegen.targets.verbatim import c_source
+
+Lines = list[str]
+
+
+@dataclass(frozen=True)
+class TableText:
+    """A constant array of integers: their type, its name, and what stands in braces."""
+
+    kind: str
+    name: str
+    lines: Lines
+
+
+@dataclass(frozen=True)
+class FormText:
+    """A function that CasADi calls.
+
+    `kind` is the macro that makes its name of `name`. `inputs` and `outputs` are names with
+    patterns. `parameters` is the place of the parameters among the inputs, None without them.
+    """
+
+    kind: str
+    name: str
+    inputs: list[tuple[str, str]]
+    outputs: list[tuple[str, str]]
+    parameters: int | None
+    body: Lines
+    entries: int
+
+
+@dataclass(frozen=True)
+class CasadiText:
+    """What the adapter's template is given.
+
+    `differentiated` and `twice` say whether there are derivatives, and second ones. `widest` is the
+    width of the widest input.
+    """
+
+    is_quaternion: bool
+    differentiated: bool
+    twice: bool
+    column_major: str
+    widest: int
+    tables: list[TableText]
+    forms: list[FormText]
+
+
+class _Tables:
+    """Constant arrays, each of which stands in the source once."""
+
+    def __init__(self) -> None:
+        self._names: dict[tuple[str, tuple[int, ...]], str] = {}
+
+    def pattern(self, pattern: tuple[int, ...]) -> str:
+        """Name of the array that holds a pattern.
+
+        Args:
+            pattern: As CasADi has it.
+
+        Returns:
+            The name.
+        """
+        return self._name("casadi_int", "pattern", pattern)
+
+    def places(self, places: Sequence[int]) -> str:
+        """Name of the array that holds places in scratch.
+
+        Args:
+            places: At least one.
+
+        Returns:
+            The name.
+        """
+        return self._name("int", "places", tuple(places))
+
+    def texts(self) -> list[TableText]:
+        """All arrays."""
+        return [
+            TableText(kind, name, textwrap.wrap(", ".join(map(str, numbers)), WIDTH - 4))
+            for (kind, numbers), name in self._names.items()
+        ]
+
+    def _name(self, kind: str, word: str, numbers: tuple[int, ...]) -> str:
+        """Name of an array, a new one if there is none with these numbers.
+
+        Args:
+            kind: Type of the numbers.
+            word: That the name begins with.
+            numbers: They.
+
+        Returns:
+            The name.
+        """
+        return self._names.setdefault((kind, numbers), f"{word}_{len(self._names) + 1}")
+
+
+def casadi_text(model: Model) -> CasadiText:
+    """Context of the adapter's template.
+
+    Args:
+        model: The derived robot.
+
+    Returns:
+        The context.
+    """
+    tables = _Tables()
+    texts = [
+        _form_text(form, tables)
+        for signature in model.signatures
+        if signature.arguments
+        for of_parameters in (False, True)
+        for form in (
+            _function(model, signature, of_parameters),
+            *derivative_forms(model, signature, of_parameters),
+        )
+    ]
+    widths = [width for signature in model.signatures for width in signature.widths]
+    return CasadiText(
+        layout_of(model.robot).is_quaternion,
+        any(text.kind != "CASADI" for text in texts),
+        any(text.kind == "JAC_ADJ" for text in texts),
+        c_source("column_major.c"),
+        max(*widths, len(model.defaults)),
+        tables.texts(),
+        texts,
+    )
+
+
+def _function(model: Model, signature: Signature, of_parameters: bool) -> Form:
+    """A function of the module.
+
+    Args:
+        model: The derived robot.
+        signature: Of the function.
+        of_parameters: Whether the parameters are an input.
+
+    Returns:
+        Its form.
+    """
+    form = Form(model, signature, "CASADI", of_parameters)
+    found = form.call(signature.name)
+    for (name, shape), matrix in zip(form.results, found.values(), strict=True):
+        block = matrix.filled
+        form.outputs.append((name, block if len(shape) > 1 else block.transposed))
+    return form
+
+
+def _form_text(form: Form, tables: _Tables) -> FormText:
+    """What the template is given of a form.
+
+    Args:
+        form: The form.
+        tables: Those of the source.
+
+    Returns:
+        The text.
+    """
+    outputs = [Port(name, block.pattern) for name, block in form.outputs]
+    stored = [_stored(i, block, tables) for i, (_, block) in enumerate(form.outputs)]
+    names = [port.name for port in form.inputs]
+    return FormText(
+        form.kind,
+        form.name,
+        [(port.name, tables.pattern(port.pattern)) for port in form.inputs],
+        [(port.name, tables.pattern(port.pattern)) for port in outputs],
+        names.index(PARAMETERS) if form.of_parameters else None,
+        [*form.body, *(line for line in stored if line)],
+        form.size,
+    )
+
+
+def _stored(place: int, block: Block, tables: _Tables) -> str:
+    """The line that writes an output.
+
+    Args:
+        place: Of the output.
+        block: What is written.
+        tables: Those of the source.
+
+    Returns:
+        The line; "" of a matrix of zeros.
+    """
+    if not block.places:
+        return ""
+    if (start := block.stored_at) is not None:
+        return f"store({block.rows}, {block.columns}, {at(start)}, res[{place}]);"
+    places = tables.places(block.gathered)
+    return f"gather({len(block.places)}, {places}, scratch, res[{place}]);"
