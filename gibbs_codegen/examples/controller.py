@@ -10,19 +10,22 @@ from typing import Any
 import numpy as np
 
 from gibbs_codegen.examples.prediction import Prediction
-from gibbs_codegen.examples.tracking_problem import Array, TrackingProblem, Weights
+from gibbs_codegen.examples.task import Weights
+from gibbs_codegen.examples.tracking_problem import TrackingProblem
+from gibbs_codegen.simulator.vehicle import Array
 
 # Solutions are good to this, in the units of the cost and the states.
-TOLERANCE = 1e-4
+TOLERANCE = 1e-3
 # Barrier that a solver begins with, since the solution before is near.
 _BARRIER = 1e-4
 SOLVERS: dict[str, dict[str, Any]] = {
-    "fatrop": {"print_level": 0, "tol": TOLERANCE, "mu_init": _BARRIER},
+    "fatrop": {"print_level": 0, "tol": TOLERANCE, "mu_init": _BARRIER, "max_iter": 20},
     "ipopt": {
         "print_level": 0,
         "sb": "yes",
         "tol": TOLERANCE,
         "mu_init": _BARRIER,
+        "max_iter": 20,
         "warm_start_init_point": "yes",
     },
 }

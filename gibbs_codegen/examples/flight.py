@@ -9,7 +9,7 @@ from types import ModuleType
 import numpy as np
 
 from gibbs_codegen.examples.controller import Controller, Solution
-from gibbs_codegen.examples.tracking_problem import Array
+from gibbs_codegen.simulator.vehicle import Array
 
 # Steps of the plant in a step of the controller, and how much of its fastest decay one covers: a
 # Runge–Kutta method of fourth order is stable up to 2.7.
@@ -43,7 +43,11 @@ class TrackedPath:
 
 
 def fly(
-    plant: ModuleType, frame: str, controller: Controller, start: tuple[Array, Array], duration: float
+    plant: ModuleType,
+    frame: str,
+    controller: Controller,
+    start: tuple[Array, Array],
+    duration: float,
 ) -> TrackedPath:
     """Fly a controller's path.
 
@@ -72,7 +76,16 @@ def fly(
 
 
 def _steps(plant: ModuleType, start: tuple[Array, Array], h: float) -> int:
-    """How many steps of the plant a step of the controller takes, so that they are stable."""
+    """How many steps of the plant a step of the controller takes, so that they are stable.
+
+    Args:
+        plant: The robot's module.
+        start: q (nq) and v (nv).
+        h: Length of a step of the controller, s.
+
+    Returns:
+        Their number.
+    """
     q, v = start
     u = np.zeros(len(plant.INPUTS))
     turned = plant.forward_dynamics(q, v + np.eye(len(v)), u)

@@ -1,10 +1,10 @@
 """What a controller predicts with: a time step and a point of the robot, as CasADi's functions.
 
-The step is semi-implicit Euler's, so each step takes one evaluation of the forward dynamics. Dampers
-would make it unstable where links are light: a damper d on an inertia I decays within I / d, which
-may be a thousandth of a step. It is stable for every damper if their torques are those at the end
-of the step, and since these are linear in the rates, that is the same step of a robot whose
-joints have an armature that is larger by h d:
+The step is semi-implicit Euler's, which evaluates the forward dynamics once. Dampers would make it
+unstable where links are light: a motion with a damper d and an inertia I decays within I / d, which
+may be a hundredth of a step. The step is stable for every damper if the dampers' torques are those
+at its end. Since these are linear in the rates, that is the usual step of a robot whose joints have
+an armature that is larger by h d:
 
     M (v⁺ − v) / h = R − D v⁺ + B u    is    (M + h D) (v⁺ − v) / h = R − D v + B u
 """
@@ -93,7 +93,9 @@ def traced(module: ModuleType, frame: str, h: float) -> Prediction:
     Returns:
         The prediction.
     """
-    return Prediction(_step(module.step_euler, h), _point(module.frame_poses, module.FRAMES.index(frame)))
+    return Prediction(
+        _step(module.step_euler, h), _point(module.frame_poses, module.FRAMES.index(frame))
+    )
 
 
 def _step(step: casadi.Function, h: float) -> casadi.Function:

@@ -2,9 +2,10 @@
 
 Variables are the inputs and the state after each step, u₀, x₁, u₁, x₂, …; the state where the
 horizon begins is a parameter. Constraints are x⁺ − step(x, u) = 0. A state is q and v as the module
-has them: a quaternion keeps its four entries. It stays of unit length without a constraint of its own, because the step
-returns one, and its functions are those of the normalised quaternion, so their derivatives by the
-entries exist.
+has them, so a quaternion keeps its four entries. It needs no constraint of its own, since the step
+returns one of unit length; and its functions are those of the normalised quaternion, so that their
+derivatives by its entries exist. Bounds of joints stay bounds of variables, as they would not in a
+tangent space that moves along with the solution.
 
 The cost is a sum of squares, and the Hessian is Gauss and Newton's: that of the squares of the
 linearised residuals. It is positive definite, and needs no second derivatives of the dynamics.
@@ -13,31 +14,13 @@ linearised residuals. It is positive definite, and needs no second derivatives o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 
 from gibbs_codegen.examples.prediction import Prediction
-
-Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Weights:
-    """What a cost wants: half the weighted sum of squares of what is off, at every step.
-
-    Attributes:
-        point: Weight of the point's distance from its path, 1/m².
-        stage: Weights of u, q and v, one after the other.
-        wanted: What u, q and v are to be near to.
-    """
-
-    point: float
-    stage: Array
-    wanted: Array
+from gibbs_codegen.examples.task import Weights
 
 
 class TrackingProblem:
@@ -134,7 +117,9 @@ class TrackingProblem:
         functions = [
             casadi.Function("cost", [stage, aim], [cost]),
             casadi.Function("gradient", [stage, aim], [weights * off + casadi.vertcat(*pulled)]),
-            casadi.Function("hessian", [stage, aim], [casadi.diag(weights) + casadi.diagcat(*bent)]),
+            casadi.Function(
+                "hessian", [stage, aim], [casadi.diag(weights) + casadi.diagcat(*bent)]
+            ),
         ]
         costs, gradients, hessians = (
             function.map(self.nodes)(self._columns, self._path) for function in functions
@@ -168,7 +153,10 @@ class TrackingProblem:
         row, column, place = map(np.concatenate, (rows, columns, places))
         order = np.lexsort((row, column))
         pattern = casadi.Sparsity.triplet(
-            *self._gaps.shape[:1], self.stage * self.nodes, row[order].tolist(), column[order].tolist()
+            *self._gaps.shape[:1],
+            self.stage * self.nodes,
+            row[order].tolist(),
+            column[order].tolist(),
         )
         entries = casadi.vertcat(*(-block.nz[:] for block in blocks), 1)
         return casadi.MX(pattern, entries.nz[place[order].tolist()])

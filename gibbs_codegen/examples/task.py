@@ -1,4 +1,4 @@
-"""A task for any robot: from hover, bring a point once around a circle; and the controller for it."""
+"""A task for any robot: from hover, bring a point once around a circle."""
 
 from __future__ import annotations
 
@@ -9,21 +9,56 @@ from types import ModuleType
 
 import numpy as np
 
-from gibbs_codegen import trim
-from gibbs_codegen.examples.tracking_problem import Array, Weights
+from gibbs_codegen.analysis.trim import trim
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.simulator.actuators import Actuators, robot_file_actuators
 from gibbs_codegen.simulator.hanging import hanging_posture
-from gibbs_codegen.simulator.vehicle import Vehicle
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 # What is as bad as the point being off by a thousandth of the reach: angles, rad; rates, of angles
 # and of the reach, 1/s; and inputs, as a share of their largest in hover.
 _POINT, _ANGLE, _RATE, _INPUT = 1e-3, 0.3, 1.0, 0.5
 # Cost of each of these.
 _UNIT = 1e-2
+
+
+@dataclass(frozen=True)
+class Circle:
+    """What is asked for.
+
+    Attributes:
+        frame: The frame whose origin is the point; the last of the module's frames if None.
+        posture: Joints' coordinates in hover by name, rad or m; the arm hangs if None.
+        radius: m; a quarter of the point's distance from the base if None.
+        duration: How long the circle takes, s.
+        thrust: Least and greatest thrust, N; those of the robot file if None.
+        effort: Greatest torque or force of the joints, N m or N; those of the robot file if None.
+    """
+
+    frame: str | None = None
+    posture: Mapping[str, float] | None = None
+    radius: float | None = None
+    duration: float = 8.0
+    thrust: tuple[float, float] | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What a cost wants: half the weighted sum of squares of what is off, at every step.
+
+    Attributes:
+        point: Weight of the point's distance from its path, 1/m².
+        stage: Weights of u, q and v, one after the other.
+        wanted: What u, q and v are to be near to.
+    """
+
+    point: float
+    stage: Array
+    wanted: Array
 
 
 @dataclass(frozen=True)
@@ -60,7 +95,7 @@ def module_of(robot: Robot, out: Path, derivatives: tuple[str, ...]) -> Path:
     return generate_robot(robot, robot_text(robot), out, derivatives=derivatives)[1]
 
 
-def circle(start: Array, radius: float, duration: float) -> Callable[[Array], Array]:
+def path_around(start: Array, radius: float, duration: float) -> Callable[[Array], Array]:
     """A level circle that begins and ends at rest.
 
     Args:
@@ -81,25 +116,12 @@ def circle(start: Array, radius: float, duration: float) -> Callable[[Array], Ar
     return path
 
 
-def circle_task(
-    module: ModuleType,
-    frame: str | None = None,
-    posture: Mapping[str, float] | None = None,
-    radius: float | None = None,
-    duration: float = 4.0,
-    thrust: tuple[float, float] | None = None,
-    effort: float | None = None,
-) -> Task:
+def circle_task(module: ModuleType, circle: Circle) -> Task:
     """From hover, bring a point once around a circle.
 
     Args:
         module: The robot's module.
-        frame: Whose origin is the point; the last of the module's frames if None.
-        posture: Joints' coordinates in hover by name, rad or m; the arm hangs if None.
-        radius: Of the circle, m; a quarter of the point's distance from the base if None.
-        duration: How long the circle takes, s.
-        thrust: Least and greatest thrust, N; those of the robot file if None.
-        effort: Greatest torque or force of the joints, N m or N; those of the robot file if None.
+        circle: What is asked for.
 
     Returns:
         The task.
@@ -107,16 +129,17 @@ def circle_task(
     Raises:
         UsageError: The module has no such frame, or the robot cannot hover within its limits.
     """
-    frame = module.FRAMES[-1] if frame is None else frame
+    frame = module.FRAMES[-1] if circle.frame is None else circle.frame
     if frame not in module.FRAMES:
         known = ", ".join(module.FRAMES)
-        raise UsageError(f"frame {frame!r}: {module.NAME} has none of that name; its frames: {known}")
+        raise UsageError(f"frame {frame!r}: {module.NAME} has no such frame; its frames: {known}")
     vehicle = Vehicle(module)
     actuators = robot_file_actuators(vehicle)
-    if thrust is not None:
-        actuators.thrusts[:] = np.reshape(thrust, (2, 1))
-    if effort is not None:
-        actuators.efforts[:] = effort
+    if circle.thrust is not None:
+        actuators.thrusts[:] = np.reshape(circle.thrust, (2, 1))
+    if circle.effort is not None:
+        actuators.efforts[:] = circle.effort
+    posture = circle.posture
     if posture is None:
         hanging = hanging_posture(vehicle, actuators.joints)
         posture = dict(zip(vehicle.joint_names, hanging, strict=True))
@@ -124,11 +147,12 @@ def circle_task(
     poses = module.frame_poses(hover.q)[:, :3, 3]
     point = poses[module.FRAMES.index(frame)]
     reach = float(np.linalg.norm(point - poses[module.FRAMES.index("base")]))
+    radius = reach / 4 if circle.radius is None else circle.radius
     return Task(
         frame,
         hover.q,
         hover.v,
-        circle(point, reach / 4 if radius is None else radius, duration),
+        path_around(point, radius, circle.duration),
         _weights(vehicle, reach, hover.q, hover.u),
         _limits(vehicle, actuators),
     )
