@@ -21,14 +21,6 @@ from gibbs_codegen.robot.model import Link, Robot
 # What a module must have to be predicted with.
 DERIVATIVES = ("step_euler", "step_euler_derivatives", "frame_poses_derivatives")
 
-# CasADi's options of an external function that it is to differentiate by finite differences only.
-_DIFFERENCES = {
-    "enable_fd": True,
-    "enable_forward": False,
-    "enable_reverse": False,
-    "enable_jacobian": False,
-}
-
 
 @dataclass(frozen=True)
 class Prediction:
@@ -63,21 +55,19 @@ def predicted_robot(robot: Robot, h: float) -> Robot:
     return replace(robot, name=f"{robot.name}_predicted", links=links)
 
 
-def compiled(module: ModuleType, frame: str, h: float, differences: bool = False) -> Prediction:
+def compiled(module: ModuleType, frame: str, h: float) -> Prediction:
     """Predict with a module's compiled C functions and their exact derivatives.
 
     Args:
         module: A module with the C back end and the functions of `DERIVATIVES`.
         frame: One of its frames, whose origin is the point.
         h: Length of a step, s.
-        differences: Whether CasADi is to take finite differences of the C functions instead.
 
     Returns:
         The prediction.
     """
-    options = _DIFFERENCES if differences else {}
     step, poses = (
-        casadi.external(f"{module.NAME}_casadi_{name}", module.__file__, options)
+        casadi.external(f"{module.NAME}_casadi_{name}", module.__file__)
         for name in ("step_euler", "frame_poses")
     )
     return Prediction(_step(step, h), _point(poses, module.FRAMES.index(frame)))

@@ -18,9 +18,9 @@ from gibbs_codegen.simulator.actuators import Actuators, robot_file_actuators
 from gibbs_codegen.simulator.hanging import hanging_posture
 from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
-# What is as bad as the point being off by a thousandth of the reach: angles, rad; rates, of angles
+# What is as bad as the point being off by a share of the reach: angles, rad; rates, of angles
 # and of the reach, 1/s; and inputs, as a share of their largest in hover.
-_POINT, _ANGLE, _RATE, _INPUT = 1e-3, 0.3, 1.0, 0.5
+_POINT, _ANGLE, _RATE, _INPUT = 2e-3, 0.3, 1.0, 0.5
 # Cost of each of these.
 _UNIT = 1e-2
 
