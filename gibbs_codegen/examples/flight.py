@@ -1,0 +1,93 @@
+"""The closed loop: a controller at work on the robot's own module, in finer steps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+
+from gibbs_codegen.examples.controller import Controller, Solution
+from gibbs_codegen.simulator.vehicle import Array
+
+# Steps of the plant in a step of the controller, and how much of its fastest decay one covers: a
+# Runge–Kutta method of fourth order is stable up to 2.7.
+_FEWEST_STEPS, _DECAY = 20, 1.0
+
+
+@dataclass(frozen=True)
+class TrackedPath:
+    """What was flown, a row for each step of the controller.
+
+    Attributes:
+        time: Ends of the steps (s), s.
+        point, wanted: Where the point was then, and was to be (s, 3), m, world axes.
+        q, v: States then (s, nq) and (s, nv).
+        u: Inputs during the step (s, nu), N and N m.
+        solutions: How the controller found them.
+    """
+
+    time: Array
+    point: Array
+    wanted: Array
+    q: Array
+    v: Array
+    u: Array
+    solutions: tuple[Solution, ...]
+
+    @property
+    def error(self) -> Array:
+        """Distance of the point from its path (s), m."""
+        return np.asarray(np.linalg.norm(self.point - self.wanted, axis=-1))
+
+
+def fly(
+    plant: ModuleType,
+    frame: str,
+    controller: Controller,
+    start: tuple[Array, Array],
+    duration: float,
+) -> TrackedPath:
+    """Fly a controller's path.
+
+    Args:
+        plant: The robot's module, with `step_rk4`.
+        frame: The frame whose origin is the point.
+        controller: What chooses the inputs.
+        start: q (nq) and v (nv) at time 0.
+        duration: How long to fly, s.
+
+    Returns:
+        What was flown.
+    """
+    (q, v), place = start, plant.FRAMES.index(frame)
+    h = controller.h
+    steps = _steps(plant, start, h)
+    rows = []
+    for k in range(round(duration / h)):
+        u = controller.inputs(k * h, q, v)
+        for _ in range(steps):
+            q, v = plant.step_rk4(q, v, u, h / steps)
+        rows.append(((k + 1) * h, plant.frame_poses(q)[place, :3, 3], q, v, u))
+    time, point, qs, vs, us = (np.array(column) for column in zip(*rows, strict=True))
+    solutions = tuple(controller.solutions[-len(rows) :])
+    return TrackedPath(time, point, controller.path(time), qs, vs, us, solutions)
+
+
+def _steps(plant: ModuleType, start: tuple[Array, Array], h: float) -> int:
+    """How many steps of the plant a step of the controller takes, so that they are stable.
+
+    Args:
+        plant: The robot's module.
+        start: q (nq) and v (nv).
+        h: Length of a step of the controller, s.
+
+    Returns:
+        Their number.
+    """
+    q, v = start
+    u = np.zeros(len(plant.INPUTS))
+    turned = plant.forward_dynamics(q, v + np.eye(len(v)), u)
+    rates = np.linalg.eigvals(turned - plant.forward_dynamics(q, v, u))
+    return max(_FEWEST_STEPS, math.ceil(h * np.abs(rates).max() / _DECAY))

@@ -1,0 +1,180 @@
+"""Model predictive control that brings the tip of a flying arm around a circle, in simulation.
+
+`python -m gibbs_codegen.examples.nmpc ROBOT` generates the module of a robot, compiles it, flies it
+in closed loop, and prints how near the point stayed to its path and how long the solver took. It
+needs the extra `casadi`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.examples.task import Circle, circle_task, module_of
+from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.runtime.load import load
+
+if TYPE_CHECKING:
+    from gibbs_codegen.examples.flight import TrackedPath
+
+# Length of a step, s: 50 steps a second.
+STEP = 0.02
+
+
+def track(
+    robot_file: str,
+    out: Path,
+    circle: Circle,
+    plugin: str = "fatrop",
+    until: float | None = None,
+) -> TrackedPath:
+    """Generate the modules of a robot, and fly it around a circle.
+
+    Args:
+        robot_file: Path of a robot file, or the name of a robot that ships.
+        out: Folder of modules.
+        circle: What is flown.
+        plugin: CasADi's solver, "fatrop" or "ipopt".
+        until: When the flight ends, s; with the circle if None.
+
+    Returns:
+        What was flown.
+
+    Raises:
+        UsageError: CasADi is not installed, or what is asked for is refused.
+        GibbsCodegenError: The robot is refused.
+    """
+    if find_spec("casadi") is None:
+        raise UsageError(
+            "this example needs the package casadi; "
+            "install it with: pip install 'gibbs_codegen[casadi]'"
+        )
+    from gibbs_codegen.examples import prediction
+    from gibbs_codegen.examples.controller import Controller
+    from gibbs_codegen.examples.flight import fly
+
+    robot, _ = read_robot(robot_file)
+    plant = load(module_of(robot, out, ("step_rk4",)), backend="c")
+    predicted = prediction.predicted_robot(robot, STEP)
+    model = load(module_of(predicted, out, prediction.DERIVATIVES), backend="c")
+    task = circle_task(plant, circle)
+    expected = prediction.compiled(model, task.frame, STEP)
+    controller = Controller(expected, task.weights, task.limits, task.path, STEP, plugin=plugin)
+    return fly(plant, task.frame, controller, (task.q, task.v), until or circle.duration)
+
+
+def report(flown: TrackedPath) -> str:
+    """What the flight was like, in words.
+
+    Args:
+        flown: The flight.
+
+    Returns:
+        Lines.
+    """
+    seconds = 1e3 * np.array([solution.seconds for solution in flown.solutions])
+    within = 1e3 * np.array([solution.in_functions for solution in flown.solutions])
+    iterations = [solution.iterations for solution in flown.solutions]
+    failed = sum(not solution.succeeded for solution in flown.solutions)
+    return "\n".join(
+        [
+            f"{len(flown.time)} control steps of {1e3 * STEP:.0f} ms",
+            f"distance of the point from its path: greatest {1e3 * flown.error.max():.2f} mm, "
+            f"root mean square {1e3 * np.sqrt(np.mean(flown.error**2)):.2f} mm",
+            f"solving: median {np.median(seconds):.2f} ms, longest {seconds.max():.2f} ms, "
+            f"of which in the robot's functions {np.median(within):.2f} ms (median)",
+            f"iterations: median {np.median(iterations):.0f}, most {max(iterations)}; "
+            f"{failed} solutions stopped before they converged",
+        ]
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the example.
+
+    Args:
+        arguments: Words of the command; those of the process if None.
+
+    Returns:
+        The exit code: 0, or that of an error, which is printed.
+    """
+    options = _parser().parse_args(arguments)
+    circle = Circle(
+        options.frame,
+        None if options.posture is None else dict(options.posture),
+        options.radius,
+        options.duration,
+        None if options.thrust is None else tuple(options.thrust),
+        options.effort,
+    )
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            flown = track(options.robot, Path(folder), circle, options.solver, options.until)
+    except GibbsCodegenError as error:
+        print(f"nmpc: {error}", file=sys.stderr)
+        return error.exit_code
+    print(report(flown))
+    if options.figure:
+        draw(flown, options.figure)
+    return 0
+
+
+def draw(flown: TrackedPath, file: str) -> None:
+    """Draw the flown path over the desired one, seen from above, and their distance over time.
+
+    Args:
+        flown: The flight.
+        file: Path of the figure.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 3.2), layout="constrained")
+    above, error = figure.subplots(1, 2)
+    above.plot(*flown.wanted[:, :2].T, color="0.6", linewidth=4, label="desired")
+    above.plot(*flown.point[:, :2].T, color="#0072b2", linewidth=1.2, label="flown")
+    above.set(xlabel="x (m)", ylabel="y (m)", aspect="equal")
+    above.legend(loc="center", frameon=False)
+    error.plot(flown.time, 1e3 * flown.error, color="#0072b2")
+    error.set(xlabel="time (s)", ylabel="distance from the path (mm)", ylim=(0, None))
+    figure.savefig(file, dpi=150)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m gibbs_codegen.examples.nmpc", description=(__doc__ or "").splitlines()[0]
+    )
+    add = parser.add_argument
+    add("robot", metavar="ROBOT", help="a robot file, or the name of a robot that ships")
+    add("--frame", help="the frame whose origin follows the path (default: the last one)")
+    add(
+        "--posture",
+        nargs="+",
+        type=_joint,
+        metavar="JOINT=VALUE",
+        help="joints' coordinates in hover, rad or m (default: the arm hangs)",
+    )
+    add("--radius", type=float, metavar="M", help="of the circle (default: a quarter of the reach)")
+    add("--duration", type=float, default=8.0, metavar="S", help="of the circle (default: 8)")
+    add("--until", type=float, metavar="S", help="when the flight ends (default: with the circle)")
+    add("--thrust", nargs=2, type=float, metavar=("LEAST", "MOST"), help="limits of thrusts, N")
+    add("--effort", type=float, metavar="MOST", help="limit of joint torques and forces, N m and N")
+    add("--solver", choices=("fatrop", "ipopt"), default="fatrop", help="default: fatrop")
+    add("--figure", metavar="FILE", help="draw the flown path and its error")
+    return parser
+
+
+def _joint(text: str) -> tuple[str, float]:
+    name, _, value = text.partition("=")
+    return name, float(value)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,191 @@
+"""A task for any robot: from hover, bring a point once around a circle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from gibbs_codegen.analysis.trim import trim
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.pipeline import generate_robot
+from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.text import robot_text
+from gibbs_codegen.simulator.actuators import Actuators, robot_file_actuators
+from gibbs_codegen.simulator.hanging import hanging_posture
+from gibbs_codegen.simulator.vehicle import Array, Vehicle
+
+# What is as bad as the point being off by a share of the reach: angles, rad; rates, of angles
+# and of the reach, 1/s; and inputs, as a share of their largest in hover.
+_POINT, _ANGLE, _RATE, _INPUT = 2e-3, 0.3, 1.0, 0.5
+# Cost of each of these.
+_UNIT = 1e-2
+
+
+@dataclass(frozen=True)
+class Circle:
+    """What is asked for.
+
+    Attributes:
+        frame: The frame whose origin is the point; the last of the module's frames if None.
+        posture: Joints' coordinates in hover by name, rad or m; the arm hangs if None.
+        radius: m; a quarter of the point's distance from the base if None.
+        duration: How long the circle takes, s.
+        thrust: Least and greatest thrust, N; those of the robot file if None.
+        effort: Greatest torque or force of the joints, N m or N; those of the robot file if None.
+    """
+
+    frame: str | None = None
+    posture: Mapping[str, float] | None = None
+    radius: float | None = None
+    duration: float = 8.0
+    thrust: tuple[float, float] | None = None
+    effort: float | None = None
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What a cost wants: half the weighted sum of squares of what is off, at every step.
+
+    Attributes:
+        point: Weight of the point's distance from its path, 1/m².
+        stage: Weights of u, q and v, one after the other.
+        wanted: What u, q and v are to be near to.
+    """
+
+    point: float
+    stage: Array
+    wanted: Array
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is to be done, from where, within which limits.
+
+    Attributes:
+        frame: The frame whose origin is the point.
+        q, v: State of hovering (nq) and (nv).
+        path: Positions (…, 3) of the point at times (…), m, world axes.
+        weights: Of a controller's cost.
+        limits: Least and greatest u, q and v (2, nu + nq + nv).
+    """
+
+    frame: str
+    q: Array
+    v: Array
+    path: Callable[[Array], Array]
+    weights: Weights
+    limits: Array
+
+
+def module_of(robot: Robot, out: Path, derivatives: tuple[str, ...]) -> Path:
+    """Generate the module of a robot that was changed.
+
+    Args:
+        robot: The robot.
+        out: Folder of modules.
+        derivatives: What the module has on request.
+
+    Returns:
+        The module's folder.
+    """
+    return generate_robot(robot, robot_text(robot), out, derivatives=derivatives)[1]
+
+
+def path_around(start: Array, radius: float, duration: float) -> Callable[[Array], Array]:
+    """A level circle that begins and ends at rest.
+
+    Args:
+        start: Where it begins and ends (3), m.
+        radius: Its radius, m.
+        duration: How long it takes, s.
+
+    Returns:
+        Positions (…, 3), m, at times (…), s.
+    """
+
+    def path(time: Array) -> Array:
+        s = np.clip(np.asarray(time, dtype=np.float64) / duration, 0.0, 1.0)
+        angle = 2 * np.pi * s**3 * (10 + s * (6 * s - 15))
+        moved = np.stack([1 - np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+        return np.asarray(start + radius * moved)
+
+    return path
+
+
+def circle_task(module: ModuleType, circle: Circle) -> Task:
+    """From hover, bring a point once around a circle.
+
+    Args:
+        module: The robot's module.
+        circle: What is asked for.
+
+    Returns:
+        The task.
+
+    Raises:
+        UsageError: The module has no such frame, or the robot cannot hover within its limits.
+    """
+    frame = module.FRAMES[-1] if circle.frame is None else circle.frame
+    if frame not in module.FRAMES:
+        known = ", ".join(module.FRAMES)
+        raise UsageError(f"frame {frame!r}: {module.NAME} has no such frame; its frames: {known}")
+    vehicle = Vehicle(module)
+    actuators = robot_file_actuators(vehicle)
+    if circle.thrust is not None:
+        actuators.thrusts[:] = np.reshape(circle.thrust, (2, 1))
+    if circle.effort is not None:
+        actuators.efforts[:] = circle.effort
+    posture = circle.posture
+    if posture is None:
+        hanging = hanging_posture(vehicle, actuators.joints)
+        posture = dict(zip(vehicle.joint_names, hanging, strict=True))
+    hover = trim(module, posture, limits=actuators.thrusts)
+    poses = module.frame_poses(hover.q)[:, :3, 3]
+    point = poses[module.FRAMES.index(frame)]
+    reach = float(np.linalg.norm(point - poses[module.FRAMES.index("base")]))
+    radius = reach / 4 if circle.radius is None else circle.radius
+    return Task(
+        frame,
+        hover.q,
+        hover.v,
+        path_around(point, radius, circle.duration),
+        _weights(vehicle, reach, hover.q, hover.u),
+        _limits(vehicle, actuators),
+    )
+
+
+def _weights(vehicle: Vehicle, reach: float, q: Array, u: Array) -> Weights:
+    """Weights that suit a robot of any size.
+
+    Args:
+        vehicle: The robot.
+        reach: Distance of the point from the base, m.
+        q, u: Coordinates and inputs in hover.
+
+    Returns:
+        The weights; where the base is does not matter.
+    """
+    rotors = vehicle.rotors
+    thrust = np.abs(u[:rotors]).max()
+    inputs = np.r_[np.full(rotors, thrust), np.full(len(u) - rotors, thrust * reach)]
+    is_turning = np.array([unit == "rad/s" for unit in vehicle.module.VELOCITY_UNITS])
+    angles = np.full(len(q), 1 / _ANGLE)
+    angles[vehicle.layout.q.position] = 0.0
+    rates = np.where(is_turning, 1 / _RATE, 1 / (_RATE * reach))
+    stage = np.r_[1 / (_INPUT * inputs), angles, rates] ** 2
+    wanted = np.r_[u, q, np.zeros(len(rates))]
+    return Weights(_UNIT / (_POINT * reach) ** 2, _UNIT * stage, wanted)
+
+
+def _limits(vehicle: Vehicle, actuators: Actuators) -> Array:
+    """Least and greatest inputs and coordinates; rates have no limits but those of the joints."""
+    unlimited = np.array([[-np.inf], [np.inf]])
+    q = np.tile(unlimited, len(vehicle.coordinates))
+    v = np.tile(unlimited, len(vehicle.module.VELOCITIES))
+    q[:, vehicle.arm] = actuators.joints
+    v[:, vehicle.arm_rates] = actuators.velocities * np.array([[-1.0], [1.0]])
+    return np.concatenate([actuators.inputs, q, v], axis=1)
