@@ -95,10 +95,11 @@ class Controller:
         Returns:
             u (nu), N and N m.
         """
-        ahead = self.path(now + self.h * np.arange(1, self.nodes + 1))
-        guess = {f"{name}0": values for name, values in self._guess.items()}
+        ahead = self.path(np.asarray(now + self.h * np.arange(1.0, self.nodes + 1)))
+        given: dict[str, Any] = {f"{name}0": values for name, values in self._guess.items()}
         start = time.perf_counter()
-        found = self._solver(p=np.concatenate([q, v, ahead.ravel()]), **guess, **self._bounds)
+        given |= {"p": np.concatenate([q, v, ahead.ravel()]), **self._bounds}
+        found = self._solver(**given)
         seconds = time.perf_counter() - start
         told = self._solver.stats()
         within = sum(told[name] for name in told if name.startswith("t_wall_nlp_"))

@@ -90,4 +90,5 @@ def _steps(plant: ModuleType, start: tuple[Array, Array], h: float) -> int:
     u = np.zeros(len(plant.INPUTS))
     turned = plant.forward_dynamics(q, v + np.eye(len(v)), u)
     rates = np.linalg.eigvals(turned - plant.forward_dynamics(q, v, u))
-    return max(_FEWEST_STEPS, math.ceil(h * np.abs(rates).max() / _DECAY))
+    fastest = float(np.abs(rates).max())
+    return max(_FEWEST_STEPS, math.ceil(h * fastest / _DECAY))

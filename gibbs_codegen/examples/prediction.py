@@ -67,7 +67,7 @@ def compiled(module: ModuleType, frame: str, h: float) -> Prediction:
         The prediction.
     """
     step, poses = (
-        casadi.external(f"{module.NAME}_casadi_{name}", module.__file__)
+        casadi.external(f"{module.NAME}_casadi_{name}", str(module.__file__))
         for name in ("step_euler", "frame_poses")
     )
     return Prediction(_step(step, h), _point(poses, module.FRAMES.index(frame)))

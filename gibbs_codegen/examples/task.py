@@ -141,7 +141,8 @@ def circle_task(module: ModuleType, circle: Circle) -> Task:
         actuators.efforts[:] = circle.effort
     posture = circle.posture
     if posture is None:
-        hanging = hanging_posture(vehicle, actuators.joints)
+        low, high = actuators.joints
+        hanging = hanging_posture(vehicle, (low, high))
         posture = dict(zip(vehicle.joint_names, hanging, strict=True))
     hover = trim(module, posture, limits=actuators.thrusts)
     poses = module.frame_poses(hover.q)[:, :3, 3]

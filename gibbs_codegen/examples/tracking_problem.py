@@ -150,7 +150,7 @@ class TrackingProblem:
             rows.append(after + self.states * k)
             columns.append(after + self.stage * k + self.inputs)
             places.append(np.full(self.states, count))
-        row, column, place = map(np.concatenate, (rows, columns, places))
+        row, column, source = map(np.concatenate, (rows, columns, places))
         order = np.lexsort((row, column))
         pattern = casadi.Sparsity.triplet(
             *self._gaps.shape[:1],
@@ -159,4 +159,4 @@ class TrackingProblem:
             column[order].tolist(),
         )
         entries = casadi.vertcat(*(-block.nz[:] for block in blocks), 1)
-        return casadi.MX(pattern, entries.nz[place[order].tolist()])
+        return casadi.MX(pattern, entries.nz[source[order].tolist()])
