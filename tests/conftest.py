@@ -39,24 +39,35 @@ CASES = {
     },
     "analysis/test_reach.py": {
         "test_thrusts_within_the_limits_stay_inside": (1, 1),
+        "test_vertices_are_attained_by_thrusts_at_their_limits": (1, 0),
     },
     "cli/test_app.py": {
+        "test_closed_streams_are_no_traceback": (0, 1),
         "test_every_command_takes_every_kind_of_robot": (4, 1),
+        "test_info_of_a_tree_has_its_links_rotors_and_frames": (0, 1),
     },
     "cli/test_simulate.py": {
-        "test_a_flight_leaves_series_and_figures": (0, 1),
+        "test_a_flight_leaves_series_and_figures": (0, 0),
+        "test_a_terminal_sees_progress": (0, 1),
+        "test_wrong_use_is_told_and_leaves_nothing": (3, 2),
     },
     "derivation/test_articulated.py": {
+        "test_operations_grow_with_the_number_of_links": (0, 1),
         "test_the_way_with_fewer_operations_is_emitted": (1, 1),
     },
     "derivation/test_coriolis.py": {
         "test_the_coriolis_matrix": (1, 0),
     },
     "derivation/test_forward_dynamics_derivatives.py": {
-        "test_derivatives_are_those_of_forward_dynamics": (5, 3),
+        "test_derivatives_are_those_of_forward_dynamics": (3, 2),
+    },
+    "derivation/test_groups.py": {
+        "test_every_statement_belongs_to_a_group": (1, 0),
+        "test_every_statement_of_a_tree_belongs_to_a_group": (0, 1),
     },
     "derivation/test_hybrid.py": {
-        "test_chains_of_a_tree_add_up_to_the_emitted_hybrid_system": (1, 1),
+        "test_chains_added_by_the_coupling_map_give_the_emitted_hybrid_system": (0, 0),
+        "test_chains_of_a_tree_add_up_to_the_emitted_hybrid_system": (1, 0),
     },
     "derivation/test_inverse_dynamics_derivatives.py": {
         "test_helmholtz": (1, 1),
@@ -65,17 +76,24 @@ CASES = {
         "test_robots_that_ship": (1, 1),
     },
     "derivation/test_link_frames.py": {
-        "test_an_arm_by_poses_costs_no_more_than_by_parameters": (1, 0),
+        "test_an_arm_by_poses_costs_no_more_than_by_parameters": (0, 1),
     },
     "derivation/test_parameter_derivatives.py": {
-        "test_derivatives_by_the_parameters": (1, 0),
+        "test_derivatives_by_the_parameters": (0, 1),
+    },
+    "derivation/test_parameters.py": {
+        "test_a_length_that_changes_nothing_is_no_parameter": (0, 0),
     },
     "derivation/test_regressor.py": {
+        "test_it_depends_on_lengths_alone_and_they_on_masses": (0, 1),
         "test_it_is_inverse_dynamics_and_no_parameter_is_superfluous": (1, 1),
     },
     "derivation/test_regularity.py": {
-        "test_degenerate_robots": (0, 1),
-        "test_what_nothing_resists_is_the_null_space_of_the_oracle": (1, 1),
+        "test_a_machine_singular_somewhere_is_right_elsewhere": (1, 0),
+        "test_degenerate_robots": (0, 0),
+        "test_degenerate_robots_drawn_anew": (0, 1),
+        "test_very_unequal_masses_are_no_singularity": (1, 0),
+        "test_what_nothing_resists_is_the_null_space_of_the_oracle": (1, 0),
     },
     "derivation/test_tree.py": {
         "test_both_forward_dynamics_and_trees_that_are_not_regrouped": (2, 1),
@@ -83,37 +101,54 @@ CASES = {
     },
     "emitted/test_sine_cosine.py": {
         "test_a_million_angles": (4, 2),
+        "test_every_float": (0, 0),
     },
     "equations/test_show.py": {
-        "test_chains_add_up_to_the_hybrid_system": (1, 1),
+        "test_chains_add_up_to_the_hybrid_system": (0, 1),
         "test_chains_of_a_tree_add_up_to_the_hybrid_system": (0, 1),
+        "test_chains_of_any_robot_add_up_to_the_hybrid_system": (0, 0),
         "test_every_attitude_and_origin": (1, 1),
         "test_latex_is_well_formed_and_has_no_internal_names": (2, 1),
-        "test_text_of_a_tree_is_readable": (1, 1),
+        "test_text_of_a_tree_is_readable": (0, 1),
         "test_text_read_back_gives_the_same_numbers": (3, 2),
     },
+    "examples/test_nmpc.py": {
+        "test_robots_that_ship": (0, 1),
+    },
     "exchange/test_hostile_sources.py": {
-        "test_thousands_of_mutants": (0, 1),
+        "test_thousands_of_mutants": (0, 0),
     },
     "exchange/test_oracles.py": {
-        "test_emitted_functions_are_those_of_the_source": (1, 1),
+        "test_emitted_functions_are_those_of_the_source": (1, 0),
+    },
+    "figures/test_coupling.py": {
+        "test_texts_are_large_enough_inside_and_apart": (3, 1),
+    },
+    "figures/test_flight_figures.py": {
+        "test_axes_have_labels_with_units": (3, 0),
     },
     "figures/test_machine_and_chains.py": {
-        "test_frames_of_a_tree_are_where_the_emitted_functions_put_them": (1, 0),
+        "test_frames_are_where_the_emitted_functions_put_them": (0, 1),
+        "test_frames_of_a_tree_are_where_the_emitted_functions_put_them": (0, 1),
         "test_machine_stands_where_its_frames_are": (1, 0),
         "test_other_machines_can_be_drawn": (3, 2),
     },
     "files/test_module_writer.py": {
         "test_nothing_is_left_behind_when_ended": (3, 2),
     },
+    "interface/test_on_request.py": {
+        "test_what_a_module_lacks_is_told_with_the_option_that_adds_it": (1, 0),
+    },
     "program/test_loops.py": {
         "test_a_robot": (1, 0),
     },
     "properties/test_derivatives.py": {
-        "test_first_derivatives_are_those_of_the_function": (2, 2),
+        "test_derivatives_by_velocities_satisfy_helmholtz": (0, 1),
+        "test_first_derivatives_are_those_of_the_function": (0, 0),
+        "test_hessian_of_forward_dynamics_is_the_derivative_of_the_gradient": (0, 1),
     },
     "properties/test_derivatives_pinocchio.py": {
-        "test_derivatives_of_integrate": (1, 0),
+        "test_derivatives_of_integrate": (0, 1),
         "test_random_trees": (1, 2),
         "test_robots_that_ship": (0, 1),
     },
@@ -124,16 +159,19 @@ CASES = {
     "properties/test_operation_counts.py": {
         "test_derivatives_take_as_few_as_they_did": (1, 1),
         "test_forty_rotors_cost_the_same_as_four": (0, 1),
-        "test_operations_are_as_few_as_they_were": (2, 2),
+        "test_operations_are_as_few_as_they_were": (1, 2),
         "test_sums_over_the_arms_vanish_for_every_rotor_count": (1, 1),
         "test_two_arms_of_seven_joints_cost_less_than_one_of_fourteen": (0, 1),
+        "test_with_a_quaternion_it_takes_fewer": (1, 0),
         "test_wrenches_cost_what_it_takes_to_carry_them_in": (1, 0),
     },
     "properties/test_parameter_derivatives.py": {
-        "test_forces_by_parameters": (1, 0),
+        "test_accelerations_by_parameters": (0, 1),
+        "test_forces_by_parameters": (0, 1),
     },
     "properties/test_physics.py": {
         "test_attitude_is_the_sequence_of_the_angles": (2, 1),
+        "test_free_fall_conserves_energy_and_horizontal_momentum": (1, 0),
         "test_gradients_of_gibbs_function_and_energies": (0, 1),
     },
     "properties/test_pinocchio.py": {
@@ -141,29 +179,35 @@ CASES = {
         "test_keeping_zero_parameters_changes_nothing": (0, 1),
         "test_random_robots": (0, 1),
         "test_random_trees": (1, 2),
+        "test_robots_drawn_anew": (0, 1),
+        "test_shipped_robots": (3, 2),
+        "test_thirty_links_of_general_inertia": (0, 0),
     },
     "properties/test_quaternion.py": {
+        "test_c_computes_the_same": (1, 0),
         "test_random_robots": (2, 1),
-        "test_robots_that_ship": (2, 2),
+        "test_robots_that_ship": (1, 2),
     },
     "properties/test_singularity.py": {
         "test_all_back_ends_are_accurate_ever_nearer_to_the_singularity": (0, 1),
-        "test_numpy_is_accurate_next_to_the_singularity": (2, 1),
+        "test_numpy_is_accurate_next_to_the_singularity": (1, 1),
     },
     "properties/test_slender_bodies.py": {
-        "test_constants_that_c_computes_keep_their_digits": (1, 1),
+        "test_constants_that_c_computes_keep_their_digits": (0, 1),
         "test_mass_matrix_keeps_its_digits": (0, 1),
     },
     "properties/test_steps.py": {
-        "test_euler_is_semi_implicit": (1, 0),
+        "test_euler_is_semi_implicit": (0, 1),
+        "test_runge_kutta_is_of_fourth_order": (0, 1),
     },
     "properties/test_time_steps.py": {
-        "test_both_targets_agree": (2, 1),
+        "test_both_targets_agree": (1, 1),
+        "test_methods_have_their_order": (2, 0),
     },
     "properties/test_wrenches.py": {
-        "test_a_joint_that_is_held_passes_on_its_constraint_torque": (1, 0),
-        "test_compiled_functions_of_trees_are_those_of_pinocchio": (1, 0),
-        "test_what_a_joint_passes_on_along_its_axis_is_what_drives_it": (1, 0),
+        "test_a_joint_that_is_held_passes_on_its_constraint_torque": (0, 0),
+        "test_compiled_functions_of_trees_are_those_of_pinocchio": (0, 1),
+        "test_what_a_joint_passes_on_along_its_axis_is_what_drives_it": (0, 1),
     },
     "robustness/test_hostile_files.py": {
         "test_a_flood_is_refused_soon": (0, 2),
@@ -172,42 +216,84 @@ CASES = {
         "test_what_is_accepted_makes_a_module": (0, 1),
     },
     "robustness/test_hostile_names.py": {
+        "test_a_flight_bears_any_printable_name": (0, 0),
+        "test_hostile_arguments_are_refused": (11, 0),
         "test_what_is_accepted_compiles_and_imports": (0, 1),
+    },
+    "robustness/test_instruments.py": {
+        "test_eight_threads_give_the_bytes_that_one_gives": (0, 1),
     },
     "robustness/test_kills.py": {
         "test_a_kill_at_any_moment_of_a_first_load": (0, 0),
+        "test_a_kill_at_any_moment_of_generate": (0, 0),
+        "test_sixteen_generate_the_same_at_once": (0, 0),
+        "test_sixteen_load_the_same_at_once": (0, 0),
     },
     "robustness/test_no_eval.py": {
-        "test_no_command_makes_code_of_text": (1, 0),
+        "test_no_command_makes_code_of_text": (0, 1),
         "test_the_watch_sees": (0, 2),
+    },
+    "robustness/test_soak.py": {
+        "test_robots_that_agree_are_counted": (0, 1),
     },
     "runtime/test_arguments.py": {
         "test_ten_thousand_random_calls": (0, 0),
     },
     "runtime/test_c_backend.py": {
         "test_both_back_ends_agree_on_other_robots": (0, 1),
+        "test_interface_is_what_is_emitted": (3, 1),
+        "test_memory_does_not_grow": (0, 1),
+    },
+    "runtime/test_cache.py": {
+        "test_many_processes_at_once": (0, 1),
+    },
+    "runtime/test_casadi_backend.py": {
+        "test_every_function_is_that_of_the_numpy_module": (2, 1),
+    },
+    "runtime/test_casadi_external.py": {
+        "test_generated_code_calls_the_library": (1, 0),
+        "test_gradients_and_hessians_are_exact": (2, 0),
+        "test_ipopt_takes_the_same_steps_as_with_derivatives_of_casadi": (1, 0),
+        "test_jacobians_are_exact": (3, 0),
+        "test_parameters_are_an_input": (2, 0),
+        "test_patterns_have_no_more_entries_than_casadi_finds": (3, 0),
+        "test_the_adapter_compiles_silently": (2, 0),
+        "test_what_has_no_second_derivatives_says_so": (1, 0),
+    },
+    "runtime/test_jax_backend.py": {
+        "test_derivatives_of_other_functions": (0, 2),
+    },
+    "runtime/test_not_finite.py": {
+        "test_an_acceleration_that_nothing_resists_is_said": (1, 0),
+    },
+    "simulator/test_actuators.py": {
+        "test_motors_that_are_off_have_no_least_thrust": (0, 0),
+        "test_the_robot_file_tells_what_the_scenario_does_not": (0, 1),
     },
     "simulator/test_any_robot.py": {
         "test_a_flight_of_any_robot_is_drawn_and_written": (0, 1),
-        "test_a_quaternion_flies_as_angles_do": (0, 1),
-        "test_an_offset_hover_is_reached": (0, 1),
-        "test_energy_balances_without_inputs": (1, 1),
+        "test_a_quaternion_flies_as_angles_do": (0, 0),
+        "test_an_offset_hover_is_reached": (0, 0),
+        "test_energy_balances_without_inputs": (0, 1),
+        "test_every_step_with_a_quaternion_is_that_of_python": (0, 1),
+        "test_hydrus_hovers_in_open_loop_only": (0, 1),
         "test_series_of_a_held_link_have_its_name": (0, 1),
     },
     "simulator/test_compiled_loop.py": {
-        "test_every_step_is_that_of_python": (3, 2),
+        "test_every_step_is_that_of_python": (2, 1),
         "test_sanitizers_find_nothing_in_random_flights": (0, 1),
     },
     "simulator/test_integrate.py": {
-        "test_a_flight_at_limits_gets_to_its_end": (1, 1),
+        "test_a_flight_at_limits_gets_to_its_end": (1, 0),
         "test_a_lost_flight_ends_with_its_reason": (1, 1),
-        "test_a_stiff_flight_ends_with_the_reason": (0, 1),
+        "test_a_stiff_flight_ends_with_the_reason": (0, 0),
         "test_both_back_ends_fly_the_same": (1, 0),
         "test_energy_balances_to_1e_8": (0, 1),
         "test_energy_balances_with_everything_on": (0, 1),
         "test_fixed_steps_are_of_fourth_order_with_gravity_on": (0, 1),
         "test_flights_end_at_the_singularity_of_every_sequence": (2, 0),
         "test_samples_are_at_the_rate_asked_for": (4, 2),
+        "test_steps_that_meet_a_limit_are_taken_in_python": (0, 1),
         "test_unstable_fixed_steps_are_refused_with_ones_that_serve": (0, 1),
         "test_without_gravity_and_inputs_energy_and_momentum_stay": (1, 1),
     },
@@ -216,61 +302,93 @@ CASES = {
         "test_motion_inputs_and_constraint_torques_solve_the_hybrid_system": (1, 0),
     },
     "simulator/test_inverse_kinematics.py": {
+        "test_arms_point_where_they_should_on_and_on": (1, 1),
         "test_arms_with_prismatic_joints": (2, 1),
         "test_base_is_exact_and_goes_on_through_half_turns": (1, 1),
         "test_limits_are_kept_and_left_again": (0, 1),
     },
     "simulator/test_push.py": {
-        "test_momentum_changes_as_gravity_and_the_push_say": (1, 1),
+        "test_momentum_changes_as_gravity_and_the_push_say": (0, 1),
     },
     "simulator/test_simulation.py": {
-        "test_more_rotors_fly_it_with_the_least_thrusts": (0, 1),
+        "test_more_rotors_fly_it_with_the_least_thrusts": (0, 0),
+        "test_the_paper_flight_is_tracked": (1, 0),
+    },
+    "simulator/test_trajectory.py": {
+        "test_slowed_down_it_is_flown": (0, 1),
     },
     "targets/test_c_source.py": {
-        "test_functions_equal_numpy": (2, 2),
+        "test_cutting_changes_no_number": (0, 0),
+        "test_functions_equal_numpy": (1, 1),
+        "test_loops_are_among_what_is_compiled": (0, 1),
         "test_random_robots_compile_silently": (0, 1),
         "test_sanitizers_find_nothing_in_random_calls": (0, 1),
-        "test_shipped_robots_compile_silently": (0, 3),
+        "test_shipped_robots_compile_silently": (0, 1),
         "test_single_precision_is_near_double": (1, 1),
-        "test_small_robot_compiles_silently": (4, 2),
+        "test_small_robot_compiles_silently": (2, 2),
         "test_stack_is_what_the_header_promises": (1, 1),
-        "test_symbols": (2, 0),
+        "test_symbols": (1, 0),
+        "test_text_is_portable_and_narrow": (1, 0),
+        "test_two_robots_in_one_program": (0, 1),
+        "test_zeros_for_absent_arguments_are_as_many_as_the_widest_has": (1, 0),
     },
     "targets/test_embedded.py": {
-        "test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers": (1, 0),
-        "test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack": (2, 1),
+        "test_an_emulated_processor_computes_the_desktops_bits_and_numpys_numbers": (0, 1),
+        "test_an_object_has_no_variables_calls_nothing_foreign_and_keeps_to_its_stack": (1, 0),
+        "test_the_desktop_keeps_to_the_stated_stack_too": (0, 1),
+    },
+    "targets/test_matlab.py": {
+        "test_numbers_are_those_of_numpy": (1, 1),
+    },
+    "targets/test_registry.py": {
+        "test_no_line_is_longer_than_100_characters": (0, 0),
     },
     "targets/test_sparse.py": {
-        "test_forms_without_zeros_have_the_entries_of_the_patterns": (2, 0),
+        "test_forms_without_zeros_have_the_entries_of_the_patterns": (1, 0),
         "test_they_are_described": (1, 0),
-        "test_they_compile_silently": (2, 0),
+        "test_they_compile_silently": (1, 0),
+    },
+    "test_crocoddyl.py": {
+        "test_the_flight_arrives_within_its_limits": (0, 1),
+    },
+    "test_distributions.py": {
+        "test_whoever_builds_again_elsewhere_gets_the_same_bytes": (0, 0),
     },
     "test_interface.py": {
         "test_both_back_ends_load_a_function_that_was_added": (1, 0),
+        "test_verify_compares_a_function_that_no_formulation_gives_with_itself": (0, 0),
         "test_verify_finds_what_is_wrong_with_it": (1, 0),
     },
+    "test_layers.py": {
+        "test_flying_imports_no_sympy": (0, 1),
+    },
+    "test_notebooks.py": {
+        "test_runs_from_top_to_bottom_without_a_warning": (0, 2),
+    },
     "verification/test_derivatives.py": {
-        "test_faults_planted_in_derivatives_are_found": (1, 1),
+        "test_faults_planted_in_derivatives_are_found": (1, 0),
     },
     "verification/test_extremes.py": {
-        "test_planted_faults_are_found": (1, 1),
+        "test_planted_faults_are_found": (0, 1),
         "test_what_is_right_passes_every_formulation": (1, 1),
     },
     "verification/test_parameters.py": {
         "test_names_and_values_are_those_of_the_derivation": (1, 1),
     },
     "verification/test_thoroughness.py": {
+        "test_a_sign_of_any_parameter_that_is_zero_is_found": (0, 1),
         "test_single_precision_that_does_not_compile_fails": (0, 1),
         "test_what_only_a_c_program_uses": (0, 1),
     },
     "verification/test_trees.py": {
-        "test_random_trees_pass": (1, 1),
+        "test_planted_faults_are_found": (1, 0),
+        "test_random_trees_pass": (0, 1),
     },
     "verification/test_verify.py": {
         "test_a_quaternion_passes_in_both_back_ends": (0, 1),
-        "test_planted_faults_are_found": (1, 1),
+        "test_planted_faults_are_found": (1, 0),
         "test_planted_faults_in_c_are_found": (0, 1),
-        "test_what_c_has_of_its_own_is_compared": (0, 1),
+        "test_what_c_has_of_its_own_is_compared": (0, 0),
     },
 }
 

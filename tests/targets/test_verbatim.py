@@ -15,7 +15,7 @@ def test_a_python_file_is_its_docstring_its_imports_and_the_rest() -> None:
     source = python_source("evaluation.py")
     text = (EMITTED / "evaluation.py").read_text(encoding="utf-8")
     docstring = text.partition('"""\n\n')[0] + '"""\n\n'
-    assert source.imports.startswith("from __future__ import annotations\n\nimport difflib\n")
+    assert source.imports.startswith("from __future__ import annotations\n\nimport contextlib\n")
     assert text == f"{docstring}{source.imports}\n\n{source.body}\n"
     module = (ROBOT / "numpy_module.py").read_text(encoding="utf-8")
     assert f"\n{source.imports}\n\nNAME = " in module
