@@ -31,14 +31,17 @@ EMISSION = (
     *_in("program", "nodes operations lower inlining trigonometry steps repeated_blocks loops"),
     *_in("program", "live_ranges rows scratch patterns"),
     *_in("targets", "printers documentation registry verbatim"),
+    *_in("targets.acados", "forms target"),
     *_in("targets.c", "target function sections sparse statements arrays"),
+    *_in("targets.c", "casadi casadi_blocks casadi_derivatives casadi_form step_patterns"),
     *_in("targets.matlab", "target statements lists names help"),
     *_in("targets.numpy", "target statements"),
+    *_in("runtime", "kernels casadi_backend jax_functions jax_rules jax_tangents"),
     "emitted.evaluation",
 )
 # The other templates are declarations and text, and so are the other files of `emitted`.
 TEMPLATES = (
-    *("c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja"),
+    *("acados_source.c.jinja", "c_casadi.c.jinja", "c_source.c.jinja", "numpy_module.py.jinja"),
     *("blocks.c", "column_major.c", "gather.c", "platform.c"),
     *("sine_cosine.c", "sine_cosine_kernel.c"),
 )
@@ -114,9 +117,13 @@ _QUICK_LOOPS = (
     "tests/program/test_worked_examples.py",
 )
 _QUICK_CASADI = (
+    "tests/runtime/test_casadi_external.py",
     "tests/runtime/test_c_backend.py::test_casadi_takes_the_same_library",
     "tests/runtime/test_c_backend.py::test_casadi_gets_no_name_of_an_argument_that_there_is_not",
 )
+_QUICK_ACADOS = ("tests/targets/test_acados.py",)
+_QUICK_SYMBOLS = ("tests/runtime/test_casadi_backend.py",)
+_QUICK_JAX = ("tests/runtime/test_jax_backend.py",)
 _QUICK_BLOCKS = ("tests/emitted/test_blocks.py", *_QUICK_EMISSION)
 _QUICK_SINE = (
     *(
@@ -151,6 +158,19 @@ _QUICK = {
     "program.scratch": _QUICK_LOOPS,
     "program.patterns": ("tests/interface/test_on_request.py",),
     "targets.c.sparse": ("tests/targets/test_sparse.py",),
+    "targets.acados.forms": _QUICK_ACADOS,
+    "targets.acados.target": _QUICK_ACADOS,
+    "acados_source.c.jinja": _QUICK_ACADOS,
+    "targets.c.casadi": _QUICK_CASADI,
+    "targets.c.casadi_blocks": _QUICK_CASADI,
+    "targets.c.casadi_derivatives": _QUICK_CASADI,
+    "targets.c.casadi_form": _QUICK_CASADI,
+    "targets.c.step_patterns": _QUICK_CASADI,
+    "runtime.kernels": _QUICK_SYMBOLS,
+    "runtime.casadi_backend": _QUICK_SYMBOLS,
+    "runtime.jax_functions": _QUICK_JAX,
+    "runtime.jax_rules": _QUICK_JAX,
+    "runtime.jax_tangents": _QUICK_JAX,
     "c_casadi.c.jinja": _QUICK_CASADI,
     "blocks.c": _QUICK_BLOCKS,
     "column_major.c": ("tests/emitted/test_blocks.py", *_QUICK_CASADI),

@@ -141,7 +141,7 @@ def _run_tests(folder: Path, arguments: Sequence[str], said: Path) -> None:
     sys.dont_write_bytecode = True
     sys.path[:] = [str(folder), *(path for path in sys.path if path not in _OURS)]
     options = ("-x", "-q", "--tb=no", "-p", "no:cacheprovider", f"--basetemp={folder / 'pytest'}")
-    sys.exit(int(pytest.main([*options, *arguments])))
+    sys.exit(int(pytest.main([*options, "-m", "not exhaustive", *arguments])))
 
 
 def source_path(module: str) -> Path:
