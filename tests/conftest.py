@@ -52,8 +52,10 @@ CASES = {
         "test_wrong_use_is_told_and_leaves_nothing": (3, 2),
     },
     "derivation/test_articulated.py": {
+        "test_both_ways_give_what_pinocchio_gives": (1, 0),
         "test_operations_grow_with_the_number_of_links": (0, 1),
         "test_the_way_with_fewer_operations_is_emitted": (1, 1),
+        "test_thirty_general_links": (0, 0),
     },
     "derivation/test_coriolis.py": {
         "test_the_coriolis_matrix": (1, 0),
@@ -119,7 +121,7 @@ CASES = {
         "test_thousands_of_mutants": (0, 0),
     },
     "exchange/test_oracles.py": {
-        "test_emitted_functions_are_those_of_the_source": (1, 0),
+        "test_emitted_functions_are_those_of_the_source": (0, 1),
     },
     "figures/test_coupling.py": {
         "test_texts_are_large_enough_inside_and_apart": (3, 1),
@@ -143,7 +145,7 @@ CASES = {
         "test_a_robot": (1, 0),
     },
     "properties/test_derivatives.py": {
-        "test_derivatives_by_velocities_satisfy_helmholtz": (0, 1),
+        "test_derivatives_by_velocities_satisfy_helmholtz": (0, 0),
         "test_first_derivatives_are_those_of_the_function": (0, 0),
         "test_hessian_of_forward_dynamics_is_the_derivative_of_the_gradient": (0, 1),
     },
@@ -209,6 +211,9 @@ CASES = {
         "test_compiled_functions_of_trees_are_those_of_pinocchio": (0, 1),
         "test_what_a_joint_passes_on_along_its_axis_is_what_drives_it": (0, 1),
     },
+    "robustness/test_full_disk.py": {
+        "test_no_results_rather_than_half_of_them": (0, 1),
+    },
     "robustness/test_hostile_files.py": {
         "test_a_flood_is_refused_soon": (0, 2),
         "test_a_thousand_broken_files_of_trees": (0, 1),
@@ -222,6 +227,7 @@ CASES = {
     },
     "robustness/test_instruments.py": {
         "test_eight_threads_give_the_bytes_that_one_gives": (0, 1),
+        "test_nothing_depends_on_memory_that_nobody_wrote": (0, 0),
     },
     "robustness/test_kills.py": {
         "test_a_kill_at_any_moment_of_a_first_load": (0, 0),
@@ -271,12 +277,12 @@ CASES = {
         "test_the_robot_file_tells_what_the_scenario_does_not": (0, 1),
     },
     "simulator/test_any_robot.py": {
-        "test_a_flight_of_any_robot_is_drawn_and_written": (0, 1),
+        "test_a_flight_of_any_robot_is_drawn_and_written": (0, 0),
         "test_a_quaternion_flies_as_angles_do": (0, 0),
         "test_an_offset_hover_is_reached": (0, 0),
         "test_energy_balances_without_inputs": (0, 1),
         "test_every_step_with_a_quaternion_is_that_of_python": (0, 1),
-        "test_hydrus_hovers_in_open_loop_only": (0, 1),
+        "test_hydrus_hovers_in_open_loop_only": (0, 0),
         "test_series_of_a_held_link_have_its_name": (0, 1),
     },
     "simulator/test_compiled_loop.py": {
@@ -295,13 +301,14 @@ CASES = {
         "test_samples_are_at_the_rate_asked_for": (4, 2),
         "test_steps_that_meet_a_limit_are_taken_in_python": (0, 1),
         "test_unstable_fixed_steps_are_refused_with_ones_that_serve": (0, 1),
-        "test_without_gravity_and_inputs_energy_and_momentum_stay": (1, 1),
+        "test_without_gravity_and_inputs_energy_and_momentum_stay": (1, 0),
     },
     "simulator/test_inverse_dynamics.py": {
         "test_constraint_torques_along_the_paper_flight_agree_with_pinocchio": (0, 1),
         "test_motion_inputs_and_constraint_torques_solve_the_hybrid_system": (1, 0),
     },
     "simulator/test_inverse_kinematics.py": {
+        "test_a_full_turn_through_the_singularity_is_refused": (0, 1),
         "test_arms_point_where_they_should_on_and_on": (1, 1),
         "test_arms_with_prismatic_joints": (2, 1),
         "test_base_is_exact_and_goes_on_through_half_turns": (1, 1),
@@ -315,17 +322,17 @@ CASES = {
         "test_the_paper_flight_is_tracked": (1, 0),
     },
     "simulator/test_trajectory.py": {
-        "test_slowed_down_it_is_flown": (0, 1),
+        "test_slowed_down_it_is_flown": (0, 0),
     },
     "targets/test_c_source.py": {
         "test_cutting_changes_no_number": (0, 0),
-        "test_functions_equal_numpy": (1, 1),
+        "test_functions_equal_numpy": (1, 0),
         "test_loops_are_among_what_is_compiled": (0, 1),
         "test_random_robots_compile_silently": (0, 1),
         "test_sanitizers_find_nothing_in_random_calls": (0, 1),
         "test_shipped_robots_compile_silently": (0, 1),
         "test_single_precision_is_near_double": (1, 1),
-        "test_small_robot_compiles_silently": (2, 2),
+        "test_small_robot_compiles_silently": (2, 1),
         "test_stack_is_what_the_header_promises": (1, 1),
         "test_symbols": (1, 0),
         "test_text_is_portable_and_narrow": (1, 0),
@@ -366,6 +373,7 @@ CASES = {
         "test_runs_from_top_to_bottom_without_a_warning": (0, 2),
     },
     "verification/test_derivatives.py": {
+        "test_every_derivative_that_is_right_passes": (0, 1),
         "test_faults_planted_in_derivatives_are_found": (1, 0),
     },
     "verification/test_extremes.py": {
