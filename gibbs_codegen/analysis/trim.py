@@ -133,7 +133,7 @@ def trim(
     actuators = robot_file_actuators(vehicle)
     if limits is not None:
         actuators.thrusts[:] = _limits(vehicle, limits)
-    start = _start(vehicle, q, posture or {})
+    start = _start(vehicle, q, {} if posture is None else posture)
     places, bounds = _freedom(vehicle, actuators, start, free)
     found = equilibrium(motion, start, places, bounds)
     _require_balance(motion, found, bool(places))
@@ -231,6 +231,8 @@ def _start(vehicle: Vehicle, q: ArrayLike | None, posture: Mapping[str, float]) 
         UsageError: The wrong number of them, or a joint that the robot does not have.
     """
     start = vehicle.neutral if q is None else coordinates(vehicle, q)
+    if not isinstance(posture, Mapping):
+        raise UsageError("posture: a dictionary of joints and their coordinates in rad or m")
     for name, given in posture.items():
         value = numbers(f"posture: {name}", given, "a finite number, rad or m", ())
         start[vehicle.layout.q.joint_places[joint_place(vehicle, name)]] = value

@@ -90,9 +90,10 @@ def find_targets(names: Sequence[str] = DEFAULT_TARGETS) -> dict[str, Target]:
     """
     for name in names:
         if name not in TARGETS:
-            raise UsageError(
-                f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
-            )
+            known = f"--target {printable(name)}: unknown; known targets: {', '.join(TARGETS)}"
+            if name in ("casadi", "jax"):
+                known += f". No target is needed for it: load(…, backend={name!r})"
+            raise UsageError(known)
     found = {name: TARGETS[name] for name in names}
     for name, target in found.items():
         if missing := [needed for needed in target.needs if needed not in found]:

@@ -56,7 +56,10 @@ class Evaluation:
         Returns:
             One array under the function's name; several under that name, a point, and their own.
         """
-        arguments = [getattr(states, letter) for letter in self.signatures[name].arguments]
+        letters = self.signatures[name].arguments
+        if "h" in letters:
+            states = self.stepping(states)
+        arguments = [getattr(states, letter) for letter in letters]
         if singly or not arguments:
             each = [self._arrays(name, [x[i] for x in arguments]) for i in range(len(states))]
             arrays = [np.array(array) for array in zip(*each, strict=True)]
@@ -65,6 +68,20 @@ class Evaluation:
         outputs = FUNCTIONS[name].outputs
         names = [name] if len(outputs) == 1 else [f"{name}.{output.name}" for output in outputs]
         return dict(zip(names, arrays, strict=True))
+
+    def stepping(self, states: States) -> States:
+        """States whose accelerations fit their inputs, so that steps are short beside them.
+
+        Light links with dampers may have accelerations far larger than random ones, and then longer
+        steps would amplify rounding.
+
+        Args:
+            states: The states.
+
+        Returns:
+            The same with the accelerations of forward dynamics.
+        """
+        return replace(states, a=self("forward_dynamics", states.q, states.v, states.u))
 
     def __call__(self, name: str, *arguments: Array) -> Array:
         """The result of a function that has one, for any batch."""

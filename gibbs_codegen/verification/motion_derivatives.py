@@ -141,7 +141,7 @@ def step_rows(point: Point, values: Mapping[str, Array], step: Step) -> Iterator
     Yields:
         A row for each.
     """
-    call, states, units = point.call, point.states, point.slopes.units
+    call, states, units = point.call, point.call.stepping(point.states), point.slopes.units
     state, h = (states.q, states.v, states.u), states.h[:, None]
     after = step(call, state, h)
     for (what, ours), theirs in zip(values.items(), after, strict=False):

@@ -327,6 +327,7 @@ def test_a_module_may_be_given_by_its_path(shipped: Load) -> None:
         ("quadrotor", {"velocity": [[1], [1, 2]]}, "velocity: must be 3 finite numbers, not "),
         ("quadrotor", {"velocity": [1j, 0, 0]}, "velocity: must be 3 finite numbers, not "),
         ("dual_arm", {"posture": {"left_shoulder": np.nan}}, "left_shoulder: must be a finite num"),
+        ("dual_arm", {"posture": [0.3, 0.4]}, "posture: a dictionary of joints"),
         ("dual_arm", {"posture": {"left_shoulder": "up"}}, "left_shoulder: must be a finite num"),
         ("dual_arm", {"free": "elbow"}, 'no joint elbow; what may differ: "attitude", left_should'),
         (

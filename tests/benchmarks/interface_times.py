@@ -105,9 +105,8 @@ def of_jax(module: ModuleType, states: States) -> Iterator[tuple[Call, Call]]:
 def of_casadi(alone: Any, states: States) -> Iterator[tuple[Call, Call]]:
     """Calls of a casadi.Function, and of one with its Jacobian; a map takes all states."""
     symbols = [casadi.MX.sym(n, x.shape[1]) for n, x in zip("qvu", states, strict=True)]
-    value = alone(*symbols)
-    jacobians = [casadi.jacobian(value, symbol) for symbol in symbols]
-    both = casadi.Function("both", symbols, [value, *jacobians])
+    value, slope = alone(*symbols), alone.jacobian()
+    both = casadi.Function("both", symbols, [value, *slope.call([*symbols, value])])
     first = [casadi.DM(x[0]) for x in states]
     every = [casadi.DM(x.T) for x in states]
     for function in (alone, both):

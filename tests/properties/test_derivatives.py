@@ -161,7 +161,7 @@ def test_patterns_are_the_entries_that_are_not_always_zero(tree: Case) -> None:
             continue
         for output, values in zip(FUNCTIONS[name].outputs, many.call(name), strict=True):
             if output.name in tree.module.PATTERNS and values.ndim == 3:
-                rows, columns = map(np.asarray, tree.module.PATTERNS[output.name])
+                rows, columns = (np.array(x, int) for x in tree.module.PATTERNS[output.name])
                 present = np.zeros(values.shape[1:], bool)
                 present[rows, columns] = True
                 assert np.array_equal((values != 0).any(axis=0), present), output.name

@@ -118,6 +118,8 @@ def test_docstrings_say_what_is_described(files: dict[str, str]) -> None:
 def test_unknown_target_is_refused_with_the_known_ones() -> None:
     with pytest.raises(UsageError, match="known targets: numpy, c"):
         find_targets(["fortran"])
+    with pytest.raises(UsageError, match="No target is needed for it"):
+        find_targets(["jax"])
 
 
 def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_for(

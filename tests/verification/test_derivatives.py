@@ -12,7 +12,7 @@ from support.planted_faults import planted
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import WrongModuleError
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.robot.model import Passive, Robot
 from gibbs_codegen.targets.registry import render_module
 from gibbs_codegen.verification.modules import refuse_wrong
 
@@ -84,3 +84,12 @@ def test_other_faults_are_found() -> None:
     assert refused("xyz", text.replace(right, f"np.swapaxes({right}, -1, -2)"))
     lacking = 'PATTERNS["force_dq"] = tuple(x[1:] for x in PATTERNS["force_dq"])'
     assert refused("xyz", f"{text}\n{lacking}\n")
+
+
+def test_steps_of_a_robot_with_stiff_dampers_pass() -> None:
+    """Velocities of its links die out much faster than any change in random states."""
+    robot = vehicle("xyz")
+    links = tuple(replace(link, passive=Passive(damping=1e5)) for link in robot.links)
+    stiff = replace(robot, links=links)
+    model = derive(stiff, derivatives=["step_rk4", "step_rk4_derivatives"])
+    refuse_wrong(stiff, render_module(model, "", NUMPY)["numpy_module.py"])
