@@ -7,6 +7,7 @@ row of `TARGETS`.
 from __future__ import annotations
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,20 +23,33 @@ from gibbs_codegen.targets.numpy import target as numpy_target
 from gibbs_codegen.targets.printers import CPrinter, InfixPrinter
 from gibbs_codegen.version import HEADER_START, __version__
 
+Contexts = Mapping[str, Mapping[str, object]]
+
+
+def _shared(
+    text: Callable[[Model, InfixPrinter, list[str]], object],
+) -> Callable[[Model, InfixPrinter, list[str]], Contexts]:
+    """The context of templates that make one file each, all from the same value."""
+
+    def context(model: Model, printer: InfixPrinter, opening: list[str]) -> Contexts:
+        value = text(model, printer, opening)
+        return defaultdict(lambda: {"": value})
+
+    return context
+
 
 @dataclass(frozen=True)
 class Target:
     """A language to emit: its printer, its templates' context, and a file name per template.
 
-    `context` takes the model, the printer, and the lines that open every file; what it returns is a
-    value whose attributes the templates read. Of a template that makes several files it returns
-    such a value for each of them, by template and by what stands for {part} in the file's name.
-    What is not `by_default` is emitted only if it is asked for by name. Its files need those of the
-    targets that it `needs`.
+    `context` takes the model, the printer, and the lines that open every file; what it returns is,
+    for every file, a value whose attributes the template reads, by template and by what stands for
+    {part} in the file's name. What is not `by_default` is emitted only if it is asked for by name.
+    Its files need those of the targets that it `needs`.
     """
 
     printer: InfixPrinter
-    context: Callable[[Model, InfixPrinter, list[str]], object]
+    context: Callable[[Model, InfixPrinter, list[str]], Contexts]
     files: Mapping[str, str]
     by_default: bool = True
     needs: tuple[str, ...] = ()
@@ -44,12 +58,12 @@ class Target:
 TARGETS: dict[str, Target] = {
     "numpy": Target(
         InfixPrinter(),
-        numpy_target.module_text,
+        _shared(numpy_target.module_text),
         {"numpy_module.py.jinja": "numpy_module.py", "package_init.py.jinja": "__init__.py"},
     ),
     "c": Target(
         CPrinter(),
-        c_target.module_text,
+        _shared(c_target.module_text),
         {
             "c_header.h.jinja": "{name}.h",
             "c_source.c.jinja": "{name}.c",
@@ -64,7 +78,7 @@ TARGETS: dict[str, Target] = {
     ),
     "acados": Target(
         InfixPrinter(),
-        acados_target.module_text,
+        _shared(acados_target.module_text),
         {
             "acados_source.c.jinja": "{name}_acados.c",
             "acados_script.py.jinja": "{name}_acados.py",
@@ -120,8 +134,7 @@ def render_module(model: Model, robot_text: str, targets: Mapping[str, Target]) 
     for target in targets.values():
         context = target.context(model, target.printer, opening)
         for template, file_name in target.files.items():
-            parts = context[template] if isinstance(context, Mapping) else {"": context}
-            for part, of_part in parts.items():
+            for part, of_part in context[template].items():
                 name = file_name.format(name=model.robot.name, part=part)
                 files[name] = render(template, of_part)
     return files

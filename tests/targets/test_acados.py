@@ -336,8 +336,8 @@ def test_functions_that_need_others_are_missing_and_the_comment_says_what_brings
 ) -> None:
     model = replace(case.model, derivatives=names)
     target = TARGETS["acados"]
-    context = target.context(model, target.printer, [])
-    text = render("acados_source.c.jinja", context)
+    template = "acados_source.c.jinja"
+    text = render(template, target.context(model, target.printer, [])[template][""])
     (tmp_path / "part.c").write_text(text, encoding="utf-8")
     include = f"-I{case.folder}"
     compile_only("gcc", [include], [str(tmp_path / "part.c")], tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,17 +15,27 @@ import numpy as np
 import pytest
 from conftest import ROOT, made_once
 from support.octave import octave, octave_arrays
-from support.random_robots import random_tree
+from support.random_robots import random_tree, rigid_body
 
 from gibbs_codegen import pipeline
 from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.module_writer import differing_files, write_module
-from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, module_signatures
-from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.robot.model import Robot
+from gibbs_codegen.files.templating import render
+from gibbs_codegen.interface import (
+    ARGUMENTS,
+    DATA,
+    DATA_ON_REQUEST,
+    FUNCTIONS,
+    Signature,
+    module_signatures,
+)
+from gibbs_codegen.robot.file import read_robot, shipped_robots
+from gibbs_codegen.robot.model import Base, Robot
+from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.targets.matlab.lists import LISTS, ListText, list_texts
 from gibbs_codegen.targets.matlab.names import TAKEN, check_names, variable
 from gibbs_codegen.targets.registry import find_targets, render_module
 
@@ -48,12 +59,23 @@ class Packaged:
         return str(self.module.NAME)
 
 
+def ball() -> Robot:
+    """One body that flies: without rotors, joints and frames, and with a quaternion."""
+    body = replace(rigid_body(np.random.default_rng(7)), length=0.0)
+    return Robot("ball", Base(attitude="quaternion", origin="base", body=body))
+
+
 def robots() -> dict[str, tuple[Robot, Any]]:
     """Robots by their names, and the derivatives that they have."""
     of_tree = ("step_rk4_derivatives",)
     of_small = ("step_rk4_derivatives", "step_euler", "regressor", "inverse_dynamics_derivatives")
     tree = replace(random_tree(29, "quaternion"), name="tree")
-    return {"tree": (tree, of_tree), SMALL: (read_robot(SMALL)[0], of_small)}
+    every = tuple(row.name for row in FUNCTIONS.values() if row.on_request)
+    return {
+        "tree": (tree, of_tree),
+        SMALL: (read_robot(SMALL)[0], of_small),
+        "ball": (ball(), every),
+    }
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +117,13 @@ def as_pages(array: np.ndarray) -> np.ndarray:
     return pages if pages.ndim > 1 else pages[np.newaxis]
 
 
-@pytest.mark.parametrize("robot", ["tree", SMALL])
+def one_axis_of_states(result: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A result for states, or for one without an axis for it; it may be without entries."""
+    states = np.shape(result)[: np.ndim(result) - len(shape)]
+    return np.reshape(result, (math.prod(states), *shape))
+
+
+@pytest.mark.parametrize("robot", ["tree", SMALL, "ball"])
 def test_numbers_are_those_of_numpy(
     packaged: Callable[[str], Packaged], robot: str, tmp_path: Path
 ) -> None:
@@ -124,7 +152,7 @@ def test_numbers_are_those_of_numpy(
             lines.append(f"[{', '.join(found)}] = {made.name}.{name}({passed});")
             shapes = zip(found, results, signature.shapes, strict=True)
             expected |= {
-                variable: as_pages(np.reshape(result, (-1, *shape)))
+                variable: as_pages(one_axis_of_states(result, shape))
                 for variable, result, shape in shapes
             }
     for (key, right), array in zip(
@@ -134,6 +162,66 @@ def test_numbers_are_those_of_numpy(
         np.testing.assert_allclose(
             left, right, rtol=1e-13, atol=1e-13 * np.abs(right).max(initial=0.0), err_msg=key
         )
+
+
+def test_empty_brackets_are_an_argument_without_entries(
+    packaged: Callable[[str], Packaged], tmp_path: Path
+) -> None:
+    made = packaged("ball")
+    signature = next(s for s in module_signatures(made.module) if s.name == "forward_dynamics")
+    given = arguments(made.module, signature, COUNT)
+    lines = [f"addpath('{made.folder}');", "a = ball.forward_dynamics(q, v, []);"]
+    pages = {name: as_pages(given[name]) for name in "qv"}
+    (found,) = octave_arrays(tmp_path, pages, lines, ["a"])
+    wanted = as_pages(made.module.forward_dynamics(given["q"], given["v"], given["u"]))
+    np.testing.assert_allclose(found, wanted, rtol=1e-13, atol=1e-13)
+
+
+def every_list() -> dict[Robot, dict[str, ListText]]:
+    """The lists of robots, with those that a function on request brings."""
+    listed = [read_robot(name)[0] for name in shipped_robots()] + [ball()]
+    return {robot: list_texts(robot, ("regressor",), ["header"]) for robot in listed}
+
+
+def test_lines_of_lists_break_between_entries() -> None:
+    for texts in every_list().values():
+        for line in (line for text in texts.values() for line in (*text.names, *text.units)):
+            assert re.fullmatch(r"('[^']+'; )*'[^']+';?", line)
+
+
+def test_every_list_has_its_names_and_the_units_that_its_kind_has(tmp_path: Path) -> None:
+    wanted: dict[str, tuple[str, ...]] = {}
+    lines = []
+    for robot, texts in every_list().items():
+        package = tmp_path / f"+{robot.name}"
+        package.mkdir()
+        for constant, names in module_lists(robot, ("regressor",)).items():
+            name = LISTS[constant][0]
+            (package / f"{name}.m").write_text(render("matlab_list.m.jinja", texts[name]))
+            key = f"{robot.name}_{name}"
+            wanted[key] = names
+            call = f"{robot.name}.{name}();"
+            if constant in ("POINTS", "FRAMES", "BODIES"):
+                lines.append(f"{key} = {call}")
+            else:
+                lines += [f"[{key}, units] = {call}", f"assert(size(units), size({key}))"]
+    for (key, names), cells in zip(
+        wanted.items(), octave_arrays(tmp_path, {}, lines, [*wanted]), strict=True
+    ):
+        assert tuple(str(cell[0]) for cell in cells.ravel()) == names, key
+
+
+def test_help_names_lists_as_the_package_does(packaged: Callable[[str], Packaged]) -> None:
+    """And no constant of another language."""
+    constants = re.compile(rf"\b({'|'.join((*DATA, *DATA_ON_REQUEST))})\b")
+    for robot in ("ball", SMALL):
+        for path in packaged(robot).folder.rglob("*.m"):
+            own_name, _, text = path.read_text(encoding="utf-8").partition("\n%")[2].partition(" ")
+            assert own_name == path.stem.upper()
+            assert constants.findall(text) == [], path
+    folder = packaged("ball").folder / "+ball"
+    text = (folder / "regressor.m").read_text(encoding="utf-8").replace("%", "")
+    assert "each by each of base_parameter_names" in " ".join(text.split())
 
 
 def test_default_parameters_lists_and_patterns(

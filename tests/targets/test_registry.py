@@ -49,6 +49,8 @@ def test_templates_take_no_decisions() -> None:
     for template in (ROOT / "templates").glob("*.jinja"):
         text = template.read_text(encoding="utf-8")
         assert re.findall(r"{% (?:el)?if (?![a-z_.]+ %}).*", text) == []
+        unquoted = re.sub('"[^"]*"', "", text)
+        assert re.findall(r"{{[^}]* (?:if|[-+*/<>]) .*", unquoted) == []
         assert "{% macro" not in text
         assert "sympy" not in text
 
@@ -125,7 +127,7 @@ def test_unknown_target_is_refused_with_the_known_ones() -> None:
 def test_a_target_that_is_not_by_default_is_emitted_and_named_only_where_asked_for(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    toy = Target(InfixPrinter(), lambda *_: SimpleNamespace(), {}, by_default=False)
+    toy = Target(InfixPrinter(), lambda *_: {}, {}, by_default=False)
     monkeypatch.setitem(TARGETS, "toy", toy)
     assert [*find_targets()] == [*DEFAULT_TARGETS] == ["numpy", "c"]
     model = derive(paper_family(4, 1))
@@ -148,17 +150,27 @@ def test_a_toy_target_is_a_printer_a_context_and_a_template(
     (tmp_path / "toy.jinja").write_text("{% for line in lines %}\n{{ line }}\n{% endfor %}\n")
     target = Target(
         Shouting(),
-        lambda model, printer, header: SimpleNamespace(
-            lines=[
-                f"{s.name} := {printer.expression(s.value)}"
-                for s in model.program.function("mass_matrix").statements
-            ]
-        ),
-        {"toy.jinja": "{name}.toy"},
+        lambda model, printer, header: {
+            "toy.jinja": {
+                name: SimpleNamespace(
+                    lines=[
+                        f"{s.name} := {printer.expression(s.value)}"
+                        for s in model.program.function(name).statements
+                    ]
+                )
+                for name in ("mass_matrix", "residual")
+            }
+        },
+        {"toy.jinja": "{name}_{part}.toy"},
     )
     monkeypatch.setattr("gibbs_codegen.files.templating.template_folder", lambda: tmp_path)
-    text = render_module(derive(paper_family(4, 1)), "", {"toy": target})["quadrotor_1link.toy"]
-    assert "COS[theta_0]" in text
+    files = render_module(derive(paper_family(4, 1)), "", {"toy": target})
+    assert [*files] == [
+        "robot.toml",
+        "quadrotor_1link_mass_matrix.toy",
+        "quadrotor_1link_residual.toy",
+    ]
+    assert "COS[theta_0]" in files["quadrotor_1link_mass_matrix.toy"]
 
 
 @pytest.mark.parametrize("name", shipped_robots())

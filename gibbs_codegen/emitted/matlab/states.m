@@ -3,13 +3,17 @@ function [count, varargout] = states(names, sizes, varargin)
 %   [count, q, v] = STATES({'q', 'v'}, {9, 9}, q, v) takes names, which errors use, the size of each
 %   argument for one state, and the arguments. States go along one more axis than the size has; an
 %   argument has as many of them as the others, or one that serves for all. In its column a state
-%   has its entries in MATLAB's order. count is the number of states.
+%   has its entries in MATLAB's order. count is the number of states. [] serves for an argument
+%   without entries.
     count = 1;
     varargout = varargin;
     for i = 1:numel(names)
         values = varargin{i};
         if ~(isnumeric(values) || islogical(values)) || ~isreal(values)
             error('gibbs_codegen:argument', '%s must be real numbers', names{i});
+        end
+        if prod(sizes{i}) == 0 && isequal(values, [])
+            values = zeros([sizes{i}, 1]);
         end
         given = size(values);
         given(end + 1:numel(sizes{i}) + 1) = 1;

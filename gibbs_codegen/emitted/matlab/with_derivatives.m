@@ -1,10 +1,10 @@
 function [q_next, v_next, A, B] = with_derivatives(method, dynamics, moves, q, v, u, h, count)
 %WITH_DERIVATIVES A time step with its derivatives by q, v and u.
 %   [q_next, v_next, A, B] = WITH_DERIVATIVES(method, dynamics, moves, q, v, u, h, count) takes the
-%   step, the acceleration and its derivatives dynamics(q, v), and a cell of coordinates
-%   move(q, displacement) after a displacement and of what gives their derivatives; without the
-%   second they are sums. A step is linear in velocities and accelerations, so it goes with columns
-%   of derivatives beside them.
+%   step method(accelerate, move, q, v, h), the function dynamics(q, v) of the acceleration and its
+%   derivatives, and moves, a cell with the function move(q, displacement) and, unless moves are
+%   sums, the function of its derivatives. A step is linear in velocities and accelerations, so it
+%   goes with columns of derivatives beside them.
     size_v = size(v, 1);
     size_u = size(u, 1);
     identity = [eye(size_v), zeros(size_v, size_v + size_u)];

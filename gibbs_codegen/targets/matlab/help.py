@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from gibbs_codegen.interface import FUNCTIONS, Signature
+import re
+from dataclasses import replace
+
+from gibbs_codegen.interface import FUNCTIONS, Row, Signature
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.targets.documentation import (
     HANGING,
@@ -12,7 +15,11 @@ from gibbs_codegen.targets.documentation import (
     output_text,
     wrapped,
 )
+from gibbs_codegen.targets.matlab.lists import LISTS
 
+# The package's functions that return what other languages have as constants.
+_NAMED = {constant: name for constant, (name, _) in LISTS.items()}
+_NAMED |= {"PARAMETERS": "parameters", "PATTERNS": "patterns"}
 # Of a line, which begins with "%   ".
 _WIDTH = 96
 
@@ -29,7 +36,7 @@ def help_text(robot: Robot, signature: Signature, work: str, constants: int) -> 
     Returns:
         Lines without the sign of a comment.
     """
-    row = FUNCTIONS[signature.name]
+    row = _in_own_names(FUNCTIONS[signature.name])
     places = zip(signature.arguments, signature.argument_shapes, strict=True)
     takes = [
         f"{a}  {_size(shape)}: {meaning(robot, a)}, {argument_text(robot, a)}"
@@ -59,6 +66,16 @@ def help_text(robot: Robot, signature: Signature, work: str, constants: int) -> 
         lines += ["", *wrapped([heading], _WIDTH, ""), *body]
     calls = [f"   {line}".rstrip() for line in lines]
     return [f"{signature.name.upper()} {row.summary}", *calls]
+
+
+def _in_own_names(row: Row) -> Row:
+    """A row whose words name functions of the package in place of constants."""
+
+    def named(text: str) -> str:
+        return re.sub(r"\b[A-Z_]+\b", lambda found: _NAMED.get(found[0], found[0]), text)
+
+    outputs = tuple(replace(output, entries=named(output.entries)) for output in row.outputs)
+    return replace(row, outputs=outputs, summary=named(row.summary), details=named(row.details))
 
 
 def _size(shape: tuple[int, ...]) -> str:

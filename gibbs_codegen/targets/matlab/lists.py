@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
-from gibbs_codegen.program.model import Model
 from gibbs_codegen.robot.base_parameters import base_parameters
 from gibbs_codegen.robot.coordinates import (
     Coordinate,
@@ -13,6 +13,7 @@ from gibbs_codegen.robot.coordinates import (
     reduced_coordinates,
     velocities,
 )
+from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.module_lists import module_lists
 from gibbs_codegen.targets.documentation import attitude_lines, coordinate_table, unknown_table
 from gibbs_codegen.targets.matlab.statements import column
@@ -21,7 +22,7 @@ Lines = list[str]
 
 # What the entries of each list are, by the constant that has it in other languages. As files differ
 # in more than capitals, no list has the name of a function.
-_LISTS = {
+LISTS = {
     "COORDINATES": ("coordinate_names", "coordinates q"),
     "VELOCITIES": ("velocity_names", "velocities v, whose rates are a"),
     "HYBRID_COORDINATES": ("hybrid_coordinate_names", "unknowns of the hybrid system"),
@@ -37,7 +38,8 @@ _LISTS = {
 class ListText:
     """A list: its function, what its entries are, and these, as what stands in braces.
 
-    `table` explains the entries; `units` is empty where they have none.
+    `table` explains the entries, and `results` is what the function returns. Whether entries have
+    units goes by the kind of list, not by whether this robot has any entries.
     """
 
     header: Lines
@@ -45,22 +47,24 @@ class ListText:
     name: str
     title: str
     what: str
+    results: str
     table: Lines
     names: Lines
+    has_units: bool
     units: Lines
 
 
-def list_texts(model: Model, header: Lines) -> dict[str, ListText]:
+def list_texts(robot: Robot, derivatives: Collection[str], header: Lines) -> dict[str, ListText]:
     """The texts of all lists.
 
     Args:
-        model: The derived robot.
+        robot: Whose lists they are.
+        derivatives: Names of the functions generated on request that the package has.
         header: Lines that every file has.
 
     Returns:
         What the template is given, by the names of the functions.
     """
-    robot = model.robot
     explained: dict[str, tuple[Coordinate, ...]] = {
         "COORDINATES": reduced_coordinates(robot),
         "VELOCITIES": velocities(robot),
@@ -69,8 +73,9 @@ def list_texts(model: Model, header: Lines) -> dict[str, ListText]:
         "BASE_PARAMETERS": base_parameters(robot),
     }
     texts = {}
-    for constant, names in module_lists(robot, model.derivatives).items():
-        name, what = _LISTS[constant]
+    for constant, names in module_lists(robot, derivatives).items():
+        name, what = LISTS[constant]
+        has_units = constant in explained
         entries = explained.get(constant, ())
         table = coordinate_table(entries)
         if constant == "HYBRID_COORDINATES":
@@ -83,8 +88,10 @@ def list_texts(model: Model, header: Lines) -> dict[str, ListText]:
             name=name,
             title=name.upper(),
             what=what,
-            table=table,
+            results="[names, units]" if has_units else "names",
+            table=["", *table] if table else [],
             names=column([f"'{entry}'" for entry in names]),
+            has_units=has_units,
             units=column([f"'{entry.unit}'" for entry in entries]),
         )
     return texts

@@ -135,12 +135,18 @@ def column(texts: Sequence[str]) -> list[str]:
     """What stands in the brackets of a column, or in the braces of a cell column.
 
     Args:
-        texts: Expressions without spaces.
+        texts: Expressions; each stays whole, as a line break within a quoted text is an error.
 
     Returns:
         Lines; none where there are no expressions.
     """
-    return textwrap.wrap("; ".join(texts), WIDTH - 2 * _INDENT - len(_CONTINUED))
+    lines: list[str] = []
+    for text in texts:
+        if lines and len(f"{lines[-1]}; {text};") <= WIDTH - 2 * _INDENT:
+            lines[-1] += f"; {text}"
+        else:
+            lines.append(text)
+    return [*(f"{line};" for line in lines[:-1]), *lines[-1:]]
 
 
 def _continued(text: str) -> list[str]:

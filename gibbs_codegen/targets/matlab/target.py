@@ -41,8 +41,9 @@ TEMPLATES = (
 class FunctionText:
     """A function: its head, its documentation, and what it does.
 
-    `checked` is what the check of the arguments returns, `names` and `sizes` are what it takes. A
-    function that is composed of others has a `step`; another has `body`.
+    `fewest` and `most` count arguments. `checked` is what the check of these returns, `names` and
+    `sizes` are what it takes. A function that is composed of others has a `step`; another has
+    `body`.
     """
 
     header: Lines
@@ -50,7 +51,8 @@ class FunctionText:
     name: str
     results: str
     arguments: str
-    count: int
+    fewest: int
+    most: int
     documentation: Lines
     checked: str
     names: str
@@ -139,7 +141,7 @@ def package_text(
         signature.name: _function_text(model, signature, statements, header)
         for signature in model.signatures
     }
-    lists: dict[str, ListText] = list_texts(model, header)
+    lists: dict[str, ListText] = list_texts(model.robot, model.derivatives, header)
     return {
         "matlab_function.m.jinja": functions,
         "matlab_list.m.jinja": lists,
@@ -176,6 +178,7 @@ def _function_text(
         body, work = _body(model, function, statements), operations(function)
     arguments = [*signature.arguments, "constants"]
     shapes = [*(shape or (1,) for shape in signature.argument_shapes), (constants,)]
+    names = ", ".join(f"'{argument}'" for argument in arguments)
     sizes = [" ".join(map(str, shape)) for shape in shapes]
     outputs = [output.name for output in FUNCTIONS[signature.name].outputs]
     return FunctionText(
@@ -184,11 +187,12 @@ def _function_text(
         name=signature.name,
         results=outputs[0] if len(outputs) == 1 else f"[{', '.join(outputs)}]",
         arguments=", ".join(arguments),
-        count=len(arguments),
+        fewest=len(signature.arguments),
+        most=len(arguments),
         documentation=help_text(model.robot, signature, work, constants),
         checked=", ".join(["count", *arguments]),
-        names=", ".join(f"'{argument}'" for argument in arguments),
-        sizes=", ".join(size if " " not in size else f"[{size}]" for size in sizes),
+        names=f"{{{names}}}",
+        sizes=f"{{{', '.join(size if ' ' not in size else f'[{size}]' for size in sizes)}}}",
         body=body,
         step=step,
     )
