@@ -23,6 +23,7 @@ from gibbs_codegen.derivation.derive import derive
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.files.templating import render
 from gibbs_codegen.robot.family import paper_family
+from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
@@ -88,20 +89,30 @@ class Library:
         return [self.shape(form, way, place) for place in range(count)]
 
     def __call__(self, form: str, *inputs: Array) -> list[Array]:
-        """Results of a function; nothing is written beyond them."""
+        """Results of a function that succeeds."""
+        status, results = self.call(form, *inputs)
+        assert status == 0
+        return results
+
+    def call(self, form: str, *inputs: Array) -> tuple[int, list[Array]]:
+        """What a function returns, and its results; nothing is written beyond them."""
         sizes = self.shapes(form, "out")
         work = [ctypes.c_int() for _ in range(4)]
         self.function(f"{form}_work")(*map(ctypes.byref, work))
-        assert [item.value for item in work[:2]] == [len(inputs), len(sizes)]
+        assert [item.value for item in work] == [len(inputs), len(sizes), 0, 0]
+        self.function(f"{form}_work")(None, None, None, None)
         given = [np.asfortranarray(x, float).ravel(order="F") for x in inputs]
         made = [np.full(rows * columns + 1, GUARD) for rows, columns in sizes]
         pointers = [
             (ctypes.c_void_p * len(arrays))(*(x.ctypes.data for x in arrays))
             for arrays in (given, made)
         ]
-        assert self.function(form)(*pointers, None, None, None) == 0
+        status = self.function(form)(*pointers, None, None, None)
+        nowhere = (ctypes.c_void_p * len(made))()
+        assert self.function(form)(pointers[0], nowhere, None, None, None) == status
         assert all(x[-1] == GUARD for x in made)
-        return [x[:-1].reshape(size, order="F") for x, size in zip(made, sizes, strict=True)]
+        found = zip(made, sizes, strict=True)
+        return status, [x[:-1].reshape(size, order="F") for x, size in found]
 
 
 class Case:
@@ -121,10 +132,13 @@ class Case:
         rng = np.random.default_rng(3)
         self.x, self.x_dot, self.w = rng.uniform(-0.9, 0.9, (3, self.nx))
         self.u = rng.uniform(1.0, 3.0, self.nu)
+        sizes = shapes(self.nx, self.nu, 0)
+        given = {form: [rng.normal(size=size) for size in sizes[form][0][:-1]] for form in sizes}
+        self.inputs: dict[str, list[Array]] = given
 
     def library(self, *options: str) -> Library:
         """The C code, compiled without optimisation."""
-        path = self.folder / f"library{len(options)}.so"
+        path = self.folder / f"library{len(list(self.folder.glob('*.so')))}.so"
         sources = [str(self.folder / f"{self.name}_acados.c"), str(self.compiled)]
         build("gcc", ["-shared", "-fPIC", *options], sources, path)
         return Library(self.name, path)
@@ -186,7 +200,8 @@ def slopes(function: Any, *arguments: Array) -> list[Array]:
                 return np.stack(rows)
 
             columns.append(rate(moved, np.zeros(1), 0.004)[0])
-        found.append(np.stack(columns, axis=-1))
+        shape = (len(argument), *np.shape(function(*arguments)))
+        found.append(np.moveaxis(np.reshape(columns, shape), 0, -1))
     return found
 
 
@@ -202,6 +217,7 @@ H = np.array([STEP])
 ROBOTS = {
     "angles": lambda: paper_family(4, 1),
     "quaternion_tree": lambda: replace(random_tree(145, "quaternion"), name="tree"),
+    "no_inputs": lambda: replace(read_robot("quadrotor")[0], name="buoy", thrusters=()),
 }
 
 
@@ -265,7 +281,8 @@ def test_implicit_forms(case: Case, library: Library) -> None:
         results = library(form, *given)
         if "fun" in form:
             near(results.pop(0)[:, 0], case.residual(x, x_dot, u), 1e-11)
-        for place, ours in zip(places, results, strict=False):
+        assert not sum(result.size for result in results[len(places) :])
+        for place, ours in zip(places, results[: len(places)], strict=True):
             near(ours, by[place])
 
     def gradient(x: Array, x_dot: Array, u: Array) -> Array:
@@ -294,23 +311,46 @@ def test_discrete_forms(case: Case, library: Library) -> None:
     near(hessian, np.hstack(slopes(gradient, u, x)), 1e-8)
 
 
-def test_parameters_and_steps_are_given_where_the_source_is_compiled_so(case: Case) -> None:
-    upper = case.name.upper()
-    names = list(case.module.PARAMETERS)
-    values = np.array([case.module.PARAMETERS[name] for name in names])
-    values[names.index("gravity")] = 1.62
-    x, u = case.x, case.u
-    changed = case.library(f"-D{upper}_ACADOS_PARAMETERS", f"-D{upper}_ACADOS_STEP={STEP}")
-    for form, (inputs, outputs) in shapes(case.nx, case.nu, len(names)).items():
-        last = (len(names), 1)
-        assert changed.shapes(form, "in") == [*inputs[:-1], last], form
+OPTIONS = {
+    "parameters": ["PARAMETERS"],
+    "a constant step": [f"STEP={STEP}"],
+    "parameters and a constant step": ["PARAMETERS", f"STEP={STEP}"],
+}
+
+
+@pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
+def test_parameters_and_steps_are_given_where_the_source_is_compiled_so(
+    options: list[str], case: Case, library: Library
+) -> None:
+    changed = case.library(*(f"-D{case.name.upper()}_ACADOS_{option}" for option in options))
+    values = np.array(list(case.module.PARAMETERS.values()) if "PARAMETERS" in options else [])
+    values_and_step = values if f"STEP={STEP}" in options else np.append(values, STEP)
+    for form, (inputs, outputs) in shapes(case.nx, case.nu, len(values)).items():
+        steps = "dyn" in form
+        last = values_and_step if steps else values
+        assert changed.shapes(form, "in") == [*inputs[:-1], (len(last), 1)], form
         assert changed.shapes(form, "out") == outputs, form
+        theirs = library(form, *case.inputs[form], H if steps else EMPTY)
+        for one, other in zip(changed(form, *case.inputs[form], last), theirs, strict=True):
+            near(one, other, 1e-12)
+
+
+def test_parameters_that_vary_change_the_results(case: Case) -> None:
+    changed = case.library(f"-D{case.name.upper()}_ACADOS_PARAMETERS")
+    values = case.module.PARAMETERS | {"gravity": 1.62}
+    (found,) = changed("expl_ode_fun", case.x, case.u, np.array(list(values.values())))
     constants = case.module.prepare({"gravity": 1.62})
-    (found,) = changed("expl_ode_fun", x, u, values)
-    near(found[:, 0], case.field(x, u, constants=constants), 1e-12)
-    values[names.index("gravity")] = case.module.PARAMETERS["gravity"]
-    (found,) = changed("dyn_disc_phi_fun", x, u, values)
-    near(found[:, 0], case.step(x, u), 1e-12)
+    near(found[:, 0], case.field(case.x, case.u, constants=constants), 1e-12)
+
+
+def test_results_are_nan_where_the_parameters_are_of_no_use(case: Case) -> None:
+    """Acados does not look at what a function returns."""
+    changed = case.library(f"-D{case.name.upper()}_ACADOS_PARAMETERS")
+    values = np.array([*(case.module.PARAMETERS | {"gravity": np.nan}).values(), STEP])
+    for form, inputs in case.inputs.items():
+        status, results = changed.call(form, *inputs, values)
+        assert status == 1, form
+        assert all(np.isnan(result).all() for result in results), form
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang++"])
@@ -365,14 +405,24 @@ class StandIn(ModuleType):
     class AcadosOcpSolver:
         """A solver that is no more than the functions of the model, in `functions`."""
 
-        def __init__(self, ocp: Any) -> None:
-            name, folder = ocp.model.name, ocp.folder
-            (folder / f"{name}_model").mkdir()
-            for form in ocp.forms:
-                text = "#error this was to be replaced"
-                (folder / f"{name}_model" / f"{name}_{form}.c").write_text(text)
+        def __init__(self, ocp: Any, generate: bool = True) -> None:
+            if generate:
+                self.generate(ocp, verbose=False)
+            folder = Path(ocp.code_gen_options.code_export_directory)
             self.build(str(folder), verbose=False)
-            self.functions = Library(name, folder / "solver.so")
+            # A library of a path that is open already would not be loaded again.
+            kind = ocp.solver_options.integrator_type
+            (folder / "solver.so").rename(folder / f"{kind}{generate}.so")
+            self.functions = Library(ocp.model.name, folder / f"{kind}{generate}.so")
+
+        @staticmethod
+        def generate(ocp: Any, verbose: bool = True) -> None:
+            """Write what is to be replaced."""
+            name = ocp.model.name
+            folder = Path(ocp.code_gen_options.code_export_directory) / f"{name}_model"
+            folder.mkdir(exist_ok=True)
+            for form in ocp.forms:
+                (folder / f"{name}_{form}.c").write_text("#error this was to be replaced")
 
         @staticmethod
         def build(code_export_dir: str, verbose: bool = True) -> None:
@@ -395,13 +445,23 @@ def script(case: Case, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module
 
 
+# What acados generates for an integrator type, without exact Hessians.
+EXPLICIT = ["expl_ode_fun", "expl_vde_forw", "expl_vde_adj"]
+DISCRETE = ["dyn_disc_phi_fun", "dyn_disc_phi_fun_jac"]
+IMPLICIT = [
+    *("impl_dae_fun", "impl_dae_fun_jac_x_xdot_z", "impl_dae_fun_jac_x_xdot_u_z"),
+    *("impl_dae_fun_jac_x_xdot_u", "impl_dae_jac_x_xdot_u_z"),
+]
+GENERATED = {"ERK": EXPLICIT, "IRK": IMPLICIT, "LIFTED_IRK": IMPLICIT, "DISCRETE": DISCRETE}
+
+
 def problem(model: Any, folder: Path, kind: str = "DISCRETE", **options: Any) -> Any:
     """A problem of twenty steps, for which acados generates all functions of a kind."""
     named = {"tf": 20 * STEP, "N_horizon": 20, "shooting_nodes": None, "time_steps": None}
     return StandIn.AcadosOcp(
         model=model,
-        folder=folder,
-        forms=["dyn_disc_phi_fun", "dyn_disc_phi_fun_jac"],
+        code_gen_options=SimpleNamespace(code_export_directory=str(folder)),
+        forms=GENERATED.get(kind, []),
         solver_options=SimpleNamespace(integrator_type=kind, **named | options),
     )
 
@@ -418,6 +478,27 @@ def test_the_script_puts_the_functions_in_their_places(
     near(solver.functions("dyn_disc_phi_fun", case.x, case.u, EMPTY)[0][:, 0], next_x, 1e-12)
 
 
+@pytest.mark.parametrize("case", ["no_inputs"], indirect=True)
+def test_the_script_leaves_nothing_of_another_integrator(
+    case: Case, script: ModuleType, tmp_path: Path
+) -> None:
+    given = case.inputs
+    stale = tmp_path / f"{case.name}_model" / f"{case.name}_expl_vde_forw_p.c"
+    for kind, form in (
+        *(("IRK", "impl_dae_fun"), ("DISCRETE", "dyn_disc_phi_fun"), ("ERK", "expl_ode_fun")),
+        *(("LIFTED_IRK", "impl_dae_fun"), ("DISCRETE", "dyn_disc_phi_fun")),
+    ):
+        solver = script.solver(problem(script.model(), tmp_path, kind))
+        (result, *_) = solver.functions(form, *given[form], EMPTY)
+        assert np.isfinite(result).all()
+        found = {path.stem for path in stale.parent.glob("*.c")}
+        assert found == {f"{case.name}_{form}" for form in GENERATED[kind]}
+        stale.write_text("#error this is stale")
+    stale.unlink()
+    again = script.solver(problem(script.model(), tmp_path, kind), generate=False)
+    assert again.functions(form, *given[form], EMPTY)[0] == pytest.approx(result)
+
+
 def test_the_script_refuses_what_the_functions_do_not_serve(
     case: Case, script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -429,8 +510,17 @@ def test_the_script_refuses_what_the_functions_do_not_serve(
         script.solver(nodes)
     wrong = script.model()
     wrong.p = np.zeros((2, 1))
-    with pytest.raises(ValueError, match="p has 2 entries"):
+    with pytest.raises(ValueError, match=r"p has 2 entries.* must be what model"):
         script.solver(problem(wrong, tmp_path))
+    count = len(script.PARAMETERS)
+    for kind, parameters in (("ERK", False), ("IRK", True)):
+        model = script.model(parameters=parameters, step=True)
+        with pytest.raises(
+            ValueError, match=rf"p has {parameters * count + 1} .*{kind}: take model\(step=False\)"
+        ):
+            script.solver(problem(model, tmp_path, kind))
+    with pytest.raises(ValueError, match="served are ERK, IRK, LIFTED_IRK, DISCRETE"):
+        script.solver(problem(script.model(), tmp_path, "GNSF"))
     monkeypatch.setattr(script, "FUNCTIONS", ("dyn_disc_phi_fun",))
     with pytest.raises(ValueError, match="the module lacks dyn_disc_phi_fun_jac"):
         script.solver(problem(script.model(), tmp_path))
