@@ -231,7 +231,7 @@ def test_default_parameters_lists_and_patterns(
     module, name = made.module, made.name
     lines = [
         f"addpath('{made.folder}');",
-        f"constants = {name}.prepare(struct());",
+        f"constants = {name}.prepare();",
         "[q_names, q_units] = hexarotor_3link.coordinate_names();",
         "input_names = hexarotor_3link.input_names();",
         "[values, units] = hexarotor_3link.parameters();",
