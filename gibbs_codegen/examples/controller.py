@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import casadi
 import numpy as np
 
+from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.examples.prediction import Prediction
 from gibbs_codegen.examples.task import Weights
 from gibbs_codegen.examples.tracking_problem import TrackingProblem
@@ -29,6 +31,30 @@ SOLVERS: dict[str, dict[str, Any]] = {
         "warm_start_init_point": "yes",
     },
 }
+
+
+def solver_plugin(wanted: str | None) -> str:
+    """CasADi's solver that is used.
+
+    Args:
+        wanted: One of `SOLVERS`; fatrop, or IPOPT where CasADi has no fatrop, if None.
+
+    Returns:
+        Its name.
+
+    Raises:
+        UsageError: It is unknown, or CasADi has no such solver.
+    """
+    if wanted is None:
+        wanted = "fatrop" if casadi.has_nlpsol("fatrop") else "ipopt"
+    if wanted not in SOLVERS:
+        raise UsageError(f"solver {printable(wanted)}: unknown; known: {', '.join(SOLVERS)}")
+    if not casadi.has_nlpsol(wanted):
+        raise UsageError(
+            f"solver {wanted}: CasADi as it is installed has none; its wheel has ipopt, and since "
+            "3.6.7 also fatrop"
+        )
+    return wanted
 
 
 @dataclass(frozen=True)
@@ -59,7 +85,7 @@ class Controller:
         path: Positions (…, 3) at times (…), m, world axes.
         h: Length of a step, s.
         nodes: Number of steps of the horizon.
-        plugin: One of `SOLVERS`.
+        plugin: CasADi's solver, as of `solver_plugin`.
         solutions: How each call of `inputs` went.
     """
 
@@ -69,12 +95,13 @@ class Controller:
     path: Callable[[Array], Array]
     h: float = 0.02
     nodes: int = 20
-    plugin: str = "fatrop"
+    plugin: str | None = None
     solutions: list[Solution] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         problem = TrackingProblem(self.prediction, self.weights, self.nodes)
-        self._solver = problem.solver(self.plugin, SOLVERS[self.plugin])
+        plugin = solver_plugin(self.plugin)
+        self._solver = problem.solver(plugin, SOLVERS[plugin])
         self._sizes = {"x": problem.stage, "lam_x": problem.stage, "lam_g": problem.states}
         self._inputs = problem.inputs
         low, high = (np.tile(bound, self.nodes) for bound in self.limits)

@@ -8,6 +8,8 @@ from types import ModuleType
 
 import numpy as np
 
+from gibbs_codegen.analysis.given import numbers
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.examples.controller import Controller, Solution
 from gibbs_codegen.simulator.vehicle import Array
 
@@ -60,12 +62,15 @@ def fly(
 
     Returns:
         What was flown.
+
+    Raises:
+        UsageError: The flight is shorter than a step of the controller.
     """
     (q, v), place = start, plant.FRAMES.index(frame)
     h = controller.h
     steps = _steps(plant, start, h)
     rows = []
-    for k in range(round(duration / h)):
+    for k in range(control_steps(duration, h)):
         u = controller.inputs(k * h, q, v)
         for _ in range(steps):
             q, v = plant.step_rk4(q, v, u, h / steps)
@@ -73,6 +78,26 @@ def fly(
     time, point, qs, vs, us = (np.array(column) for column in zip(*rows, strict=True))
     solutions = tuple(controller.solutions[-len(rows) :])
     return TrackedPath(time, point, controller.path(time), qs, vs, us, solutions)
+
+
+def control_steps(duration: float, h: float) -> int:
+    """How many steps of a controller a flight has.
+
+    Args:
+        duration: Of the flight, s.
+        h: Length of a step, s.
+
+    Returns:
+        Their number.
+
+    Raises:
+        UsageError: There is none.
+    """
+    wanted = f"at least one step of the controller, {h:g} s, and finite"
+    steps = round(float(numbers("duration of the flight", duration, wanted, ())) / h)
+    if steps < 1:
+        raise UsageError(f"duration of the flight: must be {wanted}, not {duration:g} s")
+    return steps
 
 
 def _steps(plant: ModuleType, start: tuple[Array, Array], h: float) -> int:

@@ -8,6 +8,7 @@ needs the extra `casadi`.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.examples.task import Circle, circle_task, module_of
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.runtime.load import load
@@ -33,7 +34,7 @@ def track(
     robot_file: str,
     out: Path,
     circle: Circle,
-    plugin: str = "fatrop",
+    plugin: str | None = None,
     until: float | None = None,
 ) -> TrackedPath:
     """Generate the modules of a robot, and fly it around a circle.
@@ -42,14 +43,14 @@ def track(
         robot_file: Path of a robot file, or the name of a robot that ships.
         out: Folder of modules.
         circle: What is flown.
-        plugin: CasADi's solver, "fatrop" or "ipopt".
+        plugin: CasADi's solver, "fatrop" or "ipopt"; fatrop where CasADi has it, if None.
         until: When the flight ends, s; with the circle if None.
 
     Returns:
         What was flown.
 
     Raises:
-        UsageError: CasADi is not installed, or what is asked for is refused.
+        UsageError: CasADi is not installed, nothing compiles, or what is asked for is refused.
         GibbsCodegenError: The robot is refused.
     """
     if find_spec("casadi") is None:
@@ -58,17 +59,23 @@ def track(
             "install it with: pip install 'gibbs_codegen[casadi]'"
         )
     from gibbs_codegen.examples import prediction
-    from gibbs_codegen.examples.controller import Controller
-    from gibbs_codegen.examples.flight import fly
+    from gibbs_codegen.examples.controller import Controller, solver_plugin
+    from gibbs_codegen.examples.flight import control_steps, fly
 
+    # What cannot be done is told before what takes long.
+    plugin = solver_plugin(plugin)
+    duration = circle.duration if until is None else until
+    control_steps(duration, STEP)
     robot, _ = read_robot(robot_file)
-    plant = load(module_of(robot, out, ("step_rk4",)), backend="c")
+    folder = module_of(robot, out, ("step_rk4",))
+    task = circle_task(load(folder), circle)
+    plant = load(folder, backend="c")
+    prediction.library(plant)
     predicted = prediction.predicted_robot(robot, STEP)
     model = load(module_of(predicted, out, prediction.DERIVATIVES), backend="c")
-    task = circle_task(plant, circle)
     expected = prediction.compiled(model, task.frame, STEP)
     controller = Controller(expected, task.weights, task.limits, task.path, STEP, plugin=plugin)
-    return fly(plant, task.frame, controller, (task.q, task.v), until or circle.duration)
+    return fly(plant, task.frame, controller, (task.q, task.v), duration)
 
 
 def report(flown: TrackedPath) -> str:
@@ -106,23 +113,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code: 0, or that of an error, which is printed.
     """
-    options = _parser().parse_args(arguments)
-    circle = Circle(
-        options.frame,
-        None if options.posture is None else dict(options.posture),
-        options.radius,
-        options.duration,
-        None if options.thrust is None else tuple(options.thrust),
-        options.effort,
-    )
+    options = argument_parser().parse_args(arguments)
     try:
+        if options.figure is not None:
+            _check_figure(Path(options.figure))
+        circle = Circle(
+            options.frame,
+            None if options.posture is None else dict(options.posture),
+            options.radius,
+            options.duration,
+            None if options.thrust is None else tuple(options.thrust),
+            options.effort,
+        )
         with tempfile.TemporaryDirectory() as folder:
             flown = track(options.robot, Path(folder), circle, options.solver, options.until)
     except GibbsCodegenError as error:
         print(f"nmpc: {error}", file=sys.stderr)
         return error.exit_code
     print(report(flown))
-    if options.figure:
+    if options.figure is not None:
         draw(flown, options.figure)
     return 0
 
@@ -147,7 +156,23 @@ def draw(flown: TrackedPath, file: str) -> None:
     figure.savefig(file, dpi=150)
 
 
-def _parser() -> argparse.ArgumentParser:
+def _check_figure(file: Path) -> None:
+    """Refuse a figure that could not be written after the flight."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    endings = FigureCanvasBase.get_supported_filetypes()
+    if file.suffix[1:].lower() not in endings:
+        known = ", ".join(f".{ending}" for ending in endings)
+        raise UsageError(f"--figure {printable(file)}: must end with one of {known}")
+    if file.is_dir() or not os.access(file.parent, os.W_OK):
+        raise UsageError(
+            f"--figure {printable(file)}: must be a file in a folder that exists and that you may "
+            "write in"
+        )
+
+
+def argument_parser() -> argparse.ArgumentParser:
+    """The parser of the command."""
     parser = argparse.ArgumentParser(
         prog="python -m gibbs_codegen.examples.nmpc", description=(__doc__ or "").splitlines()[0]
     )
@@ -166,14 +191,19 @@ def _parser() -> argparse.ArgumentParser:
     add("--until", type=float, metavar="S", help="when the flight ends (default: with the circle)")
     add("--thrust", nargs=2, type=float, metavar=("LEAST", "MOST"), help="limits of thrusts, N")
     add("--effort", type=float, metavar="MOST", help="limit of joint torques and forces, N m and N")
-    add("--solver", choices=("fatrop", "ipopt"), default="fatrop", help="default: fatrop")
+    add("--solver", choices=("fatrop", "ipopt"), help="default: fatrop where CasADi has it")
     add("--figure", metavar="FILE", help="draw the flown path and its error")
     return parser
 
 
 def _joint(text: str) -> tuple[str, float]:
     name, _, value = text.partition("=")
-    return name, float(value)
+    try:
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"{printable(text)}: must be JOINT=VALUE, such as theta_8=-1.2 (rad or m)"
+        ) from None
 
 
 if __name__ == "__main__":

@@ -12,10 +12,12 @@ an armature that is larger by h d:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import ModuleType
 
 import casadi
 
+from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.model import Link, Robot
 
 # What a module must have to be predicted with.
@@ -67,10 +69,32 @@ def compiled(module: ModuleType, frame: str, h: float) -> Prediction:
         The prediction.
     """
     step, poses = (
-        casadi.external(f"{module.NAME}_casadi_{name}", str(module.__file__))
+        casadi.external(f"{module.NAME}_casadi_{name}", library(module))
         for name in ("step_euler", "frame_poses")
     )
     return Prediction(_step(step, h), _point(poses, module.FRAMES.index(frame)))
+
+
+def library(module: ModuleType) -> str:
+    """The shared library of a module with the C back end.
+
+    Args:
+        module: The module.
+
+    Returns:
+        Its path.
+
+    Raises:
+        UsageError: The module has another back end, such as NumPy where nothing compiles.
+    """
+    path = Path(module.__file__ or "")
+    if path.suffix in ("", ".py"):
+        raise UsageError(
+            f"{module.NAME}: its C source is not compiled, and the controller predicts with "
+            'compiled functions; load the module with backend="c", where CC or the machine has a '
+            "C compiler that works (the log gibbs_codegen says why it does not)"
+        )
+    return str(path)
 
 
 def traced(module: ModuleType, frame: str, h: float) -> Prediction:

@@ -9,6 +9,7 @@ from types import ModuleType
 
 import numpy as np
 
+from gibbs_codegen.analysis.given import numbers, real
 from gibbs_codegen.analysis.trim import trim
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.pipeline import generate_robot
@@ -23,6 +24,8 @@ from gibbs_codegen.simulator.vehicle import Array, Vehicle
 _POINT, _ANGLE, _RATE, _INPUT = 2e-3, 0.3, 1.0, 0.5
 # Cost of each of these.
 _UNIT = 1e-2
+# Distances, m, and thrusts, N, that are no more than rounding.
+_NOTHING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,9 @@ class Circle:
         duration: How long the circle takes, s.
         thrust: Least and greatest thrust, N; those of the robot file if None.
         effort: Greatest torque or force of the joints, N m or N; those of the robot file if None.
+
+    Raises:
+        UsageError: A number is not what it must be.
     """
 
     frame: str | None = None
@@ -44,6 +50,34 @@ class Circle:
     duration: float = 8.0
     thrust: tuple[float, float] | None = None
     effort: float | None = None
+
+    def __post_init__(self) -> None:
+        _require_above_zero("duration", self.duration, "a finite time above zero, s")
+        if self.radius is not None:
+            _require_above_zero("radius", self.radius, "a finite length above zero, m")
+        wanted = "a torque or force above zero, N m or N"
+        if self.effort is not None and not real("effort", self.effort, wanted, ()) > 0.0:
+            raise UsageError(f"effort: must be {wanted}, not {self.effort:g}")
+        if self.thrust is not None:
+            wanted = "the least thrust and a greater one, N"
+            low, high = real("thrust", self.thrust, wanted, (2,))
+            if not low < high:
+                raise UsageError(f"thrust: must be {wanted}, not {low:g} and {high:g}")
+
+
+def _require_above_zero(name: str, given: float, wanted: str) -> None:
+    """Refuse a number that is not finite and above zero.
+
+    Args:
+        name: Of the number.
+        given: The number.
+        wanted: What it must be, in words.
+
+    Raises:
+        UsageError: It is not.
+    """
+    if numbers(name, given, wanted, ()) <= 0.0:
+        raise UsageError(f"{name}: must be {wanted}, not {given:g}")
 
 
 @dataclass(frozen=True)
@@ -127,7 +161,8 @@ def circle_task(module: ModuleType, circle: Circle) -> Task:
         The task.
 
     Raises:
-        UsageError: The module has no such frame, or the robot cannot hover within its limits.
+        UsageError: The module has no such frame, the frame is at the base, or the robot cannot
+            hover on its rotors within its limits.
     """
     frame = module.FRAMES[-1] if circle.frame is None else circle.frame
     if frame not in module.FRAMES:
@@ -147,7 +182,12 @@ def circle_task(module: ModuleType, circle: Circle) -> Task:
     hover = trim(module, posture, limits=actuators.thrusts)
     poses = module.frame_poses(hover.q)[:, :3, 3]
     point = poses[module.FRAMES.index(frame)]
-    reach = float(np.linalg.norm(point - poses[module.FRAMES.index("base")]))
+    reach = _reach(module, frame, poses)
+    if not np.abs(hover.u[: vehicle.rotors]).max(initial=0.0) > _NOTHING:
+        raise UsageError(
+            f"{module.NAME}: no thrust carries it in hover, and the weights are shares of the "
+            "greatest one; it must have rotors, and weight (gravity in the robot file)"
+        )
     radius = reach / 4 if circle.radius is None else circle.radius
     return Task(
         frame,
@@ -156,6 +196,36 @@ def circle_task(module: ModuleType, circle: Circle) -> Task:
         path_around(point, radius, circle.duration),
         _weights(vehicle, reach, hover.q, hover.u),
         _limits(vehicle, actuators),
+    )
+
+
+def _reach(module: ModuleType, frame: str, positions: Array) -> float:
+    """Distance of a frame from the base.
+
+    Args:
+        module: The robot's module.
+        frame: One of its frames.
+        positions: Of its frames (f, 3), m, world axes.
+
+    Returns:
+        The distance, m.
+
+    Raises:
+        UsageError: There is none.
+    """
+    distances = np.linalg.norm(positions - positions[module.FRAMES.index("base")], axis=-1)
+    reach = float(distances[module.FRAMES.index(frame)])
+    if reach > _NOTHING:
+        return reach
+    apart = [f for f, d in zip(module.FRAMES, distances, strict=True) if d > _NOTHING]
+    raise UsageError(
+        f"frame {frame!r}: is at the base of {module.NAME}, and the weights are shares of the "
+        "distance between them; "
+        + (
+            f"choose one that is away from it: {', '.join(apart)}"
+            if apart
+            else "so are all others; the robot needs an arm, or a [[frame]] away from the base"
+        )
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,21 +11,26 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from support.pages import blocks, run_python
+from support.tools import missing, tool
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.examples import nmpc
 from gibbs_codegen.examples.task import Circle, Task, Weights, circle_task, module_of
-from gibbs_codegen.robot.file import read_robot
+from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
 from gibbs_codegen.simulator.vehicle import Vehicle
 
-casadi = pytest.importorskip("casadi")
+try:
+    import casadi
+except ImportError:
+    missing("casadi is not installed")
 
-from gibbs_codegen.examples.controller import Controller  # noqa: E402
-from gibbs_codegen.examples.flight import fly  # noqa: E402
-from gibbs_codegen.examples.prediction import predicted_robot, traced  # noqa: E402
-from gibbs_codegen.examples.tracking_problem import TrackingProblem  # noqa: E402
+from gibbs_codegen.examples.controller import Controller, solver_plugin
+from gibbs_codegen.examples.flight import control_steps, fly
+from gibbs_codegen.examples.prediction import compiled, predicted_robot, traced
+from gibbs_codegen.examples.tracking_problem import TrackingProblem
 
 H = nmpc.STEP
 PAPER = Circle(posture={"theta_8": -1.871, "theta_9": 1.39}, radius=0.5, thrust=(-60.0, 60.0))
@@ -123,19 +130,26 @@ def test_the_tip_keeps_near_its_path(plant: ModuleType, predicted: Path, task: T
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "circle", "most"),
-    [("hexarotor_3link", PAPER, 0.003), ("hextilt_flying_arm_5", Circle(duration=4.0), 0.001)],
-)
-def test_robots_that_ship(
-    name: str, circle: Circle, most: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_papers_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With compiled functions and their exact derivatives, as the command flies them."""
-    monkeypatch.setenv("CC", "cc -O0")
-    flown = nmpc.track(name, tmp_path, circle, until=1.6)
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    flown = nmpc.track("hexarotor_3link", tmp_path, PAPER, until=1.6)
     assert np.ptp(flown.wanted, axis=0).max() > 0.02
-    assert flown.error.max() < most
+    assert flown.error.max() < 0.003
     assert f"{len(flown.time)} control steps" in nmpc.report(flown)
+
+
+@pytest.mark.slow
+def test_the_flight_of_the_page(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    time, point, wanted, u = run_python("docs/nmpc.md")["fly"](tmp_path)
+    assert time[-1] == pytest.approx(4.0)
+    assert len(u) == len(time) == 200
+    assert np.ptp(wanted, axis=0).max() > 0.1
+    assert np.linalg.norm(point - wanted, axis=1).max() < 0.002
+    assert "200 control steps" in capsys.readouterr().out
 
 
 def test_what_is_wrong_is_told(
@@ -143,7 +157,117 @@ def test_what_is_wrong_is_told(
 ) -> None:
     with pytest.raises(UsageError, match="has no such frame; its frames: base, tip"):
         circle_task(plant, Circle(frame="hand"))
-    missing: Callable[[str], None] = lambda name: None  # noqa: E731
-    monkeypatch.setattr(nmpc, "find_spec", missing)
+    absent: Callable[[str], None] = lambda name: None  # noqa: E731
+    monkeypatch.setattr(nmpc, "find_spec", absent)
     assert nmpc.main(["hexarotor_3link"]) == 2
     assert "pip install 'gibbs_codegen[casadi]'" in capsys.readouterr().err
+
+
+# Without gravity it needs no thrust, and it has no rotors.
+DRIFTING = """
+name = "drifting"
+gravity = 0.0
+
+[base]
+attitude = "quaternion"
+mass = 2.0
+com = [0, 0, 0]
+inertia = [0.02, 0.03, 0.04, 0, 0, 0]
+
+[[frame]]
+name = "camera"
+xyz = [0.2, 0, 0]
+"""
+
+
+def test_robots_that_the_weights_do_not_suit_are_refused(
+    plant: ModuleType, shipped: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
+    with pytest.raises(UsageError, match=r"'base': is at the base .*; choose one .*: tip$"):
+        circle_task(plant, Circle(frame="base"))
+    with pytest.raises(UsageError, match=r"'tip': is at the base of hexarotor, .* needs an arm"):
+        circle_task(shipped("hexarotor"), Circle())
+    drifting = load(module_of(parse_robot(DRIFTING), tmp_path, ()))
+    with pytest.raises(UsageError, match=r"drifting: no thrust carries it in hover, .* rotors"):
+        circle_task(drifting, Circle())
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--duration 0", "duration: must be a finite time above zero, s, not 0"),
+        ("--duration -4", "duration: must be a finite time above zero, s, not -4"),
+        ("--until 0.005", "duration of the flight: must be at least one step .* 0.02 s"),
+        ("--until 0", "duration of the flight: must be at least one step .*, not 0 s"),
+        ("--until nan", "duration of the flight: must be at least one step .* NaN"),
+        ("--radius nan", "radius: must be a finite length above zero, m; some are NaN"),
+        ("--radius 0", "radius: must be a finite length above zero, m, not 0"),
+        ("--effort 0", "effort: must be a torque or force above zero, N m or N, not 0"),
+        ("--thrust 60 -60", "thrust: must be the least thrust and a greater one, N, not 60"),
+        ("--thrust nan 60", "thrust: must be the least thrust and a greater one, N, not nan"),
+        ("--figure no/such.png", "--figure no/such.png: must be a file in a folder that exists"),
+        ("--figure flight.txt", "--figure flight.txt: must end with one of .*, .png, "),
+    ],
+)
+def test_what_cannot_be_flown_is_told_first(
+    words: str,
+    told: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def long(*given: object) -> None:
+        pytest.fail("this takes long")
+
+    monkeypatch.setattr(nmpc, "module_of", long)
+    assert nmpc.main(["quadrotor_2link", *words.split()]) == 2
+    assert re.search(f"^nmpc: {told}", capsys.readouterr().err)
+
+
+def test_words_that_are_no_posture_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    for word in ("theta", "theta=bent"):
+        with pytest.raises(SystemExit):
+            nmpc.main(["hexarotor_3link", "--posture", word])
+        assert f"--posture: {word}: must be JOINT=VALUE, such as" in capsys.readouterr().err
+
+
+def test_the_solver_is_one_that_casadi_has(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert solver_plugin(None) == "fatrop"
+    with pytest.raises(UsageError, match="solver sqp: unknown; known: fatrop, ipopt"):
+        nmpc.track("hexarotor_3link", tmp_path, Circle(), plugin="sqp")
+    older: Callable[[str], bool] = lambda name: name == "ipopt"  # noqa: E731
+    monkeypatch.setattr(casadi, "has_nlpsol", older)
+    assert solver_plugin(None) == "ipopt"
+    with pytest.raises(UsageError, match=r"solver fatrop: CasADi .* since 3\.6\.7 also fatrop"):
+        solver_plugin("fatrop")
+
+
+def test_without_a_compiler_it_says_so(
+    plant: ModuleType,
+    predicted: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(UsageError, match="quadrotor_2link_predicted: its C source is not compiled"):
+        compiled(load(predicted, backend="c"), "tip", H)
+    assert "no-such-compiler" in caplog.text
+    made = iter([Path(plant.__path__[0])])
+    monkeypatch.setattr(nmpc, "module_of", lambda *given: next(made))
+    with pytest.raises(UsageError, match=r"quadrotor_2link: its C source is not compiled, .* CC"):
+        nmpc.track("quadrotor_2link", predicted, Circle(thrust=(-60.0, 60.0)))
+
+
+def test_a_flight_has_a_step(plant: ModuleType) -> None:
+    with pytest.raises(UsageError, match=r"at least one step of the controller, 0\.02 s"):
+        control_steps(0.005, H)
+    assert control_steps(0.5, H) == 25
+
+
+def test_commands_of_the_page_have_options_that_exist() -> None:
+    (block,) = blocks("docs/nmpc.md", "sh")
+    commands = [
+        line.removeprefix("python -m gibbs_codegen.examples.nmpc ") for line in block.splitlines()
+    ]
+    first, second = (nmpc.argument_parser().parse_args(shlex.split(c)) for c in commands)
+    assert (first.robot, first.duration) == ("hextilt_flying_arm_5", 4.0)
+    assert Circle(None, dict(second.posture), second.radius, thrust=tuple(second.thrust)) == PAPER

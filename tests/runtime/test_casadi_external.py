@@ -9,13 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 from support.compiled import LANGUAGES, Emitted, build, emit
-from support.tools import run, tool
+from support.tools import missing, run, tool
 
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.runtime.kernels import Kernels
 
-casadi = pytest.importorskip("casadi")
+try:
+    import casadi
+except ImportError:
+    missing("casadi is not installed")
 
 # A base with two arms, of one joint each, and with rotors on the base and on both arms.
 TREE = """

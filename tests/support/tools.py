@@ -19,10 +19,10 @@ def tool(name: str) -> str:
 
 
 def missing(what: str) -> Any:
-    """Skip the test or, where tools are required, fail it."""
+    """Skip the test, or all tests of a module; where tools are required, fail."""
     if os.environ.get("GIBBS_CODEGEN_REQUIRE_TOOLS") == "1":
         pytest.fail(f"{what}, but GIBBS_CODEGEN_REQUIRE_TOOLS=1", pytrace=False)
-    pytest.skip(what)
+    pytest.skip(what, allow_module_level=True)
 
 
 def run(command: Sequence[str | Path], timeout: float = 300.0, **environment: str) -> str:
