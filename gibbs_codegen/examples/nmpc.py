@@ -11,16 +11,15 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gibbs_codegen.errors import GibbsCodegenError, UsageError
+from gibbs_codegen.errors import GibbsCodegenError
 from gibbs_codegen.examples.task import Circle, circle_task, module_of
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.load import load, require
 
 if TYPE_CHECKING:
     from gibbs_codegen.examples.flight import TrackedPath
@@ -52,11 +51,7 @@ def track(
         UsageError: CasADi is not installed, or what is asked for is refused.
         GibbsCodegenError: The robot is refused.
     """
-    if find_spec("casadi") is None:
-        raise UsageError(
-            "this example needs the package casadi; "
-            "install it with: pip install 'gibbs_codegen[casadi]'"
-        )
+    require("casadi", "this example")
     from gibbs_codegen.examples import prediction
     from gibbs_codegen.examples.controller import Controller
     from gibbs_codegen.examples.flight import fly

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,6 +15,7 @@ import pytest
 from conftest import ROOT
 from support.comparison import assert_close
 from support.compiled import emit
+from support.pages import run_python
 from support.random_robots import random_tree
 from support.tools import missing, run, tool
 
@@ -246,7 +248,10 @@ def test_functions_are_called_as_casadis_are(pair: Callable[[str], Pair]) -> Non
     assert_agree(graph(q, v, u), 2.0 * expected, "a graph of calls")
     assert_agree(graph.expand()(q, v, u), 2.0 * expected, "the same, expanded")
     sent = pickle.loads(pickle.dumps(ours.forward_dynamics))  # noqa: S301
-    assert_agree(sent(q, v, u, constants=ours.prepare(moon)), lighter, "sent elsewhere")
+    copies = copy.copy(ours.forward_dynamics), copy.deepcopy(ours.forward_dynamics)
+    for other in (sent, *copies):
+        assert_agree(other(q, v, u, constants=ours.prepare(moon)), lighter, "sent elsewhere")
+        assert other.__doc__ == numpy.forward_dynamics.__doc__
 
 
 def test_a_step_takes_the_name_of_its_method(pair: Callable[[str], Pair]) -> None:
@@ -277,6 +282,13 @@ def test_functions_become_c(pair: Callable[[str], Pair], tmp_path: Path) -> None
         assert_close("Jacobian in C", found.full(), right.full(), TOLERANCE)
 
 
+def test_the_page_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    page = run_python("docs/casadi.md")
+    assert_close("falling", page["falling"].full().ravel(), np.array([0.0] * 8 + [-9.81]), 1e-12)
+
+
 def test_what_is_wrong_is_said(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(ANGLES)
     q, v, u = state(numpy, "forward_dynamics")
@@ -289,9 +301,19 @@ def test_what_is_wrong_is_said(pair: Callable[[str], Pair]) -> None:
             ours.prepare({"gravitation": value})
     with pytest.raises(ValueError, match="gravity must be a finite number"):
         ours.prepare({"gravity": np.nan})
-    for constants in (numpy.prepare({}), ours.prepare({})[:-1], 1.0):
+    for constants in (numpy.prepare({}), ours.prepare({})[:-1], 1.0, np.float64(3.0)):
         with pytest.raises(TypeError, match=r"what this module's prepare\(\) returned"):
             ours.forward_dynamics(q, v, u, constants=constants)
+    constants = ours.prepare({})
+    with pytest.raises(TypeError, match=r"^forward_dynamics\(\) got constants both by"):
+        ours.forward_dynamics(q, v, u, constants, constants=constants)
+    for value in (casadi.SX.sym("g", 2), casadi.MX.sym("g", 2), casadi.DM([1.0, 2.0])):
+        with pytest.raises(TypeError, match=r"^gravity must be one number or symbol, not of shape"):
+            ours.prepare({"gravity": value})
+    with pytest.raises(TypeError, match="all SX or all MX"):
+        ours.prepare({"gravity": casadi.SX.sym("g"), "link3_length": casadi.MX.sym("l")})
+    with pytest.raises(TypeError, match="mapping"):
+        ours.prepare([1.0])
     with pytest.raises(RuntimeError, match=r"shape|dimension"):
         ours.forward_dynamics(q[:-1], v, u)
     with pytest.raises(UsageError, match="threads"):
