@@ -7,12 +7,12 @@ import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.calls import Pair, as_tuple, random_arguments, state
 from support.comparison import assert_close
 from support.compiled import emit
 from support.pages import run_python
@@ -20,7 +20,7 @@ from support.random_robots import random_tree
 from support.tools import missing, run, tool
 
 from gibbs_codegen.errors import MissingFunctionError, UsageError
-from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS, Signature, module_signatures
+from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS, module_signatures
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.runtime.load import load
 
@@ -34,13 +34,6 @@ ANGLES, TREE, DERIVATIVES = "hexarotor_3link", "a tree with a quaternion", "all 
 STEPS = "steps with angles"
 STEP_FUNCTIONS = ["step_euler", "step_rk4_derivatives"]
 TOLERANCE = 1e-13
-
-
-class Pair(NamedTuple):
-    """A module with both back ends."""
-
-    numpy: ModuleType
-    casadi: ModuleType
 
 
 @pytest.fixture(scope="module")
@@ -69,32 +62,6 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
     return both
 
 
-def random_arguments(module: ModuleType, signature: Signature, seed: int = 0) -> list[Array]:
-    """Arguments of a function, for one state."""
-    rng = np.random.default_rng(seed)
-    arguments = []
-    for name, shape in zip(signature.arguments, signature.argument_shapes, strict=True):
-        values = np.array(0.02) if name == "h" else rng.uniform(-0.9, 0.9, shape)
-        if name in ("q", "q0", "q1"):
-            values = module.integrate(values, np.zeros(len(module.VELOCITIES)))
-        arguments.append(values)
-    return arguments
-
-
-def signature_of(module: ModuleType, name: str) -> Signature:
-    (found,) = (one for one in module_signatures(module) if one.name == name)
-    return found
-
-
-def state(module: ModuleType, name: str, seed: int = 0) -> list[Array]:
-    """Arguments of the function of this name."""
-    return random_arguments(module, signature_of(module, name), seed)
-
-
-def as_tuple(outputs: Any) -> tuple[Any, ...]:
-    return outputs if isinstance(outputs, tuple) else (outputs,)
-
-
 def assert_agree(found: Any, expected: Any, name: str) -> None:
     """CasADi's outputs are those of NumPy, blocks one below the other."""
     for ours, right in zip(as_tuple(found), as_tuple(expected), strict=True):
@@ -120,7 +87,7 @@ def test_every_function_is_that_of_the_numpy_module(
         assert function.is_a("SXFunction")
         assert getattr(ours, name) is function
         for seed in (0, 1):
-            given = random_arguments(numpy, signature, seed)
+            given = random_arguments(numpy, signature, seed=seed)
             assert_agree(function(*given), expected(*given), name)
         changed = expected(*given, constants=numpy.prepare(lengths))
         assert_agree(function(*given, constants=ours.prepare(lengths)), changed, name)

@@ -9,11 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from shutil import copytree
 from types import ModuleType, SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.calls import Pair, as_tuple, random_arguments, state
 from support.command import ENVIRONMENT
 from support.comparison import assert_close
 from support.compiled import emit
@@ -22,7 +23,7 @@ from support.pages import run_python
 from support.tools import missing, tool
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.interface import DATA, Signature, module_signatures
+from gibbs_codegen.interface import DATA, module_signatures
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.runtime.load import load
 
@@ -49,13 +50,6 @@ MORE = [
 LABELS = pytest.mark.parametrize("label", [pytest.param(ANGLES, marks=pytest.mark.slow), TURNING])
 
 
-class Pair(NamedTuple):
-    """A module with both back ends."""
-
-    numpy: ModuleType
-    jax: ModuleType
-
-
 @pytest.fixture(scope="module", autouse=True)
 def _double_precision() -> Iterator[None]:
     jax.config.update("jax_enable_x64", True)
@@ -78,7 +72,7 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
             made[label] = Pair(load(path), load(path, backend="jax"))
             with pytest.MonkeyPatch.context() as patch:
                 patch.setenv("CC", f"{tool('cc')} -O0")
-                made[label].jax.mass_matrix(made[label].numpy.integrate(*start(made[label].numpy)))
+                made[label].ours.mass_matrix(made[label].numpy.integrate(*start(made[label].numpy)))
         return made[label]
 
     return both
@@ -96,29 +90,6 @@ def start(module: ModuleType) -> tuple[Array, Array]:
     """Coordinates to move from, and a displacement."""
     q = np.linspace(0.3, -0.5, len(module.COORDINATES))
     return q, np.linspace(-0.2, 0.4, len(module.VELOCITIES))
-
-
-def state(module: ModuleType, name: str, *batch: int, seed: int = 0) -> list[Array]:
-    """Arguments of the function of this name; quaternions have unit length."""
-    (signature,) = (one for one in module_signatures(module) if one.name == name)
-    return random_arguments(module, signature, *batch, seed=seed)
-
-
-def random_arguments(
-    module: ModuleType, signature: Signature, *batch: int, seed: int = 0
-) -> list[Array]:
-    rng = np.random.default_rng(seed)
-    arguments = []
-    for name, shape in zip(signature.arguments, signature.argument_shapes, strict=True):
-        values = rng.uniform(-0.9, 0.9, (*batch, *shape))
-        if name in ("q", "q0", "q1"):
-            values = module.integrate(values, np.zeros(len(module.VELOCITIES)))
-        arguments.append(np.abs(values) * 0.05 if name == "h" else values)
-    return arguments
-
-
-def as_tuple(outputs: Any) -> tuple[Any, ...]:
-    return outputs if isinstance(outputs, tuple) else (outputs,)
 
 
 def assert_agree(found: Any, expected: Any, name: str, tolerance: float = 1e-12) -> None:
