@@ -28,7 +28,11 @@ from gibbs_codegen.scenario.file import parse_scenario
 from gibbs_codegen.scenario.tables import ScenarioTable
 
 # Pages that need a package more, each with a test file that runs it and asserts what comes out.
-RUN_ELSEWHERE = {"docs/crocoddyl.md": "tests/test_crocoddyl.py"}
+RUN_ELSEWHERE = {
+    "docs/casadi.md": "tests/runtime/test_casadi_backend.py",
+    "docs/crocoddyl.md": "tests/test_crocoddyl.py",
+    "docs/jax.md": "tests/runtime/test_jax_backend.py",
+}
 COMMAND = re.compile(r"gibbs-codegen ([^#&\n]*)")
 
 

@@ -16,14 +16,15 @@ def vehicle_of(
     """The functions and layout of a robot.
 
     Args:
-        robot: A generated module of any back end, or the name or path of one, which is loaded.
+        robot: A generated module with the back end "numpy" or "c", or the name or path of one,
+            which is loaded.
         parameters: Parameters of the module's `prepare`; those left out keep their defaults.
 
     Returns:
         The robot.
 
     Raises:
-        UsageError: There is no such module, or no such parameter.
+        UsageError: There is no such module or parameter, or the module is of another back end.
     """
     module = load(robot) if isinstance(robot, str | os.PathLike) else robot
     return Vehicle(module, parameters)

@@ -12,7 +12,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +20,7 @@ import numpy as np
 from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.examples.task import Circle, circle_task, module_of
 from gibbs_codegen.robot.file import read_robot
-from gibbs_codegen.runtime.load import load
+from gibbs_codegen.runtime.load import load, require
 
 if TYPE_CHECKING:
     from gibbs_codegen.examples.flight import TrackedPath
@@ -53,11 +52,7 @@ def track(
         UsageError: CasADi is not installed, nothing compiles, or what is asked for is refused.
         GibbsCodegenError: The robot is refused.
     """
-    if find_spec("casadi") is None:
-        raise UsageError(
-            "this example needs the package casadi; "
-            "install it with: pip install 'gibbs_codegen[casadi]'"
-        )
+    require("casadi", "this example")
     from gibbs_codegen.examples import prediction
     from gibbs_codegen.examples.controller import Controller, solver_plugin
     from gibbs_codegen.examples.flight import control_steps, fly

@@ -22,6 +22,11 @@ class Argument:
     with_quaternion: str = ""
     unit: str = "{unit}"
 
+    @property
+    def is_coordinates(self) -> bool:
+        """Whether its entries are coordinates, a quaternion among them where there is one."""
+        return self.shape == "q"
+
 
 @dataclass(frozen=True)
 class Output:

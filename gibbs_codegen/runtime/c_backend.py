@@ -6,13 +6,11 @@ The module's C source is compiled once and kept in a cache. Where Python's heade
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
-from gibbs_codegen.interface import Signature, module_signatures
-from gibbs_codegen.runtime.c_library import compiled_library
+from gibbs_codegen.interface import module_signatures
+from gibbs_codegen.runtime.c_library import compiled_library, loaded_library
 from gibbs_codegen.runtime.caller import caller_type
 from gibbs_codegen.runtime.compiled_function import (
     CompiledConstants,
@@ -20,7 +18,7 @@ from gibbs_codegen.runtime.compiled_function import (
     GeneralFunction,
     Pool,
 )
-from gibbs_codegen.runtime.compiler import Compiler, CompilerError
+from gibbs_codegen.runtime.compiler import Compiler
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
 
@@ -41,13 +39,9 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         CacheError: The library cannot be kept.
     """
     path = compiled_library(folder, module.NAME, compiler)
-    try:
-        library = ctypes.CDLL(str(path))
-    except OSError as error:
-        raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
     functions = module_signatures(module)
-    _check_symbols(library, module.NAME, functions)
-    made = LoadedModule(module)
+    library = loaded_library(path, module.NAME, functions)
+    made = LoadedModule(module, "c")
     made.__file__ = str(path)
     constants = CompiledConstants(library, module)
     prepare = GeneralFunction(lambda given: constants.prepare(**given), module.prepare)
@@ -59,20 +53,3 @@ def c_module(module: ModuleType, folder: Path, compiler: Compiler, threads: int)
         general = GeneralFunction(function.evaluate, getattr(module, signature.name))
         setattr(made, signature.name, function.fast(caller, general) if caller else general)
     return made
-
-
-def _check_symbols(library: ctypes.CDLL, prefix: str, functions: Sequence[Signature]) -> None:
-    """Refuse a library that lacks a function.
-
-    Args:
-        library: What was compiled.
-        prefix: Name of the robot.
-        functions: Those that it must have.
-
-    Raises:
-        CompilerError: It lacks one.
-    """
-    names = [f"{prefix}_{f.name}{form}" for f in functions for form in ("", "_batch")]
-    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", "gibbs_codegen_lost", *names):
-        if not hasattr(library, name):
-            raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import shutil
 import sys
@@ -10,8 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.interface import Signature
 from gibbs_codegen.runtime.cache import cached_library
-from gibbs_codegen.runtime.compiler import Compiler
+from gibbs_codegen.runtime.compiler import Compiler, CompilerError
 
 NATIVE = Path(__file__).parent / "native"
 # As a source beside those of a robot, whose name begins with a letter.
@@ -50,6 +52,31 @@ def compiled_library(
         shutil.rmtree(sources)
 
     return cached_library("\n".join([compiler.identity, name, *extra, *digests]), make)
+
+
+def loaded_library(path: Path, prefix: str, functions: Sequence[Signature]) -> ctypes.CDLL:
+    """The shared library of a generated module, once it is known to have all functions.
+
+    Args:
+        path: Of the library.
+        prefix: Name of the robot.
+        functions: Those that it must have.
+
+    Returns:
+        The library.
+
+    Raises:
+        CompilerError: It cannot be loaded, or lacks a function.
+    """
+    try:
+        library = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise CompilerError(f"{path.name} cannot be loaded: {error}") from None
+    names = [f"{prefix}_{f.name}{form}" for f in functions for form in ("", "_batch")]
+    for name in (f"{prefix}_init_constants", "gibbs_codegen_rows", "gibbs_codegen_lost", *names):
+        if not hasattr(library, name):
+            raise CompilerError(f"the library has no {name}; do flags in CC hide or rename it?")
+    return library
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from typing import Any
 import casadi
 import numpy as np
 
-from gibbs_codegen.interface import FUNCTIONS, Signature, module_signatures
+from gibbs_codegen.interface import ARGUMENTS, FUNCTIONS, Signature, module_signatures
 from gibbs_codegen.runtime.kernels import Kernels, Objects, objects
 from gibbs_codegen.runtime.loaded_module import LoadedModule
 
@@ -47,10 +47,19 @@ class CasadiFunction(casadi.Function):
         with_constants: The same function with one more input, `constants`, the last.
     """
 
-    def __init__(self, function: casadi.Function, with_constants: casadi.Function) -> None:
-        """Take the function with the default constants, and the one with constants to be given."""
+    def __init__(
+        self, function: casadi.Function, with_constants: casadi.Function, doc: str | None
+    ) -> None:
+        """Take a function in both forms.
+
+        Args:
+            function: With the default constants.
+            with_constants: With constants to be given.
+            doc: Its docstring.
+        """
         super().__init__(function)
         self.with_constants = with_constants
+        self.__doc__ = doc
 
     def __call__(self, *arguments: Any, constants: Any = None, **named: Any) -> Any:
         """Call it as CasADi's functions are called.
@@ -64,15 +73,17 @@ class CasadiFunction(casadi.Function):
             One output or a tuple of them, or where arguments have names, a dictionary.
 
         Raises:
-            TypeError: The constants are not this module's.
+            TypeError: The constants are not this module's, or are given twice.
         """
         function = casadi.Function(self)
         if len(arguments) == self.n_in() + 1:
+            if constants is not None:
+                raise TypeError(f"{self.name()}() got constants both by position and by name")
             *arguments, constants = arguments  # type: ignore[assignment]
         if constants is not None:
             function = self.with_constants
             size = function.size1_in("constants")
-            if getattr(constants, "shape", (None,))[0] != size:
+            if getattr(constants, "shape", ())[:1] != (size,):
                 raise TypeError("constants must be what this module's prepare() returned")
             if named:
                 named["constants"] = constants
@@ -83,7 +94,13 @@ class CasadiFunction(casadi.Function):
         return function.call([])[0]  # CasADi gives a dictionary where nothing is given.
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return CasadiFunction, (casadi.Function(self), self.with_constants)
+        return CasadiFunction, (casadi.Function(self), self.with_constants, self.__doc__)
+
+    def __copy__(self) -> CasadiFunction:
+        return self  # CasADi's functions do not change.
+
+    def __deepcopy__(self, memo: dict[int, Any] | None = None) -> CasadiFunction:
+        return self
 
 
 class _Symbols(np.ndarray[Any, np.dtype[np.object_]]):
@@ -102,7 +119,7 @@ class _CasadiModule(LoadedModule):
     """A module whose functions are made when they are first looked up."""
 
     def __init__(self, module: ModuleType) -> None:
-        super().__init__(module)
+        super().__init__(module, "casadi")
         self._module = module
         self._kernels = Kernels(module, _ELEMENTARY)
         self._default = casadi.DM(module.prepare({}))
@@ -130,10 +147,18 @@ class _CasadiModule(LoadedModule):
 
         Raises:
             ValueError, TypeError: As of the NumPy module's `prepare`.
+            TypeError: A value is a vector or a matrix, or both SX and MX are among them.
         """
-        given = {n: float(p) if isinstance(p, casadi.DM) else p for n, p in parameters.items()}
-        if not any(isinstance(value, casadi.SX | casadi.MX) for value in given.values()):
+        given = {**parameters}
+        for name, value in given.items():
+            if isinstance(value, casadi.DM | casadi.SX | casadi.MX) and value.shape != (1, 1):
+                raise TypeError(f"{name} must be one number or symbol, not of shape {value.shape}")
+            given[name] = float(value) if isinstance(value, casadi.DM) else value
+        kinds = {type(value) for value in given.values()} & {casadi.SX, casadi.MX}
+        if not kinds:
             return casadi.DM(self._module.prepare(given))
+        if len(kinds) > 1:
+            raise TypeError("symbols among the parameters must be all SX or all MX")
         self._module.prepare({name: self.PARAMETERS.get(name, 0.0) for name in given})
         if "_prepared" not in self.__dict__:
             symbols = casadi.SX.sym("parameters", len(self.PARAMETERS))
@@ -164,9 +189,8 @@ class _CasadiModule(LoadedModule):
             name, [*symbols, constants], outputs, [*names, "constants"], results
         )
         known = every.call([*symbols, self._default])
-        made = CasadiFunction(casadi.Function(name, symbols, known, names, results), every)
-        made.__doc__ = getattr(self._module, name).__doc__
-        return made
+        default = casadi.Function(name, symbols, known, names, results)
+        return CasadiFunction(default, every, getattr(self._module, name).__doc__)
 
     def _normalised(self, argument: str, symbol: Any) -> Objects:
         """Entries of an argument, those of a quaternion divided by its length.
@@ -182,7 +206,7 @@ class _CasadiModule(LoadedModule):
             The entries, row by row.
         """
         entries = objects(casadi.vertsplit(casadi.vec(symbol.T)))
-        if self.ATTITUDE == "quaternion" and argument in ("q", "q0", "q1"):
+        if self.ATTITUDE == "quaternion" and ARGUMENTS[argument].is_coordinates:
             places = [self.COORDINATES.index(name) for name in _QUATERNION]
             length = casadi.norm_2(casadi.vertcat(*entries[places]))
             entries[places] = objects([entry / length for entry in entries[places]])

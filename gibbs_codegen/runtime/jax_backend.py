@@ -31,7 +31,7 @@ def jax_module(module: ModuleType, folder: Path) -> ModuleType:
         A module with the names of `module`.
     """
     functions = Functions(module, folder)
-    made = LoadedModule(module)
+    made = LoadedModule(module, "jax")
     made.prepare = _prepare(module, functions)  # type: ignore[attr-defined]
     # Functions that are composed of others are those of the source, which see JAX's others.
     source = functions.kernels.source()
@@ -58,10 +58,11 @@ def _prepare(module: ModuleType, functions: Functions) -> Callable[[Mapping[str,
 
     def prepare(parameters: Mapping[str, Any]) -> Any:
         defaults = module.PARAMETERS
-        module.prepare({name: defaults.get(name, 0.0) for name in parameters})
-        given = _arrays(parameters, parameters.values())
+        values = {**parameters}
+        module.prepare({name: defaults.get(name, 0.0) for name in values})
+        given = _arrays(values, values.values())
         shape = jnp.broadcast_shapes(*(value.shape for value in given))
-        every = {**defaults, **dict(zip(parameters, given, strict=True))}
+        every = {**defaults, **dict(zip(values, given, strict=True))}
         dtype = given[0].dtype if given else jnp.result_type(float)
         entries = [*functions.kernels.constants(every), *every.values()]
         return jnp.stack([jnp.broadcast_to(jnp.asarray(e, dtype), shape) for e in entries], -1)
@@ -135,12 +136,12 @@ def _constants(constants: Any, size: int, arguments: Sequence[Any]) -> Any:
         Array (..., size).
 
     Raises:
-        TypeError: They are not this module's.
+        TypeError: They are not this module's, or as of `_arrays`.
     """
-    shape = getattr(constants, "shape", ())
-    if not shape or shape[-1] != size:
+    if getattr(constants, "shape", ())[-1:] != (size,):
         raise TypeError("constants must be what this module's prepare() returned")
-    return jnp.asarray(constants, arguments[0].dtype) if arguments else constants
+    (array,) = _arrays(["constants"], [constants])
+    return jnp.asarray(array, arguments[0].dtype) if arguments else array
 
 
 def _states(signature: Signature, given: Mapping[str, Any]) -> list[Any]:

@@ -21,7 +21,7 @@ import jax
 
 from gibbs_codegen.errors import printable
 from gibbs_codegen.interface import Signature, module_signatures
-from gibbs_codegen.runtime.c_library import NATIVE, c_files, compiled_library
+from gibbs_codegen.runtime.c_library import NATIVE, c_files, compiled_library, loaded_library
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import CompilerError, find_compiler
 
@@ -41,12 +41,16 @@ class CompiledCalls:
             module: The NumPy module.
             path: Its library.
             caller: That of `native/jax_call.c`.
+
+        Raises:
+            CompilerError: The library lacks a function, or one cannot be added.
         """
+        signatures = module_signatures(module)
         # The folder in the cache has its name from what the library was made of.
         self._prefix = f"{module.NAME}/{path.parent.name}/"
-        self._library = ctypes.CDLL(str(path))
+        self._library = loaded_library(path, module.NAME, signatures)
         self._constants = len(module.prepare({}))
-        for signature in module_signatures(module):
+        for signature in signatures:
             self._add(module.NAME, signature, caller)
 
     def _add(self, module: str, signature: Signature, caller: ctypes.CDLL) -> None:
@@ -56,10 +60,13 @@ class CompiledCalls:
             module: Name of the module.
             signature: That of the function.
             caller: The library of `native/jax_call.c`.
+
+        Raises:
+            CompilerError: It cannot be added.
         """
         sizes = [*signature.widths, *map(math.prod, signature.shapes), self._constants]
         own = f"{module}_{signature.name}_batch"
-        caller.gibbs_codegen_jax_add(
+        failed = caller.gibbs_codegen_jax_add(
             f"{self._prefix}{signature.name}".encode(),
             ctypes.cast(self._library["gibbs_codegen_rows"], ctypes.c_void_p),
             ctypes.cast(self._library[own], ctypes.c_void_p),
@@ -68,6 +75,8 @@ class CompiledCalls:
             len(signature.shapes),
             (ctypes.c_size_t * len(sizes))(*sizes),
         )
+        if failed:
+            raise CompilerError(f"{signature.name} cannot be added to what XLA can call")
 
     def __call__(
         self, signature: Signature, constants: Any, arguments: Sequence[Any]
@@ -93,30 +102,35 @@ class CompiledCalls:
         return tuple(call(*operands, function=f"{self._prefix}{signature.name}"))
 
 
-def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | None:
-    """The compiled functions of a module.
+def compiled_calls(module: ModuleType, folder: Path) -> CompiledCalls | str:
+    """The compiled functions of a module, where XLA computes on the CPU.
 
     Args:
         module: The NumPy module.
         folder: Where its C files are, if it has the C target.
 
     Returns:
-        What calls them, or None where they cannot be compiled, which the log says.
+        What calls them, or in words why there are none. Where they cannot be compiled, the log
+        says so too.
 
     Raises:
         UsageError: A C file is of another make.
     """
+    if (backend := jax.default_backend()) != "cpu":
+        return f"JAX computes on the {backend}, and compiled functions run on the CPU only"
     if any(not (folder / name).is_file() for name in c_files(module.NAME)):
-        _log.warning(_SLOW, module.NAME, "the module was generated without the C target")
-        return None
+        reason = "the module was generated without the C target"
+        _log.warning(_SLOW, module.NAME, reason)
+        return reason
     try:
         compiler = find_compiler(os.environ.get("CC") or None)
         library = compiled_library(folder, module.NAME, compiler)
         with _adding:
             return CompiledCalls(module, library, _caller())
     except (CompilerError, CacheError, OSError) as error:
-        _log.warning(_SLOW, module.NAME, printable(error, 400))
-        return None
+        reason = printable(error, 400)
+        _log.warning(_SLOW, module.NAME, reason)
+        return reason
 
 
 @functools.cache

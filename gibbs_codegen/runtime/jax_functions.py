@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.errors import MissingFunctionError, UsageError
 from gibbs_codegen.interface import Signature, module_signatures
 from gibbs_codegen.runtime.jax_ffi import CompiledCalls, compiled_calls
 from gibbs_codegen.runtime.jax_rules import BY_PARAMETERS, RULES, by_parameters
@@ -81,10 +81,8 @@ class Functions:
         return self._made[name](constants, *arguments)
 
     @functools.cached_property
-    def _compiled(self) -> CompiledCalls | None:
-        """The compiled functions, where XLA computes on the CPU."""
-        if jax.default_backend() != "cpu":
-            return None
+    def _compiled(self) -> CompiledCalls | str:
+        """The compiled functions, or why there are none."""
         return compiled_calls(self._module, self._folder)
 
     def _evaluate(self, name: str, constants: Any, *arguments: Any) -> tuple[Any, ...]:
@@ -98,7 +96,10 @@ class Functions:
         """
         signature = self._signatures[name]
         size = self._operations(name) + sum(map(math.prod, signature.shapes))
-        if not arguments or size <= _MOST_TRACED or self._compiled is None:
+        if not arguments or size <= _MOST_TRACED:
+            return self._traced(signature, constants, arguments)
+        if isinstance(self._compiled, str):
+            self._check_length(name, f"its compiled form cannot be had: {self._compiled}")
             return self._traced(signature, constants, arguments)
         own = None if constants is None else constants[..., : len(self._default)]
         return self._compiled(signature, own, arguments)
@@ -114,24 +115,14 @@ class Functions:
 
         Returns:
             As of `__call__`.
-
-        Raises:
-            UsageError: XLA cannot compile so much.
         """
-        name, count = signature.name, self._operations(signature.name)
-        if count > _MOST_OPERATIONS:
-            raise UsageError(
-                f"{self._module.NAME}.{name}: {count} operations are too many for XLA. Its compiled"
-                " form needs a C compiler, and runs on the CPU only, and its derivatives are there "
-                "if the module has them: gibbs-codegen generate --derivatives=all"
-            )
         operands = [*arguments] if constants is None else [*arguments, constants]
         k = self._default if constants is None else _entries(constants)
         batch = jnp.broadcast_shapes(*(array.shape[:-1] for array in operands))
         dtype = jnp.result_type(*operands) if operands else jnp.result_type(float)
         entries = [
             jnp.broadcast_to(jnp.asarray(entry, dtype), batch)
-            for entry in self.kernels.entries(name, k, *map(_entries, arguments))
+            for entry in self.kernels.entries(signature.name, k, *map(_entries, arguments))
         ]
         found, start = [], 0
         for shape in signature.shapes:
@@ -144,7 +135,24 @@ class Functions:
     def _operations(self, name: str) -> int:
         """How many operations a function takes, but for signs, sines and cosines."""
         code = getattr(self._module.numpy_module, f"_{name}").__code__
-        return sum(instruction.opname == "BINARY_OP" for instruction in dis.get_instructions(code))
+        steps = dis.get_instructions(code)
+        # From Python 3.14, what takes an entry of an array counts as a binary operation too.
+        return sum(step.opname == "BINARY_OP" and step.argrepr != "[]" for step in steps)
+
+    def _check_length(self, name: str, otherwise: str) -> None:
+        """Refuse to have XLA compile what it cannot.
+
+        Args:
+            name: Of the function.
+            otherwise: Why XLA is to compile it.
+
+        Raises:
+            UsageError: It has too many operations.
+        """
+        if (count := self._operations(name)) > _MOST_OPERATIONS:
+            raise UsageError(
+                f"{self._module.NAME}.{name}: {count} operations are too many for XLA; {otherwise}"
+            )
 
     def _differentiate(
         self, name: str, primals: Sequence[Any], tangents: Sequence[Any]
@@ -211,6 +219,7 @@ class Functions:
         Returns:
             The changes, one array for each output.
         """
+        self._check_length(name, self._why_by_kernel(name, changes))
         places = [i for i, change in enumerate(changes) if change is not None]
 
         def results(*values: Any) -> tuple[Any, ...]:
@@ -223,6 +232,23 @@ class Functions:
         chosen = [primals[i] for i in places]
         moved: tuple[Any, ...] = jax.jvp(results, chosen, [changes[i] for i in places])[1]
         return moved
+
+    def _why_by_kernel(self, name: str, changes: Sequence[Any]) -> str:
+        """Why the module's own derivatives do not serve.
+
+        Args:
+            name: Of the function that is differentiated.
+            changes: Of the constants and arguments, or None; not all of them.
+
+        Returns:
+            A clause.
+        """
+        rule = RULES.get(name)
+        by_arguments = any(change is not None for change in changes[1:])
+        needed = (rule and rule.needs) if by_arguments else BY_PARAMETERS.get(name)
+        if not needed or needed in self:
+            return "no module has a function for this derivative"
+        return str(MissingFunctionError(self._module.NAME, needed, self._module.DERIVATIVES))
 
 
 def _entries(array: Any) -> list[Any]:

@@ -34,7 +34,7 @@ class Tangents:
         Returns:
             Whether displacements differ from changes of the entries.
         """
-        return self._is_quaternion and ARGUMENTS[argument].shape == "q"
+        return self._is_quaternion and ARGUMENTS[argument].is_coordinates
 
     def normalised(self, argument: str, values: Any) -> Any:
         """An argument with a quaternion of unit length.

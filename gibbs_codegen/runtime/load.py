@@ -104,6 +104,27 @@ def _time_step(module: ModuleType, ending: str) -> Callable[..., object]:
     return step
 
 
+def require(library: str, for_what: str) -> None:
+    """Import a package that an extra installs.
+
+    Args:
+        library: Name of the package and of the extra.
+        for_what: What needs it.
+
+    Raises:
+        UsageError: It is not installed.
+    """
+    try:
+        importlib.import_module(library)
+    except ModuleNotFoundError as error:
+        if error.name != library:
+            raise
+        raise UsageError(
+            f"{for_what}: the package {library} is not installed; "
+            f"install it with: pip install 'gibbs_codegen[{library}]'"
+        ) from None
+
+
 def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
     """A module with the functions of another library.
 
@@ -118,15 +139,7 @@ def _of_library(module: ModuleType, folder: Path, library: str) -> ModuleType:
     Raises:
         UsageError: The library is not installed.
     """
-    try:
-        importlib.import_module(library)
-    except ModuleNotFoundError as error:
-        if error.name != library:
-            raise
-        raise UsageError(
-            f"back end {library!r}: the package {library} is not installed; "
-            f"install it with: pip install 'gibbs_codegen[{library}]'"
-        ) from None
+    require(library, f"back end {library!r}")
     if library == "casadi":
         from gibbs_codegen.runtime.casadi_backend import casadi_module
 

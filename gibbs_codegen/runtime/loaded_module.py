@@ -18,17 +18,25 @@ _BROUGHT_BY = {
 
 
 class LoadedModule(ModuleType):
-    """The constants of a module; the error for what it lacks names the option that adds it."""
+    """The constants of a module; the error for what it lacks names the option that adds it.
 
-    def __init__(self, module: ModuleType) -> None:
+    Attributes:
+        backend: What computes its functions: "numpy", "c", "casadi" or "jax".
+    """
+
+    backend = "numpy"
+
+    def __init__(self, module: ModuleType, backend: str) -> None:
         """Take the constants of a module, to which a back end adds its functions.
 
         Args:
             module: The NumPy module.
+            backend: Name of the back end.
         """
         super().__init__(module.__name__, module.__doc__)
         self.__file__ = module.__file__
         self.__path__ = module.__path__
+        self.backend = backend
         for name in (*DATA, *DATA_ON_REQUEST):
             if hasattr(module, name):
                 setattr(self, name, getattr(module, name))

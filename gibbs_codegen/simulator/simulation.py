@@ -49,10 +49,11 @@ def simulate(
     scenario: Scenario | str,
     progress: Progress = lambda what, share: None,
 ) -> Flight:
-    """Fly a scenario with the robot of a generated module, of either back end.
+    """Fly a scenario with the robot of a generated module.
 
     Args:
-        robot: A generated module, or the name or path of one, which is loaded with the C back end.
+        robot: A generated module with the back end "numpy" or "c", or the name or path of one,
+            which is loaded with the C back end.
         scenario: A scenario, or the name or path of one, which is read.
         progress: Is told what is being done, and the share of it that is done, 0 to 1.
 

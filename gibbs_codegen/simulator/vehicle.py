@@ -1,6 +1,6 @@
 """A generated module as the simulator sees it: its functions with their constants, and its layout.
 
-This is all that the simulator knows of a robot; either back end serves.
+This is all that the simulator knows of a robot.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.interface import DATA, FUNCTIONS
 from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.runtime.load import BACKENDS
 from gibbs_codegen.simulator.kinematics import kinematics_of
 
 Array = NDArray[np.float64]
@@ -35,21 +36,16 @@ class Vehicle:
     The functions are the module's own, by the same names.
 
     Args:
-        module: a generated module, of either back end.
+        module: a generated module, with the back end "numpy" or "c".
         parameters: parameters of the module's `prepare`; those left out keep their defaults.
 
     Raises:
-        UsageError: for a module of an older version, and for parameters that `prepare` rejects.
+        UsageError: for a module of another back end or of an older version, and for parameters that
+            `prepare` rejects.
     """
 
     def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
-        # A robot with several arms has no tip.
-        always = (r.name for r in FUNCTIONS.values() if not r.frame and not r.on_request)
-        wanted = (*DATA, *always)
-        if missing := [name for name in wanted if not hasattr(module, name)]:
-            raise UsageError(
-                f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
-            )
+        _check(module)
         try:
             self.constants: Any = module.prepare(dict(parameters)) if parameters else None
         except (ValueError, TypeError) as error:
@@ -209,3 +205,21 @@ class Vehicle:
         loads = self.input_matrix(q)[self.arm_rates, : self.rotors]
         moves = np.abs(there - here) > _ROUNDING * np.abs(here).max(initial=0.0)
         return bool(np.any(loads) or np.any(moves))
+
+
+def _check(module: ModuleType) -> None:
+    """Raise `UsageError` for a module of another back end or of an older version."""
+    # A module that was imported rather than loaded is NumPy's.
+    if (backend := getattr(module, "backend", "numpy")) not in BACKENDS:
+        known = " or ".join(f'"{name}"' for name in BACKENDS)
+        raise UsageError(
+            f"{module.NAME}: its back end is {backend}, but this works on NumPy's arrays; load "
+            f"the module with backend={known}"
+        )
+    # A robot with several arms has no tip.
+    always = (r.name for r in FUNCTIONS.values() if not r.frame and not r.on_request)
+    wanted = (*DATA, *always)
+    if missing := [name for name in wanted if not hasattr(module, name)]:
+        raise UsageError(
+            f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
+        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable
 from dataclasses import fields
@@ -10,11 +11,12 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
-from gibbs_codegen import Trim, UsageError, generate, load, trim
+from gibbs_codegen import Trim, UsageError, generate, linearise, load, simulate, trim
 from gibbs_codegen.simulator.vehicle import Vehicle
 
 Load = Callable[[str], ModuleType]
@@ -265,6 +267,17 @@ def test_a_body_without_weight_or_inputs_is_balanced(tmp_path: Path) -> None:
         ["The", "rotors", "produce", "no", "wrench", "along"],
         ["force", "along", "x"],
     ]
+
+
+@pytest.mark.parametrize("backend", ["casadi", "jax"])
+def test_a_module_of_another_library_is_refused(backend: str) -> None:
+    pytest.importorskip(backend)
+    module = load(ROOT / "generated" / "quadrotor_2link", backend=backend)
+    assert module.backend == backend
+    linearised = functools.partial(linearise, q=module.COORDINATES)
+    for function in (trim, linearised, functools.partial(simulate, scenario="hover")):
+        with pytest.raises(UsageError, match=rf'back end is {backend}, but .*"numpy" or "c"'):
+            function(module)
 
 
 def test_a_module_may_be_given_by_its_path(shipped: Load) -> None:

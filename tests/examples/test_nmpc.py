@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -157,8 +158,7 @@ def test_what_is_wrong_is_told(
 ) -> None:
     with pytest.raises(UsageError, match="has no such frame; its frames: base, tip"):
         circle_task(plant, Circle(frame="hand"))
-    absent: Callable[[str], None] = lambda name: None  # noqa: E731
-    monkeypatch.setattr(nmpc, "find_spec", absent)
+    monkeypatch.setitem(sys.modules, "casadi", None)
     assert nmpc.main(["hexarotor_3link"]) == 2
     assert "pip install 'gibbs_codegen[casadi]'" in capsys.readouterr().err
 

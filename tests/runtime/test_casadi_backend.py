@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
 from conftest import ROOT
+from support.calls import Pair, as_tuple, random_arguments, state
 from support.comparison import assert_close
 from support.compiled import emit
+from support.pages import run_python
 from support.random_robots import random_tree
 from support.tools import missing, run, tool
 
 from gibbs_codegen.errors import MissingFunctionError, UsageError
-from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS, Signature, module_signatures
+from gibbs_codegen.interface import DATA, DATA_ON_REQUEST, FUNCTIONS, module_signatures
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.runtime.load import load
 
@@ -32,13 +34,6 @@ ANGLES, TREE, DERIVATIVES = "hexarotor_3link", "a tree with a quaternion", "all 
 STEPS = "steps with angles"
 STEP_FUNCTIONS = ["step_euler", "step_rk4_derivatives"]
 TOLERANCE = 1e-13
-
-
-class Pair(NamedTuple):
-    """A module with both back ends."""
-
-    numpy: ModuleType
-    casadi: ModuleType
 
 
 @pytest.fixture(scope="module")
@@ -67,32 +62,6 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Pair]:
     return both
 
 
-def random_arguments(module: ModuleType, signature: Signature, seed: int = 0) -> list[Array]:
-    """Arguments of a function, for one state."""
-    rng = np.random.default_rng(seed)
-    arguments = []
-    for name, shape in zip(signature.arguments, signature.argument_shapes, strict=True):
-        values = np.array(0.02) if name == "h" else rng.uniform(-0.9, 0.9, shape)
-        if name in ("q", "q0", "q1"):
-            values = module.integrate(values, np.zeros(len(module.VELOCITIES)))
-        arguments.append(values)
-    return arguments
-
-
-def signature_of(module: ModuleType, name: str) -> Signature:
-    (found,) = (one for one in module_signatures(module) if one.name == name)
-    return found
-
-
-def state(module: ModuleType, name: str, seed: int = 0) -> list[Array]:
-    """Arguments of the function of this name."""
-    return random_arguments(module, signature_of(module, name), seed)
-
-
-def as_tuple(outputs: Any) -> tuple[Any, ...]:
-    return outputs if isinstance(outputs, tuple) else (outputs,)
-
-
 def assert_agree(found: Any, expected: Any, name: str) -> None:
     """CasADi's outputs are those of NumPy, blocks one below the other."""
     for ours, right in zip(as_tuple(found), as_tuple(expected), strict=True):
@@ -118,7 +87,7 @@ def test_every_function_is_that_of_the_numpy_module(
         assert function.is_a("SXFunction")
         assert getattr(ours, name) is function
         for seed in (0, 1):
-            given = random_arguments(numpy, signature, seed)
+            given = random_arguments(numpy, signature, seed=seed)
             assert_agree(function(*given), expected(*given), name)
         changed = expected(*given, constants=numpy.prepare(lengths))
         assert_agree(function(*given, constants=ours.prepare(lengths)), changed, name)
@@ -246,7 +215,10 @@ def test_functions_are_called_as_casadis_are(pair: Callable[[str], Pair]) -> Non
     assert_agree(graph(q, v, u), 2.0 * expected, "a graph of calls")
     assert_agree(graph.expand()(q, v, u), 2.0 * expected, "the same, expanded")
     sent = pickle.loads(pickle.dumps(ours.forward_dynamics))  # noqa: S301
-    assert_agree(sent(q, v, u, constants=ours.prepare(moon)), lighter, "sent elsewhere")
+    copies = copy.copy(ours.forward_dynamics), copy.deepcopy(ours.forward_dynamics)
+    for other in (sent, *copies):
+        assert_agree(other(q, v, u, constants=ours.prepare(moon)), lighter, "sent elsewhere")
+        assert other.__doc__ == numpy.forward_dynamics.__doc__
 
 
 def test_a_step_takes_the_name_of_its_method(pair: Callable[[str], Pair]) -> None:
@@ -277,6 +249,13 @@ def test_functions_become_c(pair: Callable[[str], Pair], tmp_path: Path) -> None
         assert_close("Jacobian in C", found.full(), right.full(), TOLERANCE)
 
 
+def test_the_page_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    monkeypatch.setenv("CC", f"{tool('cc')} -O0")
+    page = run_python("docs/casadi.md")
+    assert_close("falling", page["falling"].full().ravel(), np.array([0.0] * 8 + [-9.81]), 1e-12)
+
+
 def test_what_is_wrong_is_said(pair: Callable[[str], Pair]) -> None:
     numpy, ours = pair(ANGLES)
     q, v, u = state(numpy, "forward_dynamics")
@@ -289,9 +268,19 @@ def test_what_is_wrong_is_said(pair: Callable[[str], Pair]) -> None:
             ours.prepare({"gravitation": value})
     with pytest.raises(ValueError, match="gravity must be a finite number"):
         ours.prepare({"gravity": np.nan})
-    for constants in (numpy.prepare({}), ours.prepare({})[:-1], 1.0):
+    for constants in (numpy.prepare({}), ours.prepare({})[:-1], 1.0, np.float64(3.0)):
         with pytest.raises(TypeError, match=r"what this module's prepare\(\) returned"):
             ours.forward_dynamics(q, v, u, constants=constants)
+    constants = ours.prepare({})
+    with pytest.raises(TypeError, match=r"^forward_dynamics\(\) got constants both by"):
+        ours.forward_dynamics(q, v, u, constants, constants=constants)
+    for value in (casadi.SX.sym("g", 2), casadi.MX.sym("g", 2), casadi.DM([1.0, 2.0])):
+        with pytest.raises(TypeError, match=r"^gravity must be one number or symbol, not of shape"):
+            ours.prepare({"gravity": value})
+    with pytest.raises(TypeError, match="all SX or all MX"):
+        ours.prepare({"gravity": casadi.SX.sym("g"), "link3_length": casadi.MX.sym("l")})
+    with pytest.raises(TypeError, match="mapping"):
+        ours.prepare([1.0])
     with pytest.raises(RuntimeError, match=r"shape|dimension"):
         ours.forward_dynamics(q[:-1], v, u)
     with pytest.raises(UsageError, match="threads"):

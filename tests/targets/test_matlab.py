@@ -105,7 +105,7 @@ def arguments(module: ModuleType, signature: Signature, count: int) -> dict[str,
     given = {}
     for name, shape in zip(signature.arguments, signature.argument_shapes, strict=True):
         values = rng.uniform(-1.0, 1.0, (count, *shape))
-        if ARGUMENTS[name].shape == "q" and module.ATTITUDE == "quaternion":
+        if ARGUMENTS[name].is_coordinates and module.ATTITUDE == "quaternion":
             values[:, 3:7] /= np.linalg.norm(values[:, 3:7], axis=1, keepdims=True)
         given[name] = 0.01 * values if name == "h" else values
     return given

@@ -272,7 +272,7 @@ class Form:
             turned = at(self.take(rows, columns).start)
             self.body += call("store", [str(columns), str(rows), given, turned])
             given = turned
-        elif name != PARAMETERS and self._is_quaternion and ARGUMENTS[name].shape == "q":
+        elif name != PARAMETERS and self._is_quaternion and ARGUMENTS[name].is_coordinates:
             unit = at(self.take(rows, 1).start)
             self.body += call(
                 f"{self.model.robot.name}_integrate", ["constants", given, "zeros", unit]
