@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import subprocess
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -300,6 +302,16 @@ def test_generated_code_calls_the_library(
         assert_near(found, right)
 
 
+def test_sizes_are_written_only_where_they_are_asked_for(robot: External) -> None:
+    work = getattr(ctypes.CDLL(str(robot.path)), f"{robot.emitted.name}_casadi_integrate_work")
+    sizes = [ctypes.c_longlong(-1) for _ in range(4)]
+    assert work(None, None, None, None) == 0
+    for i, size in enumerate(sizes):
+        assert work(*(ctypes.byref(size) if k == i else None for k in range(4))) == 0
+    assert [size.value for size in sizes[:3]] == [2, 1, 0]
+    assert sizes[3].value >= 0
+
+
 def test_what_has_no_second_derivatives_says_so(robot: External) -> None:
     poses = robot.external("frame_poses")
     q = casadi.MX.sym("q", poses.size1_in(0))
@@ -310,6 +322,14 @@ def test_what_has_no_second_derivatives_says_so(robot: External) -> None:
 
 @pytest.mark.parametrize("compiler", LANGUAGES)
 def test_the_adapter_compiles_silently(compiler: str, robot: External) -> None:
-    options = ["-fsyntax-only", "-Dcasadi_int=int"]
-    for precision in ([], [robot.emitted.single]):
-        run([tool(compiler), *LANGUAGES[compiler], *options, *precision, robot.emitted.sources[1]])
+    options = [*LANGUAGES[compiler], "-fsyntax-only", "-Dcasadi_int=int"]
+    run([tool(compiler), *options, robot.emitted.sources[1]])
+
+
+def test_single_precision_is_refused(robot: External) -> None:
+    """CasADi would take floats for doubles."""
+    flags = ["-fsyntax-only", robot.emitted.single]
+    command = [tool("gcc"), *flags, robot.emitted.sources[1]]
+    refused = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert refused.returncode != 0
+    assert f"compile without {robot.emitted.name.upper()}_FLOAT" in refused.stderr

@@ -101,7 +101,7 @@ def _jacobian(form: Form, row: Derived) -> Form:
     form.unused("out_", form.results)
     if layout_of(form.model.robot).is_quaternion:
         for (output, name), block in blocks.items():
-            blocks[output, name] = _moved_alike(block, output) if name == "q" else block
+            blocks[output, name] = _without_shifts(block, output) if name == "q" else block
     for output, shape in form.results:
         for name, of_input in form.arguments:
             none = empty(math.prod(shape), math.prod(of_input))
@@ -176,15 +176,18 @@ def _blocks(form: Form, row: Derived) -> Blocks:
     return blocks
 
 
-def _moved_alike(block: Block, output: str) -> Block:
-    """Derivatives by q without those zeros that are there since a shift moves everything alike.
+def _without_shifts(block: Block, output: str) -> Block:
+    """Derivatives by q without the zeros that those by the position have.
+
+    Of derivatives by the position only those of positions by the same axis are not zero; they are
+    one.
 
     Args:
         block: Derivatives of an output, row by row, by position, quaternion and joints.
         output: Its name.
 
     Returns:
-        The block; by the position it has the ones of positions.
+        The block.
     """
 
     def axis(row: int) -> int | None:

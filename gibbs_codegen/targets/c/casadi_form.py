@@ -119,8 +119,7 @@ class Form:
             taken = self.take(math.prod(shape[:-1]), math.prod(shape[-1:]))
             if not FUNCTIONS[name].composed:
                 known = nonzeros(self.model.program.function(name).outputs[place])
-                pattern = frozenset((row, column) for column, row in known)
-                taken = Matrix(taken.start, taken.rows, taken.columns, pattern)
+                taken = Matrix(taken.start, taken.rows, taken.columns, frozenset(known))
             found[output] = taken
         self.body += self.calling(name, [at(matrix.start) for matrix in found.values()], **arrays)
         return found
@@ -153,7 +152,7 @@ class Form:
         return [_input(first + i) for i in range(len(self.results))]
 
     def unused(self, prefix: str, arrays: Sequence[tuple[str, Shape]]) -> None:
-        """Take inputs that CasADi has for what the function gave, which no derivative needs.
+        """Take inputs that CasADi passes and no derivative reads.
 
         Args:
             prefix: Of their names.
