@@ -219,6 +219,19 @@ class Form:
         self.body += call("base_maps", [at(coordinates.start), "(real)0.5", at(maps.start)])
         return maps.start
 
+    def by_length(self) -> Matrix:
+        """Compute the derivatives of a time step by its length.
+
+        Returns:
+            One column, with rows of coordinates in the tangent space and then of velocities.
+        """
+        size = layout_of(self.model.robot).v.size
+        taken = self.take(2 * size, 1)
+        given = [self._given[name] for name in self.signature.arguments]
+        outputs = at(taken.start), at(taken.start + size)
+        self.body += call(f"{self.signature.name}_by_length", ["constants", *given, *outputs])
+        return taken
+
     def with_curvature(self, hessian: Matrix, gradient: str, seed: str) -> Matrix:
         """Add what the second derivatives of the displacement by the entries of q make.
 
