@@ -205,6 +205,20 @@ def test_jacobians_are_exact(name: str, robot: External) -> None:
         assert_near(found, sought)
 
 
+@pytest.mark.parametrize("name", ["step_euler", "step_rk4"])
+def test_steps_of_constant_length_are_mapped_and_wrapped(name: str, robot: External) -> None:
+    """CasADi then multiplies the derivatives by the length by seeds that are zero."""
+    step, (*state, h) = robot.external(name), robot.state(name)
+    blank = [np.zeros(step.size_out(i)) for i in range(2)]
+    by_u = np.vstack([full(step.jacobian()(*state, h, *blank))[place] for place in (2, 6)])
+    symbols = [casadi.MX.sym(key, len(value), 2) for key, value in zip("qvu", state, strict=True)]
+    wrapped = casadi.Function("wrapped", symbols, step.map(2)(*symbols, h), {"never_inline": True})
+    result = casadi.vec(casadi.vertcat(*wrapped(*symbols)))
+    jacobian = casadi.Function("j", symbols, [casadi.jacobian(result, casadi.vec(symbols[2]))])
+    found = full(jacobian(*(np.column_stack([value, value]) for value in state)))[0]
+    assert_near(found, np.kron(np.eye(2), by_u))
+
+
 @pytest.mark.parametrize("name", FIRST)
 def test_patterns_have_no_more_entries_than_casadi_finds(name: str, robot: External) -> None:
     """That they lack none that matters is tested above, where whole matrices are compared."""
