@@ -43,7 +43,8 @@ def add(commands: argparse._SubParsersAction[Parser]) -> None:
         "--target",
         action="append",
         metavar="TARGET",
-        help="a target to emit, such as numpy or c; may be repeated (default: numpy and c)",
+        help="a target to emit: numpy, c, matlab, or acados, which needs c; "
+        "may be repeated (default: numpy and c)",
     )
     generate.add_argument(
         "--out",

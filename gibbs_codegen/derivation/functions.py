@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 
 import sympy as sp
 
@@ -171,10 +171,27 @@ def chosen_derivatives(derivatives: Derivatives) -> tuple[str, ...]:
         )
     names = {*listed}
     if unknown := sorted(names.difference(offered, ["all"])):
-        known, quoted = [*offered, "all"], ", ".join(map(repr, unknown))
-        few = unknown[:_MOST_SUGGESTIONS]
-        near = [best for name in few for best in difflib.get_close_matches(name[:80], known, n=1)]
-        right = f"did you mean {' and '.join(near)}?" if near else f"known: {', '.join(known)}"
-        raise UsageError(f"--derivatives: {printable(quoted)}: unknown; {right}")
+        raise UsageError(f"--derivatives: unknown: {_with_suggestions(unknown, [*offered, 'all'])}")
     parts = {part for name in names.difference(["all"]) for part in FUNCTIONS[name].composed}
     return tuple(name for name in offered if name in names | parts or "all" in names)
+
+
+def _with_suggestions(unknown: Sequence[str], known: Sequence[str]) -> str:
+    """Unknown names, each with the known one that it is like.
+
+    Args:
+        unknown: The names, any text.
+        known: Those that are listed if one of the first unknown ones is like none of them.
+
+    Returns:
+        Words.
+    """
+    few = unknown[:_MOST_SUGGESTIONS]
+    near = [difflib.get_close_matches(name[:80], known, n=1) for name in few]
+    told = [
+        printable(repr(name)) + "".join(f" (did you mean {best}?)" for best in found)
+        for name, found in zip(few, near, strict=True)
+    ]
+    rest = [f"and {len(unknown) - len(few)} more"] if len(few) < len(unknown) else []
+    listed = "" if all(near) else f"; known: {', '.join(known)}"
+    return ", ".join([*told, *rest]) + listed

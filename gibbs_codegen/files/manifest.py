@@ -83,7 +83,7 @@ def entries(folder: Path, names: Collection[str]) -> Iterator[str]:
         names: Names of the sources. A folder that some of them are in is entered.
 
     Yields:
-        The names, with those of the folders that were entered before them.
+        Paths from the folder, with / between names.
     """
     if not folder.is_dir():
         return

@@ -200,7 +200,14 @@ DERIVATIVES = (
         "quw",
         (
             Output("input_forces_qq", "vv", "N m or N", "input_forces_qq", _WEIGHTED + BY_Q),
-            Output("input_forces_qu", "vu", "1 or m", "input_forces_qu", _WEIGHTED + ", by q, u"),
+            Output(
+                "input_forces_qu",
+                "vu",
+                "1 or m",
+                "input_forces_qu",
+                _WEIGHTED + "; rows by a displacement along each of VELOCITIES, "
+                "columns by each of INPUTS",
+            ),
         ),
         "Second derivatives of w^T B u by q, and by q and u.",
         "eqs. 7-13, differentiated twice",

@@ -67,8 +67,7 @@ def patterns(model: Model) -> dict[str, Pattern]:
                 shapes[described.name] = output.shape
     return {
         name: Pattern(
-            tuple(row for _, row in sorted(found)),
-            tuple(column for column, _ in sorted(found)),
+            *_sorted_by_column(found),
             shapes[name][-1],
             math.prod(shapes[name]),
         )
@@ -83,8 +82,14 @@ def nonzeros(output: Output) -> set[tuple[int, int]]:
         output: Of a function of the program.
 
     Returns:
-        Column and row of each, in its matrix; a vector is one row.
+        Row and column of each, in its matrix; a vector is one row.
     """
     width = math.prod(output.shape[-1:])
     zero = Number(0.0)
-    return {(i % width, i // width) for i, e in enumerate(output.entries) if e != zero}
+    return {divmod(i, width) for i, e in enumerate(output.entries) if e != zero}
+
+
+def _sorted_by_column(places: set[tuple[int, int]]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Rows and columns of places, column by column."""
+    ordered = sorted(places, key=lambda place: place[::-1])
+    return tuple(row for row, _ in ordered), tuple(column for _, column in ordered)

@@ -32,13 +32,15 @@ def compiled_library(
         extra: Flags that come after the compiler's.
 
     Returns:
-        Path of the library, which exports the module's C functions, those of its CasADi adapter,
-        and those of `rows.c`.
+        Path of the library, which exports the module's C functions, those of its CasADi adapter
+        but in single precision, which CasADi does not have, and those of `rows.c`.
     """
     # Read once: what is compiled is what the key was made of, whatever happens to the files.
     texts = {file: (folder / file).read_bytes() for file in c_files(name)}
     texts[_ROWS] = (NATIVE / "rows.c").read_bytes()
     _check_of_one_make(folder, texts)
+    if f"-D{name.upper()}_FLOAT" in extra:
+        del texts[f"{name}_casadi.c"]
     digests = [hashlib.sha256(text).hexdigest() for text in texts.values()]
 
     def make(output: Path) -> None:

@@ -68,6 +68,10 @@ class Emitted:
         """The C source and the CasADi adapter."""
         return [str(self.file(".c")), str(self.file("_casadi.c"))]
 
+    def sources_in(self, real: str) -> list[str]:
+        """Those that compile in a precision; the adapter is in double precision alone."""
+        return self.sources if real == "double" else self.sources[:1]
+
     @property
     def single(self) -> str:
         """What selects single precision."""

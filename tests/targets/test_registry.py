@@ -44,6 +44,16 @@ def test_a_name_that_the_context_lacks_is_an_error() -> None:
         render("package_init.py.jinja", SimpleNamespace())
 
 
+def test_help_names_every_target(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["generate", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    told = said[said.index("a target to emit: ") :].split(";")[0]
+    assert re.findall("|".join(TARGETS), told.split(", which")[0]) == [*TARGETS]
+    needing = [name for name, target in TARGETS.items() if target.needs]
+    assert all(f"{name}, which needs {TARGETS[name].needs[0]}" in told for name in needing)
+
+
 def test_templates_take_no_decisions() -> None:
     """A template may leave out a part that the robot lacks, by its name; it compares nothing."""
     for template in (ROOT / "templates").glob("*.jinja"):

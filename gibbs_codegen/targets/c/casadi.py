@@ -17,6 +17,7 @@ from gibbs_codegen.targets.c.casadi_blocks import Block
 from gibbs_codegen.targets.c.casadi_derivatives import derivative_forms
 from gibbs_codegen.targets.c.casadi_form import PARAMETERS, Form, Port, at
 from gibbs_codegen.targets.c.statements import WIDTH
+from gibbs_codegen.targets.c.step_methods import METHODS, PLACES, VECTORS, length_lines
 from gibbs_codegen.targets.verbatim import c_source
 
 Lines = list[str]
@@ -49,20 +50,38 @@ class FormText:
 
 
 @dataclass(frozen=True)
+class LengthText:
+    """A time step whose derivatives by its length are computed.
+
+    `vectors` have entries for each of VELOCITIES, and `places` for each of COORDINATES.
+    """
+
+    name: str
+    vectors: Lines
+    places: Lines
+    lines: Lines
+
+
+@dataclass(frozen=True)
 class CasadiText:
     """What the adapter's template is given.
 
-    `differentiated` and `twice` say whether there are derivatives, and second ones. `widest` is the
-    width of the widest input.
+    `kinds` has what the names of functions of each kind begin with. `differentiated` and `twice`
+    say whether there are derivatives, and second ones. `widest` is the width of the widest input.
     """
 
     is_quaternion: bool
+    kinds: dict[str, str]
     differentiated: bool
     twice: bool
     column_major: str
     widest: int
     tables: list[TableText]
+    steps: list[LengthText]
     forms: list[FormText]
+
+
+_BEGINNINGS = {"CASADI": "", "JAC": "jac_", "ADJ": "adj1_", "JAC_ADJ": "jac_adj1_"}
 
 
 class _Tables:
@@ -135,15 +154,28 @@ def casadi_text(model: Model) -> CasadiText:
         )
     ]
     widths = [width for signature in model.signatures for width in signature.widths]
+    kinds = {text.kind for text in texts}
     return CasadiText(
         layout_of(model.robot).is_quaternion,
-        any(text.kind != "CASADI" for text in texts),
-        any(text.kind == "JAC_ADJ" for text in texts),
+        {kind: beginning for kind, beginning in _BEGINNINGS.items() if kind in kinds},
+        kinds != {"CASADI"},
+        "JAC_ADJ" in kinds,
         c_source("column_major.c"),
         max(*widths, len(model.defaults)),
         tables.texts(),
+        [
+            _length_text(model, name)
+            for name in METHODS
+            if f"{name}_derivatives" in model.derivatives
+        ],
         texts,
     )
+
+
+def _length_text(model: Model, name: str) -> LengthText:
+    """What the template is given of a time step."""
+    lines = length_lines(model.robot.name, METHODS[name])
+    return LengthText(name, VECTORS[name], PLACES[name], lines)
 
 
 def _function(model: Model, signature: Signature, of_parameters: bool) -> Form:

@@ -101,7 +101,7 @@ def _jacobian(form: Form, row: Derived) -> Form:
     form.unused("out_", form.results)
     if layout_of(form.model.robot).is_quaternion:
         for (output, name), block in blocks.items():
-            blocks[output, name] = _moved_alike(block, output) if name == "q" else block
+            blocks[output, name] = _without_shifts(block, output) if name == "q" else block
     for output, shape in form.results:
         for name, of_input in form.arguments:
             none = empty(math.prod(shape), math.prod(of_input))
@@ -176,15 +176,18 @@ def _blocks(form: Form, row: Derived) -> Blocks:
     return blocks
 
 
-def _moved_alike(block: Block, output: str) -> Block:
-    """Derivatives by q without those zeros that are there since a shift moves everything alike.
+def _without_shifts(block: Block, output: str) -> Block:
+    """Derivatives by q without the zeros that those by the position have.
+
+    Of derivatives by the position only those of positions by the same axis are not zero; they are
+    one.
 
     Args:
         block: Derivatives of an output, row by row, by position, quaternion and joints.
         output: Its name.
 
     Returns:
-        The block; by the position it has the ones of positions.
+        The block.
     """
 
     def axis(row: int) -> int | None:
@@ -202,7 +205,7 @@ def _moved_alike(block: Block, output: str) -> Block:
 
 
 def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
-    """First derivatives of a time step. Those by its length are in no module, and not numbers.
+    """First derivatives of a time step. Those by its length are computed if they are asked for.
 
     Args:
         form: What computes them.
@@ -216,8 +219,12 @@ def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
     by_state, by_input = (replace(found[name], nonzeros=known[name]) for name in "AB")
     by_state = form.rows_by_entries_of_q(form.by_entries_of_q(by_state), maps)
     by_input = form.rows_by_entries_of_q(by_input, maps)
-    by_length = form.take(1, 1)
-    form.body.append(f"scratch[{by_length.start}] = (real)NAN;")
+    written = len(form.body)
+    by_length = form.rows_by_entries_of_q(form.by_length(), maps)
+    places = [i for i in range(2 * len(form.arguments)) if i % len(form.arguments) == 3]
+    asked = " || ".join(f"res[{place}]" for place in places)
+    computed = [f"    {line}" for line in form.body[written:]]
+    form.body[written:] = [f"if ({asked}) {{", *computed, "}"]
     blocks: Blocks = {}
     sizes = {name: math.prod(shape) for name, shape in form.arguments}
     for (output, shape), above in zip(form.results, (0, sizes["q"]), strict=True):
@@ -225,8 +232,7 @@ def _of_step(form: Form, found: Mapping[str, Matrix]) -> Blocks:
         blocks[output, "q"] = by_state.part(above, rows, 0, sizes["q"])
         blocks[output, "v"] = by_state.part(above, rows, sizes["q"], sizes["v"])
         blocks[output, "u"] = by_input.part(above, rows, 0, sizes["u"])
-        places = {(i, 0): by_length.start for i in range(rows)}
-        blocks[output, "h"] = Block(rows, 1, places)
+        blocks[output, "h"] = by_length.part(above, rows, 0, 1)
     return blocks
 
 

@@ -119,8 +119,7 @@ class Form:
             taken = self.take(math.prod(shape[:-1]), math.prod(shape[-1:]))
             if not FUNCTIONS[name].composed:
                 known = nonzeros(self.model.program.function(name).outputs[place])
-                pattern = frozenset((row, column) for column, row in known)
-                taken = Matrix(taken.start, taken.rows, taken.columns, pattern)
+                taken = Matrix(taken.start, taken.rows, taken.columns, frozenset(known))
             found[output] = taken
         self.body += self.calling(name, [at(matrix.start) for matrix in found.values()], **arrays)
         return found
@@ -153,7 +152,7 @@ class Form:
         return [_input(first + i) for i in range(len(self.results))]
 
     def unused(self, prefix: str, arrays: Sequence[tuple[str, Shape]]) -> None:
-        """Take inputs that CasADi has for what the function gave, which no derivative needs.
+        """Take inputs that CasADi passes and no derivative reads.
 
         Args:
             prefix: Of their names.
@@ -219,6 +218,19 @@ class Form:
         maps = self.take(1, _MAPS)
         self.body += call("base_maps", [at(coordinates.start), "(real)0.5", at(maps.start)])
         return maps.start
+
+    def by_length(self) -> Matrix:
+        """Compute the derivatives of a time step by its length.
+
+        Returns:
+            One column, with rows of coordinates in the tangent space and then of velocities.
+        """
+        size = layout_of(self.model.robot).v.size
+        taken = self.take(2 * size, 1)
+        given = [self._given[name] for name in self.signature.arguments]
+        outputs = at(taken.start), at(taken.start + size)
+        self.body += call(f"{self.signature.name}_by_length", ["constants", *given, *outputs])
+        return taken
 
     def with_curvature(self, hessian: Matrix, gradient: str, seed: str) -> Matrix:
         """Add what the second derivatives of the displacement by the entries of q make.

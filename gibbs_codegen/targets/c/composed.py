@@ -21,19 +21,19 @@ from gibbs_codegen.targets.c.arrays import array_size, local_arrays, read_arrays
 from gibbs_codegen.targets.c.function_text import FunctionText, function_text
 from gibbs_codegen.targets.c.sections import SCRATCH
 from gibbs_codegen.targets.c.statements import call
-from gibbs_codegen.targets.c.step_methods import METHODS, column_lines, state_lines
+from gibbs_codegen.targets.c.step_methods import (
+    METHODS,
+    PLACES,
+    VECTORS,
+    column_lines,
+    state_lines,
+)
 from gibbs_codegen.targets.documentation import calls, doxygen
 
 Lines = list[str]
 
 _DOUBLE = 8
 _BASE = 6
-# Vectors with an entry for each of VELOCITIES that each method needs, and places of the robot.
-_VECTORS = {
-    "step_euler": ["acceleration_1", "displacement"],
-    "step_rk4": [*(f"acceleration_{i}" for i in range(1, 5)), "displacement", "rate"],
-}
-_PLACES: dict[str, Lines] = {"step_euler": [], "step_rk4": ["half", "later"]}
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
     method = signature.name.removesuffix("_derivatives")
     derivatives, layout = method != signature.name, layout_of(model.robot)
     size = layout.v.size
-    sizes = dict.fromkeys(_VECTORS[method], size) | dict.fromkeys(_PLACES[method], layout.q.size)
+    sizes = dict.fromkeys(VECTORS[method], size) | dict.fromkeys(PLACES[method], layout.q.size)
     if derivatives:
         called = FUNCTIONS[signature.name].composed
         widths = 2 * size, len(inputs(model.robot))
@@ -122,7 +122,7 @@ def _step_text(model: Model, signature: Signature) -> _StepText:
         read_arrays(signature.arguments) + written_arrays(names),
         state_lines(model.robot.name, METHODS[method], derivatives, layout.is_quaternion),
         column_lines(METHODS[method], layout.is_quaternion),
-        [*_VECTORS[method], *_PLACES[method]],
+        [*VECTORS[method], *PLACES[method]],
         dict(zip(sizes, [0, *ends[:-1]], strict=True)),
         ends[-1],
     )

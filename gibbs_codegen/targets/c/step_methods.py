@@ -34,13 +34,27 @@ class Move:
 
 @dataclass(frozen=True)
 class Each:
-    """Statements for the entries `e` of vectors; `step` is the length of the step."""
+    """Statements for the entries `e` of vectors; `step` is the length of the step.
+
+    `by_length` has the derivatives by that length, of which that of the first acceleration is zero.
+    """
 
     lines: tuple[str, ...]
+    by_length: tuple[str, ...]
 
 
 Method = Sequence[Accelerate | Move | Each]
 
+# Vectors with an entry for each of VELOCITIES that each method needs, and places of the robot.
+VECTORS = {
+    "step_euler": ["acceleration_1", "displacement"],
+    "step_rk4": [*(f"acceleration_{i}" for i in range(1, 5)), "displacement", "rate"],
+}
+PLACES: dict[str, Lines] = {"step_euler": [], "step_rk4": ["half", "later"]}
+
+_DISPLACEMENT_DH = (
+    "displacement_dh[e] = R(0.5) * v[e] + step / R(6.0) * (sum + R(0.5) * step * sum_dh);"
+)
 METHODS: dict[str, Method] = {
     "step_euler": (
         Accelerate(1, "q", "v"),
@@ -48,7 +62,11 @@ METHODS: dict[str, Method] = {
             (
                 "v_next[e] = v[e] + step * acceleration_1[e];",
                 "displacement[e] = step * v_next[e];",
-            )
+            ),
+            (
+                "v_next_dh[e] = acceleration_1[e];",
+                "displacement_dh[e] = v[e] + R(2.0) * step * acceleration_1[e];",
+            ),
         ),
         Move(1, "q", "q_next"),
     ),
@@ -58,7 +76,11 @@ METHODS: dict[str, Method] = {
             (
                 "displacement[e] = R(0.5) * step * v[e];",
                 "rate[e] = v[e] + R(0.5) * step * acceleration_1[e];",
-            )
+            ),
+            (
+                "displacement_dh[e] = R(0.5) * v[e];",
+                "rate_dh[e] = R(0.5) * acceleration_1[e];",
+            ),
         ),
         Move(1, "q", "half"),
         Accelerate(2, "half", "rate"),
@@ -66,7 +88,11 @@ METHODS: dict[str, Method] = {
             (
                 "displacement[e] = R(0.5) * step * rate[e];",
                 "rate[e] = v[e] + R(0.5) * step * acceleration_2[e];",
-            )
+            ),
+            (
+                "displacement_dh[e] = R(0.5) * (v[e] + step * acceleration_1[e]);",
+                "rate_dh[e] = R(0.5) * (acceleration_2[e] + step * acceleration_2_dh[e]);",
+            ),
         ),
         Move(2, "q", "later"),
         Accelerate(3, "later", "rate"),
@@ -74,7 +100,12 @@ METHODS: dict[str, Method] = {
             (
                 "displacement[e] = step * (rate[e] - R(0.5) * v[e]);",
                 "rate[e] = v[e] + step * acceleration_3[e];",
-            )
+            ),
+            (
+                "const real slope = acceleration_2[e] + R(0.5) * step * acceleration_2_dh[e];",
+                "displacement_dh[e] = R(0.5) * v[e] + step * slope;",
+                "rate_dh[e] = acceleration_3[e] + step * acceleration_3_dh[e];",
+            ),
         ),
         Move(3, "half", "later"),
         Accelerate(4, "later", "rate"),
@@ -82,7 +113,11 @@ METHODS: dict[str, Method] = {
             (
                 "const real sum = acceleration_1[e] + acceleration_2[e] - acceleration_3[e];",
                 "displacement[e] = R(0.5) * step * (v[e] + step / R(6.0) * sum);",
-            )
+            ),
+            (
+                "const real sum_dh = acceleration_2_dh[e] - acceleration_3_dh[e];",
+                _DISPLACEMENT_DH,
+            ),
         ),
         Move(4, "q", "half"),
         Each(
@@ -93,7 +128,14 @@ METHODS: dict[str, Method] = {
                 "const real all = first + acceleration_2[e] + later_two;",
                 "displacement[e] = R(0.5) * step * (v[e] + step / R(6.0) * sum);",
                 "v_next[e] = v[e] + step / R(6.0) * all;",
-            )
+            ),
+            (
+                "const real sum_dh = acceleration_2_dh[e] + R(3.0) * acceleration_3_dh[e];",
+                "const real two_dh = acceleration_2_dh[e] + acceleration_3_dh[e];",
+                "const real all_dh = R(2.0) * two_dh + acceleration_4_dh[e];",
+                _DISPLACEMENT_DH,
+                "v_next_dh[e] = (all + step * all_dh) / R(6.0);",
+            ),
         ),
         Move(5, "half", "q_next"),
     ),
@@ -160,6 +202,34 @@ def column_lines(method: Method, is_quaternion: bool) -> Lines:
             lines += call("move", ["lanes", kept, part.q, "displacement", part.result])
         else:
             lines += loop("e", "NV * LANES", [f"{part.result}[e] = {part.q}[e] + displacement[e];"])
+    return lines
+
+
+def length_lines(robot: str, method: Method) -> Lines:
+    """What a method does to a state, with the derivatives by the length of the step.
+
+    Args:
+        robot: Name of the robot.
+        method: One of `METHODS`.
+
+    Returns:
+        Lines.
+    """
+    lines = []
+    for part in method:
+        if isinstance(part, Each):
+            lines += loop("e", "NV", [*part.lines, *part.by_length])
+            continue
+        if isinstance(part, Move):
+            given = ["constants", part.q, "displacement"]
+            lines += call(f"{robot}_integrate", [*given, part.result])
+            lines += call(f"{robot}_integrate_derivatives", [*given, "by_q", "by_v"])
+            moved = "displacement_dh", f"{part.result}_dh"
+        else:
+            given = ["constants", part.q, part.v, "u", f"acceleration_{part.stage}"]
+            lines += call(f"{robot}_forward_dynamics_derivatives", [*given, "by_q", "by_v", "by_u"])
+            moved = f"{part.v}_dh", f"acceleration_{part.stage}_dh"
+        lines += call("apply", ["by_q", f"{part.q}_dh", "by_v", *moved])
     return lines
 
 

@@ -6,14 +6,13 @@ products of them.
 
 from __future__ import annotations
 
+from gibbs_codegen.interface import FUNCTIONS
 from gibbs_codegen.program.model import Model
 from gibbs_codegen.program.patterns import patterns
 from gibbs_codegen.robot.coordinates import inputs
 from gibbs_codegen.robot.layout import layout_of
 
 Pairs = frozenset[tuple[int, int]]
-
-_STAGES = {"step_euler": 1, "step_rk4": 4}
 
 
 def step_patterns(model: Model, name: str) -> dict[str, Pairs]:
@@ -42,7 +41,8 @@ def step_patterns(model: Model, name: str) -> dict[str, Pairs]:
     moved = every | of("coordinates_dq") | of("coordinates_dv", 0, size)
     stage = _product(moved, accelerated)
     whole = stage
-    for _ in range(1, _STAGES[name]):
+    stages = FUNCTIONS[f"{name}_derivatives"].composed["forward_dynamics_derivatives"]
+    for _ in range(1, stages):
         whole = _product(stage, whole)
     states = {(i, j) for i, j in whole if i < 2 * size}
     return {
