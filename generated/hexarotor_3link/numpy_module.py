@@ -332,11 +332,10 @@ def prepared(
         if not math.isfinite(number):
             raise ValueError(f"{name} must be a finite number, not {number}")
         values[name] = float(number)
-    constants: tuple[float, ...] = ()
+    mass, constants = 0.0, tuple[float, ...]()
     with contextlib.suppress(ZeroDivisionError):
-        mass, found = compute(values)
-        constants = found if mass > 0.0 else ()
-    if not constants:
+        mass, constants = compute(values)
+    if not mass > 0.0:
         raise ValueError(
             "these parameters leave an acceleration undetermined: "
             "look for masses and inertias that are zero or negative"

@@ -20,6 +20,10 @@
 
 #include "quadrotor_2link.h"
 
+#ifdef QUADROTOR_2LINK_FLOAT
+#error "CasADi computes in double precision: compile without QUADROTOR_2LINK_FLOAT"
+#endif
+
 #ifndef casadi_int
 #define casadi_int long long int
 #endif
@@ -72,10 +76,18 @@ typedef quadrotor_2link_constants Constants;
     int KIND(f##_work)( \
         casadi_int *sz_arg, casadi_int *sz_res, casadi_int *sz_iw, casadi_int *sz_w) \
     { \
-        *sz_arg = inputs; \
-        *sz_res = outputs; \
-        *sz_iw = 0; \
-        *sz_w = length; \
+        if (sz_arg) { \
+            *sz_arg = inputs; \
+        } \
+        if (sz_res) { \
+            *sz_res = outputs; \
+        } \
+        if (sz_iw) { \
+            *sz_iw = 0; \
+        } \
+        if (sz_w) { \
+            *sz_w = length; \
+        } \
         return 0; \
     } \
     int KIND(f)(const real **arg, real **res, casadi_int *iw, real *scratch, int mem)
