@@ -115,13 +115,14 @@ CASES = {
         "test_text_read_back_gives_the_same_numbers": (3, 2),
     },
     "examples/test_nmpc.py": {
+        "test_the_flight_of_the_page": (0, 0),
         "test_the_papers_machine": (0, 0),
     },
     "exchange/test_hostile_sources.py": {
         "test_thousands_of_mutants": (0, 0),
     },
     "exchange/test_oracles.py": {
-        "test_emitted_functions_are_those_of_the_source": (0, 1),
+        "test_emitted_functions_are_those_of_the_source": (1, 0),
     },
     "figures/test_coupling.py": {
         "test_texts_are_large_enough_inside_and_apart": (3, 1),
@@ -135,6 +136,9 @@ CASES = {
         "test_machine_stands_where_its_frames_are": (1, 0),
         "test_other_machines_can_be_drawn": (3, 2),
     },
+    "figures/test_results.py": {
+        "test_everything_is_written_and_named": (0, 0),
+    },
     "files/test_module_writer.py": {
         "test_nothing_is_left_behind_when_ended": (3, 2),
     },
@@ -147,7 +151,7 @@ CASES = {
     "properties/test_derivatives.py": {
         "test_derivatives_by_velocities_satisfy_helmholtz": (0, 0),
         "test_first_derivatives_are_those_of_the_function": (0, 0),
-        "test_hessian_of_forward_dynamics_is_the_derivative_of_the_gradient": (0, 1),
+        "test_hessian_of_forward_dynamics_is_the_derivative_of_the_gradient": (0, 0),
     },
     "properties/test_derivatives_pinocchio.py": {
         "test_derivatives_of_integrate": (0, 1),
@@ -248,7 +252,7 @@ CASES = {
     "runtime/test_c_backend.py": {
         "test_both_back_ends_agree_on_other_robots": (0, 1),
         "test_interface_is_what_is_emitted": (3, 1),
-        "test_memory_does_not_grow": (0, 1),
+        "test_memory_does_not_grow": (0, 0),
     },
     "runtime/test_cache.py": {
         "test_many_processes_at_once": (0, 1),
@@ -295,12 +299,12 @@ CASES = {
         "test_a_stiff_flight_ends_with_the_reason": (0, 0),
         "test_both_back_ends_fly_the_same": (1, 0),
         "test_energy_balances_to_1e_8": (0, 1),
-        "test_energy_balances_with_everything_on": (0, 1),
+        "test_energy_balances_with_everything_on": (0, 0),
         "test_fixed_steps_are_of_fourth_order_with_gravity_on": (0, 1),
         "test_flights_end_at_the_singularity_of_every_sequence": (2, 0),
         "test_samples_are_at_the_rate_asked_for": (4, 2),
         "test_steps_that_meet_a_limit_are_taken_in_python": (0, 1),
-        "test_unstable_fixed_steps_are_refused_with_ones_that_serve": (0, 1),
+        "test_unstable_fixed_steps_are_refused_with_ones_that_serve": (0, 0),
         "test_without_gravity_and_inputs_energy_and_momentum_stay": (1, 0),
     },
     "simulator/test_inverse_dynamics.py": {
@@ -315,7 +319,7 @@ CASES = {
         "test_limits_are_kept_and_left_again": (0, 1),
     },
     "simulator/test_push.py": {
-        "test_momentum_changes_as_gravity_and_the_push_say": (0, 1),
+        "test_momentum_changes_as_gravity_and_the_push_say": (0, 0),
     },
     "simulator/test_simulation.py": {
         "test_more_rotors_fly_it_with_the_least_thrusts": (0, 0),

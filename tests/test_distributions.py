@@ -30,12 +30,13 @@ DATA = """
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
-    runtime/native/caller.c runtime/native/rk4.c runtime/native/rows.c
+    runtime/native/caller.c runtime/native/jax_call.c runtime/native/rk4.c runtime/native/rows.c
     robots/__init__.py robots/decarotor_3link.toml robots/dual_arm.toml robots/hexarotor.toml
     robots/hexarotor_3link.toml robots/hextilt_flying_arm_5.toml robots/hydrus.toml
     robots/LICENSES.txt robots/octorotor_7link.toml robots/quadrotor.toml
     robots/quadrotor_2link.toml
     scenarios/circle.toml scenarios/hover.toml scenarios/line.toml scenarios/paper.toml
+    templates/acados_script.py.jinja templates/acados_source.c.jinja
     templates/c_casadi.c.jinja templates/c_header.h.jinja templates/c_source.c.jinja
     templates/c_steps.c.jinja templates/matlab_constants.m.jinja
     templates/matlab_function.m.jinja templates/matlab_list.m.jinja
