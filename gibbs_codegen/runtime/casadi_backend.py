@@ -79,7 +79,7 @@ class CasadiFunction(casadi.Function):
         if len(arguments) == self.n_in() + 1:
             if constants is not None:
                 raise TypeError(f"{self.name()}() got constants both by position and by name")
-            *arguments, constants = arguments  # type: ignore[assignment]
+            arguments, constants = arguments[:-1], arguments[-1]
         if constants is not None:
             function = self.with_constants
             size = function.size1_in("constants")
