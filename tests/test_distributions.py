@@ -28,6 +28,20 @@ DATA = """
     py.typed
     emitted/blocks.c emitted/column_major.c emitted/gather.c emitted/platform.c
     emitted/sine_cosine.c emitted/sine_cosine_kernel.c emitted/support.c
+    emitted/acados/angles/by_entries.c emitted/acados/angles/place.c
+    emitted/acados/angles/rates_along.c emitted/acados/angles/rates_gradient.c
+    emitted/acados/angles/twice_by_entries.c emitted/acados/constants.c emitted/acados/curvature.c
+    emitted/acados/dyn_disc_phi_fun.c emitted/acados/dyn_disc_phi_fun_jac.c
+    emitted/acados/dyn_disc_phi_fun_jac_hess.c emitted/acados/expl_ode_fun.c
+    emitted/acados/expl_ode_hess.c emitted/acados/expl_vde_adj.c emitted/acados/expl_vde_forw.c
+    emitted/acados/field.c emitted/acados/gradient.c emitted/acados/impl_dae_fun.c
+    emitted/acados/impl_dae_fun_jac_x_xdot_u.c emitted/acados/impl_dae_fun_jac_x_xdot_u_z.c
+    emitted/acados/impl_dae_fun_jac_x_xdot_z.c emitted/acados/impl_dae_hess.c
+    emitted/acados/impl_dae_jac_x_xdot_u_z.c emitted/acados/quaternion/by_entries.c
+    emitted/acados/quaternion/cross.c emitted/acados/quaternion/place.c
+    emitted/acados/quaternion/rates_along.c emitted/acados/quaternion/rates_gradient.c
+    emitted/acados/quaternion/twice_by_entries.c emitted/acados/residual.c
+    emitted/acados/runge_kutta.c emitted/acados/slopes.c emitted/acados/stages.c
     emitted/matlab/changed_parameters.m emitted/matlab/check_constants.m emitted/matlab/euler.m
     emitted/matlab/rk4.m emitted/matlab/states.m emitted/matlab/with_derivatives.m
     runtime/native/caller.c runtime/native/jax_call.c runtime/native/rk4.c runtime/native/rows.c

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 _FOLDER = Path(__file__).parent.parent / "emitted"
 _IMPORT = re.compile(r"^(?:import|from) .*$", re.MULTILINE)
-_INCLUDE = re.compile(r'^#include "(\w+\.\w)"\n', re.MULTILINE)
+_INCLUDE = re.compile(r'^#include "([\w/]+\.\w)"\n', re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,33 @@ def c_source(name: str) -> str:
         Its text.
     """
     return _INCLUDE.sub(lambda match: c_source(match[1]), _text(name))
+
+
+def c_joined(folder: str, names: Iterable[str], rooms: Mapping[str, str]) -> str:
+    """Files of a subfolder one after the other, each once, and after those that it includes.
+
+    Args:
+        folder: The subfolder.
+        names: Of the files.
+        rooms: Folders that stand for others in what files include, such as those of one base.
+
+    Returns:
+        Their text.
+    """
+    texts: dict[str, str] = {}
+
+    def add(name: str, beside: str) -> None:
+        room, _, file = name.rpartition("/")
+        path = f"{folder}/{rooms[room]}/{file}" if room else f"{beside}/{file}"
+        if path not in texts:
+            text = _text(path)
+            for included in _INCLUDE.findall(text):
+                add(included, path.rpartition("/")[0])
+            texts[path] = _INCLUDE.sub("", text).strip()
+
+    for name in names:
+        add(name, folder)
+    return "\n\n".join(texts.values())
 
 
 def matlab_source(name: str) -> list[str]:

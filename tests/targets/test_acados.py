@@ -53,6 +53,7 @@ def shapes(nx: int, nu: int, np_: int) -> dict[str, tuple[list[tuple[int, int]],
         "impl_dae_fun_jac_x_xdot_z": (dae, [x, sx, sx, sz]),
         "impl_dae_jac_x_xdot_u_z": (dae, [sx, sx, su, sz]),
         "impl_dae_fun_jac_x_xdot_u": (dae, [x, sx, sx, su]),
+        "impl_dae_fun_jac_x_xdot_u_z": (dae, [x, sx, sx, su, sz]),
         "impl_dae_hess": ([x, x, u, none, x, none, p], [(2 * nx + nu, 2 * nx + nu)]),
         "dyn_disc_phi_fun": ([x, u, ps], [x]),
         "dyn_disc_phi_fun_jac": ([x, u, ps], [x, (both, nx)]),
@@ -276,6 +277,7 @@ def test_implicit_forms(case: Case, library: Library) -> None:
     for form, places in (
         ("impl_dae_fun_jac_x_xdot_z", [0, 1]),
         ("impl_dae_fun_jac_x_xdot_u", [0, 1, 2]),
+        ("impl_dae_fun_jac_x_xdot_u_z", [0, 1, 2]),
         ("impl_dae_jac_x_xdot_u_z", [0, 1, 2]),
     ):
         results = library(form, *given)

@@ -1,7 +1,8 @@
 """The functions that acados links of a model: what they take and return, and what each needs.
 
 Names, order, shapes and transposes are those of acados' generator `casadi_function_generation.py`.
-Shapes are written with the macros of the template.
+Shapes are written with the macros of the template. The text of a function is the file of its name
+in `gibbs_codegen/emitted/acados`.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ FORMS = (
     Form("impl_dae_fun_jac_x_xdot_z", _SLOPES, _IMPLICIT, (_X, _BY_X, _BY_X, _BY_Z)),
     Form("impl_dae_jac_x_xdot_u_z", _SLOPES, _IMPLICIT, (_BY_X, _BY_X, _BY_U, _BY_Z)),
     Form("impl_dae_fun_jac_x_xdot_u", _SLOPES, _IMPLICIT, (_X, _BY_X, _BY_X, _BY_U)),
+    Form("impl_dae_fun_jac_x_xdot_u_z", _SLOPES, _IMPLICIT, (_X, _BY_X, _BY_X, _BY_U, _BY_Z)),
     Form(
         "impl_dae_hess",
         (

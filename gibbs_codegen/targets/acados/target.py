@@ -11,7 +11,7 @@ from gibbs_codegen.robot.layout import layout_of
 from gibbs_codegen.targets.acados.forms import FORMS, Form
 from gibbs_codegen.targets.c.statements import WIDTH
 from gibbs_codegen.targets.printers import InfixPrinter
-from gibbs_codegen.targets.verbatim import c_source
+from gibbs_codegen.targets.verbatim import c_joined, c_source
 
 Lines = list[str]
 
@@ -20,11 +20,9 @@ Lines = list[str]
 class AcadosText:
     """Everything in acados' functions and script that depends on the robot.
 
-    `states` are the names of the entries of x. `forms` are the functions that there are, and `has`
-    says of every one whether it is among them; `form_lines` say the same in words, with what those
-    that are missing need. `differentiated`, `first`, `by_both`, `slopes` and `curvatures` say
-    whether any has derivatives, first ones, some by x and u side by side, matrices of first ones,
-    and second ones.
+    `states` are the names of the entries of x. `forms` are the functions that there are;
+    `form_lines` say the same in words, with what those that are missing need. `functions` is their
+    text, with all that they call.
     """
 
     header: Lines
@@ -36,13 +34,7 @@ class AcadosText:
     is_quaternion: bool
     forms: list[Form]
     form_lines: Lines
-    has: dict[str, bool]
-    differentiated: bool
-    first: bool
-    by_both: bool
-    slopes: bool
-    curvatures: bool
-    column_major: str
+    functions: str
 
 
 def module_text(model: Model, printer: InfixPrinter, header: Lines) -> AcadosText:
@@ -57,28 +49,25 @@ def module_text(model: Model, printer: InfixPrinter, header: Lines) -> AcadosTex
         The context.
     """
     layout = layout_of(model.robot)
-    # With attitude angles an entry of v has the name of its coordinate.
-    prefix = "" if layout.is_quaternion else "v_"
+    q = layout.q.names
     has = {form.name: {*form.needs} <= {*model.derivatives} for form in FORMS}
     forms = [form for form in FORMS if has[form.name]]
-    slopes = has["expl_vde_forw"] or has["impl_dae_fun_jac_x_xdot_z"]
+    base = "quaternion" if layout.is_quaternion else "angles"
+    files = ["constants.c", *(f"{form.name}.c" for form in forms)]
     return AcadosText(
         header=header,
         name=model.robot.name,
         NAME=model.robot.name.upper(),
-        states=[*layout.q.names, *(f"{prefix}{name}" for name in layout.v.names)],
+        # A rate that has the name of its coordinate gets another one.
+        states=[*q, *(f"v_{name}" if name in q else name for name in layout.v.names)],
         inputs=[entry.name for entry in inputs(model.robot)],
         parameters={name: printer.number(value) for name, value in model.defaults.items()},
         is_quaternion=layout.is_quaternion,
         forms=forms,
         form_lines=_form_lines(model.robot.name, has),
-        has=has,
-        differentiated=any(form.needs for form in forms),
-        first=slopes or has["expl_vde_adj"],
-        by_both=has["expl_vde_forw"] or has["expl_vde_adj"],
-        slopes=slopes,
-        curvatures=has["expl_ode_hess"] or has["impl_dae_hess"],
-        column_major=c_source("column_major.c"),
+        functions="\n\n".join(
+            [c_source("column_major.c").strip(), c_joined("acados", files, {"base": base})]
+        ),
     )
 
 

@@ -1,0 +1,10 @@
+#include "residual.c"
+
+int MODULE(impl_dae_jac_x_xdot_u_z)(const real **arg, real **res, int *iw, real *w, void *mem)
+{
+    const int status = residual(arg, 0, res[0], res[1], res[2]);
+    (void)iw;
+    (void)w;
+    (void)mem;
+    return checked(status, MODULE(impl_dae_jac_x_xdot_u_z_sparsity_out), res);
+}
