@@ -203,10 +203,7 @@ def controllers(
     }
     predictions[GENERATED] = generated(predictions[RECURSION], folder)
     check(predictions, task)
-    return task, {
-        name: Controller(p, task, STEP, plugin=plugin)
-        for name, p in predictions.items()
-    }
+    return task, {name: Controller(p, task, STEP, plugin=plugin) for name, p in predictions.items()}
 
 
 def fly(task: Task, found: dict[str, Controller], steps: int) -> None:
