@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from typing import Any
 
 import casadi
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.examples.prediction import Prediction
-from gibbs_codegen.examples.task import Weights
+from gibbs_codegen.examples.task import Task
 from gibbs_codegen.examples.tracking_problem import TrackingProblem
 from gibbs_codegen.simulator.vehicle import Array
 
 # Solutions are good to this, in the units of the cost and the states.
 TOLERANCE = 1e-3
+# How long a solver may take, s. Fatrop regularises what it cannot factorise until it can, which is
+# never where derivatives are so large that their products over the horizon overflow.
+_PATIENCE = 10.0
 # Barrier that a solver begins with, since the solution before is near.
 _BARRIER = 1e-4
 SOLVERS: dict[str, dict[str, Any]] = {
@@ -31,6 +35,12 @@ SOLVERS: dict[str, dict[str, Any]] = {
         "warm_start_init_point": "yes",
     },
 }
+
+
+class SolverStuckError(GibbsCodegenError):
+    """A solver that does not come back."""
+
+    exit_code = 1
 
 
 def solver_plugin(wanted: str | None) -> str:
@@ -80,9 +90,7 @@ class Controller:
 
     Attributes:
         prediction: Of the robot.
-        weights: Of the cost; what is wanted is also the first guess.
-        limits: Least and greatest u, q and v (2, nu + nq + nv), one after the other.
-        path: Positions (…, 3) at times (…), m, world axes.
+        task: What is to be done, within which limits.
         h: Length of a step, s.
         nodes: Number of steps of the horizon.
         plugin: CasADi's solver, as of `solver_plugin`.
@@ -90,27 +98,21 @@ class Controller:
     """
 
     prediction: Prediction
-    weights: Weights
-    limits: Array
-    path: Callable[[Array], Array]
+    task: Task
     h: float = 0.02
     nodes: int = 20
     plugin: str | None = None
     solutions: list[Solution] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        problem = TrackingProblem(self.prediction, self.weights, self.nodes)
-        plugin = solver_plugin(self.plugin)
-        self._solver = problem.solver(plugin, SOLVERS[plugin])
+        problem = TrackingProblem(self.prediction, self.task.weights, self.nodes)
+        self.plugin = solver_plugin(self.plugin)
+        self._solver = problem.solver(self.plugin, SOLVERS[self.plugin])
         self._sizes = {"x": problem.stage, "lam_x": problem.stage, "lam_g": problem.states}
         self._inputs = problem.inputs
-        low, high = (np.tile(bound, self.nodes) for bound in self.limits)
+        low, high = (np.tile(bound, self.nodes) for bound in self.task.limits)
         self._bounds = {"lbx": low, "ubx": high, "lbg": 0.0, "ubg": 0.0}
-        self._guess: Mapping[str, Array] = {
-            "x": np.tile(self.weights.wanted, self.nodes),
-            "lam_x": np.zeros(problem.stage * self.nodes),
-            "lam_g": np.zeros(problem.states * self.nodes),
-        }
+        self._guess: dict[str, Array] = {}
 
     def inputs(self, now: float, q: Array, v: Array) -> Array:
         """The inputs of the step that begins now.
@@ -121,20 +123,55 @@ class Controller:
 
         Returns:
             u (nu), N and N m.
+
+        Raises:
+            SolverStuckError: The solver does not come back.
         """
-        ahead = self.path(np.asarray(now + self.h * np.arange(1.0, self.nodes + 1)))
-        given: dict[str, Any] = {f"{name}0": values for name, values in self._guess.items()}
-        start = time.perf_counter()
-        given |= {"p": np.concatenate([q, v, ahead.ravel()]), **self._bounds}
-        found = self._solver(**given)
-        seconds = time.perf_counter() - start
+        ahead = np.asarray(now + self.h * np.arange(1.0, self.nodes + 1))
+        guess = self._guess or self._hovering(ahead)
+        given: dict[str, Any] = {f"{name}0": values for name, values in guess.items()}
+        given["p"] = np.r_[q, v, self.task.path(ahead).ravel(), self.task.carried(ahead[-1])]
+        found, seconds = self._solved(given | self._bounds, now)
         told = self._solver.stats()
         within = sum(told[name] for name in told if name.startswith("t_wall_nlp_"))
         self.solutions.append(Solution(seconds, within, told["iter_count"], told["success"]))
         values = {name: np.array(found[name]).ravel() for name in self._sizes}
-        # The next solution is guessed to be this one a step later.
+        # The next solution is guessed to be this one a step later. That is a better guess than
+        # hovering even where the solver did not converge, unless it found no numbers.
         self._guess = {
             name: np.concatenate([values[name][size:], values[name][-size:]])
             for name, size in self._sizes.items()
         }
-        return values["x"][: self._inputs]
+        if not all(np.isfinite(guess).all() for guess in self._guess.values()):
+            self._guess = {}
+        # Solvers keep to limits as nearly as they converge.
+        low, high = self.task.limits[:, : self._inputs]
+        return np.asarray(np.clip(values["x"][: self._inputs], low, high))
+
+    def _hovering(self, ahead: Array) -> dict[str, Array]:
+        """A guess that depends on no other solution: hovering along the path, at times (nodes)."""
+        hover = np.tile(self.task.weights.wanted, (self.nodes, 1))
+        hover[:, self._inputs :] = self.task.carried(ahead)
+        guess = {name: np.zeros(size * self.nodes) for name, size in self._sizes.items()}
+        return guess | {"x": hover.ravel()}
+
+    def _solved(self, given: dict[str, Any], now: float) -> tuple[dict[str, Any], float]:
+        """What the solver finds, and how long it takes, s."""
+        found: Future[tuple[dict[str, Any], float]] = Future()
+
+        def solve() -> None:
+            start = time.perf_counter()
+            try:
+                found.set_result((self._solver(**given), time.perf_counter() - start))
+            except Exception as error:
+                found.set_exception(error)
+
+        # Nothing ends a solver that is stuck; but a thread that is a daemon need not be waited for.
+        threading.Thread(target=solve, daemon=True).start()
+        try:
+            return found.result(_PATIENCE)
+        except TimeoutError:
+            raise SolverStuckError(
+                f"solver {self.plugin}: has not come back for {_PATIENCE:g} s, at {now:.2f} s of "
+                "the flight; the robot cannot do what it is to do, such as to follow a path so fast"
+            ) from None

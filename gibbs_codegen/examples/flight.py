@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
 from gibbs_codegen.analysis.given import numbers
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.examples.controller import Controller, Solution
+from gibbs_codegen.examples.controller import Controller, Solution, SolverStuckError
 from gibbs_codegen.simulator.vehicle import Array
 
 # Steps of the plant in a step of the controller, and how much of its fastest decay one covers: a
@@ -28,6 +29,7 @@ class TrackedPath:
         q, v: States then (s, nq) and (s, nv).
         u: Inputs during the step (s, nu), N and N m.
         solutions: How the controller found them.
+        ended: Why the flight ended before its time, in words; None if it did not.
     """
 
     time: Array
@@ -37,6 +39,7 @@ class TrackedPath:
     v: Array
     u: Array
     solutions: tuple[Solution, ...]
+    ended: str | None
 
     @property
     def error(self) -> Array:
@@ -44,20 +47,14 @@ class TrackedPath:
         return np.asarray(np.linalg.norm(self.point - self.wanted, axis=-1))
 
 
-def fly(
-    plant: ModuleType,
-    frame: str,
-    controller: Controller,
-    start: tuple[Array, Array],
-    duration: float,
-) -> TrackedPath:
-    """Fly a controller's path.
+def fly(plant: ModuleType, controller: Controller, duration: float) -> TrackedPath:
+    """Fly a controller's task, until its time is over or the robot is lost.
+
+    It is lost where its point is further from the circle than that is wide, or the solver is stuck.
 
     Args:
         plant: The robot's module, with `step_rk4`.
-        frame: The frame whose origin is the point.
         controller: What chooses the inputs.
-        start: q (nq) and v (nv) at time 0.
         duration: How long to fly, s.
 
     Returns:
@@ -65,19 +62,32 @@ def fly(
 
     Raises:
         UsageError: The flight is shorter than a step of the controller.
+        SolverStuckError: The solver is stuck at the first step.
     """
-    (q, v), place = start, plant.FRAMES.index(frame)
-    h = controller.h
-    steps = _steps(plant, start, h)
-    rows = []
+    task, h = controller.task, controller.h
+    q, v, place = task.q, task.v, plant.FRAMES.index(task.frame)
+    steps = _steps(plant, (q, v), h)
+    rows: list[tuple[Any, ...]] = []
+    ended = None
     for k in range(control_steps(duration, h)):
-        u = controller.inputs(k * h, q, v)
+        try:
+            u = controller.inputs(k * h, q, v)
+        except SolverStuckError as error:
+            if not rows:
+                raise
+            ended = str(error)
+            break
         for _ in range(steps):
             q, v = plant.step_rk4(q, v, u, h / steps)
-        rows.append(((k + 1) * h, plant.frame_poses(q)[place, :3, 3], q, v, u))
+        now, point = (k + 1) * h, plant.frame_poses(q)[place, :3, 3]
+        rows.append((now, point, q, v, u))
+        # Comparisons with what is no number are false.
+        if not np.linalg.norm(point - task.path(np.asarray(now))) <= task.path.radius:
+            ended = f"after {now:.2f} s the point is off its path by more than the circle's radius"
+            break
     time, point, qs, vs, us = (np.array(column) for column in zip(*rows, strict=True))
     solutions = tuple(controller.solutions[-len(rows) :])
-    return TrackedPath(time, point, controller.path(time), qs, vs, us, solutions)
+    return TrackedPath(time, point, task.path(time), qs, vs, us, solutions, ended)
 
 
 def control_steps(duration: float, h: float) -> int:

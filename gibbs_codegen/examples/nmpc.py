@@ -69,8 +69,7 @@ def track(
     predicted = prediction.predicted_robot(robot, STEP)
     model = load(module_of(predicted, out, prediction.DERIVATIVES), backend="c")
     expected = prediction.compiled(model, task.frame, STEP)
-    controller = Controller(expected, task.weights, task.limits, task.path, STEP, plugin=plugin)
-    return fly(plant, task.frame, controller, (task.q, task.v), duration)
+    return fly(plant, Controller(expected, task, STEP, plugin=plugin), duration)
 
 
 def report(flown: TrackedPath) -> str:
@@ -88,6 +87,7 @@ def report(flown: TrackedPath) -> str:
     failed = sum(not solution.succeeded for solution in flown.solutions)
     return "\n".join(
         [
+            *([] if flown.ended is None else [f"the flight ended early: {flown.ended}"]),
             f"{len(flown.time)} control steps of {1e3 * STEP:.0f} ms",
             f"distance of the point from its path: greatest {1e3 * flown.error.max():.2f} mm, "
             f"root mean square {1e3 * np.sqrt(np.mean(flown.error**2)):.2f} mm",
@@ -106,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: Words of the command; those of the process if None.
 
     Returns:
-        The exit code: 0, or that of an error, which is printed.
+        The exit code: 0, 1 if the flight ended early, or that of an error, which is printed.
     """
     options = argument_parser().parse_args(arguments)
     try:
@@ -128,7 +128,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(report(flown))
     if options.figure is not None:
         draw(flown, options.figure)
-    return 0
+    return int(flown.ended is not None)
 
 
 def draw(flown: TrackedPath, file: str) -> None:

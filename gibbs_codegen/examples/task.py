@@ -12,6 +12,7 @@ import numpy as np
 from gibbs_codegen.analysis.given import numbers, real
 from gibbs_codegen.analysis.trim import trim
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.examples.circular_path import CircularPath
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
@@ -88,11 +89,13 @@ class Weights:
         point: Weight of the point's distance from its path, 1/m².
         stage: Weights of u, q and v, one after the other.
         wanted: What u, q and v are to be near to.
+        position: Places of the base's position in q, which is free.
     """
 
     point: float
     stage: Array
     wanted: Array
+    position: slice
 
 
 @dataclass(frozen=True)
@@ -102,7 +105,8 @@ class Task:
     Attributes:
         frame: The frame whose origin is the point.
         q, v: State of hovering (nq) and (nv).
-        path: Positions (…, 3) of the point at times (…), m, world axes.
+        path: Of the point, world axes.
+        carried: States (…, nq + nv) at times (…), s: those of hovering, moved along the path.
         weights: Of a controller's cost.
         limits: Least and greatest u, q and v (2, nu + nq + nv).
     """
@@ -110,7 +114,8 @@ class Task:
     frame: str
     q: Array
     v: Array
-    path: Callable[[Array], Array]
+    path: CircularPath
+    carried: Callable[[Array], Array]
     weights: Weights
     limits: Array
 
@@ -127,27 +132,6 @@ def module_of(robot: Robot, out: Path, derivatives: tuple[str, ...]) -> Path:
         The module's folder.
     """
     return generate_robot(robot, robot_text(robot), out, derivatives=derivatives)[1]
-
-
-def path_around(start: Array, radius: float, duration: float) -> Callable[[Array], Array]:
-    """A level circle that begins and ends at rest.
-
-    Args:
-        start: Where it begins and ends (3), m.
-        radius: Its radius, m.
-        duration: How long it takes, s.
-
-    Returns:
-        Positions (…, 3), m, at times (…), s.
-    """
-
-    def path(time: Array) -> Array:
-        s = np.clip(np.asarray(time, dtype=np.float64) / duration, 0.0, 1.0)
-        angle = 2 * np.pi * s**3 * (10 + s * (6 * s - 15))
-        moved = np.stack([1 - np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
-        return np.asarray(start + radius * moved)
-
-    return path
 
 
 def circle_task(module: ModuleType, circle: Circle) -> Task:
@@ -189,11 +173,13 @@ def circle_task(module: ModuleType, circle: Circle) -> Task:
             "greatest one; it must have rotors, and weight (gravity in the robot file)"
         )
     radius = reach / 4 if circle.radius is None else circle.radius
+    path = CircularPath(point, radius, circle.duration)
     return Task(
         frame,
         hover.q,
         hover.v,
-        path_around(point, radius, circle.duration),
+        path,
+        _carried(vehicle, path, hover.q, hover.v),
         _weights(vehicle, reach, hover.q, hover.u),
         _limits(vehicle, actuators),
     )
@@ -229,6 +215,30 @@ def _reach(module: ModuleType, frame: str, positions: Array) -> float:
     )
 
 
+def _carried(vehicle: Vehicle, path: CircularPath, q: Array, v: Array) -> Callable[[Array], Array]:
+    """States that hover and move along a path.
+
+    Args:
+        vehicle: The robot.
+        path: Of its point.
+        q, v: State of hovering.
+
+    Returns:
+        States (…, nq + nv) at times (…), s.
+    """
+    layout = vehicle.layout
+    # Beside a quaternion, v has the base's velocity in its own axes.
+    axes = vehicle.base_rotation(q) if layout.is_quaternion else np.eye(3)
+
+    def carried(time: Array) -> Array:
+        qs, vs = (np.tile(x, (*np.shape(time), 1)) for x in (q, v))
+        qs[..., layout.q.position] += path(time) - path.start
+        vs[..., layout.v.position] += path.velocity(time) @ axes
+        return np.concatenate([qs, vs], axis=-1)
+
+    return carried
+
+
 def _weights(vehicle: Vehicle, reach: float, q: Array, u: Array) -> Weights:
     """Weights that suit a robot of any size.
 
@@ -249,7 +259,7 @@ def _weights(vehicle: Vehicle, reach: float, q: Array, u: Array) -> Weights:
     rates = np.where(is_turning, 1 / _RATE, 1 / (_RATE * reach))
     stage = np.r_[1 / (_INPUT * inputs), angles, rates] ** 2
     wanted = np.r_[u, q, np.zeros(len(rates))]
-    return Weights(_UNIT / (_POINT * reach) ** 2, _UNIT * stage, wanted)
+    return Weights(_UNIT / (_POINT * reach) ** 2, _UNIT * stage, wanted, vehicle.layout.q.position)
 
 
 def _limits(vehicle: Vehicle, actuators: Actuators) -> Array:

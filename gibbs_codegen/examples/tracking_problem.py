@@ -7,6 +7,9 @@ returns one of unit length; and its functions are those of the normalised quater
 derivatives by its entries exist. Bounds of joints stay bounds of variables, as they would not in a
 tangent space that moves along with the solution.
 
+The end of the horizon also costs what would follow, to second order. There a deviation is one from
+a state that hovers and moves along with the path, which is a parameter like the path itself.
+
 The cost is a sum of squares, and the Hessian is Gauss and Newton's: that of the squares of the
 linearised residuals. It is positive definite, and needs no second derivatives of the dynamics.
 """
@@ -19,6 +22,7 @@ from typing import Any
 import casadi
 import numpy as np
 
+from gibbs_codegen.examples.cost_to_go import cost_to_go
 from gibbs_codegen.examples.prediction import Prediction
 from gibbs_codegen.examples.task import Weights
 
@@ -39,11 +43,14 @@ class TrackingProblem:
         self.states = self._nq + self._nv
         self.stage = self.inputs + self.states
         self._variables = casadi.MX.sym("x", self.stage * nodes)
-        self._parameters = casadi.MX.sym("p", self.states + 3 * nodes)
+        self._parameters = casadi.MX.sym("p", 2 * self.states + 3 * nodes)
         self._columns = casadi.reshape(self._variables, self.stage, nodes)
-        self._path = casadi.reshape(self._parameters[self.states :], 3, nodes)
+        start, path, self._end = casadi.vertsplit(
+            self._parameters, [0, self.states, self.states + 3 * nodes, 2 * self.states + 3 * nodes]
+        )
+        self._path = casadi.reshape(path, 3, nodes)
         after = self._columns[self.inputs :, :]
-        before = casadi.horzcat(self._parameters[: self.states], after[:, :-1])
+        before = casadi.horzcat(start, after[:, :-1])
         self._arguments = [
             before[: self._nq, :],
             before[self._nq :, :],
@@ -61,7 +68,8 @@ class TrackingProblem:
             options: Of the solver's own.
 
         Returns:
-            CasADi's function, whose parameters are the state and the points of the path, in turn.
+            CasADi's function, whose parameters are, in turn, the state, the points of the path, and
+            the state that the end is to be near to.
         """
         x, p = self._variables, self._parameters
         factor = casadi.MX.sym("lam_f")
@@ -125,7 +133,37 @@ class TrackingProblem:
             function.map(self.nodes)(self._columns, self._path) for function in functions
         )
         blocks = casadi.diagcat(*[functions[2].sparsity_out(0)] * self.nodes)
-        return casadi.sum2(costs), casadi.vec(gradients), casadi.MX(blocks, hessians.nz[:])
+        after, slope, bend = self._cost_of_the_end()
+        return (
+            casadi.sum2(costs) + after,
+            casadi.vec(gradients) + slope,
+            casadi.MX(blocks, hessians.nz[:]) + bend,
+        )
+
+    def _cost_of_the_end(self) -> tuple[casadi.MX, casadi.MX, casadi.MX]:
+        """What follows the horizon costs, the gradient of that and its Hessian.
+
+        Where the base should be follows from where the point is, for angles of any size. With a
+        deviation of the base's position itself, the cost would hold two models of the point against
+        each other: the one of the path, and a linear one.
+        """
+        nq, earlier = self._nq, self.stage * self.nodes - self.states
+        last, by_q = self._columns[self.inputs :, -1], self._prediction.point.jacobian()
+        hover = self._weights.wanted[self.inputs : self.inputs + nq]
+        linear = by_q(hover, casadi.DM(3, 1))
+        base = casadi.DM(np.eye(self.states)[:, self._weights.position])
+        q, off = last[:nq], last - self._end
+        off += base @ (self._prediction.point(q) - self._path[:, -1] - linear @ off[:nq])
+        more = base @ (by_q(q, casadi.MX(3, 1)) - linear)
+        by_last = casadi.DM.eye(self.states) + casadi.horzcat(
+            more, casadi.MX(self.states, self._nv)
+        )
+        ahead = casadi.DM(cost_to_go(self._prediction, self._weights))
+        return (
+            casadi.dot(off, ahead @ off) / 2,
+            casadi.vertcat(casadi.MX(earlier, 1), by_last.T @ ahead @ off),
+            casadi.diagcat(casadi.MX(earlier, earlier), by_last.T @ ahead @ by_last),
+        )
 
     def _jacobian(self) -> casadi.MX:
         """Derivatives of the gaps: entries of the steps' Jacobians, gathered column by column."""

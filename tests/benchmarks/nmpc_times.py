@@ -56,7 +56,7 @@ from gibbs_codegen.runtime.load import load  # noqa: E402
 ROBOTS = {
     "n = 3": (
         benchmark_robot(3),
-        Circle(posture={"theta_8": -1.871, "theta_9": 1.39}, radius=0.5, thrust=(-60.0, 60.0)),
+        Circle(posture={"theta_8": -1.871, "theta_9": 1.39}, radius=0.5, thrust=(-38.0, 38.0)),
     ),
     "hextilt_flying_arm_5": (named_robot("hextilt_flying_arm_5"), Circle()),
 }
@@ -203,10 +203,7 @@ def controllers(
     }
     predictions[GENERATED] = generated(predictions[RECURSION], folder)
     check(predictions, task)
-    return task, {
-        name: Controller(p, task.weights, task.limits, task.path, STEP, plugin=plugin)
-        for name, p in predictions.items()
-    }
+    return task, {name: Controller(p, task, STEP, plugin=plugin) for name, p in predictions.items()}
 
 
 def fly(task: Task, found: dict[str, Controller], steps: int) -> None:

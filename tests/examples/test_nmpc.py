@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shlex
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,12 +13,13 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_discrete_are
 from support.pages import blocks, run_python
 from support.tools import missing, tool
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.examples import nmpc
-from gibbs_codegen.examples.task import Circle, Task, Weights, circle_task, module_of
+from gibbs_codegen.examples.task import Circle, Task, circle_task, module_of
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
@@ -28,13 +30,17 @@ try:
 except ImportError:
     missing("casadi is not installed")
 
-from gibbs_codegen.examples.controller import Controller, solver_plugin
+from gibbs_codegen.examples import controller as control
+from gibbs_codegen.examples.controller import Controller, SolverStuckError, solver_plugin
+from gibbs_codegen.examples.cost_to_go import cost_to_go
 from gibbs_codegen.examples.flight import control_steps, fly
-from gibbs_codegen.examples.prediction import compiled, predicted_robot, traced
+from gibbs_codegen.examples.prediction import Prediction, compiled, predicted_robot, traced
 from gibbs_codegen.examples.tracking_problem import TrackingProblem
 
 H = nmpc.STEP
-PAPER = Circle(posture={"theta_8": -1.871, "theta_9": 1.39}, radius=0.5, thrust=(-60.0, 60.0))
+PAPER = Circle(
+    posture={"theta_8": -1.871, "theta_9": 1.39}, radius=0.5, thrust=(-38.0, 38.0), effort=45.0
+)
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +66,13 @@ def predicted(damped: Robot, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
+def prediction(predicted: Path, task: Task) -> Prediction:
+    return traced(load(predicted, backend="casadi"), task.frame, H)
+
+
+@pytest.fixture(scope="module")
 def task(plant: ModuleType) -> Task:
-    circle = Circle(None, {"theta_6": -1.0}, 0.05, 1.5, thrust=(-60.0, 60.0), effort=30.0)
+    circle = Circle(None, {"theta_6": -1.0}, 0.05, 4.0, thrust=(-60.0, 60.0), effort=30.0)
     return circle_task(plant, circle)
 
 
@@ -79,22 +90,22 @@ def test_the_step_takes_the_dampers_torques_at_its_end(
 
 
 @pytest.mark.parametrize("plugin", ["fatrop", "ipopt"])
-def test_derivatives_of_the_problem(predicted: Path, task: Task, plugin: str) -> None:
+def test_derivatives_of_the_problem(prediction: Prediction, task: Task, plugin: str) -> None:
     """Against differences; the Hessian is that of the squares of the linearised residuals."""
     nodes = 3
-    prediction = traced(load(predicted, backend="casadi"), task.frame, H)
     rng = np.random.default_rng(8)
-    weights = Weights(3.0, rng.uniform(0.1, 1.0, len(task.weights.stage)), task.weights.wanted)
+    stage = rng.uniform(0.1, 1.0, len(task.weights.stage))
+    weights = replace(task.weights, point=3.0, stage=stage)
     problem = TrackingProblem(prediction, weights, nodes)
     solver = problem.solver(plugin, {"print_level": 0})
     x = np.tile(weights.wanted, nodes) + rng.uniform(-0.2, 0.2, problem.stage * nodes)
-    p = np.concatenate([x[problem.inputs : problem.stage], rng.uniform(-0.3, 0.3, 3 * nodes)])
+    p = rng.uniform(-0.3, 0.3, 2 * problem.states + 3 * nodes)
 
     def values(name: str, output: int, *more: float) -> np.ndarray:
         return np.array(casadi.densify(solver.get_function(name).call([x, p, *more])[output]))
 
     def differences(name: str) -> np.ndarray:
-        function, step = solver.get_function(name), 1e-6
+        function, step = solver.get_function(name), 1e-5
         columns = [
             (np.array(function(x + step * e, p)) - np.array(function(x - step * e, p))) / (2 * step)
             for e in np.eye(len(x))
@@ -114,30 +125,90 @@ def test_derivatives_of_the_problem(predicted: Path, task: Task, plugin: str) ->
         q = slice(begin + problem.inputs, begin + problem.inputs + prediction.point.size1_in(0))
         rows = np.array(casadi.densify(by_q(x[q], casadi.DM(3, 1))))
         wanted[q, q] += weights.point * rows.T @ rows
+    # The end's base is where the point's deviation, less that by the other coordinates, puts it.
+    hover = weights.wanted[problem.inputs : problem.stage][: len(task.q)]
+    linear = np.array(casadi.densify(by_q(hover, casadi.DM(3, 1))))
+    by_last = np.eye(problem.states)
+    by_last[weights.position, : len(task.q)] += rows - linear
+    end = slice(-problem.states, None)
+    wanted[end, end] += by_last.T @ cost_to_go(prediction, weights) @ by_last
     assert np.allclose(hessian, wanted if plugin == "fatrop" else np.triu(wanted), rtol=1e-12)
 
 
-def test_the_tip_keeps_near_its_path(plant: ModuleType, predicted: Path, task: Task) -> None:
+def test_the_tip_keeps_near_its_path(plant: ModuleType, prediction: Prediction, task: Task) -> None:
     """Without a compiler: CasADi's symbols predict, and NumPy flies."""
-    prediction = traced(load(predicted, backend="casadi"), task.frame, H)
-    controller = Controller(prediction, task.weights, task.limits, task.path, H)
-    flown = fly(plant, task.frame, controller, (task.q, task.v), 0.5)
+    flown = fly(plant, Controller(prediction, task, H), 1.0)
+    assert flown.ended is None
     assert all(solution.succeeded for solution in flown.solutions)
     assert np.ptp(flown.wanted, axis=0).max() > 0.02
     assert flown.error.max() < 0.003
     low, high = task.limits[:, : len(plant.INPUTS)]
-    assert (low - 1e-9 <= flown.u).all()
-    assert (flown.u <= high + 1e-9).all()
+    assert (low <= flown.u).all()
+    assert (flown.u <= high).all()
+
+
+def test_states_that_are_carried_along_move_as_the_point_is_to(
+    plant: ModuleType, shipped: Callable[[str], ModuleType]
+) -> None:
+    """With a quaternion too, where v is in the axes of a base that leans."""
+    times, dt = np.array([0.0, 0.4, 0.9, 1.5]), 1e-6
+    posture = {f"flying_arm_5__j_link_{i}_link_{i + 1}": 0.4 for i in (1, 3)}
+    bent = Circle(None, {"theta_6": -1.0}, 0.2, 1.5, thrust=(-60.0, 60.0))
+    leaning = Circle(None, posture, 0.2, 1.5)
+    for module, circle in ((plant, bent), (shipped("hextilt_flying_arm_5"), leaning)):
+        task = circle_task(module, circle)
+        q, v = np.split(task.carried(times), [len(task.q)], axis=-1)
+        place = module.FRAMES.index(task.frame)
+        point = module.frame_poses(q)[:, place, :3, 3]
+        assert np.allclose(point, task.path(times), rtol=0, atol=1e-12)
+        later = module.integrate(q, v * dt)
+        moved = (module.frame_poses(later)[:, place, :3, 3] - point) / dt
+        assert np.abs(moved[1:3]).max() > 0.1
+        assert np.allclose(moved, task.path.velocity(times), rtol=0, atol=1e-5)
+
+
+def test_the_cost_to_go_is_that_of_the_best_regulator(prediction: Prediction, task: Task) -> None:
+    """Against SciPy's solution of the Riccati equation for a horizon without an end."""
+    q, v = task.q, task.v
+    nq, nu = len(q), task.limits.shape[1] - len(q) - len(v)
+    nothing = [casadi.DM(len(x), 1) for x in (q, v)]
+    jacobian = prediction.step.jacobian().call([q, v, task.weights.wanted[:nu], *nothing])
+    q_q, q_v, q_u, v_q, v_v, v_u = (np.array(casadi.densify(block)) for block in jacobian)
+    a, b = np.block([[q_q, q_v], [v_q, v_v]]), np.vstack([q_u, v_u])
+    states = np.diag(task.weights.stage[nu:])
+    by_q = np.array(casadi.densify(prediction.point.jacobian()(q, casadi.DM(3, 1))))
+    states[:nq, :nq] += task.weights.point * by_q.T @ by_q
+    whole = solve_discrete_are(a, b, states, np.diag(task.weights.stage[:nu]))
+    ahead = cost_to_go(prediction, task.weights)
+    assert np.allclose(ahead, whole - states, rtol=0, atol=1e-6 * np.abs(whole).max())
+
+
+def test_a_short_horizon_is_stable(plant: ModuleType, prediction: Prediction) -> None:
+    """Without the cost of what follows, the machine soon tips over about its tip."""
+    circle = Circle(None, {"theta_6": -1.0}, 0.05, 1e3, thrust=(-60.0, 60.0), effort=30.0)
+    task = circle_task(plant, circle)
+    pushed = 0.002 * np.eye(len(task.v))[Vehicle(plant).layout.v.attitude.start]
+    flown = fly(plant, Controller(prediction, replace(task, v=pushed), H, nodes=4), 3.0)
+    assert flown.ended is None
+    assert all(solution.succeeded for solution in flown.solutions)
+    assert np.abs(flown.v[-1]).max() < 1e-3
+    assert flown.error.max() < 1e-3
 
 
 @pytest.mark.slow
 def test_the_papers_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With compiled functions and their exact derivatives, as the command flies them."""
     monkeypatch.setenv("CC", f"{tool('cc')} -O0")
-    flown = nmpc.track("hexarotor_3link", tmp_path, PAPER, until=1.6)
-    assert np.ptp(flown.wanted, axis=0).max() > 0.02
-    assert flown.error.max() < 0.003
-    assert f"{len(flown.time)} control steps" in nmpc.report(flown)
+    flown = nmpc.track("hexarotor_3link", tmp_path, PAPER)
+    assert (flown.ended, len(flown.time)) == (None, 400)
+    assert all(solution.succeeded for solution in flown.solutions)
+    assert np.ptp(flown.wanted, axis=0).max() == pytest.approx(1.0, abs=1e-3)
+    assert flown.error.max() < 0.005
+    thrusts = flown.u[:, :6]
+    assert 37.5 < thrusts.max() <= 38.0
+    assert thrusts.min() >= -38.0
+    assert np.abs(flown.u[:, 6:]).max() <= 45.0
+    assert "400 control steps" in nmpc.report(flown)
 
 
 @pytest.mark.slow
@@ -151,6 +222,90 @@ def test_the_flight_of_the_page(
     assert np.ptp(wanted, axis=0).max() > 0.1
     assert np.linalg.norm(point - wanted, axis=1).max() < 0.002
     assert "200 control steps" in capsys.readouterr().out
+
+
+class Scripted:
+    """A solver that finds what it is told to, and remembers how it was called."""
+
+    def __init__(self, values: list[float]) -> None:
+        self.values = iter(values)
+        self.guesses: list[dict[str, np.ndarray]] = []
+
+    def __call__(self, **given: np.ndarray) -> dict[str, np.ndarray]:
+        """Values that count up from the next one told."""
+        self.guesses.append(given)
+        value = next(self.values)
+        return {name: value + np.arange(given[f"{name}0"].size) for name in ("x", "lam_x", "lam_g")}
+
+    def stats(self) -> dict[str, object]:
+        """It never converges."""
+        return {"iter_count": 20, "success": False}
+
+
+def test_guesses_are_the_last_solution_where_there_is_one(
+    prediction: Prediction, task: Task
+) -> None:
+    controller = Controller(prediction, task, H, nodes=3)
+    solver = controller._solver = Scripted([0.5, np.nan, 0.0])
+    u = [controller.inputs(k * H, task.q, task.v) for k in range(3)]
+    nu, stage = len(u[0]), task.limits.shape[1]
+    first, second, third = (given["x0"].reshape(3, stage) for given in solver.guesses)
+    times = H * np.arange(1.0, 4.0)
+    for start, guess in ((0.0, first), (2 * H, third)):
+        assert np.array_equal(guess[:, nu:], task.carried(start + times))
+        assert np.array_equal(guess[:, :nu], np.tile(task.weights.wanted[:nu], (3, 1)))
+    found = 0.5 + np.arange(3 * stage).reshape(3, stage)
+    assert np.array_equal(second, found[[1, 2, 2]])
+    for name in ("lam_x0", "lam_g0"):
+        one, two, three = (given[name] for given in solver.guesses)
+        assert not one.any()
+        assert two.all()
+        assert not three.any()
+    low, high = task.limits[:, :nu]
+    assert np.array_equal(u[0], np.clip(found[0, :nu], low, high))
+
+
+def test_a_solver_that_does_not_come_back_is_not_waited_for(
+    plant: ModuleType, prediction: Prediction, task: Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller, back = Controller(prediction, task, H, nodes=3), threading.Event()
+    solver = controller._solver
+    monkeypatch.setattr(controller, "_solver", lambda **given: back.wait(60))
+    monkeypatch.setattr(control, "_PATIENCE", 0.1)
+    told = r"solver fatrop: has not come back for 0\.1 s, at 0\.00 s of the flight"
+    with pytest.raises(SolverStuckError, match=told):
+        fly(plant, controller, 0.1)
+
+    class Stuck(Scripted):
+        def __call__(self, **given: np.ndarray) -> dict[str, np.ndarray]:
+            if self.guesses:
+                back.wait(60)
+            self.guesses.append(given)
+            return solver(**given)
+
+    monkeypatch.setattr(controller, "_solver", Stuck([]))
+    flown = fly(plant, controller, 0.1)
+    back.set()
+    assert len(flown.time) == 1
+    assert "the flight ended early: solver fatrop: has not come back" in nmpc.report(flown)
+
+
+def test_errors_of_the_solver_are_raised(prediction: Prediction, task: Task) -> None:
+    controller = Controller(prediction, task, H, nodes=3)
+    controller._solver = lambda **given: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        controller.inputs(0.0, task.q, task.v)
+
+
+@pytest.mark.parametrize("plugin", ["fatrop", "ipopt"])
+def test_a_flight_that_is_lost_ends(plant: ModuleType, prediction: Prediction, plugin: str) -> None:
+    """A circle in a tenth of a second."""
+    circle = Circle(None, {"theta_6": -1.0}, 0.2, 0.1, thrust=(-60.0, 60.0), effort=30.0)
+    task = circle_task(plant, circle)
+    flown = fly(plant, Controller(prediction, task, H, plugin=plugin), 1.0)
+    assert 1 <= len(flown.time) < 50
+    told = "the flight ended early: .* off its path .*\n[0-9]+ control steps of"
+    assert re.match(told, nmpc.report(flown))
 
 
 def test_what_is_wrong_is_told(
@@ -270,4 +425,5 @@ def test_commands_of_the_page_have_options_that_exist() -> None:
     ]
     first, second = (nmpc.argument_parser().parse_args(shlex.split(c)) for c in commands)
     assert (first.robot, first.duration) == ("hextilt_flying_arm_5", 4.0)
-    assert Circle(None, dict(second.posture), second.radius, thrust=tuple(second.thrust)) == PAPER
+    posture, thrust = dict(second.posture), tuple(second.thrust)
+    assert Circle(None, posture, second.radius, 8.0, thrust, second.effort) == PAPER
