@@ -51,15 +51,15 @@ if TYPE_CHECKING:
     from gibbs_codegen.runtime.load import load as load
     from gibbs_codegen.scenario.file import read_scenario as read_scenario
     from gibbs_codegen.scenario.scenario import Scenario as Scenario
-    from gibbs_codegen.simulator.flight import Flight as Flight
-    from gibbs_codegen.simulator.flight import read_flight as read_flight
+    from gibbs_codegen.simulator.record.flight import Flight as Flight
+    from gibbs_codegen.simulator.record.flight import read_flight as read_flight
     from gibbs_codegen.simulator.simulation import simulate as simulate
     from gibbs_codegen.verification.modules import verify as verify
     from gibbs_codegen.verification.verify import Verification as Verification
 
 _LAZY = {
     "ChainEquation": "equations.chain_equation",
-    "Flight": "simulator.flight",
+    "Flight": "simulator.record.flight",
     "ReachableWrenches": "analysis.reach",
     "Regulator": "analysis.regulator",
     "Scenario": "scenario.scenario",
@@ -83,7 +83,7 @@ _LAZY = {
     "parse_robot": "robot.file",
     "reachable_wrenches": "analysis.reach",
     "reachable_wrenches_figure": "figures.reach",
-    "read_flight": "simulator.flight",
+    "read_flight": "simulator.record.flight",
     "read_robot": "robot.file",
     "read_scenario": "scenario.file",
     "simulate": "simulator.simulation",

@@ -276,7 +276,7 @@ CASES = {
     "runtime/test_not_finite.py": {
         "test_an_acceleration_that_nothing_resists_is_said": (1, 0),
     },
-    "simulator/test_actuators.py": {
+    "simulator/plant/test_actuators.py": {
         "test_motors_that_are_off_have_no_least_thrust": (0, 0),
         "test_the_robot_file_tells_what_the_scenario_does_not": (0, 1),
     },
@@ -289,11 +289,11 @@ CASES = {
         "test_hydrus_hovers_in_open_loop_only": (0, 0),
         "test_series_of_a_held_link_have_its_name": (0, 1),
     },
-    "simulator/test_compiled_loop.py": {
+    "simulator/integration/test_compiled_loop.py": {
         "test_every_step_is_that_of_python": (2, 1),
         "test_sanitizers_find_nothing_in_random_flights": (0, 1),
     },
-    "simulator/test_integrate.py": {
+    "simulator/integration/test_integrate.py": {
         "test_a_flight_at_limits_gets_to_its_end": (1, 0),
         "test_a_lost_flight_ends_with_its_reason": (1, 1),
         "test_a_stiff_flight_ends_with_the_reason": (0, 0),
@@ -307,25 +307,25 @@ CASES = {
         "test_unstable_fixed_steps_are_refused_with_ones_that_serve": (0, 0),
         "test_without_gravity_and_inputs_energy_and_momentum_stay": (1, 0),
     },
-    "simulator/test_inverse_dynamics.py": {
+    "simulator/control/test_inverse_dynamics.py": {
         "test_constraint_torques_along_the_paper_flight_agree_with_pinocchio": (0, 1),
         "test_motion_inputs_and_constraint_torques_solve_the_hybrid_system": (1, 0),
     },
-    "simulator/test_inverse_kinematics.py": {
+    "simulator/desired/test_inverse_kinematics.py": {
         "test_a_full_turn_through_the_singularity_is_refused": (0, 1),
         "test_arms_point_where_they_should_on_and_on": (1, 1),
         "test_arms_with_prismatic_joints": (2, 1),
         "test_base_is_exact_and_goes_on_through_half_turns": (1, 1),
         "test_limits_are_kept_and_left_again": (0, 1),
     },
-    "simulator/test_push.py": {
+    "simulator/plant/test_push.py": {
         "test_momentum_changes_as_gravity_and_the_push_say": (0, 0),
     },
     "simulator/test_simulation.py": {
         "test_more_rotors_fly_it_with_the_least_thrusts": (0, 0),
         "test_the_paper_flight_is_tracked": (1, 0),
     },
-    "simulator/test_trajectory.py": {
+    "simulator/desired/test_trajectory.py": {
         "test_slowed_down_it_is_flown": (0, 0),
     },
     "targets/test_c_source.py": {

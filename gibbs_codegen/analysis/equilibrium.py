@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 # Singular values below this share of the largest belong to directions that rotors cannot command.
 RANK = 1e-9

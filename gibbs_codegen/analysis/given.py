@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 # How far from 1 the length of a quaternion may be, which is then normalised.
 _LENGTH = 1e-3

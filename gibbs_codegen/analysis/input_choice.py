@@ -10,7 +10,7 @@ from scipy.optimize import linprog, nnls
 
 from gibbs_codegen.analysis.equilibrium import RANK
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 Aim = Literal["least_thrust", "widest_margin"]
 AIMS: tuple[Aim, ...] = ("least_thrust", "widest_margin")

@@ -21,7 +21,7 @@ from gibbs_codegen.analysis.given import coordinates, period, vector
 from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.analysis.trim import Trim
 from gibbs_codegen.errors import MissingFunctionError, UsageError
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 _DERIVATIVES = "forward_dynamics_derivatives"
 

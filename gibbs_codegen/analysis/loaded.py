@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from types import ModuleType
 
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.simulator.vehicle import Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
 
 
 def vehicle_of(

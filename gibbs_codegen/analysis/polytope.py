@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from gibbs_codegen.simulator.vehicle import Array
+from gibbs_codegen.simulator.plant.vehicle import Array
 
 Support = Callable[[Array], Array]
 

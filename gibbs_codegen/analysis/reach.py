@@ -17,7 +17,7 @@ from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.analysis.polytope import Polytope, polytope
 from gibbs_codegen.analysis.trim import trim
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.simulator.vehicle import Array
+from gibbs_codegen.simulator.plant.vehicle import Array
 
 CENTRE_OF_MASS = "the centre of mass"
 

@@ -19,7 +19,7 @@ from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.analysis.trim import Trim
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.wrenches import directions
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 # How far an eigenvalue may be from where motions neither grow nor decay, as a share of the model's.
 _MARGINAL = 1e-7

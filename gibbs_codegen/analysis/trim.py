@@ -16,8 +16,8 @@ from gibbs_codegen.analysis.input_choice import AIMS, Aim, Balancing, chosen_inp
 from gibbs_codegen.analysis.loaded import vehicle_of
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.wrenches import DIRECTIONS, directions
-from gibbs_codegen.simulator.actuators import Actuators, joint_place, robot_file_actuators
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.plant.actuators import Actuators, joint_place, robot_file_actuators
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 ATTITUDE = "attitude"
 _STILL = (0.0, 0.0, 0.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gibbs_codegen.simulator.vehicle import Array
+from gibbs_codegen.simulator.plant.vehicle import Array
 
 
 @dataclass(frozen=True)

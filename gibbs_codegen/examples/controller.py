@@ -15,7 +15,7 @@ from gibbs_codegen.errors import GibbsCodegenError, UsageError, printable
 from gibbs_codegen.examples.prediction import Prediction
 from gibbs_codegen.examples.task import Task
 from gibbs_codegen.examples.tracking_problem import TrackingProblem
-from gibbs_codegen.simulator.vehicle import Array
+from gibbs_codegen.simulator.plant.vehicle import Array
 
 # Solutions are good to this, in the units of the cost and the states.
 TOLERANCE = 1e-3

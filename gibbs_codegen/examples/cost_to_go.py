@@ -14,7 +14,7 @@ import numpy as np
 
 from gibbs_codegen.examples.prediction import Prediction
 from gibbs_codegen.examples.task import Weights
-from gibbs_codegen.simulator.vehicle import Array
+from gibbs_codegen.simulator.plant.vehicle import Array
 
 # Steps that the regulator goes on for. Without an end, the cost of a motion that no input reaches
 # might not be finite.

@@ -12,7 +12,7 @@ import numpy as np
 from gibbs_codegen.analysis.given import numbers
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.examples.controller import Controller, Solution, SolverStuckError
-from gibbs_codegen.simulator.vehicle import Array
+from gibbs_codegen.simulator.plant.vehicle import Array
 
 # Steps of the plant in a step of the controller, and how much of its fastest decay one covers: a
 # Runge–Kutta method of fourth order is stable up to 2.7.

@@ -16,9 +16,9 @@ from gibbs_codegen.examples.circular_path import CircularPath
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.robot.text import robot_text
-from gibbs_codegen.simulator.actuators import Actuators, robot_file_actuators
-from gibbs_codegen.simulator.hanging import hanging_posture
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.desired.hanging import hanging_posture
+from gibbs_codegen.simulator.plant.actuators import Actuators, robot_file_actuators
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 # What is as bad as the point being off by a share of the reach: angles, rad; rates, of angles
 # and of the reach, 1/s; and inputs, as a share of their largest in hover.

@@ -17,7 +17,7 @@ from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, samples_at
 from gibbs_codegen.figures.scene import fit, set_scene
 from gibbs_codegen.figures.style import add_legend, style
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 
 _FRAME_SIZE, _FRAME_DPI = (6.4, 4.8), 100
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from gibbs_codegen.figures.curves import ROUND_OFF, Curves, explain, finished, plot, symbol
 from gibbs_codegen.figures.style import FULL, style
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 
 # Of ranges: curves that differ by more are not in one panel.
 _RATIO = 5.0

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from gibbs_codegen.figures.style import COLOURS, COLUMN, DARK, add_heading, spread
-from gibbs_codegen.simulator.flight import Array, Flight
+from gibbs_codegen.simulator.record.flight import Array, Flight
 
 # Curves on a logarithmic axis end here: it is where what is exactly zero is drawn.
 LOG_FLOOR = 1e-17

@@ -32,7 +32,7 @@ from gibbs_codegen.figures.curves import (
 from gibbs_codegen.figures.snapshots import snapshots as snapshots
 from gibbs_codegen.figures.snapshots import snapshots_panels as snapshots_panels
 from gibbs_codegen.figures.style import COLOURS, COLUMN, style
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 
 # A date would make every file another.
 _METADATA: dict[str, dict[str, None]] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}

@@ -11,7 +11,7 @@ from pathlib import Path
 from gibbs_codegen.errors import OutputError, UsageError, printable
 from gibbs_codegen.files.output_folder import check_output_folder
 from gibbs_codegen.files.staging import staging_folder
-from gibbs_codegen.simulator.flight import Flight, is_flight
+from gibbs_codegen.simulator.record.flight import Flight, is_flight
 
 ANIMATIONS = ("gif", "mp4")
 # Of `figures.FIGURES`, without importing Matplotlib; a test holds them to each other.

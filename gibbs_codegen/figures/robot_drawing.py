@@ -8,7 +8,7 @@ import numpy as np
 
 from gibbs_codegen.figures.robot_artists import RobotArtists, Shapes, disc_corners, disc_radius
 from gibbs_codegen.figures.style import COLOURS, DARK
-from gibbs_codegen.simulator.flight import Array, Flight
+from gibbs_codegen.simulator.record.flight import Array, Flight
 
 _CENTRE_COLOUR, _TIP_COLOUR = COLOURS[:2]
 

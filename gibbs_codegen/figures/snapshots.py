@@ -13,7 +13,7 @@ from matplotlib.patheffects import withStroke
 from gibbs_codegen.figures.robot_drawing import PathDrawing, RobotDrawing, bounds, samples_at
 from gibbs_codegen.figures.scene import VIEW, fit, project, set_scene
 from gibbs_codegen.figures.style import FULL, add_legend, style
-from gibbs_codegen.simulator.flight import Array, Flight
+from gibbs_codegen.simulator.record.flight import Array, Flight
 
 INSTANTS = 12
 # Width and height of the largest box that is drawn, and what labels around it take, in.

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 
 # Widths of a column and of a page of two columns, in.
 COLUMN, FULL = 3.5, 7.2

@@ -17,16 +17,16 @@ from gibbs_codegen.scenario.scenario import (
     Settings,
     StartOffset,
 )
-from gibbs_codegen.simulator.allocation import Allocation, AllocationError
-from gibbs_codegen.simulator.continuation import UnreachableError
-from gibbs_codegen.simulator.flight import Flight, read_flight
-from gibbs_codegen.simulator.inverse_dynamics import (
+from gibbs_codegen.simulator.control.inverse_dynamics import (
     inputs_and_constraint_torques,
     required_inputs,
 )
+from gibbs_codegen.simulator.desired.continuation import UnreachableError
+from gibbs_codegen.simulator.desired.trajectory import desired_motion
+from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
+from gibbs_codegen.simulator.record.flight import Flight, read_flight
 from gibbs_codegen.simulator.simulation import simulate
-from gibbs_codegen.simulator.trajectory import desired_motion
-from gibbs_codegen.simulator.vehicle import Vehicle
 
 __all__ = [
     "Allocation",

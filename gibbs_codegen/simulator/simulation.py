@@ -1,17 +1,17 @@
 """The map of a simulation: from a generated module and a scenario to a flight, stage by stage.
 
-    Vehicle            module, parameters  → functions and layout of a robot  (vehicle)
-      kinematics   layout              → errors and rates of angles or quaternion
-    actuators_of       scenario, robot file → limits and lag                  (actuators)
-    desired_motion     scenario            → Reference: q, v, a in time       (trajectory)
-      desired_base     path, attitude      → coordinates of the base, exact   (base_trajectory)
-      desired_with_tip path of the tip     → coordinates of the arm           (tip_trajectory)
-        arm_motion     knots               → joints, knot by knot             (continuation)
-    Controller         reference           → inputs of a state                (control, allocation)
-    ClosedLoop         controller, limits  → derivative of a state            (closed_loop)
-    integrate          loop, start         → StateHistory: samples            (integrate)
-    flight_of          samples             → Flight: all time series          (recording)
-      point_parents  module              → what hangs on what, for drawings (connections)
+    Vehicle            module, parameters  → functions and layout of a robot  (plant/vehicle)
+      kinematics       layout              → errors and rates of angles or quaternion
+    actuators_of       scenario, robot file → limits and lag                  (plant/actuators)
+    desired_motion     scenario            → Reference: q, v, a in time       (desired/trajectory)
+      desired_base     path, attitude      → coordinates of the base, exact
+      desired_with_tip path of the tip     → coordinates of the arm
+        arm_motion     knots               → joints, knot by knot
+    Controller         reference           → inputs of a state                (control/laws)
+    ClosedLoop         controller, limits  → derivative of a state            (integration)
+    integrate          loop, start         → StateHistory: samples            (integration)
+    flight_of          samples             → Flight: all time series          (record/recording)
+      point_parents    module              → what hangs on what, for drawings (record/connections)
 
 The simulator knows a generated module and nothing of how it was derived.
 """
@@ -28,17 +28,17 @@ from gibbs_codegen.runtime.load import load
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.paths import check_path
 from gibbs_codegen.scenario.scenario import Scenario
-from gibbs_codegen.simulator.actuators import actuators_of
-from gibbs_codegen.simulator.allocation import Allocation, AllocationError
-from gibbs_codegen.simulator.closed_loop import ClosedLoop
-from gibbs_codegen.simulator.control import Controller, Gains
-from gibbs_codegen.simulator.flight import Flight
-from gibbs_codegen.simulator.integrate import integrate
-from gibbs_codegen.simulator.moving_rotors import allocation_of
-from gibbs_codegen.simulator.recording import flight_of
+from gibbs_codegen.simulator.control.laws import Controller, Gains
+from gibbs_codegen.simulator.desired.trajectory import Progress, desired_motion, starting_state
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.integrate import integrate
+from gibbs_codegen.simulator.plant.actuators import actuators_of
+from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError
+from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.record.flight import Flight
+from gibbs_codegen.simulator.record.recording import flight_of
 from gibbs_codegen.simulator.reference import Reference
-from gibbs_codegen.simulator.trajectory import Progress, desired_motion, starting_state
-from gibbs_codegen.simulator.vehicle import Array, Vehicle
 
 # What rounding may make of an eigenvalue that is zero, as a share of the largest.
 _ROUNDING = 1e-13

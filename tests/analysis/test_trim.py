@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog, minimize
 
 from gibbs_codegen import Trim, UsageError, generate, linearise, load, simulate, trim
-from gibbs_codegen.simulator.vehicle import Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
 
 Load = Callable[[str], ModuleType]
 

@@ -44,14 +44,14 @@ from gibbs_codegen.robot.model import Robot  # noqa: E402
 from gibbs_codegen.runtime.load import load  # noqa: E402
 from gibbs_codegen.scenario.file import read_scenario  # noqa: E402
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario  # noqa: E402
-from gibbs_codegen.simulator.actuators import Actuators  # noqa: E402
-from gibbs_codegen.simulator.allocation import Allocation  # noqa: E402
-from gibbs_codegen.simulator.closed_loop import ClosedLoop  # noqa: E402
-from gibbs_codegen.simulator.compiled_loop import CompiledLoop  # noqa: E402
-from gibbs_codegen.simulator.control import Controller, Gains, Law  # noqa: E402
+from gibbs_codegen.simulator.control.laws import Controller, Gains, Law  # noqa: E402
+from gibbs_codegen.simulator.desired.trajectory import desired_motion  # noqa: E402
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop  # noqa: E402
+from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop  # noqa: E402
+from gibbs_codegen.simulator.plant.actuators import Actuators  # noqa: E402
+from gibbs_codegen.simulator.plant.allocation import Allocation  # noqa: E402
+from gibbs_codegen.simulator.plant.vehicle import Vehicle  # noqa: E402
 from gibbs_codegen.simulator.reference import Reference  # noqa: E402
-from gibbs_codegen.simulator.trajectory import desired_motion  # noqa: E402
-from gibbs_codegen.simulator.vehicle import Vehicle  # noqa: E402
 from gibbs_codegen.targets.registry import find_targets, render_module  # noqa: E402
 
 SHIPPED = Path(__file__).parents[2] / "generated" / "hexarotor_3link"

@@ -23,7 +23,7 @@ from gibbs_codegen.examples.task import Circle, Task, circle_task, module_of
 from gibbs_codegen.robot.file import parse_robot, read_robot
 from gibbs_codegen.robot.model import Robot
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.simulator.vehicle import Vehicle
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
 
 try:
     import casadi

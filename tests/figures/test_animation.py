@@ -15,7 +15,7 @@ from support.synthetic_flight import synthetic_flight
 
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.figures.animation import write_animation
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 
 
 @pytest.fixture(scope="module")

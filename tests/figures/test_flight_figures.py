@@ -22,7 +22,7 @@ from gibbs_codegen.figures import flight as figures
 from gibbs_codegen.figures.curves import LOG_FLOOR
 from gibbs_codegen.pipeline import generate
 from gibbs_codegen.runtime.load import load
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]

@@ -12,7 +12,7 @@ import pytest
 from gibbs_codegen.errors import OutputError, UsageError
 from gibbs_codegen.figures.results import FIGURE_NAMES, check_results, write_results
 from gibbs_codegen.scenario.file import read_scenario
-from gibbs_codegen.simulator.flight import Flight, read_flight
+from gibbs_codegen.simulator.record.flight import Flight, read_flight
 from gibbs_codegen.simulator.simulation import simulate
 
 

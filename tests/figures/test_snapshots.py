@@ -19,7 +19,7 @@ from support.synthetic_flight import names, synthetic_flight
 from gibbs_codegen.figures.scene import project
 from gibbs_codegen.figures.snapshots import snapshots, snapshots_panels
 from gibbs_codegen.figures.style import FULL, GOLD
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 
 Drawn = Callable[[Callable[[Flight], Figure], str], Figure]
 Array = NDArray[Any]

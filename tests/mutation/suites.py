@@ -145,7 +145,7 @@ _QUICK = {
     "symbolic.ldlt": _QUICK_ARTICULATED,
     "robot.layout": ("tests/robot/test_layout.py",),
     "robot.thrusters": ("tests/robot/test_thrusters.py",),
-    "robot.wrenches": ("tests/simulator/test_allocation.py",),
+    "robot.wrenches": ("tests/simulator/plant/test_allocation.py",),
     "program.inlining": (
         "tests/properties/test_operation_counts.py::test_operations_are_as_few_as_they_were[centre-3-0]",
         *_QUICK_EMISSION,

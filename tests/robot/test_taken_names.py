@@ -25,8 +25,8 @@ from gibbs_codegen.robot.names import default_prefix
 from gibbs_codegen.robot.taken_names import TakenNames, parameter_names
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from gibbs_codegen.simulator.simulation import simulate
-from gibbs_codegen.simulator.vehicle import Vehicle
 from gibbs_codegen.symbolic.tape import Tape
 
 EVERYTHING = Path(__file__).parents[1] / "robots" / "everything.toml"

@@ -24,7 +24,7 @@ from gibbs_codegen.robot.file import parse_robot
 from gibbs_codegen.robot.names import coordinate_of, link_label, name_fault, name_from
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.file import parse_scenario
-from gibbs_codegen.simulator.flight import read_flight
+from gibbs_codegen.simulator.record.flight import read_flight
 from gibbs_codegen.targets.registry import TARGETS, find_targets, render_module
 
 ROBOT = """name = NAME

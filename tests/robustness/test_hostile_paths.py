@@ -21,7 +21,7 @@ from gibbs_codegen.figures.results import FIGURE_NAMES
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.simulator import simulation
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.record.flight import Flight
 from gibbs_codegen.targets.registry import DEFAULT_TARGETS
 
 

@@ -28,19 +28,19 @@ from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle
 from gibbs_codegen.scenario.scenario import Law, Push, Settings
-from gibbs_codegen.simulator.actuators import Actuators
-from gibbs_codegen.simulator.allocation import AllocationError
-from gibbs_codegen.simulator.closed_loop import ClosedLoop
-from gibbs_codegen.simulator.compiled_loop import CompiledLoop
-from gibbs_codegen.simulator.connections import point_parents
-from gibbs_codegen.simulator.control import Controller, Gains
-from gibbs_codegen.simulator.fixed_step import rk4_step
-from gibbs_codegen.simulator.flight import read_flight
-from gibbs_codegen.simulator.inverse_dynamics import required_inputs
-from gibbs_codegen.simulator.moving_rotors import allocation_of
+from gibbs_codegen.simulator.control.inverse_dynamics import required_inputs
+from gibbs_codegen.simulator.control.laws import Controller, Gains
+from gibbs_codegen.simulator.desired.trajectory import desired_motion, starting_state
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
+from gibbs_codegen.simulator.integration.fixed_step import rk4_step
+from gibbs_codegen.simulator.plant.actuators import Actuators
+from gibbs_codegen.simulator.plant.allocation import AllocationError
+from gibbs_codegen.simulator.plant.moving_rotors import allocation_of
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
+from gibbs_codegen.simulator.record.connections import point_parents
+from gibbs_codegen.simulator.record.flight import read_flight
 from gibbs_codegen.simulator.simulation import simulate
-from gibbs_codegen.simulator.trajectory import desired_motion, starting_state
-from gibbs_codegen.simulator.vehicle import Vehicle
 
 Load = Callable[[str], ModuleType]
 

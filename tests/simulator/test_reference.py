@@ -25,13 +25,13 @@ from gibbs_codegen.scenario.attitude import SINGULAR_COSINE, SingularAttitudeErr
 from gibbs_codegen.scenario.file import read_scenario, shipped_scenarios
 from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
-from gibbs_codegen.simulator.base_trajectory import desired_base
-from gibbs_codegen.simulator.hanging import hanging_posture
-from gibbs_codegen.simulator.inverse_kinematics import Array, Limits
-from gibbs_codegen.simulator.knots import KNOT_SPACING, knots
+from gibbs_codegen.simulator.desired.base_trajectory import desired_base
+from gibbs_codegen.simulator.desired.hanging import hanging_posture
+from gibbs_codegen.simulator.desired.inverse_kinematics import Array, Limits
+from gibbs_codegen.simulator.desired.knots import KNOT_SPACING, knots
+from gibbs_codegen.simulator.desired.trajectory import desired_with_posture
+from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
-from gibbs_codegen.simulator.trajectory import desired_with_posture
-from gibbs_codegen.simulator.vehicle import Vehicle
 
 
 @pytest.fixture(scope="module")

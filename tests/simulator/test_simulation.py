@@ -21,9 +21,9 @@ from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Circle, Fixed
 from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Push, Scenario, Settings
-from gibbs_codegen.simulator.allocation import AllocationError
-from gibbs_codegen.simulator.continuation import UnreachableError
-from gibbs_codegen.simulator.flight import Flight
+from gibbs_codegen.simulator.desired.continuation import UnreachableError
+from gibbs_codegen.simulator.plant.allocation import AllocationError
+from gibbs_codegen.simulator.record.flight import Flight
 from gibbs_codegen.simulator.simulation import simulate
 
 Load = Callable[[str], ModuleType]

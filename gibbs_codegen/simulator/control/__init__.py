@@ -1,0 +1,1 @@
+"""Control laws: the inputs that are commanded at a time and in a state."""

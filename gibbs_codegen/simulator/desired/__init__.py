@@ -1,0 +1,1 @@
+"""The desired motion: paths and postures made coordinates, rates and accelerations in time."""

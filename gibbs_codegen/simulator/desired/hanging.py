@@ -1,0 +1,167 @@
+"""The posture in which an arm hangs at rest: least potential energy under a level base."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.stats import qmc
+
+from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+
+# Postures that the search starts from, besides the first.
+_STARTS = 7
+# Differences of energies that count as none, as a share of the largest energy.
+_SAME_ENERGY = 1e-11
+# Steps of the search at most, and shares of a step that are tried, each half the one before.
+_STEPS = 60
+_HALVINGS = 6
+# Curvature of the energy, as a share of the largest, below which a motion counts as flat.
+_FLATTEST = 1e-7
+# Step of the differences that give the Hessian, rad.
+_DIFFERENCE = 1e-5
+# Keeps divisors from being 0.
+_TINY = 1e-300
+
+
+def hanging_posture(vehicle: Vehicle, limits: Limits) -> Array:
+    """The posture of least potential energy under a level base.
+
+    Prismatic joints are at 0, and so are revolute ones that make no difference, such as one about
+    the vertical; or where limits leave out 0, as near to it as they allow.
+
+    Args:
+        vehicle: The robot.
+        limits: Joint limits.
+
+    Returns:
+        Joint coordinates (n), rad or m.
+    """
+    revolute = vehicle.is_angle[vehicle.arm]
+    low, high = limits[0][revolute], limits[1][revolute]
+    places, rates = (
+        np.array(entries.joint_places)[revolute] for entries in (vehicle.layout.q, vehicle.layout.v)
+    )
+    rest = vehicle.neutral
+    rest[vehicle.arm] = np.clip(0.0, *limits)
+    if not np.any(revolute):
+        return rest[vehicle.arm]
+
+    def posture(angles: Array) -> Array:
+        q = np.broadcast_to(rest, (*angles.shape[:-1], len(rest))).copy()
+        q[..., places] = angles
+        return q
+
+    def energy(angles: Array) -> Array:
+        return vehicle.potential_energy(posture(angles))
+
+    def gradient(angles: Array) -> Array:
+        # The torques that hold the arm still are the gradient of its potential energy.
+        q = posture(angles)
+        still = np.zeros((*q.shape[:-1], vehicle.layout.v.size))
+        return vehicle.inverse_dynamics(q, still, still)[..., rates]
+
+    # The first start is away from 0 and from symmetry, where the gradient may vanish at a maximum.
+    shares = qmc.Halton(len(places), scramble=False).random(_STARTS)
+    ends = np.clip(-np.pi, low, high), np.clip(np.pi, low, high)
+    starts = [-0.3 - 0.1 * np.arange(len(places)), *(ends[0] + shares * (ends[1] - ends[0]))]
+    found = _energy_minima(energy, gradient, np.clip(starts, low, high), low, high)
+    energies = energy(found)
+    least = energies.min() + _SAME_ENERGY * np.abs(energies).max()
+    best = found[np.argmax(energies <= least)]
+    for place, nearest in enumerate(rest[places]):
+        trial = best.copy()
+        trial[place] = nearest
+        if energy(trial) <= least:
+            best = trial
+    return posture(_equilibrium(gradient, best, low, high))[vehicle.arm]
+
+
+def _energy_minima(
+    energy: Callable[[Array], Array],
+    gradient: Callable[[Array], Array],
+    angles: Array,
+    low: Array,
+    high: Array,
+) -> Array:
+    """Angles of least energy near each of some starts, within limits.
+
+    Newton's method for all starts at once, with curvatures taken as positive, so that it leaves
+    saddles; of each step the best of some shares is taken.
+
+    Args:
+        energy: Potential energy (…), J, of angles (…, n).
+        gradient: Its gradient (…, n), N m.
+        angles: The starts (s, n), rad.
+        low, high: Limits (n), rad.
+
+    Returns:
+        The angles (s, n), rad.
+    """
+    shares = 0.5 ** np.arange(_HALVINGS)[:, np.newaxis, np.newaxis]
+    for _ in range(_STEPS):
+        slope, hessian, _ = _derivatives(gradient, angles, low, high)
+        curvature, axes = np.linalg.eigh(hessian)
+        curvature = np.abs(curvature)
+        least = _FLATTEST * curvature.max(axis=-1, keepdims=True)
+        along = np.einsum("sij,si->sj", axes, slope) / np.maximum(curvature, least + _TINY)
+        along = np.clip(along, -np.pi / 2.0, np.pi / 2.0)
+        step = np.einsum("sij,sj->si", axes, along)
+        trials = np.clip(angles - shares * step, low, high)
+        energies = energy(trials)
+        best = np.argmin(energies, axis=0), np.arange(len(angles))
+        gain = energy(angles) - energies[best]
+        angles = np.where(gain[:, np.newaxis] > 0.0, trials[best], angles)
+        if np.all(gain <= _SAME_ENERGY * np.abs(energies).max()):
+            break
+    return angles
+
+
+def _derivatives(
+    gradient: Callable[[Array], Array], angles: Array, low: Array, high: Array
+) -> tuple[Array, Array, Flags]:
+    """First and second derivatives of the energy with respect to the joints that can move.
+
+    Args:
+        gradient: Gradient (…, n) of the energy, N m, at angles (…, n).
+        angles: Angles (…, n), rad.
+        low, high: Limits (n), rad.
+
+    Returns:
+        Gradient (…, n) and Hessian (…, n, n), 0 for joints that gravity holds against a limit, and
+        which joints are not held so (…, n).
+    """
+    slope = gradient(angles)
+    free = ~((angles <= low) & (slope > 0.0)) & ~((angles >= high) & (slope < 0.0))
+    steps = _DIFFERENCE * np.eye(angles.shape[-1])
+    centre = angles[..., np.newaxis, :]
+    hessian = (gradient(centre + steps) - gradient(centre - steps)) / (2.0 * _DIFFERENCE)
+    # It is symmetric, but for rounding.
+    hessian = 0.5 * (hessian + np.swapaxes(hessian, -1, -2))
+    both = free[..., np.newaxis] & free[..., np.newaxis, :]
+    return np.where(free, slope, 0.0), np.where(both, hessian, 0.0), free
+
+
+def _equilibrium(
+    gradient: Callable[[Array], Array], angles: Array, low: Array, high: Array
+) -> Array:
+    """The equilibrium near some angles, by Newton's method for a root of the gradient.
+
+    Args:
+        gradient: Gradient (n) of the energy, N m, at angles (n).
+        angles: Angles (n) to begin with, rad.
+        low, high: Limits (n), rad.
+
+    Returns:
+        Angles (n), rad, at which gravity moves no joint except against its limit.
+    """
+    for _ in range(10):
+        slope, hessian, free = _derivatives(gradient, angles, low, high)
+        # Motions that gravity does not resist, but for rounding, are left alone.
+        step = np.linalg.pinv(hessian, rcond=_FLATTEST, hermitian=True) @ slope
+        trial = np.clip(angles - step, low, high)
+        if not np.linalg.norm(gradient(trial)[free]) < np.linalg.norm(slope):
+            break
+        angles = trial
+    return angles

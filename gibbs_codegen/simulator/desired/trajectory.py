@@ -1,0 +1,202 @@
+"""The desired motion of a scenario, and the state in which its flight starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.attitude import (
+    SingularAttitudeError,
+    Turning,
+)
+from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
+from gibbs_codegen.simulator.desired.base_trajectory import desired_base
+from gibbs_codegen.simulator.desired.hanging import hanging_posture
+from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
+from gibbs_codegen.simulator.desired.knots import knots
+from gibbs_codegen.simulator.desired.tip_trajectory import desired_with_tip
+from gibbs_codegen.simulator.plant.actuators import actuators_of, joint_place
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.reference import Motion, Reference
+
+# Is told what is being done, and the share of it that is done, 0 to 1.
+Progress = Callable[[str, float], None]
+
+
+def desired_motion(
+    vehicle: Vehicle, scenario: Scenario, progress: Progress = lambda what, share: None
+) -> Reference:
+    """Desired coordinates, rates and accelerations of a scenario, as functions of time.
+
+    Args:
+        vehicle: The robot.
+        scenario: What is flown.
+        progress: Is told what is being done, and the share of it that is done, 0 to 1.
+
+    Returns:
+        The reference of the flight.
+
+    Raises:
+        UsageError: Or one of its kinds, where there is no such motion, and for joints outside their
+            limits.
+    """
+    task = scenario.arm
+    _check_units(vehicle, task)
+    actuators = actuators_of(vehicle, scenario)
+    limits = actuators.joints[0], actuators.joints[1]
+    time = knots(scenario.duration)
+
+    def base_at(knots: Array) -> Motion:
+        # Progress is shown for the first time only: what follows is the arm's.
+        shown = partial(progress, "desired motion") if knots is time else lambda share: None
+        return desired_base(vehicle, knots, scenario.base, scenario.attitude, shown)
+
+    if task.tip is None:
+        if task.posture is None:
+            posture = hanging_posture(vehicle, limits)
+        else:
+            posture = _joint_values(vehicle, task.posture)
+            _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
+        return vehicle.kinematics.reference(desired_with_posture(vehicle, base_at(time), posture))
+    guess = None
+    if task.guess is not None:
+        guess = _joint_values(vehicle, task.guess)
+        # A guess says nothing of joints it leaves out: they begin at the limit nearest to 0.
+        _check_limits(vehicle, "guess", guess, limits, task.guess)
+    motion = desired_with_tip(
+        vehicle,
+        time,
+        base_at,
+        task.tip,
+        limits,
+        guess,
+        lambda done, total: progress("inverse kinematics", done / total),
+    )
+    _check_rates(vehicle, motion, actuators.velocities)
+    return vehicle.kinematics.reference(motion)
+
+
+def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Motion:
+    """Motion of base and arm, with the arm held in a posture.
+
+    Args:
+        vehicle: The robot.
+        base: Motion of the base at knots.
+        posture: Joint coordinates (n), rad or m.
+
+    Returns:
+        The motion at the knots of `base`.
+    """
+    q = base.q.copy()
+    q[:, vehicle.arm] = posture
+    return Motion(base.time, q, base.v, base.a)
+
+
+def starting_state(
+    vehicle: Vehicle, reference: Reference, offset: StartOffset
+) -> tuple[Array, Array]:
+    """The desired state at the start of a flight, moved and turned by the start offset.
+
+    Args:
+        vehicle: The robot.
+        reference: The desired motion.
+        offset: How far base centre and attitude are off.
+
+    Returns:
+        Coordinates (nq) and velocities (nv); those of position and attitude stay as they are in
+        the world, or as rates of attitude angles.
+
+    Raises:
+        SingularAttitudeError: If the offset turns the base to the singularity.
+    """
+    q, v, _ = reference(reference.begin)
+    if not any(offset.position) and not any(offset.rotation):
+        return q, v
+    attitude, position = vehicle.layout.q.attitude, vehicle.layout.q.position
+    centre = q[position] + vehicle.centre_offset(q)
+    turned = Rotation.from_rotvec(offset.rotation).as_matrix() @ vehicle.base_rotation(q)
+    at_rest = np.zeros((1, 3))
+    try:
+        turning = Turning(turned[np.newaxis], at_rest, at_rest)
+        entries, _, _ = vehicle.kinematics.turned(turning)
+    except SingularAttitudeError as error:
+        raise SingularAttitudeError(
+            f"at t = {reference.begin:.6g} s, with the base turned by start.turn_deg (the start's "
+            f"rotation), {error}, or turn it less or another way at the start",
+            error.place,
+        ) from None
+    start = q.copy()
+    start[attitude] = vehicle.kinematics.continued(q[attitude], entries)[0]
+    start[position] = centre + offset.position - vehicle.centre_offset(start)
+    return start, vehicle.kinematics.kept(v, turned.T @ vehicle.base_rotation(q))
+
+
+def _check_units(vehicle: Vehicle, task: ArmTask) -> None:
+    """Raise `UsageError` if an angle was given as a travel, or a travel as an angle."""
+    for name, unit in sorted(task.units):
+        if vehicle.layout.q.units[vehicle.arm][joint_place(vehicle, name)] == unit:
+            continue
+        other, where = ("revolute", "that end in _deg"), ("prismatic", "without _deg")
+        kind, tables = other if unit == "m" else where
+        raise UsageError(
+            f"arm: {name} is the coordinate of a {kind} joint: it belongs in the tables {tables}"
+        )
+
+
+def _check_rates(vehicle: Vehicle, motion: Motion, most: Array) -> None:
+    """Raise an error where a joint is desired to move faster than it can.
+
+    Args:
+        vehicle: The robot.
+        motion: The desired motion.
+        most: Greatest rates of the joints (n), rad/s or m/s.
+
+    Raises:
+        UsageError: With the joint and the time at which it is fastest.
+    """
+    rates = np.abs(motion.v[:, vehicle.arm_rates])
+    for joint in np.flatnonzero(np.any(rates > most, axis=0)):
+        instant, unit = np.argmax(rates[:, joint]), vehicle.layout.v.units[vehicle.arm_rates][joint]
+        name = vehicle.joint_names[joint]
+        raise UsageError(
+            f"arm: at t = {motion.time[instant]:.6g} s {name} has to move at "
+            f"{rates[instant, joint]:.3g} {unit}, faster than its limit of {most[joint]:g} {unit}; "
+            f"slow the paths down, or give another limit as arm.velocity.{name}"
+        )
+
+
+def _joint_values(vehicle: Vehicle, values: Mapping[str, float]) -> Array:
+    found = np.zeros(vehicle.joints)
+    for name, value in values.items():
+        found[joint_place(vehicle, name)] = value
+    return found
+
+
+def _check_limits(
+    vehicle: Vehicle, key: str, values: Array, limits: Limits, joints: Iterable[str]
+) -> None:
+    """Raise an error for the first of some joints whose value is outside its limits.
+
+    Args:
+        vehicle: The robot.
+        key: Key of the scenario file's arm table that gives the values.
+        values: Joint coordinates (n), rad or m.
+        limits: Joint limits.
+        joints: Names of the joints to check.
+
+    Raises:
+        UsageError: With joint, value and limits.
+    """
+    for name in joints:
+        joint = joint_place(vehicle, name)
+        value, lower, upper = values[joint], limits[0][joint], limits[1][joint]
+        if not lower <= value <= upper:
+            unit = vehicle.layout.q.units[vehicle.arm][joint]
+            raise UsageError(
+                f"arm: {key}: {name} = {value:.6g} {unit} is outside its limits, "
+                f"{lower:.6g} to {upper:.6g} {unit}; a joint left out of a posture is at 0"
+            )

@@ -1,0 +1,1 @@
+"""The closed loop in time: its derivative, in Python and in C, and what integrates it."""

@@ -1,0 +1,221 @@
+"""The closed loop of vehicle, motors and controller: what integrators integrate.
+
+The state is q, v, the work done since the start, and the thrusts where the motors lag. Work is part
+of the state so that the energy balance is as exact as the integration. The length of a quaternion
+drifts with errors of integration, and means nothing: who takes a state apart gets it of length 1.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.scenario.scenario import Push
+from gibbs_codegen.simulator.control.laws import Controller
+from gibbs_codegen.simulator.integration.state_history import SmoothInterval
+from gibbs_codegen.simulator.plant.actuators import Actuators
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """Vehicle, controller, limits and lag of its motors and joints, and what pushes it, if any.
+
+    Raises `UsageError` for a push of a frame that the robot does not have.
+    """
+
+    vehicle: Vehicle
+    controller: Controller
+    actuators: Actuators
+    push: Push | None = None
+
+    def __post_init__(self) -> None:
+        frames = self.vehicle.frames
+        if self.push is not None and self.push.frame not in frames:
+            raise UsageError(
+                f"push.frame: {self.vehicle.name} has no frame {printable(self.push.frame)}; "
+                f"its frames: {', '.join(frames)}"
+            )
+
+    @cached_property
+    def limited(self) -> bool:
+        """Whether a thrust, torque or force has a limit."""
+        return bool(np.any(np.isfinite(self.actuators.inputs)))
+
+    @cached_property
+    def lags(self) -> bool:
+        """Whether a motor lags."""
+        return bool(np.any(self.actuators.lag))
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """Wrenches (f, 6) on the frames while the push acts: force and torque, world axes."""
+        wrenches = np.zeros((len(self.vehicle.frames), 6))
+        if self.push is not None:
+            place = self.vehicle.frames.index(self.push.frame)
+            wrenches[place] = [*self.push.force, *self.push.torque]
+        return wrenches
+
+    @property
+    def size(self) -> int:
+        """Length of the state."""
+        return self.work_place + 1 + (self.vehicle.rotors if self.lags else 0)
+
+    @property
+    def work_place(self) -> int:
+        """Place of the work in the state, after coordinates and velocities."""
+        return self.vehicle.layout.q.size + self.vehicle.layout.v.size
+
+    def start(self, q: Array, v: Array) -> Array:
+        """The state at time 0, with motors that have settled at the first commanded thrusts.
+
+        Args:
+            q, v: Coordinates (nq) and velocities (nv).
+
+        Returns:
+            The state (size).
+        """
+        setpoints = self._setpoints(self.controller(0.0, q, v))
+        thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
+        return np.concatenate([q, v, [0.0], thrusts])
+
+    def parts(self, states: Array) -> tuple[Array, Array, Array, Array]:
+        """What states consist of.
+
+        Args:
+            states: States (…, size).
+
+        Returns:
+            Coordinates (…, nq), velocities (…, nv), work (…), J, and thrusts (…, N), N; (…, 0)
+            without lag.
+        """
+        n, work = self.vehicle.layout.q.size, self.work_place
+        return (
+            self.vehicle.kinematics.normalised(states[..., :n]),
+            states[..., n:work],
+            states[..., work],
+            states[..., work + 1 :],
+        )
+
+    def applied(self, commanded: Array, thrusts: Array) -> Array:
+        """Inputs that act: those commanded, within limits, with thrusts as the motors give them.
+
+        Args:
+            commanded: Inputs (…, nu) that the controller commands.
+            thrusts: Thrusts (…, N) of the state, N; not looked at if the motors do not lag.
+
+        Returns:
+            Inputs u (…, nu).
+        """
+        inputs = self._setpoints(commanded)
+        if self.lags:
+            settled = inputs[..., : self.vehicle.rotors]
+            settled[...] = np.where(self.actuators.lag > 0.0, thrusts, settled)
+        return inputs
+
+    def _setpoints(self, commanded: Array) -> Array:
+        """The inputs (…, nu) that motors and joints aim for: those commanded, within limits."""
+        return np.clip(commanded, *self.actuators.inputs) if self.limited else commanded.copy()
+
+    def saturated(self, time: float, state: Array) -> list[str]:
+        """Inputs of which the greatest or the least value is commanded.
+
+        Args:
+            time: Time, s.
+            state: State (size).
+
+        Returns:
+            Their names.
+        """
+        if not self.limited:
+            return []
+        q, v, _, _ = self.parts(state)
+        commanded = self.controller(time, q, v)
+        least, most = self.actuators.inputs
+        # Allocation within limits comes to them but for roundoff.
+        margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
+        reached = (commanded <= least + margin) | (commanded >= most - margin)
+        return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
+
+    def acceleration(self, q: Array, v: Array, inputs: Array, pushed: bool | Flags) -> Array:
+        """Accelerations of states and inputs, by the forward dynamics.
+
+        Args:
+            q, v: Coordinates (…, nq) and velocities (…, nv).
+            inputs: Inputs u (…, nu) that act.
+            pushed: Whether the push acts (…).
+
+        Returns:
+            Accelerations (…, nv).
+        """
+        vehicle, acts = self.vehicle, np.asarray(pushed)[..., np.newaxis]
+        if not np.any(acts):
+            return vehicle.forward_dynamics(q, v, inputs)
+        under_push = vehicle.forward_dynamics_with_wrenches(q, v, inputs, self.wrenches)
+        if np.all(acts):
+            return under_push
+        return np.where(acts, under_push, vehicle.forward_dynamics(q, v, inputs))
+
+    def push_acts(self, time: float | Array) -> Flags:
+        """Whether the push acts.
+
+        Args:
+            time: Times (…), s.
+
+        Returns:
+            Whether it acts at those times (…).
+        """
+        push = self.push
+        if push is None:
+            return np.zeros(np.shape(time), dtype=bool)
+        return (np.asarray(time) >= push.begin) & (np.asarray(time) < push.end)
+
+    def derivative(self, time: float, state: Array, pushed: bool) -> Array:
+        """Time derivative of a state.
+
+        Args:
+            time: Time, s.
+            state: State (size).
+            pushed: Whether the push acts. This is given, since an integrator may ask for the end of
+                an interval without a push, which is when the push begins.
+
+        Returns:
+            The derivative (size), NaN for a state that is not finite.
+        """
+        if not np.all(np.isfinite(state)):
+            return np.full_like(state, np.nan)
+        q, v, _, thrusts = self.parts(state)
+        commanded = self.controller(time, q, v)
+        inputs = self.applied(commanded, thrusts)
+        power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
+        if pushed:
+            power += self.vehicle.wrench_forces(q, self.wrenches) @ v
+        moving = self.vehicle.kinematics.rates(state[: len(q)], v)
+        rates: list[Any] = [moving, self.acceleration(q, v, inputs, pushed), [power]]
+        if self.lags:
+            setpoints = self._setpoints(commanded)[: len(thrusts)]
+            lag = self.actuators.lag
+            growth = np.zeros_like(thrusts)
+            rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
+        return np.concatenate(rates)
+
+    def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
+        """The intervals of a flight between which the push begins or ends.
+
+        Args:
+            duration: Duration of the flight, s.
+
+        Returns:
+            Intervals from 0 to `duration`, each beginning where the one before ends.
+        """
+        jumps = [self.push.begin, self.push.end] if self.push else []
+        times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
+        return [
+            SmoothInterval(begin, end, bool(self.push_acts(begin)))
+            for begin, end in itertools.pairwise(times)
+        ]

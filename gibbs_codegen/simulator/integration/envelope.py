@@ -1,0 +1,134 @@
+"""The envelope of a flight: the errors beyond which control is lost, and why a flight ends there.
+
+Coordinates may be `divergence` (rad or m) off. The bound on rates follows from that: under computed
+torque an error that begins at a rate ė peaks at g ė, where g is the peak of the impulse response of
+ë + d ė + k e = 0. Beyond a rate of `divergence` / g control is lost, even if it were perfect from
+then on. Without the bound, a loop that feeds its own velocities back through lagging motors escapes
+to infinity within a finite time, hardly off its path.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
+from gibbs_codegen.simulator.control.laws import Gains
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.plant.vehicle import Array, Flags
+
+
+class Envelope:
+    """The tracking errors beyond which control counts as lost.
+
+    `bounds` (2 nv) are those of errors (rad or m) and then of their rates (rad/s or m/s). All are
+    infinite where nothing is controlled, and those of rates in open loop, whose inputs do not grow
+    with the error.
+
+    Args:
+        loop: the closed loop.
+        divergence: bound of the coordinates, rad or m.
+        duration: duration of the flight, s.
+    """
+
+    def __init__(self, loop: ClosedLoop, divergence: float, duration: float) -> None:
+        self.loop = loop
+        controller = loop.controller
+        count = loop.vehicle.layout.v.size
+        self.bounds: Array = np.full(2 * count, np.inf)
+        if controller.law != "off":
+            self.bounds[:count] = divergence
+        if controller.law == "computed_torque":
+            self.bounds[count:] = divergence / np.minimum(
+                _peak_response(controller.gains), duration
+            )
+
+    def holds(self, time: Array, states: Array) -> Flags:
+        """Which states are finite and within the bounds.
+
+        Args:
+            time: Times (s), s.
+            states: States (s, size).
+
+        Returns:
+            Whether each of them is (s).
+        """
+        within = np.all(self._errors(time, states) <= self.bounds, axis=-1)
+        held: Flags = within & np.all(np.isfinite(states), axis=-1)
+        return held
+
+    def reason(self, time: float, state: Array) -> str:
+        """Why a flight cannot go on from a state.
+
+        Args:
+            time: Time, s.
+            state: State (size).
+
+        Returns:
+            The reason, with the time and a remedy; "" if it can go on.
+        """
+        lost = f"at t = {time:.6g} s control is lost: "
+        if not np.all(np.isfinite(state)):
+            return f"{lost}the state is no longer finite; {self._advice()}"
+        excess = self._errors(time, state) / self.bounds
+        worst = int(np.argmax(excess))
+        if excess[worst] > 1.0:
+            return f"{lost}{self._in_words(worst, excess[worst])}; {self._advice()}"
+        vehicle = self.loop.vehicle
+        if vehicle.layout.is_quaternion:
+            return ""
+        # The angle is not wrapped, so this also finds a step across the singularity.
+        theta_0 = state[vehicle.layout.middle_angle]
+        if abs(theta_0) > LARGEST_THETA_0:
+            return (
+                f"at t = {time:.6g} s the attitude reaches the singularity of the sequence "
+                f"{vehicle.attitude} (theta_0 = {np.degrees(theta_0):.4g}°)"
+            )
+        return ""
+
+    def _errors(self, time: float | Array, states: Array) -> Array:
+        """Magnitudes of the tracking errors, then of their rates (…, 2 nv)."""
+        q, v, _, _ = self.loop.parts(states)
+        q_desired, v_desired, _ = self.loop.controller.reference(time)
+        found = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
+        errors: Array = np.abs(np.concatenate(found, axis=-1))
+        return errors
+
+    def _in_words(self, place: int, excess: float) -> str:
+        vehicle = self.loop.vehicle
+        is_rate, coordinate = divmod(place, vehicle.layout.v.size)
+        name = vehicle.kinematics.error_names[coordinate]
+        unit = vehicle.layout.v.units[coordinate].removesuffix("/s")
+        divergence = f"{self.bounds[coordinate]:.3g} {unit} (integration.divergence)"
+        off = f"{excess * self.bounds[place]:.3g} {unit}"
+        if is_rate:
+            return (
+                f"the rate of {name} is {off}/s off, which would carry it more than {divergence} "
+                "away even under perfect control"
+            )
+        return f"{name} is {off} off, more than {divergence}"
+
+    def _advice(self) -> str:
+        loop = self.loop
+        limited = np.split(np.isfinite(loop.actuators.inputs), [loop.vehicle.rotors], axis=1)
+        remedies = [
+            *(["a shorter motors.time_constant"] if loop.lags else []),
+            *(["wider motors.limits"] if np.any(limited[0]) else []),
+            *(["a greater arm.effort"] if np.any(limited[1]) else []),
+            *(["a weaker push"] if loop.push else []),
+            "a closed loop (control.law)"
+            if loop.controller.law == "open_loop"
+            else "a lower control.frequency",
+        ]
+        return f"try {', '.join(remedies)} or a gentler motion"
+
+
+def _peak_response(gains: Gains) -> Array:
+    """Peaks (nv), s, of errors that begin at 0 with a rate of 1: the peak impulse response."""
+    frequency = np.sqrt(gains.stiffness)
+    ratio = gains.damping / (2.0 * frequency) + 0j
+    root = np.sqrt(ratio**2 - 1.0)
+    critical = root == 0.0
+    # The time of the peak, times the frequency; its limit at critical damping is 1.
+    peak = np.where(critical, 1.0, np.arccosh(ratio) / np.where(critical, 1.0, root))
+    response: Array = np.exp(-(ratio * peak).real) / frequency
+    return response

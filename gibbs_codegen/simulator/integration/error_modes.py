@@ -1,0 +1,81 @@
+"""Linear modes of a closed loop: how fast tracking errors and lagging thrusts decay.
+
+Under computed torque the error e of a coordinate obeys ë + d ė + k e = 0. With motors of time
+constant T, errors of the base obey T e⃛ + ë + d ė + k e = 0. These eigenvalues tell the steps that
+an integrator can take.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+
+
+@dataclass(frozen=True, order=True)
+class Mode:
+    """A mode that decays at a `rate`, 1/s: its cause, how to slow it, and its eigenvalue, 1/s."""
+
+    rate: float
+    cause: str
+    remedy: str
+    eigenvalue: complex = field(compare=False)
+
+    @property
+    def longest_step(self) -> float:
+        """Steps of rk4, s, in which the mode decays."""
+        return 2.0 / self.rate
+
+
+def stable_modes(loop: ClosedLoop) -> list[Mode]:
+    """Modes that decay: those of lagging thrusts, and of errors under computed torque.
+
+    Args:
+        loop: The closed loop.
+
+    Returns:
+        The modes, fastest first.
+    """
+    found = []
+    # A lag that is nothing, next to any step, is not nothing to divide by.
+    lags = [max(lag, 1e-30) for lag in np.unique(loop.actuators.lag).tolist() if lag]
+    for lag in lags:
+        remedy = f"a longer time constant of the motors than {lag:g} s, or none"
+        found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
+    if loop.controller.law == "computed_torque":
+        gains = loop.controller.gains
+        pairs = {*zip(gains.damping.tolist(), gains.stiffness.tolist(), strict=True)}
+        for damping, stiffness in sorted(pairs):
+            # Joint torques do not lag, so errors of joints are always of second order.
+            polynomials = [np.array([1.0, damping, stiffness])]
+            polynomials += [np.array([lag, 1.0, damping, stiffness]) / lag for lag in lags]
+            found += [
+                Mode(abs(root), "the gains of control", "lower gains", complex(root))
+                for root in itertools.chain.from_iterable(map(np.roots, polynomials))
+                if root.real < 0.0
+            ]
+    return sorted(found, reverse=True)
+
+
+def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: bool = True) -> str:
+    """What makes integration hard besides the vehicle itself.
+
+    Args:
+        loop: The closed loop.
+        time: Time, s.
+        state: State (size).
+        lag: Whether to mention the lag of the motors.
+
+    Returns:
+        Clauses that begin with "; ", on saturated inputs and on lag; "" if there are none.
+    """
+    found = ""
+    if inputs := loop.saturated(time, state):
+        found += f"; saturated inputs: {', '.join(inputs)} (rk4 does not shorten its steps there)"
+    if lag and loop.lags:
+        shortest = np.min(loop.actuators.lag[loop.actuators.lag > 0.0])
+        found += f"; the motors' time constant is {shortest:g} s"
+    return found

@@ -1,0 +1,1 @@
+"""C of the simulator: the closed loop in fixed steps."""

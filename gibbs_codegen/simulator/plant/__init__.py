@@ -1,0 +1,1 @@
+"""The machine that flies: its functions, actuators, and what its rotors can do."""

@@ -1,0 +1,159 @@
+"""Limits and lag of motors and joints: those of a scenario, and else those of the robot file.
+
+They enter no function of a module, which therefore does not have them; but its folder keeps the
+robot file that it was generated from.
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gibbs_codegen.errors import UsageError, printable
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+
+_NO_LIMITS = (-math.inf, math.inf)
+
+
+@dataclass(frozen=True)
+class Actuators:
+    """Limits and lag of N motors and n joints; limits are infinite where there are none.
+
+    - `thrusts` (2, N): least and greatest thrust, N; `lag` (N): time constants, s, 0 for none
+    - `joints` (2, n): least and greatest coordinates, rad or m; `efforts` (n): greatest torques or
+      forces, N m or N; `velocities` (n): greatest desired rates, rad/s or m/s
+    """
+
+    thrusts: Array
+    lag: Array
+    joints: Array
+    efforts: Array
+    velocities: Array
+
+    @classmethod
+    def unlimited(cls, vehicle: Vehicle) -> Actuators:
+        """Those of a robot without limits and lag.
+
+        Args:
+            vehicle: The robot.
+
+        Returns:
+            Its actuators.
+        """
+        rotors, joints = vehicle.rotors, vehicle.joints
+        return cls(
+            np.tile(np.transpose([_NO_LIMITS]), rotors),
+            np.zeros(rotors),
+            np.tile(np.transpose([_NO_LIMITS]), joints),
+            np.full(joints, math.inf),
+            np.full(joints, math.inf),
+        )
+
+    @property
+    def inputs(self) -> Array:
+        """Least and greatest inputs (2, nu): thrusts, N, then torques and forces of the joints."""
+        return np.concatenate([self.thrusts, [-self.efforts, self.efforts]], axis=1)
+
+
+def actuators_of(vehicle: Vehicle, scenario: Scenario) -> Actuators:
+    """Limits and lag in a flight.
+
+    Args:
+        vehicle: The robot.
+        scenario: What is flown; what it does not say is taken from the robot file of the module.
+
+    Returns:
+        The actuators of the flight.
+
+    Raises:
+        UsageError: If the scenario names a joint that the robot does not have, or if the robot file
+            is not the module's.
+    """
+    found = robot_file_actuators(vehicle)
+    motors, arm = scenario.motors, scenario.arm
+    if scenario.control.law == "off":  # Motors that are off have no thrust, not their least.
+        found.thrusts[:] = np.transpose([_NO_LIMITS])
+    if motors.limits is not None:
+        found.thrusts[:] = np.transpose([motors.limits])
+    if motors.time_constant is not None:
+        found.lag[:] = motors.time_constant
+    for name, limits in arm.limits.items():
+        found.joints[:, joint_place(vehicle, name)] = limits
+    for values, given in ((found.efforts, arm.effort), (found.velocities, arm.velocity)):
+        for name, most in given.items():
+            values[joint_place(vehicle, name)] = most
+    return found
+
+
+def joint_place(vehicle: Vehicle, name: str) -> int:
+    """The place of a joint among the joints.
+
+    Args:
+        vehicle: The robot.
+        name: Name of the joint's coordinate.
+
+    Returns:
+        The place, from 0.
+
+    Raises:
+        UsageError: If there is no such joint.
+    """
+    if name not in vehicle.joint_names:
+        known = ", ".join(vehicle.joint_names) or "none"
+        raise UsageError(f"{vehicle.name}: has no joint {name}; its joints: {known}")
+    return vehicle.joint_names.index(name)
+
+
+def robot_file_actuators(vehicle: Vehicle) -> Actuators:
+    """Limits and lag that the robot file of a module says.
+
+    Args:
+        vehicle: The robot.
+
+    Returns:
+        The actuators; without limits and lag where the module has no robot file.
+
+    Raises:
+        UsageError: If the robot file is not the module's.
+    """
+    found = Actuators.unlimited(vehicle)
+    for folder in getattr(vehicle.module, "__path__", ()):
+        path = Path(folder) / "robot.toml"
+        try:
+            document = tomllib.loads(path.read_text(encoding="utf-8"))
+            _fill(found, document.get("rotor", []), document.get("link", []))
+        except FileNotFoundError:
+            continue
+        except (OSError, TypeError, ValueError, AttributeError, IndexError) as error:
+            raise UsageError(
+                f"{printable(path)}: is not the robot file that the module was generated from "
+                f"({printable(error)}); generate the module again"
+            ) from None
+    return found
+
+
+def _fill(
+    found: Actuators, rotors: list[Mapping[str, Any]], links: list[Mapping[str, Any]]
+) -> None:
+    """Put what a robot file says in place of no limits and no lag.
+
+    Args:
+        found: Actuators without limits and lag.
+        rotors: The tables [[rotor]], one for each rotor, or none.
+        links: The tables [[link]].
+    """
+    for k, rotor in enumerate(rotors):
+        found.thrusts[:, k] = rotor.get("limits", _NO_LIMITS)
+        found.lag[k] = rotor.get("time_constant", 0.0)
+    moving = (link for link in links if link.get("joint") != "fixed")
+    for k, link in enumerate(moving):
+        found.joints[:, k] = link.get("limits", np.radians(link.get("limits_deg", _NO_LIMITS)))
+        found.efforts[k] = link.get("effort", math.inf)
+        found.velocities[k] = link.get("velocity", math.inf)

@@ -1,0 +1,225 @@
+"""A generated module as the simulator sees it: its functions with their constants, and its layout.
+
+This is all that the simulator knows of a robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.interface import DATA, FUNCTIONS
+from gibbs_codegen.robot.layout import Layout
+from gibbs_codegen.runtime.load import BACKENDS
+from gibbs_codegen.simulator.plant.kinematics import kinematics_of
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+# Angles and travels of joints, rad and m, apart by which it is told whether rotors move with them.
+_FIRST_JOINT, _NEXT_JOINT = 0.3, 0.37
+# Share of a wrench by which rotors that do not move may seem to.
+_ROUNDING = 1e-12
+# Angles, rad, that count as the same.
+_SAME_ANGLE = 1e-9
+
+
+class Vehicle:
+    """A generated module with the constants of some parameters.
+
+    The functions are the module's own, by the same names.
+
+    Args:
+        module: a generated module, with the back end "numpy" or "c".
+        parameters: parameters of the module's `prepare`; those left out keep their defaults.
+
+    Raises:
+        UsageError: for a module of another back end or of an older version, and for parameters that
+            `prepare` rejects.
+    """
+
+    def __init__(self, module: ModuleType, parameters: Mapping[str, float] | None = None) -> None:
+        _check(module)
+        try:
+            self.constants: Any = module.prepare(dict(parameters)) if parameters else None
+        except (ValueError, TypeError) as error:
+            raise UsageError(f"{module.NAME}: parameters: {error}") from None
+        self.module = module
+        self.name: str = module.NAME
+        self.attitude: str = module.ATTITUDE
+        self.coordinates: tuple[str, ...] = module.COORDINATES
+        constrained = (len(module.HYBRID_COORDINATES) - len(module.VELOCITIES)) // 2
+        hybrid = module.HYBRID_COORDINATES
+        self.constraint_names: tuple[str, ...] = hybrid[len(hybrid) - constrained :]
+        units = module.COORDINATE_UNITS
+        self.layout = Layout.listed(self.attitude, self.coordinates, units, constrained)
+        self.kinematics = kinematics_of(self.layout)
+        # By coordinate (nq): an angle, in rad, rather than a length, in m.
+        self.is_angle: Flags = np.array([unit == "rad" for unit in self.layout.q.units])
+        self.inputs: tuple[str, ...] = module.INPUTS
+        self.points: tuple[str, ...] = module.POINTS
+        self.frames: tuple[str, ...] = module.FRAMES
+        # Places of the joints among coordinates, and among velocities and accelerations.
+        self.arm, self.arm_rates = self.layout.q.joints, self.layout.v.joints
+        # The point that wrenches on the base are about.
+        self.centre = "O2" if "O2" in self.points else "base"
+        self.has_tip = "tip" in self.points
+        self.joints = len(self.joint_names)
+        self.rotors = len(self.inputs) - self.joints
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take the module's functions, with the constants."""
+        self.forward_dynamics = self.function("forward_dynamics")
+        self.forward_dynamics_with_wrenches = self.function("forward_dynamics_with_wrenches")
+        self.wrench_forces = self.function("wrench_forces")
+        self.inverse_dynamics = self.function("inverse_dynamics")
+        self.mass_matrix = self.function("mass_matrix")
+        self.input_matrix = self.function("input_matrix")
+        self.constraint_torques = self.function("constraint_torques")
+        self.positions = self.function("positions")
+        self.integrate = self.function("integrate")
+        self.frame_poses = self.function("frame_poses")
+        if self.has_tip:
+            self.tip_pose = self.function("tip_pose")
+            self.tip_jacobian = self.function("tip_jacobian")
+            self.tip_bias_acceleration = self.function("tip_bias_acceleration")
+        self.kinetic_energy = self.function("kinetic_energy")
+        self.potential_energy = self.function("potential_energy")
+
+    def function(self, name: str) -> Callable[..., Array]:
+        """A function of the module with the constants of the parameters.
+
+        Args:
+            name: Its name.
+
+        Returns:
+            The function.
+        """
+        function: Callable[..., Array] = getattr(self.module, name)
+        return function if self.constants is None else partial(function, constants=self.constants)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the arm's coordinates, from the base outwards."""
+        return self.coordinates[self.arm]
+
+    def base_rotation(self, q: ArrayLike) -> Array:
+        """Rotation of the base.
+
+        Args:
+            q: Coordinates (…, nq).
+
+        Returns:
+            R (…, 3, 3), from the base's frame, which is that of arm 1 if there are arms, to the
+            world.
+        """
+        return self.kinematics.rotation(np.asarray(q))
+
+    def centre_offset(self, q: ArrayLike) -> Array:
+        """Vector from the point whose position is x, y, z to the base centre.
+
+        Args:
+            q: Coordinates (…, nq).
+
+        Returns:
+            The vector (…, 3), world axes, m.
+        """
+        at_origin = np.array(q, dtype=np.float64)
+        at_origin[..., self.layout.q.position] = 0.0
+        return self.positions(at_origin)[..., self.points.index(self.centre), :]
+
+    def arm_angles(self) -> Array:
+        """Angles, rad, of the base arms about z of the base, in the order of the rotors.
+
+        Arms point away from the centre; but where azimuths are equal, by the paper's rule, angles
+        are against arm 1, which points at the centre, so that it and the arm across are both at 0.
+        A base without arms has none.
+        """
+        if "motor1" not in self.points or self.centre != "O2":
+            return np.zeros(0)
+        places, first = self.positions(self.neutral), self.points.index("motor1")
+        arms = places[first : first + self.rotors] - places[self.points.index(self.centre)]
+        angles: Array = np.arctan2(arms[:, 1], arms[:, 0])
+        by_rule = -np.pi + 2.0 * np.pi * np.arange(self.rotors) / self.rotors
+        if np.any(np.abs(np.sin(0.5 * (angles - by_rule))) > _SAME_ANGLE):
+            return angles
+        by_rule[0] = 0.0
+        return by_rule
+
+    def base_wrench(self, q: Array, generalised_force: Array) -> Array:
+        """The wrench on the base that a generalised force amounts to.
+
+        Args:
+            q: Coordinates (…, nq).
+            generalised_force: Generalised force (…, nv).
+
+        Returns:
+            Force, N, and torque about the base centre, N m, (…, 6) in the base's frame.
+        """
+        world_force, torque = self.kinematics.wrench(q, generalised_force)
+        torque = torque - np.cross(self.centre_offset(q), world_force)
+        world = np.stack([world_force, torque], axis=-2)
+        wrench = world @ self.base_rotation(q)
+        return wrench.reshape(*wrench.shape[:-2], 6)
+
+    @property
+    def neutral(self) -> Array:
+        """Coordinates (nq) of zero, the base level."""
+        return np.array(self.layout.neutral)
+
+    def thrust_wrenches(self, q: Array | None = None) -> Array:
+        """Wrench on the base of a unit thrust of each rotor: force, torque about the centre.
+
+        Args:
+            q: Coordinates (…, nq), of which the attitude and the position make no difference, nor
+                do the joints unless rotors move with them; None for those of zero.
+
+        Returns:
+            Forces and torques (…, 6, N), in the base's frame.
+        """
+        q = self.neutral if q is None else q
+        columns = np.swapaxes(self.input_matrix(q)[..., : self.rotors], -1, -2)
+        places = np.broadcast_to(q[..., np.newaxis, :], (*columns.shape[:-1], q.shape[-1]))
+        return np.swapaxes(self.base_wrench(places, columns), -1, -2)
+
+    @cached_property
+    def damping(self) -> Array:
+        """Damping (nv) of the joints, N m s/rad or N s/m: of forces, the part odd in velocities."""
+        q, v = self.neutral, np.ones(self.layout.v.size)
+        forward, backward = (self.inverse_dynamics(q, sign * v, 0.0 * v) for sign in (1.0, -1.0))
+        return 0.5 * (forward - backward)
+
+    @cached_property
+    def rotors_move(self) -> bool:
+        """Whether thrusts load joints, or their wrench on the base depends on the joints."""
+        q = self.neutral
+        q[self.arm] = _FIRST_JOINT + _NEXT_JOINT * np.arange(self.joints)
+        here, there = self.thrust_wrenches(), self.thrust_wrenches(q)
+        loads = self.input_matrix(q)[self.arm_rates, : self.rotors]
+        moves = np.abs(there - here) > _ROUNDING * np.abs(here).max(initial=0.0)
+        return bool(np.any(loads) or np.any(moves))
+
+
+def _check(module: ModuleType) -> None:
+    """Raise `UsageError` for a module of another back end or of an older version."""
+    # A module that was imported rather than loaded is NumPy's.
+    if (backend := getattr(module, "backend", "numpy")) not in BACKENDS:
+        known = " or ".join(f'"{name}"' for name in BACKENDS)
+        raise UsageError(
+            f"{module.NAME}: its back end is {backend}, but this works on NumPy's arrays; load "
+            f"the module with backend={known}"
+        )
+    # A robot with several arms has no tip.
+    always = (r.name for r in FUNCTIONS.values() if not r.frame and not r.on_request)
+    wanted = (*DATA, *always)
+    if missing := [name for name in wanted if not hasattr(module, name)]:
+        raise UsageError(
+            f"{module.NAME}: has no {', '.join(missing)}: generate it again, with this version"
+        )

@@ -1,0 +1,139 @@
+"""The record of a flight: all its time series, from the samples of the state."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gibbs_codegen.scenario.orientation import Tangent, heading_error
+from gibbs_codegen.scenario.scenario import Scenario
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.state_history import StateHistory
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.record.connections import point_parents
+from gibbs_codegen.simulator.record.flight import Flight
+
+
+def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Flight:
+    """All time series of a flight.
+
+    Args:
+        loop: The closed loop that was integrated.
+        scenario: What was flown.
+        history: Samples of the state.
+
+    Returns:
+        The flight, with a row per sample.
+    """
+    vehicle, time = loop.vehicle, history.time
+    q, v, work, thrusts = loop.parts(history.states)
+    reference = loop.controller.reference(time)
+    commanded = loop.controller(time, q, v)
+    applied = loop.applied(commanded, thrusts)
+    a = loop.acceleration(q, v, applied, loop.push_acts(time))
+    return Flight(
+        robot=vehicle.name,
+        scenario=scenario.name,
+        attitude=vehicle.attitude,
+        coordinates=vehicle.coordinates,
+        coordinate_units=vehicle.layout.q.units,
+        input_names=vehicle.inputs,
+        points=vehicle.points,
+        constraint_names=vehicle.constraint_names,
+        tangent_arm=_tangent_arm(scenario),
+        stopped=history.stopped,
+        time=time,
+        q=q,
+        v=v,
+        a=a,
+        **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
+        commanded=commanded,
+        applied=applied,
+        constraint_torques=vehicle.constraint_torques(q, v, a, applied),
+        base_arm_angles=_measured_arm_angles(vehicle, q),
+        base_arm_angles_desired=vehicle.arm_angles()[1:],
+        positions=vehicle.positions(q),
+        parents=point_parents(vehicle),
+        base_rotation=vehicle.base_rotation(q),
+        thrust_directions=_thrust_directions(vehicle, q),
+        centre_desired=scenario.base(time)[:, 0],
+        tip_desired=_desired_tip(vehicle, scenario, time, reference[0]),
+        heading_error=_heading_errors(vehicle, scenario, time, q),
+        kinetic_energy=vehicle.kinetic_energy(q, v),
+        potential_energy=vehicle.potential_energy(q),
+        work=work,
+    )
+
+
+def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
+    """Unit vectors of the thrusts in the base's frame, at coordinates (s, nq).
+
+    They are (N, 3) where they are the same in all samples, and (s, N, 3) where rotors move.
+    """
+    wrenches = vehicle.thrust_wrenches(q if vehicle.rotors_move else None)
+    forces = np.swapaxes(wrenches[..., :3, :], -1, -2)
+    directions: Array = forces / np.linalg.norm(forces, axis=-1, keepdims=True)
+    return directions
+
+
+def _tangent_arm(scenario: Scenario) -> int:
+    """The base arm that points along the path, from 1, or 0 for none."""
+    return scenario.attitude.arm if isinstance(scenario.attitude, Tangent) else 0
+
+
+def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: Array) -> Array:
+    """Desired position of the tip.
+
+    Args:
+        vehicle: The robot.
+        scenario: What was flown.
+        time: Times (s), s.
+        q_desired: Desired coordinates (s, nq).
+
+    Returns:
+        Positions (s, 3), world axes, m: on the tip's path, or where a held posture puts the tip;
+        (s, 0) without a tip.
+    """
+    if not vehicle.has_tip:
+        return np.zeros((len(time), 0))
+    if scenario.arm.tip:
+        return scenario.arm.tip(time)[:, 0]
+    return vehicle.positions(q_desired)[:, vehicle.points.index("tip")]
+
+
+def _heading_errors(vehicle: Vehicle, scenario: Scenario, time: Array, q: Array) -> Array:
+    """Angle between the base arm that follows the path, and the tangent of the path.
+
+    Args:
+        vehicle: The robot.
+        scenario: What was flown.
+        time: Times (s), s.
+        q: Coordinates (s, nq).
+
+    Returns:
+        Angles (s), rad; 0 where no arm follows the path.
+    """
+    if not (arm := _tangent_arm(scenario)):
+        return np.zeros(len(time))
+    angle = vehicle.arm_angles()[arm - 1]
+    direction = vehicle.base_rotation(q) @ np.array([np.cos(angle), np.sin(angle), 0.0])
+    return heading_error(scenario.base, time, direction)
+
+
+def _measured_arm_angles(vehicle: Vehicle, q: Array) -> Array:
+    """Angles of base arms 2 … N against arm 1, from where the motors are.
+
+    Args:
+        vehicle: The robot.
+        q: Coordinates (s, nq).
+
+    Returns:
+        Angles (s, N − 1), rad; (s, 0) of a base without arms.
+    """
+    positions, rotation = vehicle.positions(q), vehicle.base_rotation(q)
+    centre = positions[:, vehicle.points.index(vehicle.centre)]
+    angles = [np.zeros((0, len(positions)))]
+    for k in range(2, len(vehicle.arm_angles()) + 1):
+        arm = positions[:, vehicle.points.index(f"motor{k}")] - centre
+        x, y, _ = np.einsum("sji,sj->is", rotation, arm)
+        angles.append(np.arctan2(y, x)[np.newaxis])
+    return np.concatenate(angles).T

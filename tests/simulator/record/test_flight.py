@@ -1,0 +1,95 @@
+"""A flight on disk: what is written is what was flown, and reads back."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from gibbs_codegen.errors import OutputError, UsageError
+from gibbs_codegen.scenario.file import read_scenario
+from gibbs_codegen.simulator.record.flight import Flight, read_flight
+from gibbs_codegen.simulator.simulation import simulate
+
+
+@pytest.fixture(scope="module")
+def flight(fast: Callable[[str], ModuleType]) -> Flight:
+    scenario = read_scenario("paper", {"duration": 0.3, "start": {"offset": [0.1, 0, 0]}})
+    return simulate(fast("hexarotor_3link"), scenario)
+
+
+def test_npz_reads_back_the_same(flight: Flight, tmp_path: Path) -> None:
+    flight.write_npz(tmp_path / "a.npz")
+    again = read_flight(tmp_path / "a.npz")
+    for field in dataclasses.fields(Flight):
+        before, after = getattr(flight, field.name), getattr(again, field.name)
+        assert type(before) is type(after), field.name
+        assert np.array_equal(before, after), field.name
+
+
+def test_a_flight_saved_before_robots_were_trees_is_read(flight: Flight, tmp_path: Path) -> None:
+    """Such files say nothing of attitude, units and parents: those were the same for all."""
+    flight.write_npz(tmp_path / "now.npz")
+    with np.load(tmp_path / "now.npz") as stored:
+        new = ("attitude", "coordinate_units", "parents")
+        np.savez(tmp_path / "old.npz", **{key: stored[key] for key in stored if key not in new})
+    again = read_flight(tmp_path / "old.npz")
+    for field in dataclasses.fields(Flight):
+        before, after = getattr(flight, field.name), getattr(again, field.name)
+        assert type(before) is type(after), field.name
+        assert np.array_equal(before, after), field.name
+    assert np.array_equal(again.errors, flight.errors)
+
+
+def test_csv_has_a_named_column_with_a_unit_for_everything(flight: Flight, tmp_path: Path) -> None:
+    flight.write_csv(tmp_path / "a.csv")
+    with (tmp_path / "a.csv").open(encoding="utf-8", newline="") as file:
+        header, *rows = list(csv.reader(file))
+    assert header[0] == "time [s]"
+    assert len(set(header)) == len(header)
+    assert all(name.endswith("]") and " [" in name for name in header)
+    values = np.array(rows, dtype=float)
+    assert np.array_equal(values[:, 0], flight.time)
+    column = dict(zip(header, values.T, strict=True))
+    assert np.array_equal(column["theta_8 [rad]"], flight.q[:, 4])
+    assert np.array_equal(column["theta_8_desired [rad]"], flight.q_desired[:, 4])
+    assert np.array_equal(column["rate_x [m/s]"], flight.v[:, 6])
+    assert np.array_equal(column["acceleration_theta_0 [rad/s^2]"], flight.a[:, 1])
+    assert np.array_equal(column["F_3 [N]"], flight.applied[:, 2])
+    assert np.array_equal(column["F_3_commanded [N]"], flight.commanded[:, 2])
+    assert np.array_equal(column["tau_9 [N m]"], flight.applied[:, 8])
+    assert np.array_equal(column["tau_prime_2 [N m]"], flight.constraint_torques[:, 0])
+    assert np.array_equal(column["theta_4 [rad]"], flight.base_arm_angles[:, 2])
+    assert np.array_equal(column["tip_z [m]"], flight.point("tip")[:, 2])
+    assert np.array_equal(column["tip_z_desired [m]"], flight.tip_desired[:, 2])
+    assert np.array_equal(column["work [J]"], flight.work)
+
+
+def test_errors_are_distances(flight: Flight) -> None:
+    assert flight.centre_error[0] == pytest.approx(0.1, abs=1e-12)
+    assert flight.energy_error[0] == 0
+
+
+def test_what_is_no_flight_is_refused(tmp_path: Path) -> None:
+    other = tmp_path / "other.npz"
+    np.savez(other, a=np.zeros(3))
+    text = tmp_path / "text.npz"
+    text.write_text("not a zip file")
+    cut = tmp_path / "cut.npz"
+    cut.write_bytes(other.read_bytes()[:50])
+    hostile = tmp_path / "hostile.npz"
+    np.savez(hostile, robot=np.array([{"a": 1}], dtype=object))
+    for path in (other, text, cut, hostile, tmp_path / "none.npz", tmp_path):
+        with pytest.raises(UsageError, match="is not a flight that was saved"):
+            read_flight(path)
+
+
+def test_a_folder_that_is_not_there(flight: Flight, tmp_path: Path) -> None:
+    for write in (flight.write_csv, flight.write_npz):
+        with pytest.raises(OutputError, match="cannot be written"):
+            write(tmp_path / "none" / "a")
