@@ -31,6 +31,7 @@ from gibbs_codegen.scenario.scenario import Law, Push, Settings
 from gibbs_codegen.simulator.control.inverse_dynamics import required_inputs
 from gibbs_codegen.simulator.control.laws import Controller, Gains
 from gibbs_codegen.simulator.desired.trajectory import desired_motion, starting_state
+from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.integration.fixed_step import rk4_step
@@ -164,12 +165,12 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, step, np.inf, pushed=True)
+    loop = CompiledLoop.of(closed, step, np.inf, acting=Acting(push=True))
     assert loop is not None
     taken, samples, _ = loop(0.0, state, 25, 1, 0)
     assert taken == 25
     for number, sample in enumerate(samples):
-        state = rk4_step(closed, number * step, state, step, pushed=True)
+        state = rk4_step(closed, number * step, state, step, acting=Acting(push=True))
         assert sample == pytest.approx(state, rel=1e-9, abs=1e-9)
         state = sample
 

@@ -8,6 +8,7 @@ holds for position and joints, and for the rotation vector of the attitude while
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -41,6 +42,53 @@ class Gains:
         return cls(frequencies**2, 2.0 * damping_ratio * frequencies)
 
 
+class ControlLaw(Protocol):
+    """What commands motors and joints: inputs of a time, a state and what the law remembers.
+
+    `vehicle` is the model that the law knows, which need not be the plant. `memory` is how many
+    numbers it remembers, which are integrated with the state: 0 for none.
+    """
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The robot as the law knows it."""
+
+    @property
+    def reference(self) -> Reference:
+        """The desired motion."""
+
+    @property
+    def allocation(self) -> Allocation:
+        """Control allocation of the rotors, as the law knows them."""
+
+    @property
+    def gains(self) -> Gains:
+        """Gains of the tracking errors."""
+
+    @property
+    def law(self) -> Law:
+        """Its name."""
+
+    @property
+    def memory(self) -> int:
+        """How many numbers the law remembers."""
+
+    def __call__(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
+        """Inputs u (…, nu) at times (…), s, states q (…, nq), v (…, nv), and memory (…, memory)."""
+
+    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
+        """How the memory grows.
+
+        Args:
+            time: Times (…), s.
+            q, v: Coordinates (…, nq) and velocities (…, nv).
+            memory: What the law remembers (…, memory).
+
+        Returns:
+            Time derivative (…, memory) of the memory.
+        """
+
+
 @dataclass(frozen=True)
 class Controller:
     """Inputs for a state, so that the vehicle follows a reference.
@@ -54,9 +102,12 @@ class Controller:
     allocation: Allocation
     gains: Gains
     law: Law = "computed_torque"
+    memory: int = 0
 
-    def __call__(self, time: float | Array, q: Array, v: Array) -> Array:
-        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv).
+    def __call__(
+        self, time: float | Array, q: Array, v: Array, memory: Array | None = None
+    ) -> Array:
+        """Inputs u (…, nu) at times (…), s, and states q (…, nq), v (…, nv); no memory is used.
 
         Raises:
             AllocationError: If the rotors cannot produce the wrench, whatever their thrusts.
@@ -70,3 +121,16 @@ class Controller:
             gains = self.gains.stiffness, self.gains.damping
             a = self.vehicle.kinematics.corrected(q, v, desired, gains)
         return required_inputs(self.vehicle, self.allocation, q, v, a)
+
+    def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
+        """The time derivative (…, 0) of a memory of nothing.
+
+        Args:
+            time: Times (…), s.
+            q, v: Coordinates (…, nq) and velocities (…, nv).
+            memory: Memory (…, 0).
+
+        Returns:
+            The memory, which has no entries.
+        """
+        return memory

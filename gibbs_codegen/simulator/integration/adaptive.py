@@ -52,7 +52,7 @@ class AdaptiveIntegrator:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         loop, envelope = self.loop, self.envelope
         solver = DOP853(
-            lambda time, state: loop.derivative(time, state, interval.pushed),
+            lambda time, state: loop.derivative(time, state, interval.acting),
             interval.begin,
             start,
             interval.end,

@@ -1,8 +1,9 @@
 """The closed loop of vehicle, motors and controller: what integrators integrate.
 
-The state is q, v, the work done since the start, and the thrusts where the motors lag. Work is part
-of the state so that the energy balance is as exact as the integration. The length of a quaternion
-drifts with errors of integration, and means nothing: who takes a state apart gets it of length 1.
+The state is q, v, the work done since the start, the thrusts where the motors lag, and what the law
+of control remembers. Work is part of the state so that the energy balance is as exact as the
+integration. The length of a quaternion drifts with errors of integration, and means nothing: who
+takes a state apart gets it of length 1.
 """
 
 from __future__ import annotations
@@ -10,27 +11,43 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.scenario import Push
-from gibbs_codegen.simulator.control.laws import Controller
+from gibbs_codegen.simulator.control.laws import ControlLaw
+from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+
+
+class Parts(NamedTuple):
+    """What states consist of: coordinates (…, nq), velocities (…, nv) and work (…), J.
+
+    Then thrusts (…, N), N, which are (…, 0) without lag, and the law's memory (…, memory).
+    """
+
+    q: Array
+    v: Array
+    work: Array
+    thrusts: Array
+    memory: Array
 
 
 @dataclass(frozen=True)
 class ClosedLoop:
     """Vehicle, controller, limits and lag of its motors and joints, and what pushes it, if any.
 
+    `vehicle` is the plant. The controller has its own, with the parameters that it knows.
+
     Raises `UsageError` for a push of a frame that the robot does not have.
     """
 
     vehicle: Vehicle
-    controller: Controller
+    controller: ControlLaw
     actuators: Actuators
     push: Push | None = None
 
@@ -64,6 +81,11 @@ class ClosedLoop:
     @property
     def size(self) -> int:
         """Length of the state."""
+        return self.memory_place + self.controller.memory
+
+    @property
+    def memory_place(self) -> int:
+        """Place of the law's memory in the state, after work and thrusts."""
         return self.work_place + 1 + (self.vehicle.rotors if self.lags else 0)
 
     @property
@@ -80,26 +102,27 @@ class ClosedLoop:
         Returns:
             The state (size).
         """
-        setpoints = self._setpoints(self.controller(0.0, q, v))
+        memory = np.zeros(self.controller.memory)
+        setpoints = self._setpoints(self.controller(0.0, q, v, memory))
         thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
-        return np.concatenate([q, v, [0.0], thrusts])
+        return np.concatenate([q, v, [0.0], thrusts, memory])
 
-    def parts(self, states: Array) -> tuple[Array, Array, Array, Array]:
+    def parts(self, states: Array) -> Parts:
         """What states consist of.
 
         Args:
             states: States (…, size).
 
         Returns:
-            Coordinates (…, nq), velocities (…, nv), work (…), J, and thrusts (…, N), N; (…, 0)
-            without lag.
+            The parts, the quaternion of length 1.
         """
-        n, work = self.vehicle.layout.q.size, self.work_place
-        return (
+        n, work, memory = self.vehicle.layout.q.size, self.work_place, self.memory_place
+        return Parts(
             self.vehicle.kinematics.normalised(states[..., :n]),
             states[..., n:work],
             states[..., work],
-            states[..., work + 1 :],
+            states[..., work + 1 : memory],
+            states[..., memory:],
         )
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
@@ -134,8 +157,8 @@ class ClosedLoop:
         """
         if not self.limited:
             return []
-        q, v, _, _ = self.parts(state)
-        commanded = self.controller(time, q, v)
+        q, v, _, _, memory = self.parts(state)
+        commanded = self.controller(time, q, v, memory)
         least, most = self.actuators.inputs
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
@@ -175,33 +198,34 @@ class ClosedLoop:
             return np.zeros(np.shape(time), dtype=bool)
         return (np.asarray(time) >= push.begin) & (np.asarray(time) < push.end)
 
-    def derivative(self, time: float, state: Array, pushed: bool) -> Array:
+    def derivative(self, time: float, state: Array, acting: Acting = NOTHING) -> Array:
         """Time derivative of a state.
 
         Args:
             time: Time, s.
             state: State (size).
-            pushed: Whether the push acts. This is given, since an integrator may ask for the end of
-                an interval without a push, which is when the push begins.
+            acting: What acts on the robot. This is given, since an integrator may ask for the end
+                of an interval without a push, which is when the push begins.
 
         Returns:
             The derivative (size), NaN for a state that is not finite.
         """
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        q, v, _, thrusts = self.parts(state)
-        commanded = self.controller(time, q, v)
+        q, v, _, thrusts, memory = self.parts(state)
+        commanded = self.controller(time, q, v, memory)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
-        if pushed:
+        if acting.push:
             power += self.vehicle.wrench_forces(q, self.wrenches) @ v
         moving = self.vehicle.kinematics.rates(state[: len(q)], v)
-        rates: list[Any] = [moving, self.acceleration(q, v, inputs, pushed), [power]]
+        rates: list[Any] = [moving, self.acceleration(q, v, inputs, acting.push), [power]]
         if self.lags:
             setpoints = self._setpoints(commanded)[: len(thrusts)]
             lag = self.actuators.lag
             growth = np.zeros_like(thrusts)
             rates.append(np.divide(setpoints - thrusts, lag, out=growth, where=lag > 0.0))
+        rates.append(self.controller.growth(time, q, v, memory))
         return np.concatenate(rates)
 
     def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
@@ -216,6 +240,6 @@ class ClosedLoop:
         jumps = [self.push.begin, self.push.end] if self.push else []
         times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
         return [
-            SmoothInterval(begin, end, bool(self.push_acts(begin)))
+            SmoothInterval(begin, end, Acting(push=bool(self.push_acts(begin))))
             for begin, end in itertools.pairwise(times)
         ]

@@ -19,6 +19,7 @@ import numpy as np
 from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
+from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.plant.vehicle import Array
 
@@ -90,7 +91,7 @@ class CompiledLoop:
 
     @classmethod
     def of(
-        cls, closed: ClosedLoop, step: float, bounds: Array | float, pushed: bool = False
+        cls, closed: ClosedLoop, step: float, bounds: Array | float, acting: Acting = NOTHING
     ) -> CompiledLoop | None:
         """The compiled loop of a closed loop, if there is one.
 
@@ -99,7 +100,7 @@ class CompiledLoop:
             step: Size of the steps, s.
             bounds: Errors, then their rates (2 nv), beyond which control is lost; one number
                 serves for all.
-            pushed: Whether the push acts.
+            acting: What acts on the robot.
 
         Returns:
             The loop; None where the module or the loop is not compiled, and under control by
@@ -119,7 +120,7 @@ class CompiledLoop:
             return None
         library = ctypes.CDLL(str(library_file))
         constants = vehicle.constants or vehicle.module.prepare({})
-        arrays = _arrays(closed, bounds, pushed)
+        arrays = _arrays(closed, bounds, acting)
         structure = _Loop(
             **{
                 name: ctypes.cast(library[f"{vehicle.name}_{name}"], _POINTER).value
@@ -165,13 +166,13 @@ class CompiledLoop:
         return taken, samples[:kept], last
 
 
-def _arrays(closed: ClosedLoop, bounds: Array | float, pushed: bool) -> dict[str, Array]:
+def _arrays(closed: ClosedLoop, bounds: Array | float, acting: Acting) -> dict[str, Array]:
     """What fields of `_Loop` point to.
 
     Args:
         closed: The closed loop.
         bounds: Errors, then their rates (2 nv), beyond which control is lost, or one number.
-        pushed: Whether the push acts.
+        acting: What acts on the robot.
 
     Returns:
         The arrays, by the names of the fields.
@@ -188,7 +189,7 @@ def _arrays(closed: ClosedLoop, bounds: Array | float, pushed: bool) -> dict[str
         "damping": np.array(controller.gains.damping),
         "losses": vehicle.damping,
         "distribution": np.ascontiguousarray(controller.allocation.inverse),
-        **({"wrenches": closed.wrenches} if pushed else {}),
+        **({"wrenches": closed.wrenches} if acting.push else {}),
     }
 
 

@@ -87,7 +87,7 @@ class Envelope:
 
     def _errors(self, time: float | Array, states: Array) -> Array:
         """Magnitudes of the tracking errors, then of their rates (…, 2 nv)."""
-        q, v, _, _ = self.loop.parts(states)
+        q, v = self.loop.parts(states)[:2]
         q_desired, v_desired, _ = self.loop.controller.reference(time)
         found = self.loop.vehicle.kinematics.errors(q, v, q_desired, v_desired)
         errors: Array = np.abs(np.concatenate(found, axis=-1))

@@ -8,6 +8,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.scenario import Settings
+from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.integration.envelope import Envelope
@@ -48,7 +49,7 @@ class FixedStepIntegrator:
     ) -> IntervalResult:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         loop, size, every = self.loop, self.size, self.every
-        compiled = CompiledLoop.of(loop, size, self.envelope.bounds, interval.pushed)
+        compiled = CompiledLoop.of(loop, size, self.envelope.bounds, interval.acting)
         # Steps are numbered by their ends on the grid; those from `whole` to `cut` are not short.
         number = int(np.floor(interval.begin / size + SAME_TIME))
         last = int(np.ceil(interval.end / size - SAME_TIME))
@@ -69,7 +70,7 @@ class FixedStepIntegrator:
                 taken = 1
                 ahead = (interval.end if number + 1 == last else (number + 1) * size) - time
                 with np.errstate(all="ignore"):
-                    state = rk4_step(loop, time, state, ahead, interval.pushed)
+                    state = rk4_step(loop, time, state, ahead, interval.acting)
                 if number < cut and (number + 1) % every == 0:
                     samples.append(state[np.newaxis])
             number += taken
@@ -80,7 +81,7 @@ class FixedStepIntegrator:
         return IntervalResult(StateHistory(times[: len(states)], states, stopped), time, state)
 
 
-def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, pushed: bool) -> Array:
+def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, acting: Acting) -> Array:
     """One step of the classical method of Runge and Kutta.
 
     Args:
@@ -88,15 +89,15 @@ def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, pushed: b
         time: Time before the step, s.
         state: State (size) before the step.
         size: Size of the step, s.
-        pushed: Whether the push acts.
+        acting: What acts on the robot.
 
     Returns:
         The state (size) after the step.
     """
-    first = loop.derivative(time, state, pushed)
-    second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, pushed)
-    third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, pushed)
-    fourth = loop.derivative(time + size, state + size * third, pushed)
+    first = loop.derivative(time, state, acting)
+    second = loop.derivative(time + size / 2.0, state + size / 2.0 * first, acting)
+    third = loop.derivative(time + size / 2.0, state + size / 2.0 * second, acting)
+    fourth = loop.derivative(time + size, state + size * third, acting)
     return state + size / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gibbs_codegen.simulator.integration.acting import Acting
+
 Array = NDArray[np.float64]
 
 # Times are the same, and steps whole, to this share of a step.
@@ -24,11 +26,11 @@ class StateHistory:
 
 @dataclass(frozen=True)
 class SmoothInterval:
-    """An interval of time, s, in which no push begins or ends; `pushed`: whether one acts."""
+    """An interval of time, s, all through which the same acts on the robot."""
 
     begin: float
     end: float
-    pushed: bool
+    acting: Acting
 
     def sample_times(self, rate: float) -> Array:
         """Times of the samples in the interval.

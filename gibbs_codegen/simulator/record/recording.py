@@ -25,9 +25,9 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         The flight, with a row per sample.
     """
     vehicle, time = loop.vehicle, history.time
-    q, v, work, thrusts = loop.parts(history.states)
+    q, v, work, thrusts, memory = loop.parts(history.states)
     reference = loop.controller.reference(time)
-    commanded = loop.controller(time, q, v)
+    commanded = loop.controller(time, q, v, memory)
     applied = loop.applied(commanded, thrusts)
     a = loop.acceleration(q, v, applied, loop.push_acts(time))
     return Flight(

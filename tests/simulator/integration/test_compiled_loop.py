@@ -21,6 +21,7 @@ from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.scenario.scenario import Law, Push
 from gibbs_codegen.simulator.control.laws import Controller, Gains
+from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import NATIVE, CompiledLoop
 from gibbs_codegen.simulator.integration.fixed_step import rk4_step
@@ -104,9 +105,11 @@ def unbounded(closed: ClosedLoop) -> Array:
     return np.full(2 * len(closed.vehicle.coordinates), np.inf)
 
 
-def loop_of(closed: ClosedLoop, bounds: Array | None = None, pushed: bool = False) -> CompiledLoop:
+def loop_of(
+    closed: ClosedLoop, bounds: Array | None = None, acting: Acting = NOTHING
+) -> CompiledLoop:
     bounds = unbounded(closed) if bounds is None else bounds
-    loop = CompiledLoop.of(closed, STEP, bounds, pushed)
+    loop = CompiledLoop.of(closed, STEP, bounds, acting)
     assert loop is not None
     return loop
 
@@ -133,15 +136,15 @@ def test_every_step_is_that_of_python(
     state = start_of(closed)
     after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
-    pushed = push is not None
-    taken, samples, last = loop_of(closed, pushed=pushed)(0.0, state, 25, 1, 0)
+    acting = Acting(push=push is not None)
+    taken, samples, last = loop_of(closed, acting=acting)(0.0, state, 25, 1, 0)
     assert taken == len(samples) == 25
     assert np.array_equal(samples[-1], last)
-    q, _, work, thrusts = closed.parts(np.ptp(samples, axis=0))
+    q, _, work, thrusts, _ = closed.parts(np.ptp(samples, axis=0))
     assert min([*q, *thrusts]) > 1e-3
-    assert work > 1e-3 or (law == "off" and not lag and not pushed)
+    assert work > 1e-3 or (law == "off" and not lag and not push)
     for done, after in enumerate(samples):
-        expected = rk4_step(closed, done * STEP, state, STEP, pushed)
+        expected = rk4_step(closed, done * STEP, state, STEP, acting)
         moved = np.linalg.norm(expected - state)
         assert np.linalg.norm(after - expected) <= 1e-12 * (np.linalg.norm(state) + moved)
         state = after
@@ -154,7 +157,7 @@ def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     pushed = replace(closed, push=PUSH)
     _, waiting, _ = loop_of(pushed)(0.0, state, 10, 1, 0)
     assert np.array_equal(waiting, free)
-    loop = loop_of(pushed, pushed=True)
+    loop = loop_of(pushed, acting=Acting(push=True))
     assert np.abs(loop(0.0, state, 10, 1, 0)[1] - free).max() > 1e-4
 
 
@@ -194,9 +197,9 @@ def extremes(closed: ClosedLoop, time: float, state: Array) -> tuple[float, floa
     rotors, found, slope = closed.vehicle.rotors, [], np.zeros_like(state)
     for ahead in (0.0, 0.5 * STEP, 0.5 * STEP, STEP):
         stage = state + ahead * slope
-        q, v, _, _ = closed.parts(stage)
+        q, v = closed.parts(stage)[:2]
         found.append(closed.controller(time + ahead, q, v)[:rotors])
-        slope = closed.derivative(time + ahead, stage, pushed=False)
+        slope = closed.derivative(time + ahead, stage)
     return -np.min(found), np.max(found)
 
 

@@ -23,6 +23,7 @@ from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Push, Scen
 from gibbs_codegen.simulator.control.laws import Controller, Gains
 from gibbs_codegen.simulator.desired.trajectory import desired_motion
 from gibbs_codegen.simulator.integration import fixed_step
+from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
 from gibbs_codegen.simulator.integration.envelope import Envelope
@@ -415,10 +416,10 @@ def test_fixed_steps_are_no_longer_than_asked_for(
     calls = []
 
     def counted(
-        loop: ClosedLoop, time: float, state: np.ndarray, ahead: float, pushed: bool
+        loop: ClosedLoop, time: float, state: np.ndarray, ahead: float, acting: Acting
     ) -> np.ndarray:
         calls.append((time, ahead))
-        return rk4_step(loop, time, state, ahead, pushed)
+        return rk4_step(loop, time, state, ahead, acting)
 
     monkeypatch.setattr(fixed_step, "rk4_step", counted)
     monkeypatch.setattr(CompiledLoop, "of", lambda *_: None)
@@ -458,9 +459,9 @@ def counted_derivatives(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     times: list[float] = []
     evaluate = ClosedLoop.derivative
 
-    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, pushed: bool) -> np.ndarray:
+    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, acting: Acting) -> np.ndarray:
         times.append(time)
-        return evaluate(loop, time, state, pushed)
+        return evaluate(loop, time, state, acting)
 
     monkeypatch.setattr(ClosedLoop, "derivative", derivative)
     return times
@@ -576,8 +577,8 @@ def test_limits_and_lag_are_named_where_no_step_is_small_enough(
     """The state that the last step came to is the last sample."""
     evaluate = ClosedLoop.derivative
 
-    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, pushed: bool) -> np.ndarray:
-        return evaluate(loop, time, state, pushed) * (np.nan if time > 0.505 else 1.0)
+    def derivative(loop: ClosedLoop, time: float, state: np.ndarray, acting: Acting) -> np.ndarray:
+        return evaluate(loop, time, state, acting) * (np.nan if time > 0.505 else 1.0)
 
     monkeypatch.setattr(ClosedLoop, "derivative", derivative)
     changes = {"motors": {"limits": [-20, 0], "time_constant": 0.5}}
