@@ -9,6 +9,7 @@ takes a state apart gets it of length 1.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.scenario import Push
+from gibbs_codegen.simulator.control.held import HeldInputs
 from gibbs_codegen.simulator.control.laws import ControlLaw
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
@@ -63,6 +65,11 @@ class ClosedLoop:
     def limited(self) -> bool:
         """Whether a thrust, torque or force has a limit."""
         return bool(np.any(np.isfinite(self.actuators.inputs)))
+
+    @property
+    def held(self) -> HeldInputs | None:
+        """The law that holds its inputs from one command to the next, if it is one."""
+        return self.controller if isinstance(self.controller, HeldInputs) else None
 
     @cached_property
     def lags(self) -> bool:
@@ -228,18 +235,35 @@ class ClosedLoop:
         rates.append(self.controller.growth(time, q, v, memory))
         return np.concatenate(rates)
 
-    def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
-        """The intervals of a flight between which the push begins or ends.
+    def begin(self, time: float, state: Array) -> str:
+        """Begin an interval: where inputs are held, take the samples that are due.
 
         Args:
-            duration: Duration of the flight, s.
+            time: Time, s.
+            state: State (size) then.
 
         Returns:
-            Intervals from 0 to `duration`, each beginning where the one before ends.
+            Why the flight cannot go on, "" if it can.
+        """
+        if self.held is None:
+            return ""
+        q, v, *_ = self.parts(state)
+        return self.held.begin(time, q, v)
+
+    def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
+        """The intervals of a flight between which the push or held inputs change.
+
+        Args:
+            begin, end: The time that they cover, s.
+
+        Yields:
+            Intervals, each beginning where the one before ends.
         """
         jumps = [self.push.begin, self.push.end] if self.push else []
-        times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
-        return [
-            SmoothInterval(begin, end, Acting(push=bool(self.push_acts(begin))))
-            for begin, end in itertools.pairwise(times)
-        ]
+        times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
+        if self.held is not None:
+            instants = self.held.instants(begin, end)
+            near = np.abs(instants[:, np.newaxis] - times) <= self.held.same
+            times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
+        for first, last in itertools.pairwise(times.tolist()):
+            yield SmoothInterval(first, last, Acting(push=bool(self.push_acts(first))))
