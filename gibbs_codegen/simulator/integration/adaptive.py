@@ -24,6 +24,8 @@ _WORK_SCALE = 100.0
 # flights take 500 a second, 2000 at the tightest tolerances.
 _EVALUATIONS_A_SECOND = 20_000
 _EVALUATIONS_AHEAD = 10_000
+# How many the begin of an interval may take besides, which is with a step of its own.
+_EVALUATIONS_AN_INTERVAL = 40
 # Least tolerances while an input is saturated: rates have kinks there, and no order helps.
 _SATURATED = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
@@ -45,6 +47,8 @@ class AdaptiveIntegrator:
         self.loop, self.settings, self.envelope = loop, settings, envelope
         # Evaluations that may still be spent; a smooth second saves up no more than this.
         self.budget: float = _EVALUATIONS_AHEAD
+        # The step, s, that the interval before would have gone on with.
+        self.ahead: float | None = None
 
     def __call__(
         self, interval: SmoothInterval, start: Array, progress: Callable[[float], None]
@@ -56,7 +60,9 @@ class AdaptiveIntegrator:
             interval.begin,
             start,
             interval.end,
+            first_step=self.ahead and min(self.ahead, interval.end - interval.begin),
         )
+        self.budget = min(self.budget + _EVALUATIONS_AN_INTERVAL, _EVALUATIONS_AHEAD)
         samples, stopped = [np.zeros((0, len(start)))], ""
         sample_times = interval.sample_times(self.settings.rate)
         time, state, spent = interval.begin, start, 0
@@ -68,13 +74,16 @@ class AdaptiveIntegrator:
                 stopped = f"at t = {time:.6g} s: no step is small enough ({message})"
                 stopped += integration_burdens(loop, time, state)
                 break
-            path = solver.dense_output()
             before, time, state = time, solver.t, solver.y
-            if stopped := envelope.reason(time, state):
+            inside = sample_times[(sample_times > before) & (sample_times <= time)]
+            stopped = envelope.reason(time, state)
+            if stopped or len(inside):
+                path = solver.dense_output()
+            if stopped:
                 time = _first_violation(envelope, path, before, time)
                 state = path(time)
                 stopped = envelope.reason(time, state)
-            inside = sample_times[(sample_times > before) & (sample_times <= time)]
+                inside = inside[inside <= time]
             if len(inside):
                 samples.append(path(inside).T)
             self._spend(time - before, solver.nfev - spent)
@@ -82,6 +91,7 @@ class AdaptiveIntegrator:
             if not stopped and self.budget < 0.0:
                 stopped = self._too_slow(time, time - before, state)
             progress(solver.t)
+        self.ahead = solver.h_abs
         states = np.concatenate(samples)
         history = StateHistory(sample_times[: len(states)], states, stopped)
         return IntervalResult(history, time, state)
@@ -90,7 +100,7 @@ class AdaptiveIntegrator:
         """Set tolerances for the next step."""
         settings, loop = self.settings, self.loop
         relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
-        if loop.saturated(solver.t, solver.y):
+        if loop.held is None and loop.saturated(solver.t, solver.y):
             relative, absolute = max(relative, _SATURATED[0]), max(absolute, _SATURATED[1])
         solver.rtol = relative
         solver.atol = np.full(len(solver.y), absolute)

@@ -109,7 +109,7 @@ class CompiledLoop:
         """
         vehicle, controller = closed.vehicle, closed.controller
         library_file = Path(vehicle.module.__file__ or "")
-        if library_file.suffix != ".so":
+        if library_file.suffix != ".so" or closed.held is not None:
             return None
         if controller.law != "off" and (controller.allocation.missing or vehicle.rotors_move):
             return None

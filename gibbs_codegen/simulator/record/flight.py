@@ -52,13 +52,16 @@ class Flight:
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
       external force have done since the start
 
-    `law` is the control law that was flown, "" in files of before flights said so.
+    `law` is the control law that was flown, "own" for a controller of the caller, "" in files of
+    before flights said so. `control_rate` is how often it was sampled, Hz, 0 where it acts at all
+    times, or where inputs came from step to step.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
     robot: str
     scenario: str
     law: str
+    control_rate: float
     attitude: str
     coordinates: tuple[str, ...]
     coordinate_units: tuple[str, ...]
@@ -262,7 +265,8 @@ def read_flight(path: StrPath) -> Flight:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             values: dict[str, Any] = {} if "parents" in stored else _before_trees(stored)
-            values |= {} if "law" in stored else {"law": np.array("")}
+            later = {"law": np.array(""), "control_rate": np.array(0.0)}
+            values |= {name: value for name, value in later.items() if name not in stored}
             names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
             values |= {name: stored[name] for name in names}
     except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:
@@ -272,6 +276,7 @@ def read_flight(path: StrPath) -> Flight:
     for name, value in values.items():
         if value.dtype.kind == "U":
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
+    values["control_rate"] = float(values["control_rate"])
     values["tangent_arm"] = int(values["tangent_arm"])
     return Flight(**values)
 
