@@ -143,7 +143,7 @@ class Simulation:
         if self._sensing.delay:
             needed = [time <= end - self._sensing.delay for time, _, _ in self._marks]
             self._marks = self._marks[max(sum(needed) - 1, 0) :]
-            self._marks.append((begin, state, self._held.held.copy()))
+            self._marks.append((begin, state, self._held.held))
 
     def _state(self, time: float = math.inf) -> tuple[Array, Array]:
         """Coordinates (nq) and velocities (nv) at a time, s, of those flown; the last if later."""
@@ -152,13 +152,12 @@ class Simulation:
         state, held = self._flown.state, self._held
         if time < self._flown.time - held.same:
             begin, state, inputs = next(m for m in reversed(self._marks) if m[0] <= time)
-            now = held.held.copy()
-            held.held[:] = inputs
+            now, held.held = held.held, inputs
             settings, duration = self._scenario.integration, self._scenario.duration
             again = Integration(self._loop, state, settings, duration, begin)
             again.advance(time)
             state = again.state
-            held.held[:] = now
+            held.held = now
         q, v, *_ = self._loop.parts(state)
         return q, v
 

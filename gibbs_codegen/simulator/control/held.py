@@ -44,7 +44,7 @@ class HeldInputs:
         self.delay, self.rate = delay, rate
         # Time, s, by which instants may differ that count as the same.
         self.same = _SAME * min(1e-3, 1.0 / rate if rate else 1.0)
-        # The inputs (nu) that act. Who keeps the array sees them change.
+        # The inputs (nu) that act.
         self.held: Array = np.zeros(len(law.vehicle.inputs))
         self._pending: deque[tuple[float, Array]] = deque()
         self._times: list[float] = []
@@ -80,6 +80,13 @@ class HeldInputs:
         self._pending.append((time + self.delay, np.array(inputs, dtype=np.float64)))
         if not self._times:
             self._act(-np.inf, self._pending[0][1])
+
+    def start(self, q: Array, v: Array) -> None:
+        """Begin a flight, for which a first command was given.
+
+        Args:
+            q, v: Coordinates (nq) and velocities (nv) at the start.
+        """
 
     def forget(self) -> None:
         """Forget all commands, before a flight."""
@@ -118,24 +125,15 @@ class HeldInputs:
         return ""
 
     def _act(self, time: float, command: Array) -> None:
-        self.held[:] = command
+        self.held = command
         self._times.append(time)
         self._commands.append(command)
 
     def __call__(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
-        """Inputs u (…, nu): those that act now, or at times (…), s, those that acted then.
-
-        Args:
-            time: One time, which is taken to be now, or many.
-            q, v, memory: The state and what is remembered, which make no difference.
-
-        Returns:
-            The inputs.
-        """
-        if np.ndim(time) == 0:
-            return self.held.copy()
+        """Inputs u (…, nu) that were commanded at times (…), s, whatever state and memory were."""
         places = np.searchsorted(self._times, np.asarray(time) + self.same, side="right") - 1
-        return np.array(self._commands)[places]
+        commanded: Array = np.array(self._commands)[places]
+        return commanded
 
     def growth(self, time: float | Array, q: Array, v: Array, memory: Array) -> Array:
         """The time derivative (…, 0) of a memory of nothing.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -109,6 +109,8 @@ class ClosedLoop:
         Returns:
             The state (size).
         """
+        if self.held is not None:
+            self.held.start(q, v)
         memory = np.zeros(self.controller.memory)
         setpoints = self._setpoints(self.controller(0.0, q, v, memory))
         thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
@@ -220,7 +222,8 @@ class ClosedLoop:
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
         q, v, _, thrusts, memory = self.parts(state)
-        commanded = self.controller(time, q, v, memory)
+        held = acting.held
+        commanded = self.controller(time, q, v, memory) if held is None else np.array(held)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
         if acting.push:
@@ -235,29 +238,31 @@ class ClosedLoop:
         rates.append(self.controller.growth(time, q, v, memory))
         return np.concatenate(rates)
 
-    def begin(self, time: float, state: Array) -> str:
-        """Begin an interval: where inputs are held, take the samples that are due.
+    def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
+        """An interval with the inputs that are held through it, after samples that are due.
 
         Args:
-            time: Time, s.
-            state: State (size) then.
+            interval: The interval.
+            state: State (size) at its begin.
 
         Returns:
-            Why the flight cannot go on, "" if it can.
+            The interval, and why the flight cannot go on, "" if it can.
         """
         if self.held is None:
-            return ""
+            return interval, ""
         q, v, *_ = self.parts(state)
-        return self.held.begin(time, q, v)
+        stopped = self.held.begin(interval.begin, q, v)
+        acting = replace(interval.acting, held=tuple(self.held.held.tolist()))
+        return replace(interval, acting=acting), stopped
 
     def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
-        """The intervals of a flight between which the push or held inputs change.
+        """The intervals of a flight between which the push or held inputs may change.
 
         Args:
             begin, end: The time that they cover, s.
 
         Yields:
-            Intervals, each beginning where the one before ends.
+            Intervals, each beginning where the one before ends, without the inputs that are held.
         """
         jumps = [self.push.begin, self.push.end] if self.push else []
         times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))

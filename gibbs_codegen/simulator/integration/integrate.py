@@ -56,10 +56,11 @@ class Integration:
             progress: Is told the time reached, s.
         """
         for interval in self._loop.smooth_intervals(self.time, end):
-            self.stopped = self.stopped or self._loop.begin(interval.begin, self.state)
+            if not self.stopped:
+                begun, self.stopped = self._loop.begun(interval, self.state)
             if self.stopped:
                 break
-            result = self._integrator(interval, self.state, progress)
+            result = self._integrator(begun, self.state, progress)
             self._times.append(result.samples.time)
             self._states.append(result.samples.states)
             self.time, self.state, self.stopped = result.end, result.state, result.samples.stopped

@@ -19,6 +19,7 @@ from gibbs_codegen.simulator.control.sampled import LawAsController
 from gibbs_codegen.simulator.control.sensing import Observation, Sensing
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.flight import read_flight
+from gibbs_codegen.simulator.reference import Motion, Reference
 from gibbs_codegen.simulator.simulation import simulate
 
 Load = Callable[[str], ModuleType]
@@ -34,7 +35,7 @@ def hover(duration: float, **changes: Any) -> Scenario:
 
 @dataclass
 class Damper:
-    """Hovers a quadrotor: its weight, and against tilts and rates. It keeps what it is told."""
+    """Hovers a quadrotor at a rate, and keeps what it is told and what it commands."""
 
     module: ModuleType
     rate: float = 50.0
@@ -44,19 +45,22 @@ class Damper:
     resets: int = 0
 
     def reset(self) -> None:
+        """Count the flights."""
         self.resets += 1
 
     def __call__(self, seen: Observation) -> Array:
+        """Inputs of an observation."""
         self.seen.append(seen)
-        u = self.inputs(seen.q - seen.q_desired, seen.v - seen.v_desired)
+        u = self.inputs(seen.q, seen.v, seen.q_desired)
         self.commands.append(u)
         return u
 
-    def inputs(self, off: Array, faster: Array) -> Array:
-        zero = np.zeros(6)
-        weight = self.module.inverse_dynamics(zero, zero, zero)
-        force = weight - 0.02 * off - 0.01 * faster
-        u: Array = np.linalg.pinv(self.module.input_matrix(zero)) @ force
+    def inputs(self, q: Array, v: Array, desired: Array) -> Array:
+        """What hovering takes, and against rates and whatever is off."""
+        module, zero = self.module, np.zeros(6)
+        wanted = -6.0 * module.difference(desired, q) - 3.0 * v
+        force = module.inverse_dynamics(desired, zero, wanted)
+        u: Array = np.linalg.pinv(module.input_matrix(desired)) @ force
         return u
 
 
@@ -70,21 +74,24 @@ def test_inputs_are_held_exactly(
     """Against another integrator, that is begun anew whenever a command takes effect."""
     module = fast("quadrotor")
     own = Damper(module, rate, delay)
-    flight = simulate(module, hover(0.3, integration=integration), own)
+    motors = {"limits": [-100, 100], "time_constant": 0}
+    flight = simulate(module, hover(0.3, integration=integration, motors=motors), own)
     assert not flight.stopped
+
+    kinematics = Vehicle(module).kinematics
 
     def fly(state: Array, u: Array, duration: float) -> Array:
         def derivative(time: float, x: Array) -> Array:
-            return np.concatenate([x[6:], module.forward_dynamics(x[:6], x[6:], u)])
+            q = kinematics.normalised(x[:7])
+            return np.r_[kinematics.rates(x[:7], x[7:]), module.forward_dynamics(q, x[7:], u)]
 
-        found = solve_ivp(derivative, (0, duration), state, rtol=1e-12, atol=1e-13)
+        found = solve_ivp(derivative, (0, duration), state, "DOP853", rtol=1e-12, atol=1e-13)
         end: Array = found.y[:, -1]
         return end
 
-    same = Damper(module)
-    desired = flight.q_desired[0], flight.v_desired[0]
-    state, now = np.concatenate([flight.q[0], flight.v[0]]), 0.0
-    acting = same.inputs(state[:6] - desired[0], state[6:] - desired[1])
+    same, desired = Damper(module), flight.q_desired[0]
+    state, now = np.r_[flight.q[0], flight.v[0]], 0.0
+    acting = same.inputs(state[:7], state[7:], desired)
     events = [(k / rate, 0, k) for k in range(int(0.3 * rate) + 1)]
     events += [(time + delay, 1, k) for time, _, k in events]
     commands = {}
@@ -95,11 +102,11 @@ def test_inputs_are_held_exactly(
         if takes_effect:
             acting = commands[k]
         else:
-            commands[k] = same.inputs(state[:6] - desired[0], state[6:] - desired[1])
+            commands[k] = same.inputs(state[:7], state[7:], desired)
     state = fly(state, acting, 0.3 - now)
     assert np.ptp(own.commands, axis=0).max() > 1e-3
-    assert flight.q[-1] == pytest.approx(state[:6], abs=1e-10)
-    assert flight.v[-1] == pytest.approx(state[6:], abs=1e-10)
+    assert flight.q[-1] == pytest.approx(state[:7], abs=1e-9)
+    assert flight.v[-1] == pytest.approx(state[7:], abs=1e-9)
 
 
 def test_what_was_flown_is_recorded(fast: Load) -> None:
@@ -192,8 +199,8 @@ def test_wrong_commands_end_the_flight_and_leave_its_data(fast: Load) -> None:
     nan = [1.0, np.nan, 1.0, 1.0]
     scenario = hover(0.5, control={"rate": 50})
     for answer, words in (
-        (nan, "the controller returned nan for F_2"),
-        ([1.0, 2.0], r"returned an array of shape \(2,\), and not 4 inputs: F_1, F_2"),
+        (nan, "the controller returned nan for F_rear_left"),
+        ([1.0, 2.0], r"returned an array of shape \(2,\), and not 4 inputs: F_"),
         (None, "returned nan for|returned an array of shape"),
         ("full throttle", "returned 'full throttle', and not 4 inputs"),
     ):
@@ -250,10 +257,12 @@ def test_noise_has_its_standard_deviations(name: str, fast: Load) -> None:
     module = fast(name)
     vehicle = Vehicle(module)
     places, rng = vehicle.layout.v, np.random.default_rng(1)
-    q = vehicle.kinematics.normalised(vehicle.neutral + rng.uniform(-0.4, 0.4, vehicle.layout.q.size))
+    off = rng.uniform(-0.4, 0.4, vehicle.layout.q.size)
+    q = vehicle.kinematics.normalised(vehicle.neutral + off)
     v = rng.uniform(-1, 1, places.size)
-    sensing = Sensing(vehicle, lambda time: (q.copy(), v.copy(), v.copy()), NOISE)  # type: ignore[arg-type]
-    count = 4000
+    still = Reference(Motion(np.arange(2.0), *np.zeros((3, 2, 1))))
+    sensing = Sensing(vehicle, still, NOISE)
+    count = 1500
     seen = [sensing(0.0, q, v) for _ in range(count)]
     qs, vs = np.array([each.q for each in seen]), np.array([each.v for each in seen])
     turns = vehicle.base_rotation(qs) @ vehicle.base_rotation(q).T
