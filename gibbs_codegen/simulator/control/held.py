@@ -106,7 +106,15 @@ class HeldInputs:
         return self._inside(times, begin, end)
 
     def _inside(self, times: Array, begin: float, end: float) -> Array:
-        """Times between two others, in order and without those that count as the same."""
+        """Times between two others.
+
+        Args:
+            times: Times (…), s.
+            begin, end: Times, s.
+
+        Returns:
+            Those between, in order and without those that count as the same.
+        """
         times = np.unique(times[(times > begin + self.same) & (times < end - self.same)])
         return times[np.diff(times, prepend=-np.inf) > self.same]
 
