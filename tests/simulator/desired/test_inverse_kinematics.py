@@ -31,7 +31,8 @@ from gibbs_codegen.scenario.attitude import (
 )
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
-from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term, Waypoints
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term
+from gibbs_codegen.scenario.waypoints import Waypoints
 from gibbs_codegen.simulator.desired import continuation
 from gibbs_codegen.simulator.desired.arm_rates import arm_rates
 from gibbs_codegen.simulator.desired.base_trajectory import base_motion, desired_base
