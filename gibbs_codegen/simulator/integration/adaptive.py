@@ -55,14 +55,7 @@ class AdaptiveIntegrator:
     ) -> IntervalResult:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         loop, envelope = self.loop, self.envelope
-        solver = DOP853(
-            lambda time, state: loop.derivative(time, state, interval.acting),
-            interval.begin,
-            start,
-            interval.end,
-            first_step=self.ahead and min(self.ahead, interval.end - interval.begin),
-        )
-        self.budget = min(self.budget + _EVALUATIONS_AN_INTERVAL, _EVALUATIONS_AHEAD)
+        solver = self._solver(interval, start)
         samples, stopped = [np.zeros((0, len(start)))], ""
         sample_times = interval.sample_times(self.settings.rate)
         time, state, spent = interval.begin, start, 0
@@ -95,6 +88,17 @@ class AdaptiveIntegrator:
         states = np.concatenate(samples)
         history = StateHistory(sample_times[: len(states)], states, stopped)
         return IntervalResult(history, time, state)
+
+    def _solver(self, interval: SmoothInterval, start: Array) -> DOP853:
+        """The solver of an interval, which begins with a state (size), and may take more steps."""
+        self.budget = min(self.budget + _EVALUATIONS_AN_INTERVAL, _EVALUATIONS_AHEAD)
+        return DOP853(
+            lambda time, state: self.loop.derivative(time, state, interval.acting),
+            interval.begin,
+            start,
+            interval.end,
+            first_step=self.ahead and min(self.ahead, interval.end - interval.begin),
+        )
 
     def _set_tolerances(self, solver: DOP853) -> None:
         """Set tolerances for the next step."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
@@ -33,8 +35,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
-        law=loop.controller.law,
-        control_rate=loop.held.rate if loop.held is not None else 0.0,
+        **_control(loop),
         attitude=vehicle.attitude,
         coordinates=vehicle.coordinates,
         coordinate_units=vehicle.layout.q.units,
@@ -64,6 +65,12 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         potential_energy=vehicle.potential_energy(q),
         work=work,
     )
+
+
+def _control(loop: ClosedLoop) -> dict[str, Any]:
+    """The fields of a flight that say what commanded it."""
+    held = loop.held
+    return {"law": loop.controller.law, "control_rate": held.rate if held else 0.0}
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
