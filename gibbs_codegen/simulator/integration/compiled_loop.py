@@ -20,6 +20,7 @@ from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.loop_parts import LAWS, POINTER, Loop, filled
 from gibbs_codegen.simulator.plant.vehicle import Array
 
@@ -84,7 +85,7 @@ class CompiledLoop:
 
     def __call__(
         self, time: float, state: Array, step: float, count: int, every: int = 1, number: int = 0
-    ) -> tuple[int, Array, Array]:
+    ) -> tuple[int, Array, Array, InputRanges]:
         """Take steps, fewer where an input would be saturated or the flight cannot go on.
 
         Args:
@@ -96,10 +97,13 @@ class CompiledLoop:
             number: Number of steps before the first.
 
         Returns:
-            The number of steps taken, the samples (s, size), and the last state (size).
+            The number of steps taken, the samples (s, size), the last state (size), and the ranges
+            of the inputs from sample to sample.
         """
         last = np.array(state, dtype=np.float64)
         samples = np.empty((count // every + 1, self.size))
+        ranges = np.empty((len(samples) + 1, 2, 2, len(self.held)))
+        ranges[:, :, 0], ranges[:, :, 1] = np.inf, -np.inf
         taken = self.library.gibbs_codegen_rk4(
             ctypes.byref(self.structure),
             time,
@@ -109,9 +113,14 @@ class CompiledLoop:
             number,
             last.ctypes.data,
             samples.ctypes.data,
+            ranges.ctypes.data,
         )
-        kept = (number + taken) // every - number // every
-        return taken, samples[:kept], last
+        first = number // every
+        kept = (number + taken) // every - first
+        # The last stretch may end before its sample.
+        stretches = -(-(number + taken) // every) - first
+        middle = (first + 0.5 + np.arange(stretches)) * every * step
+        return taken, samples[:kept], last, InputRanges(middle, ranges[:stretches])
 
 
 class CompiledLoops:
@@ -162,7 +171,7 @@ def _rk4(compiler: Compiler) -> ctypes.CDLL:
     library.gibbs_codegen_rk4.argtypes = [
         *(POINTER, real, real),
         *(size, size, size),
-        *(POINTER, POINTER),
+        *(POINTER, POINTER, POINTER),
     ]
     library.gibbs_codegen_rk4.restype = size
     library.gibbs_codegen_rate.argtypes = [POINTER, real, POINTER, POINTER]

@@ -29,6 +29,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     reference = loop.controller.reference(time)
     commanded = loop.controller(time, q, v, memory)
     applied = loop.applied(commanded, thrusts)
+    ranges = history.inputs.up_to_samples(time, commanded, applied)
     a = loop.acceleration(q, v, applied, loop.push_acts(time))
     return Flight(
         robot=vehicle.name,
@@ -49,6 +50,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
         commanded=commanded,
         applied=applied,
+        **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True)),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
