@@ -30,7 +30,7 @@ _SATURATED = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
 _STIFF = 0.5
 # Shares of a step at which inputs are looked at.
-_SHARES = (0.25, 0.5, 0.75, 1.0)
+_SHARES = np.array([0.25, 0.5, 0.75, 1.0])
 # Steps, in s, that a flight can be waited for.
 _SHORTEST = 1e-6
 
@@ -78,9 +78,7 @@ class AdaptiveIntegrator:
                 time = _first_violation(envelope, path, before, time)
                 state = path(time)
                 stopped = envelope.reason(time, state)
-            for share in _SHARES:
-                between = before + share * (time - before)
-                inputs.state(between, path(between))
+            inputs.path(path, before + _SHARES * (time - before))
             inside = sample_times[(sample_times > before) & (sample_times <= time)]
             if len(inside):
                 samples.append(path(inside).T)

@@ -10,6 +10,7 @@ import ctypes
 import functools
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -84,8 +85,15 @@ class CompiledLoop:
         return cls(rk4, structure, closed.size, held, [*owned, scratch])
 
     def __call__(
-        self, time: float, state: Array, step: float, count: int, every: int = 1, number: int = 0
-    ) -> tuple[int, Array, Array, InputRanges]:
+        self,
+        time: float,
+        state: Array,
+        step: float,
+        count: int,
+        every: int = 1,
+        number: int = 0,
+        seen: Callable[[InputRanges], None] | None = None,
+    ) -> tuple[int, Array, Array]:
         """Take steps, fewer where an input would be saturated or the flight cannot go on.
 
         Args:
@@ -95,10 +103,10 @@ class CompiledLoop:
             count: Greatest number of steps.
             every: Each `every`-th step is a sample, counted from `number`.
             number: Number of steps before the first.
+            seen: Is given the ranges of the inputs from sample to sample.
 
         Returns:
-            The number of steps taken, the samples (s, size), the last state (size), and the ranges
-            of the inputs from sample to sample.
+            The number of steps taken, the samples (s, size), and the last state (size).
         """
         last = np.array(state, dtype=np.float64)
         samples = np.empty((count // every + 1, self.size))
@@ -113,14 +121,15 @@ class CompiledLoop:
             number,
             last.ctypes.data,
             samples.ctypes.data,
-            ranges.ctypes.data,
+            ranges.ctypes.data if seen else None,
         )
         first = number // every
-        kept = (number + taken) // every - first
-        # The last stretch may end before its sample.
-        stretches = -(-(number + taken) // every) - first
-        middle = (first + 0.5 + np.arange(stretches)) * every * step
-        return taken, samples[:kept], last, InputRanges(middle, ranges[:stretches])
+        if seen:
+            # The last stretch may end before its sample.
+            stretches = -(-(number + taken) // every) - first
+            middle = (first + 0.5 + np.arange(stretches)) * every * step
+            seen(InputRanges(middle, ranges[:stretches]))
+        return taken, samples[: (number + taken) // every - first], last
 
 
 class CompiledLoops:

@@ -66,9 +66,10 @@ class FixedStepIntegrator:
             taken = 0
             if compiled is not None and whole <= number < cut:
                 count = min(_STEPS_A_CALL, cut - number)
-                taken, kept, state, ranges = compiled(time, state, size, count, every, number)
+                taken, kept, state = compiled(
+                    time, state, size, count, every, number, inputs.ranges
+                )
                 samples.append(kept)
-                inputs.ranges(ranges)
             if taken == 0:
                 taken = 1
                 inputs.state(time, state)

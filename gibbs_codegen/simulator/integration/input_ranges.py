@@ -9,6 +9,7 @@ import numpy as np
 
 from gibbs_codegen.simulator.plant.vehicle import Array
 
+
 @dataclass(frozen=True)
 class InputRanges:
     """Ranges of the inputs, each over a stretch of time between two samples.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from gibbs_codegen.simulator.integration.acting import Acting
@@ -28,12 +30,27 @@ class SeenInputs:
         self._states: list[Array] = []
 
     def state(self, time: float, state: Array) -> None:
-        """Take a state (size) at a time, s."""
+        """Take a state.
+
+        Args:
+            time: Its time, s.
+            state: The state (size).
+        """
         if np.all(np.isfinite(state)):
             self._times.append(time)
             self._states.append(state)
         if len(self._times) >= _BATCH:
             self._compute()
+
+    def path(self, path: Callable[[float], Array], times: Array) -> None:
+        """Take states of a path.
+
+        Args:
+            path: State (size) at a time.
+            times: Times (k) at which states are taken, s.
+        """
+        for time in times.tolist():
+            self.state(time, path(time))
 
     def ranges(self, ranges: InputRanges) -> None:
         """Take ranges that are known already.

@@ -111,9 +111,9 @@ int gibbs_codegen_rate(const Loop *loop, double time, const double *state, doubl
 /*
  * Take up to `count` steps of `step` from `state` at `time`; every `every`-th step, counted from
  * `number`, is a sample. Returns the steps taken; `state` is the last one, and `samples` has room
- * for count / every + 1 states. `ranges` has room for one more ranges of inputs, [2][2][inputs]:
- * of those commanded and those that act, the least and the greatest at the begins of the steps from
- * one sample to the next. Ends before a step in which an input meets a limit, and after one from
+ * for count / every + 1 states. `ranges`, if it is not NULL, has room for one more ranges of inputs,
+ * [2][2][inputs]: of those commanded and those that act, the least and the greatest at the begins of
+ * the steps from one sample to the next. Ends before a step in which an input meets a limit, and after one from
  * which the flight cannot go on.
  */
 ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t count,
@@ -132,6 +132,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
     double *const rate = take(&room, size), *const stage = take(&room, size);
     double *const sum = take(&room, size), *const middle = take(&room, 3 * n);
     double *now = take(&room, 3 * n), *then = take(&room, 3 * n);
+    ptrdiff_t kept = 0; /* samples */
     reference(&f, time, now);
     for (ptrdiff_t done = 0; done < count; ++done) {
         const double *const wanted[4] = {now, middle, middle, then};
@@ -144,7 +145,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
         memcpy(sum, state, (size_t)size * sizeof *sum);
         for (int k = 0; k < 4; ++k) {
             const double *const from = k > 0 ? stage : state;
-            double *const range = k > 0 ? NULL : ranges;
+            double *const range = ranges && k == 0 ? ranges + 4 * inputs_of(&f) * kept : NULL;
             if (derivative(&f, times[k], wanted[k], from, rate, range, room) == LIMIT) {
                 return done;
             }
@@ -154,7 +155,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
         if ((number + done + 1) % every == 0) {
             memcpy(samples, state, (size_t)size * sizeof *samples);
             samples += size;
-            ranges += 4 * inputs_of(&f);
+            ++kept;
         }
         double *const swap = now;
         now = then;
