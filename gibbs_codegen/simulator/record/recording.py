@@ -66,7 +66,15 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
 
 
 def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Array]:
-    """Inputs (s, nu) by the names of the fields, with their ranges between samples."""
+    """Inputs, with their ranges between samples.
+
+    Args:
+        history: Samples of the state.
+        commanded, applied: Inputs (s, nu) at the samples.
+
+    Returns:
+        Series (s, nu) by the names of their fields.
+    """
     ranges = history.inputs.up_to_samples(history.time, commanded, applied)
     known = {"commanded": commanded, "applied": applied}
     return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
