@@ -11,6 +11,7 @@ from gibbs_codegen.scenario.scenario import Settings
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.error_modes import integration_burdens, stable_modes
+from gibbs_codegen.simulator.integration.seen_inputs import SeenInputs
 from gibbs_codegen.simulator.integration.state_history import (
     Array,
     IntervalResult,
@@ -30,6 +31,8 @@ _EVALUATIONS_AN_INTERVAL = 40
 _SATURATED = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
 _STIFF = 0.5
+# Shares of a step at which inputs are looked at.
+_SHARES = np.array([0.25, 0.5, 0.75, 1.0])
 # Steps, in s, that a flight can be waited for.
 _SHORTEST = 1e-6
 
@@ -57,6 +60,7 @@ class AdaptiveIntegrator:
         loop, envelope = self.loop, self.envelope
         solver = self._solver(interval, start)
         samples, stopped = [np.zeros((0, len(start)))], ""
+        inputs = SeenInputs(loop, interval.acting)
         sample_times = interval.sample_times(self.settings.rate)
         time, state, spent = interval.begin, start, 0
         while solver.status == "running" and not stopped:
@@ -67,16 +71,14 @@ class AdaptiveIntegrator:
                 stopped = f"at t = {time:.6g} s: no step is small enough ({message})"
                 stopped += integration_burdens(loop, time, state)
                 break
+            path = solver.dense_output()
             before, time, state = time, solver.t, solver.y
-            inside = sample_times[(sample_times > before) & (sample_times <= time)]
-            stopped = envelope.reason(time, state)
-            if stopped or len(inside):
-                path = solver.dense_output()
-            if stopped:
+            if stopped := envelope.reason(time, state):
                 time = _first_violation(envelope, path, before, time)
                 state = path(time)
                 stopped = envelope.reason(time, state)
-                inside = inside[inside <= time]
+            inputs.path(path, before + _SHARES * (time - before))
+            inside = sample_times[(sample_times > before) & (sample_times <= time)]
             if len(inside):
                 samples.append(path(inside).T)
             self._spend(time - before, solver.nfev - spent)
@@ -86,7 +88,7 @@ class AdaptiveIntegrator:
             progress(solver.t)
         self.ahead = solver.h_abs
         states = np.concatenate(samples)
-        history = StateHistory(sample_times[: len(states)], states, stopped)
+        history = StateHistory(sample_times[: len(states)], states, stopped, inputs.found())
         return IntervalResult(history, time, state)
 
     def _solver(self, interval: SmoothInterval, start: Array) -> DOP853:

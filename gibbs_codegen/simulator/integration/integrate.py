@@ -11,6 +11,7 @@ from gibbs_codegen.simulator.integration.adaptive import AdaptiveIntegrator
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.fixed_step import FixedStepIntegrator
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.state_history import Array, StateHistory
 
 
@@ -45,6 +46,7 @@ class Integration:
         method = AdaptiveIntegrator if settings.method == "adaptive" else FixedStepIntegrator
         self._integrator = method(loop, settings, self._envelope)
         self._times, self._states = [np.array([begin])], [start[np.newaxis]]
+        self._inputs = [InputRanges.none(len(loop.vehicle.inputs))]
         self.time, self.state = begin, start
         self.stopped = self._envelope.reason(begin, start)
 
@@ -63,6 +65,7 @@ class Integration:
             result = self._integrator(begun, self.state, progress)
             self._times.append(result.samples.time)
             self._states.append(result.samples.states)
+            self._inputs.append(result.samples.inputs)
             self.time, self.state, self.stopped = result.end, result.state, result.samples.stopped
 
     def history(self) -> StateHistory:
@@ -74,7 +77,8 @@ class Integration:
         # Samples in which control was lost would dwarf all others.
         kept = self._envelope.holds(time, samples)
         kept[0] = True
-        return StateHistory(time[kept], samples[kept], self.stopped)
+        inputs = InputRanges.joined(self._inputs)
+        return StateHistory(time[kept], samples[kept], self.stopped, inputs)
 
 
 def integrate(

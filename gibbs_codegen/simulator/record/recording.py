@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from gibbs_codegen.scenario.orientation import Tangent, heading_error
@@ -13,6 +11,7 @@ from gibbs_codegen.simulator.integration.state_history import StateHistory
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.connections import point_parents
 from gibbs_codegen.simulator.record.flight import Flight
+from gibbs_codegen.simulator.record.series import RANGES
 
 
 def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Flight:
@@ -35,7 +34,8 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
-        **_control(loop),
+        law=loop.controller.law,
+        control_rate=loop.held.rate if loop.held else 0.0,
         attitude=vehicle.attitude,
         coordinates=vehicle.coordinates,
         coordinate_units=vehicle.layout.q.units,
@@ -49,8 +49,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         v=v,
         a=a,
         **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
-        commanded=commanded,
-        applied=applied,
+        **_inputs(history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
@@ -67,10 +66,19 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     )
 
 
-def _control(loop: ClosedLoop) -> dict[str, Any]:
-    """The fields of a flight that say what commanded it."""
-    held = loop.held
-    return {"law": loop.controller.law, "control_rate": held.rate if held else 0.0}
+def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Array]:
+    """Inputs, with their ranges between samples.
+
+    Args:
+        history: Samples of the state.
+        commanded, applied: Inputs (s, nu) at the samples.
+
+    Returns:
+        Series (s, nu) by the names of their fields.
+    """
+    ranges = history.inputs.up_to_samples(history.time, commanded, applied)
+    known = {"commanded": commanded, "applied": applied}
+    return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
