@@ -133,7 +133,7 @@ class Circle:
     def __call__(self, time: ArrayLike) -> Array:
         """Position and derivatives (…, 4, 3) at times (…)."""
         t = np.asarray(time, dtype=np.float64)
-        first, second = _plane(self.normal)
+        first, second = plane(self.normal)
         rate = np.float64(2.0 * np.pi) / self.period
         out = np.empty((*t.shape, ORDERS, 3))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -226,7 +226,7 @@ def check_path(path: Path, duration: float, what: str) -> None:
             raise UsageError(f"{what}: its {name} is not the derivative of what comes before it")
 
 
-def _plane(normal: Vector) -> tuple[Array, Array]:
+def plane(normal: Vector) -> tuple[Array, Array]:
     """Two unit vectors that with the direction of `normal` make a right-handed frame."""
     n = np.asarray(normal, dtype=np.float64) / np.max(np.abs(normal))
     n /= np.linalg.norm(n)
