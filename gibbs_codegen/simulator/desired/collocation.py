@@ -41,10 +41,19 @@ _CONVERGED = 1e-7
 
 @dataclass(frozen=True)
 class Grid:
-    """Knots at equal steps of time (s), and the finite differences on them."""
+    """Knots (s) at equal steps of time, s, and the finite differences on them."""
 
-    count: int
-    step: float
+    time: Array
+
+    @property
+    def count(self) -> int:
+        """How many knots there are."""
+        return len(self.time)
+
+    @property
+    def step(self) -> float:
+        """Distance of knots, s."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
 
     @cached_property
     def rate(self) -> sparse.csr_array:
@@ -69,8 +78,10 @@ def differences(order: int, count: int, step: float) -> sparse.csr_array:
         Matrix (count, count): values at knots to derivatives there, of fourth order inside.
     """
     width = min(count, STENCIL + (order > 2))
-    weights = {}
-    rows, columns, values = [], [], []
+    weights: dict[int, Array] = {}
+    rows: list[int] = []
+    columns: list[int] = []
+    values = []
     for knot in range(count):
         first = min(max(knot - width // 2, 0), count - width)
         if (place := knot - first) not in weights:
@@ -85,32 +96,38 @@ def differences(order: int, count: int, step: float) -> sparse.csr_array:
 
 
 def nearest_motion(
-    lateral: LateralForce, axis: Array, grid: Grid, gravity: float, held: NDArray[np.bool_]
+    lateral: LateralForce,
+    axis: Array,
+    shift: Array,
+    grid: Grid,
+    gravity: float,
+    held: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Thrust axes, and shifts of the base centre from its path, without lateral force.
 
     Args:
         lateral: The lateral force.
-        axis: Thrust axes of a point mass on the path (s, 3), world axes, of unit length.
+        axis: Thrust axes to begin with (s, 3), world axes, of unit length.
+        shift: Shifts to begin with (s, 3), world axes, m.
         grid: The knots.
         gravity: Acceleration of gravity, m/s².
-        held: Knots (s) at which the machine rests, the base centre on the path.
+        held: Knots (s) whose axes and shifts stay as they are.
 
     Returns:
         Thrust axes of unit length and shifts, m, (s, 3), world axes.
 
     Raises:
-        UsageError: If no such motion is found.
+        UsageError: If no such motion is found, with the time where most force is missing.
     """
     count = len(axis)
-    found = np.concatenate([axis.ravel(), np.zeros(3 * count)])
+    found = np.concatenate([axis.ravel(), shift.ravel()])
     free = np.flatnonzero(~np.tile(np.repeat(held, 3), 2))
     # Where all of the knots that derivatives take are held, there is nothing to solve.
     fixed = ~(abs(grid.growth) @ ~held > 0.0)
     bound = np.flatnonzero(~np.concatenate([np.repeat(fixed, 2), held]))
     cost = None
     for _ in range(_MOST_STEPS):
-        residual, slopes = _linear(lateral, *np.split(found, 2), grid)
+        residual, slopes = _linear(lateral, found[: 3 * count], found[3 * count :], grid)
         if cost is None:
             cost = _cost(slopes, grid, gravity)[free]
         normal = found[: 3 * count].reshape(-1, 3)
@@ -125,7 +142,11 @@ def nearest_motion(
         if np.abs(step).max(initial=0.0) < _CONVERGED:
             normal, shift = found.reshape(2, count, 3)
             return normal / np.linalg.norm(normal, axis=-1, keepdims=True), shift
-    raise UsageError("no motion of the base is found near its path")
+    worst = grid.time[np.argmax(np.abs(residual[: 2 * count]).reshape(-1, 2).max(axis=-1))]
+    raise UsageError(
+        f"at t = {worst:.6g} s no tilt is found with which the base follows its path, since its "
+        "rotors push along one axis only; choose a gentler motion"
+    )
 
 
 def _linear(
@@ -148,7 +169,8 @@ def _linear(
     for place, step in enumerate(_STEPS):
         columns = []
         for unit in step * np.eye(3):
-            ahead, behind = ([*at[:place], at[place] + by, *at[place + 1 :]] for by in (unit, -unit))
+            ahead, behind = [*at], [*at]
+            ahead[place], behind[place] = at[place] + unit, at[place] - unit
             columns.append((lateral(*ahead) - lateral(*behind)) / (2.0 * step))
         slopes.append(np.stack(columns, axis=-1))
     return lateral(*at), slopes

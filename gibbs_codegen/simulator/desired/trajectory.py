@@ -15,8 +15,10 @@ from gibbs_codegen.scenario.attitude import (
 )
 from gibbs_codegen.scenario.scenario import ArmTask, Scenario, StartOffset
 from gibbs_codegen.simulator.desired.base_trajectory import desired_base
+from gibbs_codegen.simulator.desired.feasible import feasible_motion, thrust_axis
 from gibbs_codegen.simulator.desired.hanging import hanging_posture
 from gibbs_codegen.simulator.desired.inverse_kinematics import Limits
+from gibbs_codegen.simulator.desired.joint_moves import joint_motion, with_joints
 from gibbs_codegen.simulator.desired.knots import knots
 from gibbs_codegen.simulator.desired.tip_trajectory import desired_with_tip
 from gibbs_codegen.simulator.plant.actuators import actuators_of, joint_place
@@ -55,13 +57,21 @@ def desired_motion(
         shown = partial(progress, "desired motion") if knots is time else lambda share: None
         return desired_base(vehicle, knots, scenario.base, scenario.attitude, shown)
 
+    def leaning(knots: Array, joints_at: Callable[[Array], Motion]) -> Motion:
+        shown = partial(progress, "desired motion")
+        return feasible_motion(vehicle, knots, joints_at, scenario.base, scenario.attitude, shown)
+
     if task.tip is None:
         if task.posture is None:
             posture = hanging_posture(vehicle, limits)
         else:
             posture = _joint_values(vehicle, task.posture)
             _check_limits(vehicle, "posture", posture, limits, vehicle.joint_names)
-        return vehicle.kinematics.reference(desired_with_posture(vehicle, base_at(time), posture))
+        held = partial(joint_motion, vehicle, posture)
+        if thrust_axis(vehicle, held(time[:1]).q) is not None:
+            return vehicle.kinematics.reference(leaning(time, held))
+        base = base_at(time)
+        return vehicle.kinematics.reference(with_joints(vehicle, base, held(base.time)))
     guess = None
     if task.guess is not None:
         guess = _joint_values(vehicle, task.guess)
@@ -78,22 +88,6 @@ def desired_motion(
     )
     _check_rates(vehicle, motion, actuators.velocities)
     return vehicle.kinematics.reference(motion)
-
-
-def desired_with_posture(vehicle: Vehicle, base: Motion, posture: Array) -> Motion:
-    """Motion of base and arm, with the arm held in a posture.
-
-    Args:
-        vehicle: The robot.
-        base: Motion of the base at knots.
-        posture: Joint coordinates (n), rad or m.
-
-    Returns:
-        The motion at the knots of `base`.
-    """
-    q = base.q.copy()
-    q[:, vehicle.arm] = posture
-    return Motion(base.time, q, base.v, base.a)
 
 
 def starting_state(
