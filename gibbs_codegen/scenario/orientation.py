@@ -211,7 +211,14 @@ def unit_derivatives(vector: Array, rate: Array, second: Array) -> tuple[Array, 
 def cross_derivatives(
     a: tuple[Array, Array, Array], b: tuple[Array, Array, Array]
 ) -> tuple[Array, Array, Array]:
-    """Of a × b: the product and its first two derivatives."""
+    """A cross product and its first two derivatives in time.
+
+    Args:
+        a, b: The factors and their first two derivatives (…, 3).
+
+    Returns:
+        The product and its derivatives (…, 3).
+    """
     return (
         np.cross(a[0], b[0]),
         np.cross(a[1], b[0]) + np.cross(a[0], b[1]),

@@ -192,7 +192,14 @@ def check_path(path: Path, duration: float, what: str) -> None:
 
 
 def plane(normal: Vector) -> tuple[Array, Array]:
-    """Two unit vectors that with the direction of `normal` make a right-handed frame."""
+    """Two unit vectors that with the direction of a vector make a right-handed frame.
+
+    Args:
+        normal: The vector (3), of any length.
+
+    Returns:
+        The unit vectors (3).
+    """
     n = np.asarray(normal, dtype=np.float64) / np.max(np.abs(normal))
     n /= np.linalg.norm(n)
     axis = np.array([1.0, 0.0, 0.0]) if abs(n[0]) < 0.9 else np.array([0.0, 1.0, 0.0])

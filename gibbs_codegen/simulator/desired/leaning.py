@@ -73,7 +73,15 @@ class Leaning:
         return with_joints(self.vehicle, base, self.joints)
 
     def lateral(self, axis: Array, rate: Array, growth: Array, push: Array) -> Array:
-        """Lateral force (s, 2) on the base, as a share of the weight, as `LateralForce` has it."""
+        """Lateral force that the base would need, as `LateralForce` has it.
+
+        Args:
+            axis, rate, growth: Thrust axes and their first two derivatives (s, 3), world axes.
+            push: What is added to the acceleration of the base centre (s, 3), m/s².
+
+        Returns:
+            The force (s, 2), as a share of the weight.
+        """
         still = np.zeros_like(push)
         motion = self.motion((axis, rate, growth), (still, still, push))
         force = self.vehicle.inverse_dynamics(motion.q, motion.v, motion.a)

@@ -58,13 +58,28 @@ def product(times: Callable[[Array, Array], Array], a: Derivatives, b: Derivativ
 
 
 def applied(matrix: Array, vector: Array) -> Array:
-    """Products (…, r) of matrices (…, r, c) with vectors (…, c)."""
+    """Products of matrices with vectors.
+
+    Args:
+        matrix: The matrices (…, r, c).
+        vector: The vectors (…, c).
+
+    Returns:
+        The products (…, r).
+    """
     product: Array = (matrix @ vector[..., np.newaxis])[..., 0]
     return product
 
 
 def skew(vector: Array) -> Array:
-    """Matrices (…, 3, 3) of cross products with vectors (…, 3)."""
+    """Matrices of cross products with vectors.
+
+    Args:
+        vector: The vectors (…, 3).
+
+    Returns:
+        The matrices (…, 3, 3).
+    """
     matrix: Array = np.cross(np.eye(3), vector[..., np.newaxis, :])
     return matrix
 
