@@ -22,9 +22,9 @@ Array = NDArray[np.float64]
 _RANK = 1e-9
 # Share of a wrench that thrusts may fail to produce and still count as exact.
 _EXACT = 1e-9
-# Weight of small thrusts against the wrench, as a share of the smallest singular value. It picks
-# one of many solutions; the share of the wrench that it costs is its square.
-_PREFERENCE = 1e-4
+# Weight of small thrusts against the wrench, as a share of the norm of all wrenches. It picks one
+# of many solutions; of a wrench that takes great thrusts it costs a share that is its square.
+_PREFERENCE = 1e-5
 
 
 class AllocationError(UsageError):
@@ -57,8 +57,7 @@ class Allocation:
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
         self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
         weighted = self._weights[:, np.newaxis] * wrenches
-        least = np.linalg.svd(weighted, compute_uv=False)[:rank].min(initial=np.inf)
-        preference = _PREFERENCE * least * np.eye(wrenches.shape[1])
+        preference = _PREFERENCE * np.linalg.norm(weighted) * np.eye(wrenches.shape[1])
         self._weighted = np.vstack([weighted, preference])
 
     def require_all_directions(self, purpose: str) -> None:
