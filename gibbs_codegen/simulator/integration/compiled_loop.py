@@ -106,7 +106,6 @@ class CompiledLoop:
         kept = (number + taken) // every - number // every
         return taken, samples[:kept], last
 
-
     def rate(self, time: float, state: Array) -> Array | None:
         """Time derivative of a state.
 
