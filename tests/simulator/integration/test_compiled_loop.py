@@ -427,9 +427,13 @@ int main(void)
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
             samples[j] = UNTOUCHED;
         }
+        double *ranges = room((count / every + 2) * 4 * acting);
+        for (ptrdiff_t j = 0; j < (count / every + 2) * 4 * acting; ++j) {
+            ranges[j] = j / acting % 2 == 0 ? INFINITY : -INFINITY;
+        }
         const double time = draw(2) ? 0.0 : 100.0;
-        const ptrdiff_t taken =
-            gibbs_codegen_rk4(&f, time, 1e-2, count, every, number, state, samples);
+        const ptrdiff_t taken = gibbs_codegen_rk4(&f, time, 1e-2, count, every, number, state,
+                                                  samples, draw(2) ? ranges : NULL);
         if (taken < 0 || taken > count) {
             return 3;
         }
@@ -459,6 +463,7 @@ int main(void)
         free(f.scratch);
         free(state);
         free(samples);
+        free(ranges);
     }
     return steps > 10000 && whole > 500 ? 0 : 5;
 }
