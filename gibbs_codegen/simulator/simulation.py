@@ -143,7 +143,7 @@ def _check_open_loop(vehicle: Vehicle, allocation: Allocation, reference: Refere
     Raises:
         AllocationError: With the first time, of those of the knots.
     """
-    time = np.linspace(reference.begin, reference.end, len(reference.coefficients) + 1)
+    time = reference.knots
     q, v, a = reference(time)
     wrenches = vehicle.base_wrench(q, vehicle.inverse_dynamics(q, v, a))
     impossible = np.flatnonzero(allocation.residual_at(q, wrenches))
