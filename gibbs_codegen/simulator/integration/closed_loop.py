@@ -213,7 +213,8 @@ class ClosedLoop:
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
         q, v, _, thrusts, memory = self.parts(state)
-        commanded = self.controller(time, q, v, memory)
+        held = acting.held
+        commanded = self.controller(time, q, v, memory) if held is None else np.array(held)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
         if acting.push:
