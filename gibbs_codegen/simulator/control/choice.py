@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from gibbs_codegen.scenario.control import Law
+from gibbs_codegen.scenario.control import Control, Law
+from gibbs_codegen.simulator.control.geometric import GeometricLaw
+from gibbs_codegen.simulator.control.laws import ControlLaw, Controller, Gains
 from gibbs_codegen.simulator.plant.allocation import Allocation, AllocationError, listed, ranks
 from gibbs_codegen.simulator.plant.thrust_axis import thrust_axis
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
+from gibbs_codegen.simulator.reference import Reference
 
 _ALL = 6
+# How much faster the base must lean than the position follows, which it moves.
+_FASTER = 4.0
 _WHERE = "(in the base's frame, about the base centre)"
 
 
@@ -55,10 +60,38 @@ def law_of(law: Law, vehicle: Vehicle, q: Array, scenario: str) -> Law:
         )
     raise AllocationError(
         f"{purpose}control the rotors must command all directions, or the force along one axis and "
-        f"three moments, {lacks}; place or tilt the rotors otherwise in the robot file, add rotors, "
-        'or set control.law to "open_loop"',
+        f"three moments, {lacks}; tilt some thrusts in the robot file, add rotors, or set "
+        'control.law to "open_loop"',
         missing,
     )
+
+
+def control_law(
+    law: Law, control: Control, vehicle: Vehicle, reference: Reference, allocation: Allocation
+) -> ControlLaw:
+    """The law with the gains of a scenario.
+
+    Args:
+        law: The law, which is not "tracking".
+        control: Frequencies and damping ratio.
+        vehicle: The robot, as the law knows it.
+        reference: The desired motion.
+        allocation: Control allocation of the rotors.
+
+    Returns:
+        The law.
+    """
+    geometric = law == "geometric"
+    attitude = control.attitude_frequency
+    if attitude is None:
+        attitude = control.frequency * (_FASTER if geometric else 1.0)
+    places = vehicle.layout.v
+    frequencies = np.full(places.size, control.frequency)
+    frequencies[places.attitude] = attitude
+    gains = Gains.of(frequencies, control.damping_ratio, places.size)
+    if geometric:
+        return GeometricLaw(vehicle, reference, allocation, gains)
+    return Controller(vehicle, reference, allocation, gains, law)
 
 
 def _missing(vehicle: Vehicle, q: Array) -> tuple[str, ...]:

@@ -242,16 +242,17 @@ def _attitude_error(carried: Array, axis: Array, unit: Array) -> Array:
     swing = np.cross(axis, times(carried, unit))
     sine = np.linalg.norm(swing, axis=-1, keepdims=True)
     angle = np.arctan2(sine, _dot(axis, times(carried, unit)))
-    lean = np.concatenate(
+    turned = np.concatenate(
         [np.cross(axis, unit), np.maximum(1.0 + _dot(axis, unit), _LEAST)], axis=-1
     )
-    whole = carried @ Rotation.from_quat(lean.reshape(-1, 4)).as_matrix().reshape(carried.shape)
+    whole = carried @ Rotation.from_quat(turned.reshape(-1, 4)).as_matrix().reshape(carried.shape)
     quaternion = Rotation.from_matrix(whole.reshape(-1, 3, 3)).as_quat()
     quaternion = quaternion.reshape(*axis.shape[:-1], 4)
     about, cosine = _dot(quaternion[..., :3], axis), quaternion[..., 3:]
     heading = 2.0 * np.arctan2(about * np.sign(cosine), np.abs(cosine))
-    error: Array = swing * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)
-    return error + axis * heading * (about**2 + cosine**2)
+    lean = swing * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)
+    error: Array = lean + axis * heading * (about**2 + cosine**2)
+    return error
 
 
 def _dot(a: Array, b: Array) -> Array:
