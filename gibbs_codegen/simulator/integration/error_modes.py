@@ -34,7 +34,7 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: those of lagging thrusts, and of errors that a law corrects.
+    """Modes that decay: those of lagging thrusts, and of errors that a law corrects at all times.
 
     Args:
         loop: The closed loop.
@@ -48,7 +48,8 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     for lag in lags:
         remedy = f"a longer time constant of the motors than {lag:g} s, or none"
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
-    polynomials = error_polynomials(loop.controller, lags)
+    # Held inputs do not follow the errors within a step.
+    polynomials = [] if loop.held is not None else error_polynomials(loop.controller, lags)
     found += [
         Mode(abs(root), "the gains of control", "lower gains", complex(root))
         for root in itertools.chain.from_iterable(map(np.roots, polynomials))
