@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.environment import Payload, Wall, Wind
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
 
@@ -136,7 +137,8 @@ class Scenario:
 
     Like its parts it raises `UsageError` for values that mean nothing.
 
-    `parameters` are given to the module's `prepare`.
+    `parameters` are given to the module's `prepare`: the robot as the controller knows it. `plant`
+    holds those that are others in the robot that flies.
     """
 
     name: str
@@ -148,8 +150,12 @@ class Scenario:
     control: Control = Control()
     motors: Motors = Motors()
     push: Push | None = None
+    payloads: tuple[Payload, ...] = ()
+    wind: Wind | None = None
+    walls: tuple[Wall, ...] = ()
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
+    plant: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
 
     def __post_init__(self) -> None:

@@ -15,13 +15,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gibbs_codegen.errors import UsageError, printable
-from gibbs_codegen.scenario.scenario import Push
 from gibbs_codegen.simulator.control.laws import ControlLaw
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
 from gibbs_codegen.simulator.plant.actuators import Actuators
-from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
+from gibbs_codegen.simulator.plant.environment import Environment
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 
 class Parts(NamedTuple):
@@ -39,25 +38,16 @@ class Parts(NamedTuple):
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """Vehicle, controller, limits and lag of its motors and joints, and what pushes it, if any.
+    """Vehicle, controller, limits and lag of its motors and joints, and what else acts on it.
 
-    `vehicle` is the plant. The controller has its own, with the parameters that it knows.
-
-    Raises `UsageError` for a push of a frame that the robot does not have.
+    `vehicle` is the plant. The controller has its own, with the parameters that it knows. Where
+    `environment` is None, nothing acts but inputs.
     """
 
     vehicle: Vehicle
     controller: ControlLaw
     actuators: Actuators
-    push: Push | None = None
-
-    def __post_init__(self) -> None:
-        frames = self.vehicle.frames
-        if self.push is not None and self.push.frame not in frames:
-            raise UsageError(
-                f"push.frame: {self.vehicle.name} has no frame {printable(self.push.frame)}; "
-                f"its frames: {', '.join(frames)}"
-            )
+    environment: Environment | None = None
 
     @cached_property
     def limited(self) -> bool:
@@ -68,15 +58,6 @@ class ClosedLoop:
     def lags(self) -> bool:
         """Whether a motor lags."""
         return bool(np.any(self.actuators.lag))
-
-    @cached_property
-    def wrenches(self) -> Array:
-        """Wrenches (f, 6) on the frames while the push acts: force and torque, world axes."""
-        wrenches = np.zeros((len(self.vehicle.frames), 6))
-        if self.push is not None:
-            place = self.vehicle.frames.index(self.push.frame)
-            wrenches[place] = [*self.push.force, *self.push.torque]
-        return wrenches
 
     @property
     def size(self) -> int:
@@ -165,38 +146,44 @@ class ClosedLoop:
         reached = (commanded <= least + margin) | (commanded >= most - margin)
         return [self.vehicle.inputs[place] for place in np.flatnonzero(reached)]
 
-    def acceleration(self, q: Array, v: Array, inputs: Array, pushed: bool | Flags) -> Array:
+    def wrenches(
+        self, time: float | Array, q: Array, v: Array, inputs: Array, acting: Acting
+    ) -> Array:
+        """Wrenches on the frames by all that acts but the inputs.
+
+        Args:
+            time: Times (…), s.
+            q, v: Coordinates (…, nq) and velocities (…, nv).
+            inputs: Inputs u (…, nu) that act.
+            acting: What acts at those times.
+
+        Returns:
+            Wrenches (…, f, 6): force, N, and torque about the origin, N m, world axes.
+        """
+        if self.environment is None:
+            return np.zeros((*q.shape[:-1], len(self.vehicle.frames), 6))
+        return self.environment.wrenches(time, q, v, inputs, acting.push, acting.payloads)
+
+    def acceleration(self, q: Array, v: Array, inputs: Array, wrenches: Array) -> Array:
         """Accelerations of states and inputs, by the forward dynamics.
 
         Args:
             q, v: Coordinates (…, nq) and velocities (…, nv).
             inputs: Inputs u (…, nu) that act.
-            pushed: Whether the push acts (…).
+            wrenches: Wrenches (…, f, 6) on the frames.
 
         Returns:
             Accelerations (…, nv).
         """
-        vehicle, acts = self.vehicle, np.asarray(pushed)[..., np.newaxis]
-        if not np.any(acts):
-            return vehicle.forward_dynamics(q, v, inputs)
-        under_push = vehicle.forward_dynamics_with_wrenches(q, v, inputs, self.wrenches)
-        if np.all(acts):
-            return under_push
-        return np.where(acts, under_push, vehicle.forward_dynamics(q, v, inputs))
+        if self.environment is None:
+            return self.vehicle.forward_dynamics(q, v, inputs)
+        return self.vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
 
-    def push_acts(self, time: float | Array) -> Flags:
-        """Whether the push acts.
-
-        Args:
-            time: Times (…), s.
-
-        Returns:
-            Whether it acts at those times (…).
-        """
-        push = self.push
-        if push is None:
-            return np.zeros(np.shape(time), dtype=bool)
-        return (np.asarray(time) >= push.begin) & (np.asarray(time) < push.end)
+    def acting(self, time: float | Array) -> Acting:
+        """What acts at times (…), s."""
+        if self.environment is None:
+            return NOTHING
+        return Acting(self.environment.push_acts(time), self.environment.payloads.carried(time))
 
     def derivative(self, time: float, state: Array, acting: Acting = NOTHING) -> Array:
         """Time derivative of a state.
@@ -216,10 +203,11 @@ class ClosedLoop:
         commanded = self.controller(time, q, v, memory)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
-        if acting.push:
-            power += self.vehicle.wrench_forces(q, self.wrenches) @ v
+        wrenches = self.wrenches(time, q, v, inputs, acting)
+        if self.environment is not None:
+            power += self.vehicle.wrench_forces(q, wrenches) @ v
         moving = self.vehicle.kinematics.rates(state[: len(q)], v)
-        rates: list[Any] = [moving, self.acceleration(q, v, inputs, acting.push), [power]]
+        rates: list[Any] = [moving, self.acceleration(q, v, inputs, wrenches), [power]]
         if self.lags:
             setpoints = self._setpoints(commanded)[: len(thrusts)]
             lag = self.actuators.lag
@@ -229,7 +217,7 @@ class ClosedLoop:
         return np.concatenate(rates)
 
     def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
-        """The intervals of a flight between which the push begins or ends.
+        """The intervals of a flight between which something begins or ceases to act.
 
         Args:
             duration: Duration of the flight, s.
@@ -237,9 +225,9 @@ class ClosedLoop:
         Returns:
             Intervals from 0 to `duration`, each beginning where the one before ends.
         """
-        jumps = [self.push.begin, self.push.end] if self.push else []
+        jumps = self.environment.jumps if self.environment else ()
         times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
         return [
-            SmoothInterval(begin, end, Acting(push=bool(self.push_acts(begin))))
+            SmoothInterval(begin, end, self.acting(begin))
             for begin, end in itertools.pairwise(times)
         ]

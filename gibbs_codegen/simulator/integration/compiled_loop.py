@@ -189,7 +189,7 @@ def _arrays(closed: ClosedLoop, bounds: Array | float, acting: Acting) -> dict[s
         "damping": np.array(controller.gains.damping),
         "losses": vehicle.damping,
         "distribution": np.ascontiguousarray(controller.allocation.inverse),
-        **({"wrenches": closed.wrenches} if acting.push else {}),
+        **({"wrenches": closed.environment.pushing} if acting.push and closed.environment else {}),
     }
 
 

@@ -114,7 +114,7 @@ class Envelope:
             *(["a shorter motors.time_constant"] if loop.lags else []),
             *(["wider motors.limits"] if np.any(limited[0]) else []),
             *(["a greater arm.effort"] if np.any(limited[1]) else []),
-            *(["a weaker push"] if loop.push else []),
+            *(loop.environment.remedies if loop.environment else []),
             "a closed loop (control.law)"
             if loop.controller.law == "open_loop"
             else "a lower control.frequency",

@@ -14,6 +14,9 @@ import numpy as np
 
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 
+# Instants of the desired motion at which masses that walls feel are looked at.
+_INSTANTS = 33
+
 
 @dataclass(frozen=True, order=True)
 class Mode:
@@ -31,7 +34,7 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: those of lagging thrusts, and of errors under computed torque.
+    """Modes that decay: of lagging thrusts, of errors under computed torque, and at walls.
 
     Args:
         loop: The closed loop.
@@ -57,7 +60,36 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
                 for root in itertools.chain.from_iterable(map(np.roots, polynomials))
                 if root.real < 0.0
             ]
-    return sorted(found, reverse=True)
+    return sorted([*found, *_wall_modes(loop)], reverse=True)
+
+
+def _wall_modes(loop: ClosedLoop) -> list[Mode]:
+    """Modes of frames that lean on walls, with the least mass that each wall feels.
+
+    That is the least along the desired motion. A frame that moves by x along the normal obeys
+    ẍ + (d + c/m) ẋ + (k + s/m) x = 0 with the wall's damping c and stiffness s, and those of
+    control, d and k.
+    """
+    if loop.environment is None or not loop.environment.wall:
+        return []
+    walls, reference = loop.environment.walls, loop.controller.reference
+    q = reference(np.linspace(reference.begin, reference.end, _INSTANTS))[0]
+    masses = np.min(walls.effective_masses(loop.vehicle, q), axis=0)
+    controlled, gains = (
+        loop.controller.law in ("computed_torque", "geometric"),
+        loop.controller.gains,
+    )
+    damping = np.max(gains.damping) if controlled else 0.0
+    stiffness = np.max(gains.stiffness) if controlled else 0.0
+    found = []
+    for wall, mass in zip(walls.walls, masses.tolist(), strict=True):
+        polynomial = [1.0, damping + wall.damping / mass, stiffness + wall.stiffness / mass]
+        cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
+        found += [
+            Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
+            for root in np.roots(polynomial)
+        ]
+    return found
 
 
 def integration_burdens(loop: ClosedLoop, time: float, state: np.ndarray, lag: bool = True) -> str:

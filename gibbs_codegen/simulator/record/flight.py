@@ -22,6 +22,7 @@ from gibbs_codegen.simulator.plant.kinematics import kinematics_of
 Array = NDArray[np.float64]
 StrPath = str | os.PathLike[str]
 
+_WRENCH = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 # Rows of the CSV that are written at a time.
 _ROWS = 4096
 
@@ -49,8 +50,11 @@ class Flight:
       the latter is (s, 0)
     - `heading_error` (s): angle between base arm `tangent_arm` and the tangent of the base's path,
       0 where the attitude does not follow the path (`tangent_arm` is 0 then)
+    - `frame_wrenches` (s, f, 6): force, N, and torque about the origin, N m, world axes, on each
+      of the `frames`, by all that acts on the robot but its inputs: push, wind, walls, payloads and
+      spinning rotors
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
-      external force have done since the start
+      the wrenches on frames have done since the start
 
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
@@ -87,6 +91,8 @@ class Flight:
     kinetic_energy: Array = field(repr=False)
     potential_energy: Array = field(repr=False)
     work: Array = field(repr=False)
+    frames: tuple[str, ...] = ()
+    frame_wrenches: Array = field(default_factory=lambda: np.zeros((0, 0, 6)), repr=False)
 
     @property
     def rotors(self) -> int:
@@ -146,6 +152,27 @@ class Flight:
             raise UsageError(f"{name}: no such point; there are {', '.join(self.points)}")
         return self.positions[:, self.points.index(name)]
 
+    def frame_wrench(self, name: str) -> Array:
+        """Wrenches on a frame.
+
+        Args:
+            name: Name of the frame, one of `frames`.
+
+        Returns:
+            Force, N, and torque about its origin, N m, (s, 6), world axes.
+
+        Raises:
+            UsageError: If there is no such frame.
+        """
+        if name not in self.frames:
+            raise UsageError(f"{name}: no such frame; there are {', '.join(self.frames)}")
+        return self.frame_wrenches[:, self.frames.index(name)]
+
+    @property
+    def _loaded_frames(self) -> list[str]:
+        """Frames on which a wrench acts at some time."""
+        return [name for name in self.frames if np.any(self.frame_wrench(name))]
+
     @property
     def centre_error(self) -> Array:
         """Distance (s) of the base centre from where it should be, m."""
@@ -195,6 +222,9 @@ class Flight:
         for j, point in enumerate(self.points):
             for i, axis in enumerate("xyz"):
                 yield f"{point}_{axis}", "m", self.positions[:, j, i]
+        for frame in self._loaded_frames:
+            for name, values in zip(_WRENCH, self.frame_wrench(frame).T, strict=True):
+                yield f"{frame}_{name}", "N" if name.startswith("force") else "N m", values
         for point, series in ((self.centre, self.centre_desired), ("tip", self.tip_desired)):
             for axis, values in zip("xyz", series.T, strict=False):
                 yield f"{point}_{axis}_desired", "m", values
@@ -260,6 +290,8 @@ def read_flight(path: StrPath) -> Flight:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             values: dict[str, Any] = {} if "parents" in stored else _before_trees(stored)
+            if "frames" not in stored:  # The file is from before wrenches were recorded.
+                values |= {"frames": np.array([], dtype=str), "frame_wrenches": np.zeros((0, 0, 6))}
             names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
             values |= {name: stored[name] for name in names}
     except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:

@@ -29,7 +29,8 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     reference = loop.controller.reference(time)
     commanded = loop.controller(time, q, v, memory)
     applied = loop.applied(commanded, thrusts)
-    a = loop.acceleration(q, v, applied, loop.push_acts(time))
+    wrenches = loop.wrenches(time, q, v, applied, loop.acting(time))
+    a = loop.acceleration(q, v, applied, wrenches)
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
@@ -49,6 +50,8 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         commanded=commanded,
         applied=applied,
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
+        frames=vehicle.frames,
+        frame_wrenches=wrenches,
         base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
         positions=vehicle.positions(q),
@@ -56,7 +59,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         base_rotation=vehicle.base_rotation(q),
         thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
-        tip_desired=_desired_tip(vehicle, scenario, time, reference[0]),
+        tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
         kinetic_energy=vehicle.kinetic_energy(q, v),
         potential_energy=vehicle.potential_energy(q),
@@ -84,7 +87,7 @@ def _desired_tip(vehicle: Vehicle, scenario: Scenario, time: Array, q_desired: A
     """Desired position of the tip.
 
     Args:
-        vehicle: The robot.
+        vehicle: The robot as the controller knows it.
         scenario: What was flown.
         time: Times (s), s.
         q_desired: Desired coordinates (s, nq).
