@@ -6,13 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.checks import require
 from gibbs_codegen.scenario.paths import Vector
-
-
-def _require(right: bool, otherwise: str) -> None:
-    if not right:
-        raise UsageError(otherwise)
 
 
 @dataclass(frozen=True)
@@ -28,8 +23,8 @@ class Payload:
     end: float = math.inf
 
     def __post_init__(self) -> None:
-        _require(0.0 <= self.mass < math.inf, f"payload: mass: 0 kg or more, not {self.mass}")
-        _require(self.begin < self.end, "payload: its end must be after its begin")
+        require(0.0 <= self.mass < math.inf, f"payload: mass: 0 kg or more, not {self.mass}")
+        require(self.begin < self.end, "payload: its end must be after its begin")
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class Gust:
     begin: float = 0.0
 
     def __post_init__(self) -> None:
-        _require(0.0 < self.duration < math.inf, "wind: a gust must last longer than 0 s")
+        require(0.0 < self.duration < math.inf, "wind: a gust must last longer than 0 s")
 
 
 @dataclass(frozen=True)
@@ -63,7 +58,7 @@ class Wind:
 
     def __post_init__(self) -> None:
         for frame, drag in (*self.drag.items(), *self.rotational_drag.items()):
-            _require(0.0 <= drag < math.inf, f"wind: drag of {frame}: 0 or more, not {drag}")
+            require(0.0 <= drag < math.inf, f"wind: drag of {frame}: 0 or more, not {drag}")
 
 
 @dataclass(frozen=True)
@@ -82,6 +77,6 @@ class Wall:
     damping: float = 0.0
 
     def __post_init__(self) -> None:
-        _require(any(self.normal), "wall: its normal must not be zero")
-        _require(0.0 < self.stiffness < math.inf, "wall: its stiffness must be above 0 N/m")
-        _require(0.0 <= self.damping < math.inf, "wall: its damping must be 0 N s/m or more")
+        require(any(self.normal), "wall: its normal must not be zero")
+        require(0.0 < self.stiffness < math.inf, "wall: its stiffness must be above 0 N/m")
+        require(0.0 <= self.damping < math.inf, "wall: its damping must be 0 N s/m or more")

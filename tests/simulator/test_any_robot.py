@@ -24,10 +24,11 @@ from gibbs_codegen.robot.model import Attitude, Base, RigidBody, Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle
-from gibbs_codegen.scenario.scenario import Law, Push, Settings
+from gibbs_codegen.scenario.scenario import Push, Settings
 from gibbs_codegen.simulator.control.inverse_dynamics import required_inputs
 from gibbs_codegen.simulator.control.laws import Controller, Gains
 from gibbs_codegen.simulator.desired.trajectory import desired_motion, starting_state

@@ -56,11 +56,13 @@ class Flight:
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
       the wrenches on frames have done since the start
 
+    `law` is the control law that was flown, "" in files of before flights said so.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
     robot: str
     scenario: str
+    law: str
     attitude: str
     coordinates: tuple[str, ...]
     coordinate_units: tuple[str, ...]
@@ -292,6 +294,7 @@ def read_flight(path: StrPath) -> Flight:
             values: dict[str, Any] = {} if "parents" in stored else _before_trees(stored)
             if "frames" not in stored:  # The file is from before wrenches were recorded.
                 values |= {"frames": np.array([], dtype=str), "frame_wrenches": np.zeros((0, 0, 6))}
+            values |= {} if "law" in stored else {"law": np.array("")}
             names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
             values |= {name: stored[name] for name in names}
     except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:

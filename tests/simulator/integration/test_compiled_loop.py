@@ -19,7 +19,8 @@ from support.tools import missing, run
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
-from gibbs_codegen.scenario.scenario import Law, Push
+from gibbs_codegen.scenario.control import Law
+from gibbs_codegen.scenario.scenario import Push
 from gibbs_codegen.simulator.control.laws import Controller, Gains
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
