@@ -22,7 +22,6 @@ from gibbs_codegen.simulator.plant.kinematics import kinematics_of
 Array = NDArray[np.float64]
 StrPath = str | os.PathLike[str]
 
-_WRENCH = ("force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z")
 # Rows of the CSV that are written at a time.
 _ROWS = 4096
 
@@ -170,10 +169,14 @@ class Flight:
             raise UsageError(f"{name}: no such frame; there are {', '.join(self.frames)}")
         return self.frame_wrenches[:, self.frames.index(name)]
 
-    @property
-    def _loaded_frames(self) -> list[str]:
-        """Frames on which a wrench acts at some time."""
-        return [name for name in self.frames if np.any(self.frame_wrench(name))]
+    def _wrench_columns(self) -> Iterator[tuple[str, str, Array]]:
+        """Name, unit and values (s) of wrenches, on frames on which one acts at some time."""
+        for frame, series in zip(self.frames, np.moveaxis(self.frame_wrenches, 1, 0), strict=True):
+            if np.any(series):
+                for k, axis in enumerate("xyz"):
+                    yield f"{frame}_force_{axis}", "N", series[:, k]
+                for k, axis in enumerate("xyz", start=3):
+                    yield f"{frame}_torque_{axis}", "N m", series[:, k]
 
     @property
     def centre_error(self) -> Array:
@@ -224,9 +227,7 @@ class Flight:
         for j, point in enumerate(self.points):
             for i, axis in enumerate("xyz"):
                 yield f"{point}_{axis}", "m", self.positions[:, j, i]
-        for frame in self._loaded_frames:
-            for name, values in zip(_WRENCH, self.frame_wrench(frame).T, strict=True):
-                yield f"{frame}_{name}", "N" if name.startswith("force") else "N m", values
+        yield from self._wrench_columns()
         for point, series in ((self.centre, self.centre_desired), ("tip", self.tip_desired)):
             for axis, values in zip("xyz", series.T, strict=False):
                 yield f"{point}_{axis}_desired", "m", values

@@ -29,8 +29,8 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     reference = loop.controller.reference(time)
     commanded = loop.controller(time, q, v, memory)
     applied = loop.applied(commanded, thrusts)
-    wrenches = loop.wrenches(time, q, v, applied, loop.acting(time))
-    a = loop.acceleration(q, v, applied, wrenches)
+    loads = loop.wrenches(time, q, v, applied, loop.acting(time))
+    a = loop.acceleration(q, v, applied, loads)
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
@@ -51,8 +51,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         commanded=commanded,
         applied=applied,
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
-        frames=vehicle.frames,
-        frame_wrenches=wrenches,
+        **{'frames': vehicle.frames, 'frame_wrenches': loads},
         base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
         positions=vehicle.positions(q),

@@ -28,6 +28,7 @@ from gibbs_codegen.simulator.integration.compiled_loop import NATIVE, CompiledLo
 from gibbs_codegen.simulator.integration.fixed_step import rk4_step
 from gibbs_codegen.simulator.plant.actuators import Actuators
 from gibbs_codegen.simulator.plant.allocation import Allocation
+from gibbs_codegen.simulator.plant.environment import Environment
 from gibbs_codegen.simulator.plant.vehicle import Vehicle
 from gibbs_codegen.simulator.reference import Motion, Reference
 
@@ -133,7 +134,9 @@ def test_every_step_is_that_of_python(
 ) -> None:
     """From each state that the loop comes to, Python takes the next step to the same state."""
     limits = None if law == "off" else (-1e6, 1e6)
-    closed = replace(restricted(closed_loop_of(modules(name), law), limits, lag), push=push)
+    closed = restricted(closed_loop_of(modules(name), law), limits, lag)
+    environment = Environment(closed.vehicle, push) if push else None
+    closed = replace(closed, environment=environment)
     state = start_of(closed)
     after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
@@ -155,7 +158,7 @@ def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     state = start_of(closed)
     _, free, _ = loop_of(closed)(0.0, state, 10, 1, 0)
-    pushed = replace(closed, push=PUSH)
+    pushed = replace(closed, environment=Environment(closed.vehicle, PUSH))
     _, waiting, _ = loop_of(pushed)(0.0, state, 10, 1, 0)
     assert np.array_equal(waiting, free)
     loop = loop_of(pushed, acting=Acting(push=True))
