@@ -168,9 +168,9 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, step, np.inf, acting=Acting(push=True))
+    loop = CompiledLoop.of(closed, np.inf, acting=Acting(push=True))
     assert loop is not None
-    taken, samples, _ = loop(0.0, state, 25, 1, 0)
+    taken, samples, _ = loop(0.0, state, step, 25)
     assert taken == 25
     for number, sample in enumerate(samples):
         state = rk4_step(closed, number * step, state, step, acting=Acting(push=True))

@@ -200,7 +200,8 @@ class ClosedLoop:
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
         q, v, _, thrusts, memory = self.parts(state)
-        commanded = self.controller(time, q, v, memory)
+        held = acting.held
+        commanded = self.controller(time, q, v, memory) if held is None else np.array(held)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
         wrenches = self.wrenches(time, q, v, inputs, acting)
@@ -228,6 +229,11 @@ class ClosedLoop:
         jumps = self.environment.jumps if self.environment else ()
         times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
         return [
-            SmoothInterval(begin, end, self.acting(begin))
+            SmoothInterval(begin, end, self._acting_from(begin))
             for begin, end in itertools.pairwise(times)
         ]
+
+    def _acting_from(self, begin: float) -> Acting:
+        """What acts all through the interval that begins at a time, s."""
+        acting = self.acting(begin)
+        return Acting(bool(acting.push), tuple(np.atleast_1d(acting.payloads).tolist()))

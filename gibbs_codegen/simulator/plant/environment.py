@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.environment import Payload, Wall, Wind
@@ -143,7 +144,7 @@ class Environment:
         v: Array,
         inputs: Array,
         pushed: Flags | bool,
-        carried: Flags | bool,
+        carried: ArrayLike,
     ) -> Array:
         """All wrenches on the frames.
 

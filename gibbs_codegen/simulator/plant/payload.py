@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gibbs_codegen.scenario.environment import Payload
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags, Vehicle
@@ -49,9 +49,7 @@ class Payloads:
         there: Flags = (times >= self.begins) & (times < self.ends)
         return there
 
-    def add(
-        self, wrenches: Array, q: Array, v: Array, inputs: Array, carried: Flags | bool
-    ) -> None:
+    def add(self, wrenches: Array, q: Array, v: Array, inputs: Array, carried: ArrayLike) -> None:
         """Add the forces of the payloads to the wrenches of all else.
 
         Args:

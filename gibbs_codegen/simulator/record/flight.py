@@ -222,8 +222,7 @@ class Flight:
                 yield f"{name}{suffix}", unit, values
         for name, values in zip(self.constraint_names, self.constraint_torques.T, strict=True):
             yield name, "N m", values
-        for k, values in enumerate(self.base_arm_angles.T, start=2):
-            yield f"theta_{k}", "rad", values
+        yield from ((f"theta_{k}", "rad", x) for k, x in enumerate(self.base_arm_angles.T, start=2))
         for j, point in enumerate(self.points):
             for i, axis in enumerate("xyz"):
                 yield f"{point}_{axis}", "m", self.positions[:, j, i]

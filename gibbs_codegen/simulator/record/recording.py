@@ -51,9 +51,9 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         commanded=commanded,
         applied=applied,
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
-        **{'frames': vehicle.frames, 'frame_wrenches': loads},
-        base_arm_angles=_measured_arm_angles(vehicle, q),
-        base_arm_angles_desired=vehicle.arm_angles()[1:],
+        frames=vehicle.frames,
+        frame_wrenches=loads,
+        **_base_arms(vehicle, q),
         positions=vehicle.positions(q),
         parents=point_parents(vehicle),
         base_rotation=vehicle.base_rotation(q),
@@ -61,10 +61,29 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
-        kinetic_energy=vehicle.kinetic_energy(q, v),
-        potential_energy=vehicle.potential_energy(q),
-        work=work,
+        **_energies(vehicle, q, v, work),
     )
+
+
+def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Array]:
+    """Energies and work, by the names of the fields.
+
+    Args:
+        vehicle: The robot.
+        q, v: Coordinates (s, nq) and velocities (s, nv).
+        work: Work (s), J.
+
+    Returns:
+        The series (s), J.
+    """
+    kinetic, potential = vehicle.kinetic_energy(q, v), vehicle.potential_energy(q)
+    return {"kinetic_energy": kinetic, "potential_energy": potential, "work": work}
+
+
+def _base_arms(vehicle: Vehicle, q: Array) -> dict[str, Array]:
+    """Measured and desired angles of base arms, rad, by the names of the fields."""
+    measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
+    return {"base_arm_angles": measured, "base_arm_angles_desired": desired}
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:
