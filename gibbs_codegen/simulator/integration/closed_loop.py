@@ -180,7 +180,14 @@ class ClosedLoop:
         return self.vehicle.forward_dynamics_with_wrenches(q, v, inputs, wrenches)
 
     def acting(self, time: float | Array) -> Acting:
-        """What acts at times (…), s."""
+        """What acts.
+
+        Args:
+            time: Times (…), s.
+
+        Returns:
+            What acts at those times.
+        """
         if self.environment is None:
             return NOTHING
         return Acting(self.environment.push_acts(time), self.environment.payloads.carried(time))

@@ -43,7 +43,7 @@ class Environment:
             self._check(self.push.frame, "push.frame")
         for name in ("payload", "wall"):
             for place, each in enumerate(getattr(self, name)):
-                self._check(each.frame, f"{name}[{place}].frame")
+                self._check(each.frame, f"{name} {place + 1}: frame")
         if self.wind is not None:
             for key in ("drag", "rotational_drag"):
                 for frame in getattr(self.wind, key):
@@ -113,7 +113,14 @@ class Environment:
         return wrenches
 
     def push_acts(self, time: float | Array) -> Flags:
-        """Whether the push acts (…) at times (…), s."""
+        """Whether the push acts.
+
+        Args:
+            time: Times (…), s.
+
+        Returns:
+            Whether it acts at those times (…).
+        """
         times = np.asarray(time)
         if self.push is None:
             return np.zeros(times.shape, dtype=bool)

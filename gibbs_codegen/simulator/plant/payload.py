@@ -44,7 +44,14 @@ class Payloads:
         return np.array([0.0, 0.0, weight / vehicle.mass_matrix(vehicle.neutral)[upwards, upwards]])
 
     def carried(self, time: float | Array) -> Flags:
-        """Which payloads are there (…, p) at times (…), s."""
+        """Which payloads are there.
+
+        Args:
+            time: Times (…), s.
+
+        Returns:
+            Which of them are there (…, p) at those times.
+        """
         times = np.asarray(time)[..., np.newaxis]
         there: Flags = (times >= self.begins) & (times < self.ends)
         return there

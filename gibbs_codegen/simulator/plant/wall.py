@@ -26,7 +26,8 @@ class Walls:
         )
         normals = np.array([wall.normal for wall in walls], dtype=np.float64).reshape(-1, 3)
         self.normals: Array = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        self.points: Array = np.array([wall.point for wall in walls], dtype=np.float64)
+        points = np.array([wall.point for wall in walls], dtype=np.float64)
+        self.points: Array = points.reshape(-1, 3)
         self.stiffness: Array = np.array([wall.stiffness for wall in walls], dtype=np.float64)
         self.damping: Array = np.array([wall.damping for wall in walls], dtype=np.float64)
 
@@ -38,7 +39,7 @@ class Walls:
             poses: Poses (…, f, 4, 4) of the frames.
             velocities: Velocities (…, f, 6) of the frames: linear, then angular, world axes.
         """
-        behind = self.points - poses[..., self.places, :3, 3]
+        behind = self.points - poses[..., :3, 3][..., self.places, :]
         depth = np.sum(self.normals * behind, axis=-1)
         speed = -np.sum(self.normals * velocities[..., self.places, :3], axis=-1)
         pushed = np.maximum(self.stiffness * depth + self.damping * speed, 0.0)

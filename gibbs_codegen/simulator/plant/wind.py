@@ -43,7 +43,14 @@ class WindDrag:
             self.coefficients[vehicle.frames.index(name), entries] = coefficient
 
     def speed(self, time: float | Array) -> Array:
-        """Velocity of the wind (…, 3), m/s, world axes, at times (…), s."""
+        """Velocity of the wind.
+
+        Args:
+            time: Times (…), s.
+
+        Returns:
+            The velocity (…, 3), m/s, world axes.
+        """
         share = (np.asarray(time)[..., np.newaxis] - self.gusts[:, 0]) / self.gusts[:, 1]
         rise = 1.0 - np.cos(2.0 * np.pi * np.clip(share, 0.0, 1.0))
         found: Array = self.velocity + rise @ self.gusts[:, 2:]
