@@ -13,6 +13,7 @@ from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.environment import Payload, Wall, Wind
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
+from gibbs_codegen.scenario.sensors import Sensors
 
 Method = Literal["adaptive", "rk4"]
 
@@ -109,6 +110,7 @@ class Scenario:
     start: StartOffset = StartOffset()
     control: Control = field(default_factory=Control)
     motors: Motors = field(default_factory=Motors)
+    sensors: Sensors | None = None
     push: Push | None = None
     payloads: tuple[Payload, ...] = ()
     wind: Wind | None = None

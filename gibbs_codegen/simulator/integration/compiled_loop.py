@@ -10,6 +10,7 @@ import ctypes
 import functools
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.loop_parts import LAWS, POINTER, Loop, filled
 from gibbs_codegen.simulator.plant.vehicle import Array
 
@@ -32,8 +34,7 @@ NATIVE = Path(__file__).parent.parent / "native"
 class CompiledLoop:
     """One closed loop in compiled code, while the same acts on the robot.
 
-    Steps in which an input is saturated are not among those that it takes: the nearest wrench
-    within limits is a search, which Python does.
+    Where a wrench is asked for that the rotors cannot produce, Python says so.
     """
 
     library: ctypes.CDLL
@@ -57,18 +58,12 @@ class CompiledLoop:
             acting: What acts on the robot.
 
         Returns:
-            The loop; None where the module, the law or the loop is not compiled, and under control
-            by rotors that do not command all directions, since Python checks every wrench of those,
-            or by rotors that joints move, for which Python finds another allocation every time.
+            The loop; None where the module, the law or the loop is not compiled.
         """
         vehicle = closed.vehicle
         law = closed.controller.law if acting.held is None else "held"
         library_file = Path(vehicle.module.__file__ or "")
         if library_file.suffix != ".so" or law not in LAWS:
-            return None
-        if law not in ("off", "held") and (
-            closed.controller.allocation.missing or vehicle.rotors_move
-        ):
             return None
         try:
             rk4 = _rk4(find_compiler(os.environ.get("CC") or None))
@@ -83,9 +78,16 @@ class CompiledLoop:
         return cls(rk4, structure, closed.size, held, [*owned, scratch])
 
     def __call__(
-        self, time: float, state: Array, step: float, count: int, every: int = 1, number: int = 0
+        self,
+        time: float,
+        state: Array,
+        step: float,
+        count: int,
+        every: int = 1,
+        number: int = 0,
+        seen: Callable[[InputRanges], None] | None = None,
     ) -> tuple[int, Array, Array]:
-        """Take steps, fewer where an input would be saturated or the flight cannot go on.
+        """Take steps, fewer where rotors cannot produce a wrench or the flight cannot go on.
 
         Args:
             time: Time before the first step, s.
@@ -94,12 +96,15 @@ class CompiledLoop:
             count: Greatest number of steps.
             every: Each `every`-th step is a sample, counted from `number`.
             number: Number of steps before the first.
+            seen: Is given the ranges of the inputs from sample to sample.
 
         Returns:
             The number of steps taken, the samples (s, size), and the last state (size).
         """
         last = np.array(state, dtype=np.float64)
         samples = np.empty((count // every + 1, self.size))
+        ranges = np.empty((len(samples) + 1, 2, 2, len(self.held)))
+        ranges[:, :, 0], ranges[:, :, 1] = np.inf, -np.inf
         taken = self.library.gibbs_codegen_rk4(
             ctypes.byref(self.structure),
             time,
@@ -109,9 +114,32 @@ class CompiledLoop:
             number,
             last.ctypes.data,
             samples.ctypes.data,
+            ranges.ctypes.data if seen else None,
         )
-        kept = (number + taken) // every - number // every
-        return taken, samples[:kept], last
+        first = number // every
+        if seen:
+            # The last stretch may end before its sample.
+            stretches = -(-(number + taken) // every) - first
+            middle = (first + 0.5 + np.arange(stretches)) * every * step
+            seen(InputRanges(middle, ranges[:stretches]))
+        return taken, samples[: (number + taken) // every - first], last
+
+    def rate(self, time: float, state: Array) -> Array | None:
+        """Time derivative of a state.
+
+        Args:
+            time: Time, s.
+            state: State (size).
+
+        Returns:
+            The derivative (size); None where the rotors cannot produce a wrench, of which
+            `ClosedLoop.derivative` says more.
+        """
+        rate, state = np.empty(self.size), np.ascontiguousarray(state, dtype=np.float64)
+        refused = self.library.gibbs_codegen_rate(
+            ctypes.byref(self.structure), time, state.ctypes.data, rate.ctypes.data
+        )
+        return None if refused else rate
 
 
 class CompiledLoops:
@@ -162,7 +190,7 @@ def _rk4(compiler: Compiler) -> ctypes.CDLL:
     library.gibbs_codegen_rk4.argtypes = [
         *(POINTER, real, real),
         *(size, size, size),
-        *(POINTER, POINTER),
+        *(POINTER, POINTER, POINTER),
     ]
     library.gibbs_codegen_rk4.restype = size
     library.gibbs_codegen_rate.argtypes = [POINTER, real, POINTER, POINTER]

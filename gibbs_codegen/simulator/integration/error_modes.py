@@ -34,7 +34,7 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: of lagging thrusts, of errors under computed torque, and at walls.
+    """Modes that decay: of lagging thrusts, of computed torque at all times, and at walls.
 
     Args:
         loop: The closed loop.
@@ -48,7 +48,8 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     for lag in lags:
         remedy = f"a longer time constant of the motors than {lag:g} s, or none"
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
-    if loop.controller.law == "computed_torque":
+    # Held inputs do not follow the errors within a step.
+    if loop.controller.law == "computed_torque" and loop.held is None:
         gains = loop.controller.gains
         pairs = {*zip(gains.damping.tolist(), gains.stiffness.tolist(), strict=True)}
         for damping, stiffness in sorted(pairs):
@@ -67,27 +68,20 @@ def _wall_modes(loop: ClosedLoop) -> list[Mode]:
     """Modes of frames that lean on walls, with the least mass that each wall feels.
 
     That is the least along the desired motion. A frame that moves by x along the normal obeys
-    ẍ + (d + c/m) ẋ + (k + s/m) x = 0 with the wall's damping c and stiffness s, and those of
-    control, d and k.
+    ẍ + (c/m) ẋ + (s/m) x = 0 with the damping c and the stiffness s of the wall, next to which
+    those of control are small where a wall decides about steps.
     """
     if loop.environment is None or not loop.environment.wall:
         return []
     walls, reference = loop.environment.walls, loop.controller.reference
     q = reference(np.linspace(reference.begin, reference.end, _INSTANTS))[0]
     masses = np.min(walls.effective_masses(loop.vehicle, q), axis=0)
-    controlled, gains = (
-        loop.controller.law in ("computed_torque", "geometric"),
-        loop.controller.gains,
-    )
-    damping = np.max(gains.damping) if controlled else 0.0
-    stiffness = np.max(gains.stiffness) if controlled else 0.0
     found = []
     for wall, mass in zip(walls.walls, masses.tolist(), strict=True):
-        polynomial = [1.0, damping + wall.damping / mass, stiffness + wall.stiffness / mass]
         cause = f"the wall at {wall.frame}, which feels a mass of {mass:.3g} kg"
         found += [
             Mode(abs(root), cause, "a softer wall, or less of its damping", complex(root))
-            for root in np.roots(polynomial)
+            for root in np.roots([1.0, wall.damping / mass, wall.stiffness / mass])
         ]
     return found
 
