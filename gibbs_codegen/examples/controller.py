@@ -126,7 +126,7 @@ class Controller:
         self._guess = {}
 
     def __call__(self, seen: Observation) -> Array:
-        """The inputs u (nu) that `simulate` asks for; the desired motion of the scenario is not used.
+        """The inputs u (nu) of a step, for `simulate`; of the scenario's motion nothing is used.
 
         Raises:
             SolverStuckError: The solver does not come back.

@@ -1,4 +1,4 @@
-"""The model predictive controller of the examples, flown by `simulate` as a controller of a user."""
+"""The model predictive controller of the examples, flown by `simulate` as one of a user."""
 
 from __future__ import annotations
 
