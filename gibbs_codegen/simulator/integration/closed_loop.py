@@ -17,6 +17,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.scenario import Push
+from gibbs_codegen.simulator.control.lag import wanted_rates
 from gibbs_codegen.simulator.control.laws import ControlLaw
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
@@ -42,6 +43,7 @@ class ClosedLoop:
     """Vehicle, controller, limits and lag of its motors and joints, and what pushes it, if any.
 
     `vehicle` is the plant. The controller has its own, with the parameters that it knows.
+    `compensated`: whether the lag of the motors is, as `control.lag` has it.
 
     Raises `UsageError` for a push of a frame that the robot does not have.
     """
@@ -50,6 +52,7 @@ class ClosedLoop:
     controller: ControlLaw
     actuators: Actuators
     push: Push | None = None
+    compensated: bool = False
 
     def __post_init__(self) -> None:
         frames = self.vehicle.frames
@@ -94,7 +97,7 @@ class ClosedLoop:
         return self.vehicle.layout.q.size + self.vehicle.layout.v.size
 
     def start(self, q: Array, v: Array) -> Array:
-        """The state at time 0, with motors that have settled at the first commanded thrusts.
+        """The state at time 0, with motors that have settled at the thrusts that the law wants.
 
         Args:
             q, v: Coordinates (nq) and velocities (nv).
@@ -124,6 +127,24 @@ class ClosedLoop:
             states[..., work + 1 : memory],
             states[..., memory:],
         )
+
+    def commanded(self, time: float | Array, parts: Parts) -> Array:
+        """Inputs that are commanded, not yet within limits.
+
+        Args:
+            time: Times (…), s.
+            parts: Parts of the states (…).
+
+        Returns:
+            Inputs (…, nu): those that the law wants, with what makes up for the lag of the motors.
+        """
+        q, v, _, thrusts, memory = parts
+        wanted = self.controller(time, q, v, memory)
+        if self.lags and self.compensated:
+            acting = self.applied(wanted, thrusts)
+            rates = wanted_rates(self.controller, time, q, v, memory, acting)
+            wanted[..., : self.vehicle.rotors] += self.actuators.lag * rates
+        return wanted
 
     def applied(self, commanded: Array, thrusts: Array) -> Array:
         """Inputs that act: those commanded, within limits, with thrusts as the motors give them.
@@ -157,8 +178,7 @@ class ClosedLoop:
         """
         if not self.limited:
             return []
-        q, v, _, _, memory = self.parts(state)
-        commanded = self.controller(time, q, v, memory)
+        commanded = self.commanded(time, self.parts(state))
         least, most = self.actuators.inputs
         # Allocation within limits comes to them but for roundoff.
         margin = 1e-9 * np.where(np.isfinite(most - least), most - least, 0.0)
@@ -212,8 +232,9 @@ class ClosedLoop:
         """
         if not np.all(np.isfinite(state)):
             return np.full_like(state, np.nan)
-        q, v, _, thrusts, memory = self.parts(state)
-        commanded = self.controller(time, q, v, memory)
+        parts = self.parts(state)
+        q, v, _, thrusts, memory = parts
+        commanded = self.commanded(time, parts)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
         if acting.push:

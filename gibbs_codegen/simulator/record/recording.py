@@ -25,9 +25,10 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         The flight, with a row per sample.
     """
     vehicle, time = loop.vehicle, history.time
-    q, v, work, thrusts, memory = loop.parts(history.states)
+    parts = loop.parts(history.states)
+    q, v, work, thrusts, _ = parts
     reference = loop.controller.reference(time)
-    commanded = loop.controller(time, q, v, memory)
+    commanded = loop.commanded(time, parts)
     applied = loop.applied(commanded, thrusts)
     a = loop.acceleration(q, v, applied, loop.push_acts(time))
     return Flight(
