@@ -316,7 +316,6 @@ CASES = {
         "test_arms_point_where_they_should_on_and_on": (1, 1),
         "test_arms_with_prismatic_joints": (2, 1),
         "test_base_is_exact_and_goes_on_through_half_turns": (1, 1),
-        "test_limits_are_kept_and_left_again": (0, 1),
     },
     "simulator/plant/test_push.py": {
         "test_momentum_changes_as_gravity_and_the_push_say": (0, 0),

@@ -80,6 +80,7 @@ def _simulate(options: argparse.Namespace) -> int:
     print(
         f"{printable(options.out)}: {flight.robot} flew {flight.scenario!r} for "
         f"{flight.time[-1]:.4g} s, computed in {seconds:.1f} s\n"
+        f"control law: {flight.law}\n"
         f"largest errors: base centre {max(flight.centre_error):.2g} m, "
         f"{tip}energy balance {energy:.2g} J"
     )

@@ -6,20 +6,30 @@ import itertools
 import math
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    WrapValidator,
+    model_validator,
+)
 
 from gibbs_codegen.errors import UsageError
-from gibbs_codegen.files.faults import refusal
+from gibbs_codegen.files.faults import fault, not_one_of, refusal
 from gibbs_codegen.files.fields import Tables, at_most, by_kind, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.scenario.numbers import LEAST, NotNegative, Number, Positive, Vector
-from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
+from gibbs_codegen.scenario.waypoints import Waypoints, velocity_faults
 
-# A quintic spline at rest at both ends needs no more.
+# A path that rests at both ends needs no more.
 _FEWEST_POINTS = 2
 _MOST_POINTS = 10_000
 _MOST_TERMS = 100
 _KIND = "the kind of path"
+_WORDS = ("rest", "free")
 _DIRECTION = needed(
     lambda vector: math.hypot(*vector) >= LEAST,
     "a direction of length zero; give at least one entry that is not 0",
@@ -116,8 +126,31 @@ class CircleTable(Table):
         return Circle(self.centre, self.radius, self.period, self.normal, phase)
 
 
+def _velocity(value: object, vector: ValidatorFunctionWrapHandler) -> object:
+    if isinstance(value, str):
+        if value not in _WORDS:
+            raise fault(f"{not_one_of(value, _WORDS)}; or a velocity [x, y, z] in m/s")
+        return value
+    return vector(value)
+
+
+# A vector, or one of the words: each has its own faults told, which a union would mix.
+_Velocity = Annotated[
+    Vector,
+    WrapValidator(_velocity),
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"enum": list(_WORDS)},
+                {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
+            ]
+        }
+    ),
+]
+
+
 class WaypointsTable(Table):
-    """A smooth path through points at given times, at rest at both ends."""
+    """A smooth path through via points at given times, at rest or at a velocity where wanted."""
 
     kind: Literal["waypoints"] = Field(description=_KIND)
     times: Annotated[list[Number], BeforeValidator(_not_endless), AfterValidator(_increasing)] = (
@@ -125,6 +158,11 @@ class WaypointsTable(Table):
     )
     points: Annotated[list[Vector], BeforeValidator(_not_endless)] = Field(
         description="a list of points, [x, y, z] in m, one for each time"
+    )
+    velocities: Annotated[list[_Velocity], BeforeValidator(_not_endless)] | None = Field(
+        default=None,
+        description='for each point a velocity [x, y, z] in m/s, "rest" or "free"; default: at '
+        "rest at both ends, and free between",
     )
 
     @model_validator(mode="before")
@@ -143,6 +181,9 @@ class WaypointsTable(Table):
 
     @model_validator(mode="after")
     def _is_smooth(self) -> Self:
+        faults = velocity_faults(self.points, self.velocities or [])
+        if self.velocities is not None and (found := list(faults)):
+            raise refusal([(("velocities", place), words) for place, words in found])
         try:
             self.path()
         except UsageError as error:
@@ -151,7 +192,7 @@ class WaypointsTable(Table):
 
     def path(self) -> Path:
         """The path that the table describes."""
-        return Waypoints(self.times, self.points)
+        return Waypoints(self.times, self.points, self.velocities)
 
 
 PathTable = Annotated[

@@ -8,13 +8,11 @@ angular acceleration. What grows beyond the largest float is infinite or NaN, wi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import make_interp_spline
 
 from gibbs_codegen.errors import UsageError
 
@@ -143,39 +141,6 @@ class Circle:
             for order, turned in enumerate((outwards, ahead, -outwards, -ahead)):
                 out[..., order, :] = rate**order * turned
             out[..., 0, :] += self.centre
-        return out
-
-
-class Waypoints:
-    """A path through points at given times: a quintic spline, at rest at both ends.
-
-    Before the first and after the last point it rests there. Position, velocity, acceleration and
-    jerk are continuous between. Raises `UsageError` for times that do not increase, or that lie so
-    unevenly that no curve can be found.
-    """
-
-    def __init__(self, times: Sequence[float], points: Sequence[Sequence[float]]) -> None:
-        self._begin, self._end = float(times[0]), float(times[-1])
-        self._duration = self._end - self._begin
-        rest = [(1, np.zeros(3)), (2, np.zeros(3))]
-        try:
-            with np.errstate(all="raise", under="ignore"):
-                # In a time from 0 to 1, so that the unit does not matter to the numbers.
-                since = (np.asarray(times, dtype=np.float64) - self._begin) / self._duration
-            places = np.asarray(points, dtype=np.float64)
-            spline = make_interp_spline(since, places, k=5, bc_type=(rest, rest))
-        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
-            raise UsageError(f"waypoints: no smooth curve through them: {error}") from None
-        self._derivatives = [spline, *(spline.derivative(order) for order in range(1, ORDERS))]
-
-    def __call__(self, time: ArrayLike) -> Array:
-        """Position and derivatives (…, 4, 3) at times (…)."""
-        t = np.asarray(time, dtype=np.float64)
-        s = np.clip((t - self._begin) / self._duration, 0.0, 1.0)
-        out: Array = np.stack([derivative(s) for derivative in self._derivatives], axis=-2)
-        with np.errstate(all="ignore"):
-            out /= (np.float64(self._duration) ** np.arange(ORDERS))[:, np.newaxis]
-        out[(t < self._begin) | (t > self._end), 1:] = 0.0
         return out
 
 

@@ -5,21 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.checks import require
+from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
 
-Law = Literal["computed_torque", "open_loop", "off"]
 Method = Literal["adaptive", "rk4"]
 
 MAX_DURATION = 3600.0  # s
-
-
-def _require(right: bool, otherwise: str) -> None:
-    if not right:
-        raise UsageError(otherwise)
 
 
 @dataclass(frozen=True)
@@ -48,10 +44,10 @@ class ArmTask:
         if self.tip is None and self.guess is not None:
             raise UsageError("arm: a guess is where the search for a tip path begins; give a tip")
         for joint, (low, high) in self.limits.items():
-            _require(low < high, f"arm: limits of {joint}: the lower must be below the upper")
+            require(low < high, f"arm: limits of {joint}: the lower must be below the upper")
         for key in ("effort", "velocity"):
             for joint, most in getattr(self, key).items():
-                _require(most > 0.0, f"arm: {key} of {joint}: must be above 0")
+                require(most > 0.0, f"arm: {key} of {joint}: must be above 0")
 
 
 @dataclass(frozen=True)
@@ -60,42 +56,6 @@ class StartOffset:
 
     position: Vector = (0.0, 0.0, 0.0)
     rotation: Vector = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Control:
-    """The control law, and for computed torque the errors' natural frequency and damping ratio.
-
-    `frequency` is in rad/s.
-    """
-
-    law: Law = "computed_torque"
-    frequency: float = 5.0
-    damping_ratio: float = 1.0
-
-    def __post_init__(self) -> None:
-        laws = get_args(Law)
-        _require(self.law in laws, f"control: law {self.law!r}: one of {', '.join(laws)}")
-        _require(0.0 < self.frequency < math.inf, "control: the frequency must be above 0 rad/s")
-        _require(0.0 <= self.damping_ratio < math.inf, "control: damping ratio: 0 or more")
-
-
-@dataclass(frozen=True)
-class Motors:
-    """Least and greatest thrust of every motor, N, and the time constant of its lag, s; 0: none.
-
-    None stands for what the robot file says of each rotor.
-    """
-
-    limits: tuple[float, float] | None = None
-    time_constant: float | None = None
-
-    def __post_init__(self) -> None:
-        if self.limits is not None:
-            least, most = self.limits
-            _require(least < most, "motors: the least thrust must be below the greatest")
-        lag = self.time_constant or 0.0
-        _require(0.0 <= lag < math.inf, "motors: time constant: 0 s or more")
 
 
 @dataclass(frozen=True)
@@ -145,12 +105,12 @@ class Scenario:
     attitude: Level | Turn | Tangent = field(default_factory=Level)
     arm: ArmTask = ArmTask()
     start: StartOffset = StartOffset()
-    control: Control = Control()
-    motors: Motors = Motors()
+    control: Control = field(default_factory=Control)
+    motors: Motors = field(default_factory=Motors)
     push: Push | None = None
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)
     description: str = ""
 
     def __post_init__(self) -> None:
-        _require(0.0 < self.duration < math.inf, f"duration: above 0 s, not {self.duration}")
+        require(0.0 < self.duration < math.inf, f"duration: above 0 s, not {self.duration}")

@@ -1,8 +1,8 @@
 """The tables of a scenario file: what each key may hold, and the scenario that they make.
 
-A key is one field with its description; those of the arm are in `arm_table`, those of paths in
-`path_tables`, those of pushes in `push_tables`. Lengths in m, times in s, angles in degrees where a
-key ends in `_deg`.
+A key is one field with its description; those of the arm are in `arm_table`, those of control and
+motors in `control_table`, those of paths in `path_tables`, those of pushes in `push_tables`.
+Lengths in m, times in s, angles in degrees where a key ends in `_deg`.
 """
 
 from __future__ import annotations
@@ -20,20 +20,18 @@ from pydantic import (
 )
 
 from gibbs_codegen.files.faults import Place, refusal
-from gibbs_codegen.files.fields import Bounds, by_kind, listed, needed
+from gibbs_codegen.files.fields import Bounds, by_kind, needed
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.robot.model import MAX_ROTORS
 from gibbs_codegen.scenario.arm_table import ArmTable
+from gibbs_codegen.scenario.control_table import ControlTable, MotorsTable
 from gibbs_codegen.scenario.numbers import NotNegative, Number, Positive, Vector
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.path_tables import PathTable
 from gibbs_codegen.scenario.push_tables import PushTable, TipForceTable
 from gibbs_codegen.scenario.scenario import (
     MAX_DURATION,
-    Control,
-    Law,
     Method,
-    Motors,
     Scenario,
     Settings,
     StartOffset,
@@ -43,13 +41,6 @@ _MIN_DURATION = 1e-3
 _MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
 _LONGEST_NAME = 200
 _KIND = "the kind of attitude"
-
-
-_Thrusts = Annotated[
-    tuple[Number, Number],
-    listed(2),
-    needed(lambda limits: limits[0] < limits[1], "the least thrust must be below the greatest"),
-]
 
 
 def _line_of_text(least: int) -> AfterValidator:
@@ -127,30 +118,6 @@ class StartTable(Table):
         """The deviation that the table describes."""
         x, y, z = map(math.radians, self.turn_deg)
         return StartOffset(self.offset, (x, y, z))
-
-
-class ControlTable(Table):
-    """The control law."""
-
-    law: Law = Field(default=Control.law, description="what commands the motors and joints")
-    frequency: Annotated[Positive, Bounds(most=1e4)] = Field(
-        default=Control.frequency, description="natural frequency of the error dynamics, rad/s"
-    )
-    damping_ratio: Annotated[NotNegative, Bounds(most=1e4)] = Field(
-        default=Control.damping_ratio, description="damping ratio of the error dynamics"
-    )
-
-
-class MotorsTable(Table):
-    """Limits and lag of every motor."""
-
-    limits: _Thrusts | None = Field(
-        default=None, description="least and greatest thrust, N; default: those of the robot file"
-    )
-    time_constant: NotNegative | None = Field(
-        default=None,
-        description="time constant of the lag, s; 0: no lag; default: that of the robot file",
-    )
 
 
 class IntegrationTable(Table):
@@ -259,8 +226,8 @@ class ScenarioTable(Table):
             attitude=self.base.attitude.attitude(),
             arm=self.arm.task(base),
             start=self.start.start(),
-            control=Control(**dict(self.control)),
-            motors=Motors(**dict(self.motors)),
+            control=self.control.control(),
+            motors=self.motors.motors(),
             push=push.push() if push else None,
             integration=Settings(**dict(self.integration)),
             parameters=self.parameters,

@@ -5,18 +5,18 @@ What writes and draws flights is in `gibbs_codegen.figures`.
 """
 
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.file import parse_scenario, read_scenario
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
-from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term, Waypoints
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
 from gibbs_codegen.scenario.scenario import (
     ArmTask,
-    Control,
-    Motors,
     Push,
     Scenario,
     Settings,
     StartOffset,
 )
+from gibbs_codegen.scenario.waypoints import Waypoints
 from gibbs_codegen.simulator.control.inverse_dynamics import (
     inputs_and_constraint_torques,
     required_inputs,

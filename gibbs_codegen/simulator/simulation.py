@@ -25,6 +25,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.paths import check_path
 from gibbs_codegen.scenario.scenario import Scenario
@@ -98,16 +99,17 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
     control = scenario.control
     actuators = actuators_of(vehicle, scenario)
     allocation = allocation_of(vehicle, limits=actuators.thrusts)
-    if control.law == "computed_torque":
+    law: Law = "computed_torque" if control.law == "tracking" else control.law
+    if law == "computed_torque":
         allocation.require_all_directions(
             f"{vehicle.name}: to fly {scenario.name!r} under computed torque the base must be "
             "fully actuated"
         )
     reference = desired_motion(vehicle, scenario, progress)
-    if control.law == "open_loop":
+    if law == "open_loop":
         _check_open_loop(vehicle, allocation, reference)
     gains = Gains.of(control.frequency, control.damping_ratio, vehicle.layout.v.size)
-    controller = Controller(vehicle, reference, allocation, gains, control.law)
+    controller = Controller(vehicle, reference, allocation, gains, law)
     return ClosedLoop(vehicle, controller, actuators, scenario.push)
 
 

@@ -78,7 +78,7 @@ class Flight:
         allocation = Allocation(vehicle.thrust_wrenches())
         controller = Controller(vehicle, reference, allocation, gains, law)
         closed = ClosedLoop(vehicle, controller, Actuators.unlimited(vehicle))
-        loop = CompiledLoop.of(closed, STEP, np.inf)
+        loop = CompiledLoop.of(closed, np.inf)
         if loop is None:
             raise RuntimeError(f"{vehicle.name}: no compiled loop")
         self.loop, self.steps = loop, steps
@@ -88,7 +88,7 @@ class Flight:
     def nanoseconds(self) -> float:
         """Time of a step, in one call that takes all."""
         begin = time.perf_counter_ns()
-        taken, _, _ = self.loop(0.0, self.state, self.steps, SAMPLE_EVERY, 0)
+        taken, _, _ = self.loop(0.0, self.state, STEP, self.steps, SAMPLE_EVERY)
         passed = time.perf_counter_ns() - begin
         if taken != self.steps:
             raise RuntimeError(f"the flight ends after {taken} of {self.steps} steps")
@@ -96,7 +96,7 @@ class Flight:
 
     def states(self, steps: int) -> Array:
         """Coordinates and rates after each step, (steps, 2 nq)."""
-        return self.loop(0.0, self.state, steps, 1, 0)[1][:, : 2 * len(self.q)]
+        return self.loop(0.0, self.state, STEP, steps)[1][:, : 2 * len(self.q)]
 
 
 class MuJoCoFlight:

@@ -14,14 +14,16 @@ from gibbs_codegen.errors import Fault
 from gibbs_codegen.files.faults import key_path
 from gibbs_codegen.files.table import Table
 from gibbs_codegen.scenario.path_tables import PathTable
-from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term, Waypoints
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Term
+from gibbs_codegen.scenario.waypoints import Waypoints
 
 KINDS = {
     "fixed": "position = [1, 2, 3]",
     "harmonic": "x = [{ amplitude = 2, growth = -0.05, frequency = 1, phase_deg = 90 }]",
     "line": "start = [0, 0, 1]\nend = [1, 2, 3]\nduration = 4\nbegin = 0.5",
     "circle": "centre = [1, 2, 3]\nradius = 2\nperiod = 8\nnormal = [1, 0, 1]\nphase_deg = 30",
-    "waypoints": "times = [0, 1, 3]\npoints = [[0, 0, 0], [1, 2, 3], [4, 4, 4]]",
+    "waypoints": "times = [0, 1, 3]\npoints = [[0, 0, 0], [1, 2, 3], [4, 4, 4]]\n"
+    'velocities = ["rest", [1, 0.5, 0], "rest"]',
 }
 
 
@@ -62,7 +64,8 @@ def test_each_kind_is_read() -> None:
     circle = Circle((1, 2, 3), 2, 8, (1, 0, 1), math.radians(30))
     assert accepted("circle", KINDS["circle"]) == circle
     path = accepted("waypoints", KINDS["waypoints"])
-    same = Waypoints([0, 1, 3], [(0, 0, 0), (1, 2, 3), (4, 4, 4)])
+    points = [(0, 0, 0), (1, 2, 3), (4, 4, 4)]
+    same = Waypoints([0, 1, 3], points, ["rest", (1, 0.5, 0), "rest"])
     time = np.linspace(0.0, 3.0, 20)
     assert_allclose(path(time), same(time))
 
@@ -97,6 +100,7 @@ def test_every_key_is_read(kind: str) -> None:
         "phase_deg": "31",
         "times": "[0, 1.5, 3]",
         "points": "[[0, 0, 0], [1, 2, 3], [4, 4, 5]]",
+        "velocities": '["rest", "free", "rest"]',
     }
     for line in KINDS[kind].splitlines():
         key = line.partition(" =")[0]
@@ -172,6 +176,13 @@ def test_unknown_keys_are_refused(kind: str) -> None:
         ("waypoints", "[1, 2, 3]", "[1, 2]", "points[1]: must have 3 numbers, not 2"),
         ("waypoints", "[1, 2, 3]", "7", "points[1]: must be a list of 3 numbers, not a number"),
         ("waypoints", "[0, 1, 3]", "[0, 5e-324, 1]", "times: waypoints: no smooth curve"),
+        ("waypoints", '["rest", [', '["stop", [', "velocities[0]: must be one of 'rest', 'free'"),
+        ("waypoints", '["rest", [', "[3, [", "velocities[0]: must be a list of 3 numbers"),
+        ("waypoints", '["rest", [', '["free", [', "velocities[0]: the path ends here"),
+        ("waypoints", "0.5, 0]", "0.5]", "velocities[1]: must have 3 numbers, not 2"),
+        ("waypoints", "0.5, 0]", "0.5, true]", "velocities[1][2]: must be a number, not a bool"),
+        ("waypoints", ', "rest"]', "]", "velocities[1]: 2 velocities of 3 points; give as many"),
+        ("waypoints", "[4, 4, 4]", "[1, 2, 3]", "velocities[1]: this point is repeated"),
     ],
 )
 def test_what_is_wrong_is_told(kind: str, was: str, now: str, message: str) -> None:

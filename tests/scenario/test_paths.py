@@ -12,7 +12,6 @@ from numpy.polynomial import Polynomial
 from numpy.testing import assert_allclose, assert_array_equal
 from support.differences import rate
 
-from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.paths import (
     Array,
@@ -23,8 +22,8 @@ from gibbs_codegen.scenario.paths import (
     Path,
     Sum,
     Term,
-    Waypoints,
 )
+from gibbs_codegen.scenario.waypoints import Waypoints
 
 SPIRAL = Harmonic(
     x=(Term(2.0, -0.05, 1.0), Term(0.3, 0.0, 2.5, 0.7)), y=(Term(1.0, 0.2),), z=(Term(-1.5),)
@@ -186,58 +185,6 @@ def test_circle_begins_along_x_or_y() -> None:
 def test_the_length_of_a_normal_does_not_matter(scale: float) -> None:
     scaled = Circle((0, 0, 0), 1.0, 2.0, normal=(scale, 2 * scale, -scale))
     assert_allclose(scaled(0.3), Circle((0, 0, 0), 1.0, 2.0, normal=(1, 2, -1))(0.3), rtol=1e-13)
-
-
-def test_waypoints_pass_through_their_points() -> None:
-    times, points = [1, 2, 4, 4.5, 7], [(0, 0, 1), (1, -2, 1), (3, 0, 4), (3, 1, 4), (0, 5, 0.5)]
-    assert_allclose(CORNERS(times)[:, 0], points, atol=1e-13)
-    assert_allclose(CORNERS([1.0, 7.0])[:, 1:3], 0.0, atol=1e-11)
-
-
-def test_waypoints_rest_before_and_after() -> None:
-    outside = CORNERS([-5.0, 0.9999999, 7.0000001, 100.0])
-    assert_allclose(outside[:, 0], [(0, 0, 1)] * 2 + [(0, 5, 0.5)] * 2, atol=1e-13)
-    assert not outside[:, 1:].any()
-
-
-def test_waypoints_have_a_continuous_jerk() -> None:
-    knots = np.array([2.0, 4.0, 4.5])
-    assert_allclose(CORNERS(knots - 1e-9), CORNERS(knots + 1e-9), rtol=1e-6, atol=1e-6)
-    # It is not a matter of slow change: the jerk does jump where the path begins.
-    assert np.abs(CORNERS(1.0)[3]).max() > 1.0
-
-
-@pytest.mark.parametrize(("begin", "duration"), [(0.5, 7.0), (-1e6, 1e-3), (0.0, 1e-5), (3.0, 1e9)])
-def test_two_waypoints_are_a_line_with_minimum_jerk(begin: float, duration: float) -> None:
-    start, end = (1.0, 2.0, 3.0), (-4.0, 0.0, 3.5)
-    path = Waypoints([begin, begin + duration], [start, end])
-    # As long as the last time is, which is rounded, after the first.
-    line = Line(start, end, (begin + duration) - begin, begin)
-    time = begin + np.array([0.01, 0.2, 0.5, 0.93]) * duration
-    scale = duration ** np.arange(4)[:, np.newaxis]
-    assert_allclose(path(time) * scale, line(time) * scale, rtol=1e-9, atol=1e-9)
-
-
-@settings(max_examples=30)
-@given(steps=st.lists(st.floats(0.2, 3.0), min_size=1, max_size=8), seed=st.integers(0, 2**32 - 1))
-def test_any_waypoints(steps: list[float], seed: int) -> None:
-    times = np.concatenate([[-1.0], -1.0 + np.cumsum(steps)])
-    points = np.random.default_rng(seed).normal(size=(len(times), 3))
-    path = Waypoints(times.tolist(), points.tolist())
-    assert_allclose(path(times)[:, 0], points, atol=1e-9)
-    middle = (times[:-1] + times[1:]) / 2
-    for order in range(3):
-        found = rate(lambda t, k=order: path(t)[:, k], middle, step=0.02)
-        exact = path(middle)[:, order + 1]
-        assert_allclose(found, exact, rtol=1e-7, atol=1e-8 * np.abs(path(times)).max())
-
-
-@pytest.mark.parametrize(
-    "times", [[0, 1, 1], [0, 2, 1], [1, 1, 1], [0, 0, 1], [0, 1], [0, 5e-324, 1], [0, np.nan, 1]]
-)
-def test_waypoints_that_no_curve_joins_are_refused(times: list[float]) -> None:
-    with pytest.raises(UsageError, match="no smooth curve"):
-        Waypoints(times, [(0, 0, 0), (1, 0, 0), (2, 0, 0)])
 
 
 def test_a_sum_adds_all_derivatives() -> None:

@@ -16,14 +16,13 @@ from hypothesis import strategies as st
 
 from gibbs_codegen.errors import ScenarioFileError, UsageError
 from gibbs_codegen.files.changes import changes_of
+from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.file import parse_scenario, read_scenario, shipped_scenarios
 from gibbs_codegen.scenario.orientation import Level, Tangent
 from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Sum, Term
 from gibbs_codegen.scenario.scenario import (
     MAX_DURATION,
     ArmTask,
-    Control,
-    Motors,
     Push,
     Scenario,
     Settings,
@@ -56,8 +55,16 @@ FULL: dict[str, Any] = {
         "velocity": {"theta_9": 3},
     },
     "start": {"offset": [0.1, -0.2, 0.3], "turn_deg": [5, 0, -15]},
-    "control": {"law": "open_loop", "frequency": 4, "damping_ratio": 0.7},
-    "motors": {"limits": [-10, 25], "time_constant": 0.05},
+    "control": {
+        "law": "open_loop",
+        "frequency": 4,
+        "damping_ratio": 0.7,
+        "attitude_frequency": 16,
+        "integral": 0.5,
+        "rate": 200,
+        "delay": 0.004,
+    },
+    "motors": {"limits": [-10, 25], "time_constant": 0.05, "compensation": False},
     "push": {"frame": "base", "force": [5, 0, -2], "torque": [0, 3, 1], "begin": 2, "end": 4},
     "integration": {
         "method": "rk4",
@@ -137,8 +144,8 @@ def test_all_keys() -> None:
         start=StartOffset(
             (0.1, -0.2, 0.3), (pytest.approx(5 * degree), 0, pytest.approx(-15 * degree))
         ),
-        control=Control("open_loop", 4, 0.7),
-        motors=Motors((-10, 25), 0.05),
+        control=Control("open_loop", 4, 0.7, 16, 0.5, 200, 0.004),
+        motors=Motors((-10, 25), 0.05, compensation=False),
         push=Push((5, 0, -2), 2, 4, (0, 3, 1), "base"),
         integration=Settings("rk4", 0.002, 1e-8, 1e-9, 50, 3),
         parameters={"gravity": 3.7, "link_2_mass": 1.5},
@@ -190,7 +197,9 @@ def test_no_key_is_read_in_vain(path: tuple[str | int, ...]) -> None:
     value: Any = FULL
     for key in path:
         value = value[key]
-    other = OTHERS.get(value, 0.9 * value + 0.003 if isinstance(value, int | float) else None)
+    other: object = OTHERS.get(value)
+    if isinstance(value, int | float):
+        other = not value if isinstance(value, bool) else 0.9 * value + 0.003
     if path[-1] == "kind":
         # Another kind has other keys: those that are there are now unknown, so this one is read.
         other = {"circle": "fixed", "line": "fixed", "level": "tangent"}[value]
@@ -287,8 +296,10 @@ d-8 = 1
 [control]
 law = "openloop"
 frequency = 0
+delay = 0.01
 [motors]
 limits = [5, 5]
+compensation = 1
 [integration]
 step = 1e-9
 rate = inf
@@ -307,14 +318,17 @@ mass = nan
         "s.toml:10: arm.posture_deg.theta_7: must be a number, not a boolean",
         "s.toml:11: arm.posture_deg.'d-8': must be the name of a joint: of its coordinate, such as "
         "theta_7",
-        "s.toml:13: control.law: must be one of 'computed_torque', 'open_loop', 'off', not "
-        "'openloop'; did you mean 'open_loop'?",
+        "s.toml:12: control.rate: missing: a delay needs to know how often the law is evaluated, "
+        "in Hz",
+        "s.toml:13: control.law: must be one of 'tracking', 'computed_torque', 'geometric', "
+        "'open_loop', 'off', not 'openloop'; did you mean 'open_loop'?",
         "s.toml:14: control.frequency: must be at least 1e-09, not 0",
-        "s.toml:16: motors.limits: the least thrust must be below the greatest",
-        "s.toml:18: integration.step: must be at least 1e-06, not 1e-09",
-        "s.toml:19: integration.rate: must be a finite number, not inf",
-        "s.toml:21: parameters.gravity: must be a number, not a string",
-        "s.toml:22: parameters.mass: must be a finite number, not nan",
+        "s.toml:17: motors.limits: the least thrust must be below the greatest",
+        "s.toml:18: motors.compensation: must be true or false, not a number",
+        "s.toml:20: integration.step: must be at least 1e-06, not 1e-09",
+        "s.toml:21: integration.rate: must be a finite number, not inf",
+        "s.toml:23: parameters.gravity: must be a number, not a string",
+        "s.toml:24: parameters.mass: must be a finite number, not nan",
     ]
 
 

@@ -24,10 +24,11 @@ from gibbs_codegen.robot.model import Attitude, Base, RigidBody, Robot
 from gibbs_codegen.robot.names import identifier
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.attitude import SingularAttitudeError
+from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle
-from gibbs_codegen.scenario.scenario import Law, Push, Settings
+from gibbs_codegen.scenario.scenario import Push, Settings
 from gibbs_codegen.simulator.control.inverse_dynamics import required_inputs
 from gibbs_codegen.simulator.control.laws import Controller, Gains
 from gibbs_codegen.simulator.desired.trajectory import desired_motion, starting_state
@@ -165,9 +166,9 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     state[vehicle.layout.q.attitude] *= 1.3  # of any length
     # The damping of light links makes for modes of 10⁴/s.
     step = 2.0**-14
-    loop = CompiledLoop.of(closed, step, np.inf, acting=Acting(push=True))
+    loop = CompiledLoop.of(closed, np.inf, acting=Acting(push=True))
     assert loop is not None
-    taken, samples, _ = loop(0.0, state, 25, 1, 0)
+    taken, samples, _ = loop(0.0, state, step, 25)
     assert taken == 25
     for number, sample in enumerate(samples):
         state = rk4_step(closed, number * step, state, step, acting=Acting(push=True))

@@ -17,10 +17,11 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.family import paper_family
 from gibbs_codegen.robot.model import Link, RigidBody, Rod
 from gibbs_codegen.runtime.load import load
+from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level
 from gibbs_codegen.scenario.paths import Circle, Fixed
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Push, Scenario, Settings
+from gibbs_codegen.scenario.scenario import ArmTask, Push, Scenario, Settings
 from gibbs_codegen.simulator.desired.continuation import UnreachableError
 from gibbs_codegen.simulator.plant.allocation import AllocationError
 from gibbs_codegen.simulator.record.flight import Flight
@@ -318,6 +319,11 @@ def test_a_path_of_ones_own_is_flown(shipped: Load) -> None:
         lambda: Control("computed-torque"),
         lambda: Control(frequency=0.0),
         lambda: Control(damping_ratio=-1.0),
+        lambda: Control(attitude_frequency=0.0),
+        lambda: Control(integral=-0.1),
+        lambda: Control(rate=0.0),
+        lambda: Control(delay=0.01),
+        lambda: Control(rate=100.0, delay=-0.01),
         lambda: Motors((30.0, -30.0)),
         lambda: Motors(None, -0.05),
         lambda: Scenario("none", 0.0, Fixed((0, 0, 0))),

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from gibbs_codegen.scenario.scenario import Law
+from gibbs_codegen.scenario.control import Law
 from gibbs_codegen.simulator.control.inverse_dynamics import required_inputs
 from gibbs_codegen.simulator.plant.allocation import Allocation
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle

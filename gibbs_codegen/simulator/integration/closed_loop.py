@@ -234,7 +234,8 @@ class ClosedLoop:
             return np.full_like(state, np.nan)
         parts = self.parts(state)
         q, v, _, thrusts, memory = parts
-        commanded = self.commanded(time, parts)
+        held = acting.held
+        commanded = self.commanded(time, parts) if held is None else np.array(held)
         inputs = self.applied(commanded, thrusts)
         power = inputs @ (v @ self.vehicle.input_matrix(q)) - self.vehicle.damping @ v**2
         if acting.push:

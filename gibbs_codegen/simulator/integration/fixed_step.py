@@ -10,7 +10,7 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.scenario.scenario import Settings
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
-from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoop
+from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.error_modes import stable_modes
 from gibbs_codegen.simulator.integration.state_history import (
@@ -42,6 +42,7 @@ class FixedStepIntegrator:
         # Steps to a sample, and their size, s.
         self.every = max(int(np.ceil(1.0 / (settings.rate * settings.step) - SAME_TIME)), 1)
         self.size = 1.0 / (settings.rate * self.every)
+        self.compiled = CompiledLoops(loop, envelope.bounds)
         _check_stability(loop, self.size)
 
     def __call__(
@@ -49,7 +50,7 @@ class FixedStepIntegrator:
     ) -> IntervalResult:
         """Integrate from a state (size) over an interval; `progress` is told the time, s."""
         loop, size, every = self.loop, self.size, self.every
-        compiled = CompiledLoop.of(loop, size, self.envelope.bounds, interval.acting)
+        compiled = self.compiled.at(interval.acting)
         # Steps are numbered by their ends on the grid; those from `whole` to `cut` are not short.
         number = int(np.floor(interval.begin / size + SAME_TIME))
         last = int(np.ceil(interval.end / size - SAME_TIME))
@@ -64,7 +65,7 @@ class FixedStepIntegrator:
             taken = 0
             if compiled is not None and whole <= number < cut:
                 count = min(_STEPS_A_CALL, cut - number)
-                taken, kept, state = compiled(time, state, count, every, number)
+                taken, kept, state = compiled(time, state, size, count, every, number)
                 samples.append(kept)
             if taken == 0:
                 taken = 1

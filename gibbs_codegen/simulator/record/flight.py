@@ -52,11 +52,13 @@ class Flight:
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
       external force have done since the start
 
+    `law` is the control law that was flown, "" in files of before flights said so.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
     robot: str
     scenario: str
+    law: str
     attitude: str
     coordinates: tuple[str, ...]
     coordinate_units: tuple[str, ...]
@@ -260,6 +262,7 @@ def read_flight(path: StrPath) -> Flight:
         # Opened here: what `np.load` opens it leaves open where it is not an archive.
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as stored:
             values: dict[str, Any] = {} if "parents" in stored else _before_trees(stored)
+            values |= {} if "law" in stored else {"law": np.array("")}
             names = [each.name for each in dataclasses.fields(Flight) if each.name not in values]
             values |= {name: stored[name] for name in names}
     except (OSError, TypeError, ValueError, KeyError, BadZipFile) as error:

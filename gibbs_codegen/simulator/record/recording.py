@@ -34,6 +34,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
+        law=loop.controller.law,
         attitude=vehicle.attitude,
         coordinates=vehicle.coordinates,
         coordinate_units=vehicle.layout.q.units,

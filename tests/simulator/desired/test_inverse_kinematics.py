@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.optimize import minimize
 from support.differences import series_rate
 from support.random_vehicles import SEEDS, random_vehicle
 
@@ -30,8 +31,10 @@ from gibbs_codegen.scenario.attitude import (
 )
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Level, Orientation, Tangent
-from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term, Waypoints
+from gibbs_codegen.scenario.paths import Circle, Fixed, Harmonic, Line, Path, Sum, Term
+from gibbs_codegen.scenario.waypoints import Waypoints
 from gibbs_codegen.simulator.desired import continuation
+from gibbs_codegen.simulator.desired.arm_rates import arm_rates
 from gibbs_codegen.simulator.desired.base_trajectory import base_motion, desired_base
 from gibbs_codegen.simulator.desired.continuation import (
     SingularArmError,
@@ -392,7 +395,8 @@ def test_arms_with_prismatic_joints(any_vehicle: Callable[[str], Vehicle], seque
 # --- limits
 
 
-def test_limits_are_kept_and_left_again(octo: Vehicle) -> None:
+def reached_and_left(octo: Vehicle) -> tuple[Path, Motion, Limits, int]:
+    """A path, its motion without limits, and limits of one joint, which that motion crosses."""
     tip = Circle((0.25, 0.1, 4.6), 0.12, 1.5, normal=(1, 1, 0.5))
     unlimited = fly(octo, tip, 1.5)
     arm = unlimited.q[:, octo.arm]
@@ -401,29 +405,111 @@ def test_limits_are_kept_and_left_again(octo: Vehicle) -> None:
     high[joint] = arm[0, joint] + 0.6 * (arm[:, joint].max() - arm[0, joint])
     low[joint] = arm[0, joint] - 3.0
     assert high[joint] > arm[0, joint] + 0.01
-    motion = fly(octo, tip, 1.5, limits=(low, high), guess=arm[0])
+    return tip, unlimited, (low, high), joint
+
+
+def test_joints_brake_before_their_limits_and_leave_them_again(octo: Vehicle) -> None:
+    tip, unlimited, limits, joint = reached_and_left(octo)
+    start = unlimited.q[0, octo.arm]
+    motion = fly(octo, tip, 1.5, limits=limits, guess=start)
     assert_allclose(tip_of(octo, motion), tip(motion.time)[:, 0], rtol=0, atol=REACHED)
     kept = motion.q[:, octo.arm][:, joint]
-    assert np.all((kept >= low[joint]) & (kept <= high[joint]))
-    at_limit = np.flatnonzero(kept >= high[joint] - 1e-9)
-    assert len(at_limit) > 5
-    assert_array_equal(np.diff(at_limit), 1)
-    # It comes to the limit and leaves it, and is still while it is there.
-    assert at_limit[0] > 0
-    assert at_limit[-1] < len(kept) - 5
-    assert kept[-1] < high[joint] - 1e-3
-    assert_allclose(motion.v[at_limit[1:-1], 3 + joint], 0.0, atol=1e-12)
-    assert_allclose(motion.a[at_limit[1:-1], 3 + joint], 0.0, atol=1e-12)
-    # Rates are those of the coordinates before, at and after the limit, where they jump.
-    spans = np.split(np.arange(len(kept)), [at_limit[0], at_limit[-1]])
-    for span in spans:
-        assert_consistent(
-            Motion(*(s[span] for s in (motion.time, motion.q, motion.v, motion.a))), 1e-6
-        )
-    # Where the limit does not matter, nor does it change anything. Rates that jump there take
-    # nearer knots.
-    unlimited = fly(octo, tip, 1.5, spacing=(1 + 1e-9) * motion.time[1])
-    assert_allclose(motion.q[: at_limit[0]], unlimited.q[: at_limit[0]], atol=1e-9)
+    room = limits[1][joint] - kept
+    nearest = int(np.argmin(room))
+    assert 1e-3 < room[nearest] < 0.05
+    assert 0 < nearest < len(kept) - 20
+    assert room[-1] > 0.3
+    # No jump in any rate: on a fine grid between knots too, accelerations stay those of a motion
+    # that takes a second. With a jump at the limit they would be a hundred times as large.
+    reference = octo.kinematics.reference(motion)
+    q, v, a = reference(np.linspace(0.0, 1.5, 6001))
+    assert np.abs(a[:, octo.arm_rates]).max() < 4.0 * np.abs(unlimited.a[:, octo.arm_rates]).max()
+    assert np.abs(np.diff(v[:, octo.arm_rates], axis=0)).max() < 0.01
+    assert_allclose(
+        tip_of(octo, Motion(q, q, v, a)), tip(np.linspace(0, 1.5, 6001))[:, 0], atol=1e-6
+    )
+    # Where no limit is near, it changes nothing.
+    brakes = int(np.argmax(unlimited.v[:, octo.arm_rates][:, joint] > 4.0 * room))
+    assert brakes > 20
+    assert_allclose(motion.q[:brakes], unlimited.q[:brakes], atol=1e-9)
+
+
+def braking_state(octo: Vehicle) -> tuple[Array, Array, Limits]:
+    """Coordinates, what the tip is to do, and limits at which two joints brake and one rests."""
+    q = desired_base(octo, knots(0.1), CENTRE, LEVEL).q[0]
+    q[octo.arm] = 0.3 + 0.1 * np.arange(octo.joints)
+    target = np.array([[0.0, 0.0, 0.0], [0.4, -0.3, 0.5], [1.0, 2.0, -1.0]])
+    still = np.zeros(octo.layout.v.size)
+    rates = arm_rates(octo, (q, still, still), target, free(octo)).rates
+    low, high = free(octo)
+    for joint, room in zip(np.argsort(-np.abs(rates))[:3], (0.05, 0.02, 0.0), strict=True):
+        bound = high if rates[joint] > 0.0 else low
+        bound[joint] = q[octo.arm][joint] + np.sign(rates[joint]) * room
+    return q, target, (low, high)
+
+
+def test_rates_near_limits_are_those_of_least_cost(octo: Vehicle) -> None:
+    """Beyond 4 d/s, d before its limit, a joint costs (d + 3) / d as much: a convex programme."""
+    q, target, limits = braking_state(octo)
+    still = np.zeros(octo.layout.v.size)
+    found = arm_rates(octo, (q, still, still), target, limits)
+    rooms = q[octo.arm] - limits[0], limits[1] - q[octo.arm]
+
+    def cost(rates: Array) -> float:
+        room = np.where(rates > 0.0, rooms[1], rooms[0])
+        beyond = np.maximum(np.abs(rates) - 4.0 * room, 0.0)
+        # One that has come to its limit is kept there by bounds.
+        steep = np.divide(3.0 * beyond**2, room, out=0.0 * rates, where=room > 0.0)
+        return float(np.sum(rates**2 + steep))
+
+    jacobian = octo.tip_jacobian(q)[:3, octo.arm]
+    best = minimize(
+        cost,
+        np.linalg.pinv(jacobian) @ target[1],
+        bounds=[
+            (0.0 if d == 0.0 else None, 0.0 if u == 0.0 else None)
+            for d, u in zip(*rooms, strict=True)
+        ],
+        constraints={"type": "eq", "fun": lambda rates: jacobian @ rates - target[1]},
+        options={"ftol": 1e-14, "maxiter": 500},
+    )
+    assert best.success
+    assert found.at_limit.sum() == 1
+    assert_allclose(jacobian @ found.rates, target[1], atol=1e-12)
+    assert cost(found.rates) <= best.fun * (1.0 + 1e-9)
+    assert_allclose(found.rates, best.x, atol=1e-4)
+
+
+def test_accelerations_near_limits_are_those_of_the_rates(octo: Vehicle) -> None:
+    q, target, limits = braking_state(octo)
+    still, step = np.zeros(octo.layout.v.size), 1e-5
+    found = arm_rates(octo, (q, still, still), target, limits)
+    moving = still.copy()
+    moving[octo.arm_rates] = found.rates
+    ahead, behind = (
+        arm_rates(
+            octo,
+            (octo.integrate(q, sign * step * moving), still, still),
+            target + sign * step * np.vstack([target[1:], np.zeros(3)]),
+            limits,
+        ).rates
+        for sign in (1.0, -1.0)
+    )
+    assert_allclose(found.accelerations, (ahead - behind) / (2.0 * step), rtol=1e-6, atol=1e-6)
+
+
+def test_without_redundancy_only_a_limit_that_is_crossed_matters(hexa: Vehicle) -> None:
+    tip = Circle((2.0, -1.0, 3.0), 0.5, 2.0)
+    unlimited = fly(hexa, tip, attitude=Level())
+    joints = unlimited.q[:, hexa.arm]
+    near = joints.min(axis=0) - 1e-3, joints.max(axis=0) + 1e-3
+    motion = fly(hexa, tip, attitude=Level(), limits=near, guess=joints[0])
+    assert_allclose(motion.q, unlimited.q, atol=1e-8)
+    assert_allclose(motion.v, unlimited.v, atol=1e-8)
+    assert_allclose(motion.a, unlimited.a, atol=1e-6)
+    crossed = joints.min(axis=0) - 1.0, joints.max(axis=0) + np.array([1.0, 1.0, -0.05])
+    with pytest.raises(UsageError, match=r"at its limits|cannot reach its path"):
+        fly(hexa, tip, attitude=Level(), limits=crossed, guess=joints[0])
 
 
 def test_limits_choose_the_posture(hexa: Vehicle) -> None:

@@ -19,7 +19,8 @@ from support.tools import missing, run
 from gibbs_codegen.pipeline import generate_robot
 from gibbs_codegen.robot.text import robot_text
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
-from gibbs_codegen.scenario.scenario import Law, Push
+from gibbs_codegen.scenario.control import Law
+from gibbs_codegen.scenario.scenario import Push
 from gibbs_codegen.simulator.control.laws import Controller, Gains
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
@@ -109,7 +110,7 @@ def loop_of(
     closed: ClosedLoop, bounds: Array | None = None, acting: Acting = NOTHING
 ) -> CompiledLoop:
     bounds = unbounded(closed) if bounds is None else bounds
-    loop = CompiledLoop.of(closed, STEP, bounds, acting)
+    loop = CompiledLoop.of(closed, bounds, acting)
     assert loop is not None
     return loop
 
@@ -137,7 +138,7 @@ def test_every_step_is_that_of_python(
     after_work = 2 * len(closed.vehicle.coordinates) + 1
     state[after_work:] += np.cos(np.arange(len(state) - after_work))
     acting = Acting(push=push is not None)
-    taken, samples, last = loop_of(closed, acting=acting)(0.0, state, 25, 1, 0)
+    taken, samples, last = loop_of(closed, acting=acting)(0.0, state, STEP, 25, 1)
     assert taken == len(samples) == 25
     assert np.array_equal(samples[-1], last)
     q, _, work, thrusts, _ = closed.parts(np.ptp(samples, axis=0))
@@ -153,12 +154,12 @@ def test_every_step_is_that_of_python(
 def test_a_push_that_does_not_act_changes_nothing(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     state = start_of(closed)
-    _, free, _ = loop_of(closed)(0.0, state, 10, 1, 0)
+    _, free, _ = loop_of(closed)(0.0, state, STEP, 10, 1)
     pushed = replace(closed, push=PUSH)
-    _, waiting, _ = loop_of(pushed)(0.0, state, 10, 1, 0)
+    _, waiting, _ = loop_of(pushed)(0.0, state, STEP, 10, 1)
     assert np.array_equal(waiting, free)
     loop = loop_of(pushed, acting=Acting(push=True))
-    assert np.abs(loop(0.0, state, 10, 1, 0)[1] - free).max() > 1e-4
+    assert np.abs(loop(0.0, state, STEP, 10, 1)[1] - free).max() > 1e-4
 
 
 # Samples
@@ -170,10 +171,10 @@ def test_samples_do_not_depend_on_how_steps_are_shared_among_calls(
 ) -> None:
     closed = closed_loop_of(modules("hexarotor_3link"))
     loop, state = loop_of(closed), start_of(closed)
-    _, all_states, end = loop(0.0, state, 40, 1, 0)
+    _, all_states, end = loop(0.0, state, STEP, 40, 1)
     done, found = 0, []
     for count in (7, 1, 0, 12, 3, 4, 13):
-        taken, samples, state = loop(done * STEP, state, count, every, done)
+        taken, samples, state = loop(done * STEP, state, STEP, count, every, done)
         assert taken == count
         found.append(samples)
         done += taken
@@ -185,7 +186,7 @@ def test_a_call_leaves_the_state_that_it_is_given(modules: Load) -> None:
     closed = closed_loop_of(modules("hexarotor"))
     state = start_of(closed)
     before = state.copy()
-    loop_of(closed)(0.0, state, 5, 1, 0)
+    loop_of(closed)(0.0, state, STEP, 5, 1)
     assert np.array_equal(state, before)
 
 
@@ -209,7 +210,7 @@ def test_a_step_that_meets_a_limit_is_handed_back(law: Law, side: int, modules: 
     """The loop stops before the first step in which any stage asks for too much or too little."""
     closed = closed_loop_of(modules("hexarotor_3link"), law)
     state = start_of(closed)
-    _, free, _ = loop_of(closed)(0.0, state, 40, 1, 0)
+    _, free, _ = loop_of(closed)(0.0, state, STEP, 40, 1)
     before = np.vstack([state, free[:-1]])
     asked = np.array([extremes(closed, k * STEP, each) for k, each in enumerate(before)])
     so_far = np.maximum.accumulate(asked[:, side])
@@ -217,11 +218,11 @@ def test_a_step_that_meets_a_limit_is_handed_back(law: Law, side: int, modules: 
     limits = [1e6, 1e6]
     limits[side] = so_far[beyond - 1] + 1e-9
     loop = loop_of(restricted(closed, (-limits[0], limits[1])))
-    taken, samples, last = loop(0.0, state, 40, 1, 0)
+    taken, samples, last = loop(0.0, state, STEP, 40, 1)
     assert taken == beyond
     assert np.array_equal(samples, free[:beyond])
     assert np.array_equal(last, free[beyond - 1])
-    taken, samples, same = loop(beyond * STEP, last, 40, 1, beyond)
+    taken, samples, same = loop(beyond * STEP, last, STEP, 40, 1, beyond)
     assert taken == len(samples) == 0
     assert np.array_equal(same, last)
 
@@ -231,14 +232,14 @@ def test_a_flight_ends_after_the_step_that_diverges(place: int, modules: Load) -
     """Each coordinate and each rate is held to a bound of its own."""
     closed = closed_loop_of(modules("hexarotor_3link"), "off")
     state = start_of(closed)
-    _, states, _ = loop_of(closed)(0.0, state, 40, 1, 0)
+    _, states, _ = loop_of(closed)(0.0, state, STEP, 40, 1)
     wanted = np.concatenate(closed.controller.reference(STEP * np.arange(1, 41))[:2], axis=1)
     error = np.abs(states[:, : wanted.shape[1]] - wanted)[:, place]
     bound = (error[20] + error[21]) / 2.0
     first = int(np.argmax(error > bound))
     bounds = unbounded(closed)
     bounds[place] = bound
-    taken, samples, last = loop_of(closed, bounds)(0.0, state, 40, 4, 0)
+    taken, samples, last = loop_of(closed, bounds)(0.0, state, STEP, 40, 4)
     assert 0 < taken == first + 1 < 40
     assert np.array_equal(samples, states[3:taken:4])
     assert np.array_equal(last, states[first])
@@ -252,7 +253,7 @@ def test_a_flight_ends_after_the_step_that_reaches_the_singularity(
     closed = closed_loop_of(modules("hexarotor"), "off")
     state = np.zeros(closed.size)
     state[1], state[len(closed.vehicle.coordinates) + 1] = math.copysign(1.2, rate), rate
-    taken, samples, last = loop_of(closed)(0.0, state, 100, 1, 0)
+    taken, samples, last = loop_of(closed)(0.0, state, STEP, 100, 1)
     assert 0 < taken == len(samples) < 100
     assert np.array_equal(samples[-1], last)
     assert abs(last[1]) > LARGEST_THETA_0
@@ -268,11 +269,11 @@ def test_a_flight_ends_where_it_is_not_finite(wrong: float, modules: Load) -> No
     closed = closed_loop_of(modules(RANDOM))
     state = start_of(closed)
     state[len(closed.vehicle.coordinates)] = wrong
-    taken, samples, last = loop_of(closed)(0.0, state, 10, 1, 0)
+    taken, samples, last = loop_of(closed)(0.0, state, STEP, 10, 1)
     assert taken == len(samples) == 1
     assert not np.all(np.isfinite(last))
     limited = restricted(closed, (-1e6, 1e6))
-    assert loop_of(limited)(0.0, state, 10, 1, 0)[0] == 0
+    assert loop_of(limited)(0.0, state, STEP, 10, 1)[0] == 0
 
 
 # Who has a loop
@@ -282,11 +283,11 @@ def test_python_takes_the_steps_of_numpy_and_of_rotors_that_lack_directions(
     modules: Load, shipped: Load
 ) -> None:
     plain = closed_loop_of(shipped("hexarotor"))
-    assert CompiledLoop.of(plain, STEP, unbounded(plain)) is None
+    assert CompiledLoop.of(plain, unbounded(plain)) is None
     for law in LAWS:
         closed = closed_loop_of(modules("quadrotor_2link"), law)
         assert closed.controller.allocation.missing
-        assert (CompiledLoop.of(closed, STEP, unbounded(closed)) is None) == (law != "off")
+        assert (CompiledLoop.of(closed, unbounded(closed)) is None) == (law != "off")
 
 
 def test_without_a_compiler_python_takes_the_steps(
@@ -294,7 +295,7 @@ def test_without_a_compiler_python_takes_the_steps(
 ) -> None:
     closed = closed_loop_of(modules("hexarotor"))
     monkeypatch.setenv("CC", "no_such_compiler")
-    assert CompiledLoop.of(closed, STEP, unbounded(closed)) is None
+    assert CompiledLoop.of(closed, unbounded(closed)) is None
     assert "steps are taken in Python instead of C" in caplog.text
 
 
@@ -396,17 +397,21 @@ int main(void)
         rotors = large ? 256 : BASE + draw(5);
         const int turning = draw(2) == 0; /* attitude by a quaternion */
         const ptrdiff_t coordinates = n + turning;
-        Loop f = {forward, inverse, inputs, pushed, forces, NULL, coordinates, n, rotors};
-        f.middle_angle = -turning;
-        f.attitude = turning ? 3 : 0;
-        f.joints = turning ? 6 : 3;
-        f.position = turning ? 0 : n - 3;
-        f.quaternion = f.attitude;
-        f.placed = f.position;
-        f.pieces = 1 + draw(4);
-        f.law = (int)draw(3);
+        Loop f = {{forward, inverse, inputs, pushed, forces}};
+        f.layout.coordinates = coordinates;
+        f.layout.velocities = n;
+        f.layout.rotors = rotors;
+        f.layout.middle_angle = -turning;
+        f.layout.attitude = turning ? 3 : 0;
+        f.layout.joints = turning ? 6 : 3;
+        f.layout.position = turning ? 0 : n - 3;
+        f.layout.quaternion = f.layout.attitude;
+        f.layout.placed = f.layout.position;
+        f.desired.pieces = 1 + draw(4);
+        f.law = (int)draw(4);
+        f.layout.memory = draw(3);
         double *wrenches = filled(FRAMES * BASE);
-        f.wrenches = draw(3) == 0 ? wrenches : NULL;
+        f.surroundings.wrenches = draw(3) == 0 ? wrenches : NULL;
         const ptrdiff_t acting = rotors + n - BASE;
         double *least = room(acting), *most = room(acting), *lag = room(rotors);
         for (ptrdiff_t j = 0; j < acting; ++j) {
@@ -416,29 +421,32 @@ int main(void)
         for (ptrdiff_t j = 0; j < rotors; ++j) {
             lag[j] = draw(3) ? 0.1 : 0.0;
         }
-        f.limited = draw(4) == 0;
-        f.least = least;
-        f.most = most;
-        f.lags = draw(2) == 0;
-        f.lag = lag;
+        f.actuators.limited = draw(4) == 0;
+        f.actuators.least = least;
+        f.actuators.most = most;
+        f.actuators.lags = draw(2) == 0;
+        f.actuators.lag = lag;
+        double *held = filled(acting);
+        f.held = held;
         double *bounds = filled(2 * n);
         for (ptrdiff_t j = 0; j < 2 * n; ++j) {
             bounds[j] = 20.0 + fabs(bounds[j]);
         }
-        f.bounds = bounds;
-        f.largest_theta_0 = 1.56;
-        f.begin = value();
-        f.piece = 0.05;
-        double *coefficients = filled(f.pieces * POWERS * coordinates);
+        f.envelope.bounds = bounds;
+        f.envelope.largest_theta_0 = 1.56;
+        f.desired.begin = value();
+        f.desired.piece = 0.05;
+        double *coefficients = filled(f.desired.pieces * POWERS * coordinates);
         double *distribution = filled(rotors * BASE);
         double *stiffness = filled(n), *damping = filled(n), *losses = filled(n);
-        f.coefficients = coefficients;
-        f.distribution = distribution;
-        f.stiffness = stiffness;
-        f.damping = damping;
-        f.losses = losses;
-        f.scratch = room(gibbs_codegen_rk4_room(&f) - SHORT);
-        const ptrdiff_t size = coordinates + n + 1 + (f.lags ? rotors : 0);
+        f.desired.coefficients = coefficients;
+        f.sharing.distribution = distribution;
+        f.gains.stiffness = stiffness;
+        f.gains.damping = damping;
+        f.surroundings.losses = losses;
+        f.scratch = room(gibbs_codegen_loop_room(&f) - SHORT);
+        const ptrdiff_t size = coordinates + n + 1 + (f.actuators.lags ? rotors : 0) +
+                               f.layout.memory;
         const ptrdiff_t count = draw(30), every = 1 + draw(40), number = draw(1000);
         double *state = filled(size), *samples = room((count / every + 1) * size);
         for (ptrdiff_t j = 0; j < (count / every + 1) * size; ++j) {
@@ -462,6 +470,7 @@ int main(void)
         free(least);
         free(most);
         free(lag);
+        free(held);
         free(bounds);
         free(coefficients);
         free(distribution);

@@ -16,10 +16,11 @@ from gibbs_codegen.errors import UsageError
 from gibbs_codegen.robot.file import read_robot
 from gibbs_codegen.robot.model import SEQUENCES
 from gibbs_codegen.scenario.attitude import rate_matrix
+from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.file import read_scenario
 from gibbs_codegen.scenario.orientation import Tangent
 from gibbs_codegen.scenario.paths import Circle, Harmonic, Term
-from gibbs_codegen.scenario.scenario import ArmTask, Control, Motors, Push, Scenario, Settings
+from gibbs_codegen.scenario.scenario import ArmTask, Push, Scenario, Settings
 from gibbs_codegen.simulator.control.laws import Controller, Gains
 from gibbs_codegen.simulator.desired.trajectory import desired_motion
 from gibbs_codegen.simulator.integration import fixed_step

@@ -1,0 +1,194 @@
+"""A path through points at given times, at rest or with a velocity where one is wanted.
+
+Where the path rests or has a velocity that was given, its acceleration, jerk and snap are zero.
+Such points are joined by polynomials of degree 9, whose values at both ends these are. At free
+points in between, velocity to snap are those of the quintic spline through them, which has the
+least integral of squared jerk. So the path has four continuous derivatives everywhere.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from math import comb, perm
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BPoly, make_interp_spline
+
+from gibbs_codegen.errors import UsageError
+from gibbs_codegen.scenario.paths import ORDERS, Array
+
+Flags = NDArray[np.bool_]
+Velocity = Sequence[float] | Literal["rest", "free"]
+
+_DEGREE = 9
+_GIVEN = 5  # values at each end of a piece: position and four derivatives
+# Bernstein coefficients 0 … 4 of a piece of duration 1, from position and derivatives at its
+# beginning: entry (k, j) is the share of derivative j in coefficient k.
+_COEFFICIENTS = np.array(
+    [[comb(k, j) / perm(_DEGREE, j) for j in range(_GIVEN)] for k in range(_GIVEN)]
+)
+
+
+class Waypoints:
+    """A path through points at given times; four derivatives are continuous.
+
+    `velocities` has an entry per point: a velocity (3) in m/s, "rest", or "free" for what makes the
+    path smooth. Without it the first and last point are at rest and the others free. Equal
+    successive points are at rest, and so is the path between them. Before and after its points
+    the path rests, or goes straight on with the velocity of the first and last point. On a piece
+    from rest to rest, or between rest and a free point, no coordinate passes its value at rest.
+
+    Raises `UsageError` for times that do not increase, or that lie so unevenly that no curve can
+    be found, and for velocities that the points do not allow.
+    """
+
+    def __init__(
+        self,
+        times: Sequence[float],
+        points: Sequence[Sequence[float]],
+        velocities: Sequence[Velocity] | None = None,
+    ) -> None:
+        places = np.asarray(points, dtype=np.float64)
+        if velocities is None:
+            free: Velocity = "free"
+            velocities = ["rest", *[free] * (len(places) - 2), "rest"]
+        for place, words in velocity_faults(points, velocities):
+            raise UsageError(f"waypoints: velocities[{place}]: {words}")
+        self._begin, self._end = float(times[0]), float(times[-1])
+        self._duration = self._end - self._begin
+        try:
+            with np.errstate(all="raise", under="ignore"):
+                # In a time from 0 to 1, so that the unit does not matter to the numbers.
+                since = (np.asarray(times, dtype=np.float64) - self._begin) / self._duration
+                if not np.all(np.diff(since) > 0.0):
+                    raise ValueError("the times must increase")
+                nodes = _derivatives(since, places, velocities, self._duration)
+                curve = _curve(since, nodes)
+                derivatives = [curve.derivative(order) for order in range(1, ORDERS)]
+        except (ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            raise UsageError(f"waypoints: no smooth curve through them: {error}") from None
+        self._derivatives = [curve, *derivatives]
+        self._ends = nodes[[0, -1], 1]
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Position and derivatives (…, 4, 3) at times (…)."""
+        t = np.asarray(time, dtype=np.float64)
+        s = (t - self._begin) / self._duration
+        inside = np.clip(s, 0.0, 1.0)
+        out: Array = np.stack([derivative(inside) for derivative in self._derivatives], axis=-2)
+        beyond = (s - inside)[..., np.newaxis]
+        out[..., 0, :] += beyond * np.where(beyond < 0.0, *self._ends)
+        with np.errstate(all="ignore"):
+            out /= (np.float64(self._duration) ** np.arange(ORDERS))[:, np.newaxis]
+        return out
+
+
+def velocity_faults(
+    points: Sequence[Sequence[float]], velocities: Sequence[Velocity]
+) -> Iterator[tuple[int, str]]:
+    """What is wrong with the velocities at points.
+
+    Args:
+        points: The points (3), m.
+        velocities: A velocity (3), m/s, "rest" or "free" for each.
+
+    Yields:
+        Number of the velocity, from 0, and words.
+    """
+    if len(velocities) != len(points):
+        last = max(min(len(velocities), len(points)) - 1, 0)
+        yield last, f"{len(velocities)} velocities of {len(points)} points; give as many of both"
+        return
+    repeated = _repeated(np.asarray(points, dtype=np.float64))
+    for place, velocity in enumerate(velocities):
+        if velocity == "free" and place in (0, len(points) - 1):
+            yield place, 'the path ends here: give a velocity, or "rest"'
+        if not isinstance(velocity, str) and any(velocity) and repeated[place]:
+            yield place, 'this point is repeated, so that the path rests here: give "rest"'
+
+
+def _repeated(places: Array) -> Flags:
+    """Whether points (s, 3) are equal to the one before or the one after: (s)."""
+    same = np.all(places[1:] == places[:-1], axis=1)
+    repeated: Flags = np.append(same, False) | np.insert(same, 0, False)
+    return repeated
+
+
+def _derivatives(
+    since: Array, places: Array, velocities: Sequence[Velocity], duration: float
+) -> Array:
+    """Position and four derivatives at the points.
+
+    Args:
+        since: Their times (s), from 0 to 1.
+        places: The points (s, 3), m.
+        velocities: The velocities, m/s, "rest" or "free".
+        duration: Time from the first to the last point, s.
+
+    Returns:
+        Position and derivatives (s, 5, 3) in the time from 0 to 1, m.
+    """
+    nodes = np.zeros((len(places), _GIVEN, 3))
+    nodes[:, 0] = places
+    free = np.array([velocity == "free" for velocity in velocities]) & ~_repeated(places)
+    for place, velocity in enumerate(velocities):
+        if not isinstance(velocity, str):
+            nodes[place, 1] = np.multiply(velocity, duration)
+    for first, last in itertools.pairwise(np.flatnonzero(~free)):
+        if last == first + 1:
+            continue
+        run, inner = slice(first, last + 1), slice(first + 1, last)
+        ends = tuple([(1, nodes[k, 1]), (2, np.zeros(3))] for k in (first, last))
+        spline = make_interp_spline(since[run], places[run], k=5, bc_type=ends)
+        for order in range(1, _GIVEN):
+            nodes[inner, order] = spline.derivative(order)(since[inner])
+    _calm(since, nodes, free)
+    return nodes
+
+
+def _calm(since: Array, nodes: Array, free: Flags) -> None:
+    """Lessen derivatives at free points where a piece would take a coordinate past a rest.
+
+    The Bernstein coefficients of a piece bound it. Those of the end at rest are all the coordinate
+    there; derivatives at the other end are scaled so that its coefficients lie on its side too.
+
+    Args:
+        since: Times (s), from 0 to 1.
+        nodes: Position and derivatives (s, 5, 3) at the points, which are changed.
+        free: Whether derivatives at a point may be chosen (s).
+    """
+    resting = ~np.any(nodes[:, 1:], axis=(1, 2))
+    share = np.ones((len(since), 3))
+    for step in (-1, 1):
+        places = np.flatnonzero(free)
+        places = places[resting[places + step]]
+        rests = places + step
+        away = nodes[places, 0] - nodes[rests, 0]
+        powers = (since[rests] - since[places])[:, np.newaxis] ** np.arange(1, _GIVEN)
+        change = _COEFFICIENTS[:, 1:] @ (powers[..., np.newaxis] * nodes[places, 1:])
+        back = np.max(-np.sign(away)[:, np.newaxis] * change, axis=1)
+        allowed = np.divide(np.abs(away), back, out=np.ones_like(away), where=back > 0.0)
+        allowed[away == 0.0] = 0.0
+        share[places] = np.minimum(share[places], allowed)
+    nodes[:, 1:] *= share[:, np.newaxis]
+
+
+def _curve(since: Array, nodes: Array) -> BPoly:
+    """The pieces of degree 9 between points.
+
+    Args:
+        since: Times (s), from 0 to 1.
+        nodes: Position and derivatives (s, 5, 3) at the points.
+
+    Returns:
+        The curve, of the time from 0 to 1.
+    """
+    steps = np.diff(since)[:, np.newaxis] ** np.arange(_GIVEN)
+    ahead = _COEFFICIENTS @ (steps[..., np.newaxis] * nodes[:-1])
+    signs = (-1.0) ** np.arange(_GIVEN)
+    behind = _COEFFICIENTS @ ((signs * steps)[..., np.newaxis] * nodes[1:])
+    coefficients = np.concatenate([ahead, behind[:, ::-1]], axis=1)
+    return BPoly(np.moveaxis(coefficients, 1, 0), since)

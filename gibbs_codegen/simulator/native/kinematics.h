@@ -1,0 +1,134 @@
+/* Coordinates, velocities and tracking errors, with attitude angles or a quaternion. */
+
+#ifndef GIBBS_CODEGEN_KINEMATICS_H
+#define GIBBS_CODEGEN_KINEMATICS_H
+
+#include <math.h>
+#include <string.h>
+
+#include "loop.h"
+#include "vectors.h"
+
+/* Make the quaternion of coordinates one of unit length. */
+static void normalise(const Layout *at, double *q)
+{
+    double *p = q + at->quaternion;
+    const double length = sqrt(dot(4, p, p));
+    for (int i = 0; i < 4; ++i) {
+        p[i] /= length;
+    }
+}
+
+/* Rates of coordinates, of which `unit` has the quaternion of length 1; it keeps its length. */
+static void rates_of(const Layout *at, const double *q, const double *unit, const double *v,
+                     double *rate)
+{
+    const double *p = q + at->quaternion, *spin = v + at->attitude;
+    double *growth = rate + at->quaternion;
+    turn(unit + at->quaternion, 1.0, v + at->position, rate + at->placed);
+    cross(p, spin, growth);
+    for (int i = 0; i < 3; ++i) {
+        growth[i] = 0.5 * (growth[i] + p[3] * spin[i]);
+    }
+    growth[3] = -0.5 * dot(3, p, spin);
+    memcpy(rate + at->joints + 1, v + at->joints,
+           (size_t)(at->velocities - BASE) * sizeof *rate);
+}
+
+/*
+ * In place of coordinates and their first two derivatives, the coordinates with a quaternion of
+ * unit length, velocities and accelerations. With c = r p, where p is of unit length,
+ * conj(c) c' = r r' + r^2 spin / 2.
+ */
+static void quasi_velocities(const Layout *at, double *out)
+{
+    const ptrdiff_t n = at->coordinates, m = at->velocities;
+    const size_t joints = (size_t)(m - BASE) * sizeof *out;
+    const double *c = out + at->quaternion;
+    const double square = dot(4, c, c), stretching = dot(4, c, c + n) / square;
+    double spin[4], growth[4], linear[3], rate[3], carried[3];
+    between(c, c + n, spin);
+    between(c, c + 2 * n, growth);
+    for (int i = 0; i < 3; ++i) {
+        spin[i] *= 2.0 / square;
+        growth[i] = growth[i] * (2.0 / square) - 2.0 * stretching * spin[i];
+    }
+    normalise(at, out);
+    turn(c, -1.0, out + n + at->placed, linear);
+    turn(c, -1.0, out + 2 * n + at->placed, rate);
+    cross(spin, linear, carried);
+    memmove(out + n + at->joints, out + n + at->joints + 1, joints);
+    memmove(out + n + m + at->joints, out + 2 * n + at->joints + 1, joints);
+    for (int i = 0; i < 3; ++i) {
+        out[n + at->attitude + i] = spin[i];
+        out[n + at->position + i] = linear[i];
+        out[n + m + at->attitude + i] = growth[i];
+        out[n + m + at->position + i] = rate[i] - carried[i];
+    }
+}
+
+/*
+ * Errors of a state, then their rates: with angles, differences. With a quaternion those of the
+ * position are in world axes; that of the attitude is the rotation vector in the base's frame.
+ */
+static void errors_of(const Layout *at, const double *wanted, const double *q, const double *v,
+                      double *off)
+{
+    const ptrdiff_t n = at->coordinates, m = at->velocities;
+    const ptrdiff_t shift = n - m; /* of the joints, past a quaternion */
+    double *rate = off + m;
+    for (ptrdiff_t i = 0; i < m; ++i) {
+        off[i] = wanted[i + shift] - q[i + shift];
+        rate[i] = wanted[n + i] - v[i];
+    }
+    if (!has_quaternion(at)) {
+        return;
+    }
+    const double *p = q + at->quaternion, *r = wanted + at->quaternion;
+    double turned[4], spin[3], here[3], there[3];
+    between(p, r, turned);
+    const double sine = sqrt(dot(3, turned, turned)), cosine = fabs(turned[3]);
+    const double half = sine > 0.0 ? atan2(sine, cosine) / sine : 1.0 / cosine;
+    turn(r, 1.0, wanted + n + at->attitude, there);
+    turn(p, -1.0, there, spin);
+    turn(p, 1.0, v + at->position, here);
+    turn(r, 1.0, wanted + n + at->position, there);
+    for (int i = 0; i < 3; ++i) {
+        off[at->attitude + i] = copysign(2.0 * half, turned[3]) * turned[i];
+        off[at->position + i] = wanted[at->placed + i] - q[at->placed + i];
+        rate[at->attitude + i] = spin[i] - v[at->attitude + i];
+        rate[at->position + i] = there[i] - here[i];
+    }
+}
+
+/* Of a base with a quaternion, accelerations in which the base would move in the world as wanted
+ * but for `pull`, which is what control makes of the errors. */
+static void carried_over(const Layout *at, const double *wanted, const double *q, const double *v,
+                         const double *pull, double *out)
+{
+    const ptrdiff_t n = at->coordinates, m = at->velocities;
+    const double *p = q + at->quaternion, *r = wanted + at->quaternion;
+    const double *turning = wanted + n + at->attitude, *spin = v + at->attitude;
+    double swept[3], world[3], rate[3], there[3], here[3];
+    cross(turning, wanted + n + at->position, swept);
+    for (int i = 0; i < 3; ++i) {
+        swept[i] += wanted[n + m + at->position + i];
+    }
+    turn(r, 1.0, swept, world);
+    for (int i = 0; i < 3; ++i) {
+        world[i] += pull[at->position + i];
+    }
+    turn(p, -1.0, world, out + at->position);
+    cross(spin, v + at->position, swept);
+    turn(r, 1.0, wanted + n + m + at->attitude, world);
+    turn(p, -1.0, world, rate);
+    turn(r, 1.0, turning, there);
+    turn(p, -1.0, there, here);
+    cross(spin, here, there);
+    for (int i = 0; i < 3; ++i) {
+        out[at->position + i] -= swept[i];
+        out[at->attitude + i] = rate[i] - there[i] + pull[at->attitude + i];
+    }
+}
+
+#endif

@@ -1,0 +1,78 @@
+/* Laws of control: the inputs that are commanded, and what a law remembers. */
+
+#ifndef GIBBS_CODEGEN_LAWS_H
+#define GIBBS_CODEGEN_LAWS_H
+
+#include <string.h>
+
+#include "allocation.h"
+#include "kinematics.h"
+#include "loop.h"
+
+/* Desired accelerations, corrected by the errors of a state. */
+static void corrected(const Loop *f, const Moment *now, double *restrict out, Room room)
+{
+    const Layout *const at = &f->layout;
+    const ptrdiff_t n = at->coordinates, m = at->velocities;
+    const double *const wanted = now->wanted;
+    double *const off = take(&room, 2 * m);
+    errors_of(at, wanted, now->q, now->v, off);
+    for (ptrdiff_t i = 0; i < m; ++i) {
+        off[i] = f->gains.stiffness[i] * off[i] + f->gains.damping[i] * off[m + i];
+        out[i] = wanted[n + m + i] + off[i];
+    }
+    if (has_quaternion(at)) {
+        carried_over(at, wanted, now->q, now->v, off, out);
+    }
+}
+
+/* Inputs of the desired acceleration, corrected by the tracking errors. */
+static void computed_torque(const Loop *f, const Moment *now, double *inputs, Room room)
+{
+    const ptrdiff_t m = f->layout.velocities;
+    double *const acceleration = take(&room, m), *const force = take(&room, m);
+    double *const matrix = take(&room, m * inputs_of(f));
+    corrected(f, now, acceleration, room);
+    f->functions.inverse_dynamics(f->model, now->q, now->v, acceleration, force);
+    f->functions.input_matrix(f->model, now->q, matrix);
+    allocate(f, matrix, force, inputs);
+}
+
+/* Inputs of the desired motion, whatever the state. */
+static void open_loop(const Loop *f, const Moment *now, double *inputs, Room room)
+{
+    const ptrdiff_t n = f->layout.coordinates, m = f->layout.velocities;
+    const double *const wanted = now->wanted;
+    double *const force = take(&room, m), *const matrix = take(&room, m * inputs_of(f));
+    f->functions.inverse_dynamics(f->model, wanted, wanted + n, wanted + n + m, force);
+    f->functions.input_matrix(f->model, wanted, matrix);
+    allocate(f, matrix, force, inputs);
+}
+
+/* Commanded inputs. */
+static void command(const Loop *f, const Moment *now, double *inputs, Room room)
+{
+    const size_t size = (size_t)inputs_of(f) * sizeof *inputs;
+    switch (f->law) {
+    case COMPUTED_TORQUE:
+        computed_torque(f, now, inputs, room);
+        break;
+    case OPEN_LOOP:
+        open_loop(f, now, inputs, room);
+        break;
+    case HELD:
+        memcpy(inputs, f->held, size);
+        break;
+    default: /* OFF */
+        memset(inputs, 0, size);
+    }
+}
+
+/* How what a law remembers grows. */
+static void remember(const Loop *f, const Moment *now, double *growth)
+{
+    (void)now;
+    memset(growth, 0, (size_t)f->layout.memory * sizeof *growth);
+}
+
+#endif

@@ -1,0 +1,142 @@
+/* What a closed loop consists of, as Python fills it in: `integration/loop_parts.py`. */
+
+#ifndef GIBBS_CODEGEN_LOOP_H
+#define GIBBS_CODEGEN_LOOP_H
+
+#include <stddef.h>
+
+enum { BASE = 6, POWERS = 6 };
+enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2, HELD = 3 };
+
+typedef void Forward(const void *, const double *, const double *, const double *, double *);
+typedef void Inverse(const void *, const double *, const double *, const double *, double *);
+typedef void Matrix(const void *, const double *, double *);
+typedef void Pushed(const void *, const double *, const double *, const double *, const double *,
+                    double *);
+typedef void Forces(const void *, const double *, const double *, double *);
+
+/* Functions of an emitted module, by their addresses. */
+typedef struct {
+    Forward *forward_dynamics;
+    Inverse *inverse_dynamics;
+    Matrix *input_matrix;
+    Pushed *forward_dynamics_with_wrenches;
+    Forces *wrench_forces;
+} Functions;
+
+/* How many there are of what, and where. */
+typedef struct {
+    ptrdiff_t coordinates;
+    ptrdiff_t velocities;
+    ptrdiff_t rotors;
+    ptrdiff_t memory;       /* numbers that the law remembers */
+    ptrdiff_t attitude;     /* places in the velocities: where the attitude's begin, */
+    ptrdiff_t joints;       /* where the joints' begin, */
+    ptrdiff_t position;     /* and where the position's begin */
+    ptrdiff_t middle_angle; /* place of the angle that has a singularity; -1: quaternion, */
+    ptrdiff_t quaternion;   /* place in the coordinates where that begins, */
+    ptrdiff_t placed;       /* and where the position begins */
+} Layout;
+
+/* The desired motion: a polynomial between each two knots. */
+typedef struct {
+    ptrdiff_t pieces;
+    double begin;               /* of the first piece, s */
+    double piece;               /* length of a piece, s */
+    const double *coefficients; /* [pieces][6][coordinates] */
+} Desired;
+
+/* Gains of the tracking errors. */
+typedef struct {
+    const double *stiffness; /* [velocities] */
+    const double *damping;   /* [velocities] */
+} Gains;
+
+/* What rotors do about a wrench on the base. */
+typedef struct {
+    const double *distribution; /* [rotors][6]: thrusts of a force and a torque on the base */
+} Sharing;
+
+/* Limits and lag of motors and joints. */
+typedef struct {
+    int limited;
+    int lags;
+    const double *least; /* [rotors + joints]: limits of the inputs */
+    const double *most;
+    const double *lag; /* [rotors]: time constants of the motors, 0 for none */
+} Actuators;
+
+/* What takes energy from the robot or gives it, besides its inputs. */
+typedef struct {
+    const double *wrenches; /* [frames][6] of the push; NULL where it does not act */
+    const double *losses;   /* [velocities]: damping of the robot itself */
+} Surroundings;
+
+/* Where a flight cannot go on. */
+typedef struct {
+    const double *bounds;   /* [2][velocities]: errors beyond which control is lost */
+    double largest_theta_0; /* beyond it angles are singular */
+} Envelope;
+
+typedef struct {
+    Functions functions;
+    const void *plant; /* constants of the robot that flies, */
+    const void *model; /* and of the one that the law knows */
+    Layout layout;
+    Desired desired;
+    Gains gains;
+    Sharing sharing;
+    Actuators actuators;
+    Surroundings surroundings;
+    Envelope envelope;
+    int law;
+    const double *held; /* [rotors + joints]: inputs that are commanded all through, under HELD */
+    double *scratch;    /* [gibbs_codegen_loop_room] */
+} Loop;
+
+/* A state at a time: `q` has a quaternion of unit length; `thrusts` are there if motors lag. */
+typedef struct {
+    double time;
+    const double *wanted; /* desired coordinates, velocities and accelerations, one after another */
+    const double *q;
+    const double *v;
+    const double *thrusts;
+    const double *memory;
+} Moment;
+
+/* Room for numbers. What is taken is free again where the copy ends that it was taken from. */
+typedef struct {
+    double *free;
+} Room;
+
+static double *take(Room *room, ptrdiff_t count)
+{
+    double *const taken = room->free;
+    room->free += count;
+    return taken;
+}
+
+static ptrdiff_t inputs_of(const Loop *f)
+{
+    return f->layout.rotors + f->layout.velocities - BASE;
+}
+
+/* Place of the law's memory in the state: after coordinates, velocities, work and thrusts. */
+static ptrdiff_t memory_of(const Loop *f)
+{
+    const Layout *at = &f->layout;
+    return at->coordinates + at->velocities + 1 + (f->actuators.lags ? at->rotors : 0);
+}
+
+/* Length of the state. */
+static ptrdiff_t size_of(const Loop *f)
+{
+    return memory_of(f) + f->layout.memory;
+}
+
+static int has_quaternion(const Layout *at)
+{
+    return at->middle_angle < 0;
+}
+
+#endif

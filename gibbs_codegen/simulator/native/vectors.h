@@ -1,0 +1,60 @@
+/* Vectors of three, quaternions, and small systems of equations. */
+
+#ifndef GIBBS_CODEGEN_VECTORS_H
+#define GIBBS_CODEGEN_VECTORS_H
+
+#include <stddef.h>
+
+static void cross(const double *a, const double *b, double *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static double dot(ptrdiff_t n, const double *a, const double *b)
+{
+    double sum = 0.0;
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+/* The vector x in the world, of a base with the unit quaternion p; back into the base by -1. */
+static void turn(const double *p, double sign, const double *x, double *out)
+{
+    double once[3], twice[3];
+    cross(p, x, once);
+    cross(p, once, twice);
+    for (int i = 0; i < 3; ++i) {
+        out[i] = x[i] + 2.0 * (sign * p[3] * once[i] + twice[i]);
+    }
+}
+
+/* The product of the conjugate of p and of r. */
+static void between(const double *p, const double *r, double *out)
+{
+    double carried[3];
+    cross(p, r, carried);
+    for (int i = 0; i < 3; ++i) {
+        out[i] = p[3] * r[i] - r[3] * p[i] - carried[i];
+    }
+    out[3] = dot(4, p, r);
+}
+
+
+/* Solve A x = b for three unknowns by Cramer's rule, A row by row. */
+static void solve(const double *a, const double *b, double *x)
+{
+    double first[3], second[3], third[3];
+    cross(a + 3, a + 6, first);
+    cross(a + 6, a, second);
+    cross(a, a + 3, third);
+    const double scale = 1.0 / (a[0] * first[0] + a[1] * first[1] + a[2] * first[2]);
+    for (int j = 0; j < 3; ++j) {
+        x[j] = scale * (first[j] * b[0] + second[j] * b[1] + third[j] * b[2]);
+    }
+}
+
+#endif
