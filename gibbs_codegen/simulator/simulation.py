@@ -110,7 +110,7 @@ def _closed_loop(vehicle: Vehicle, scenario: Scenario, progress: Progress) -> Cl
         _check_open_loop(vehicle, allocation, reference)
     gains = Gains.of(control.frequency, control.damping_ratio, vehicle.layout.v.size)
     controller = Controller(vehicle, reference, allocation, gains, law)
-    return ClosedLoop(vehicle, controller, actuators, scenario.push)
+    return ClosedLoop(vehicle, controller, actuators, scenario.push, scenario.motors.compensation)
 
 
 def _check_mass_matrix(vehicle: Vehicle, q: Array) -> None:

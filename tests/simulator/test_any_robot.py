@@ -160,7 +160,7 @@ def test_every_step_with_a_quaternion_is_that_of_python(
     push = Push((0.7, -0.4, 0.5), 0.0, 1.0, (0.2, 0.3, -0.1), "base")
     actuators = Actuators.unlimited(vehicle)
     actuators.lag[1:] = lag  # The first motor does not lag.
-    closed = ClosedLoop(vehicle, controller, actuators, push)
+    closed = ClosedLoop(vehicle, controller, actuators, push, compensated=bool(lag))
     state = closed.start(*starting_state(vehicle, reference, scenario.start))
     state[vehicle.layout.q.size :] += 0.3 * np.cos(np.arange(len(state) - vehicle.layout.q.size))
     state[vehicle.layout.q.attitude] *= 1.3  # of any length

@@ -24,8 +24,9 @@ _WORK_SCALE = 100.0
 # flights take 500 a second, 2000 at the tightest tolerances.
 _EVALUATIONS_A_SECOND = 20_000
 _EVALUATIONS_AHEAD = 10_000
-# Least tolerances while an input is saturated: rates have kinks there, and no order helps.
-_SATURATED = (1e-6, 1e-7)
+# Least tolerances where no order helps: rates have kinks while an input is saturated, and where the
+# motors' lag is compensated they jump a little at each knot of the desired motion.
+_NOT_SMOOTH = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
 _STIFF = 0.5
 # Steps, in s, that a flight can be waited for.
@@ -90,8 +91,8 @@ class AdaptiveIntegrator:
         """Set tolerances for the next step."""
         settings, loop = self.settings, self.loop
         relative, absolute = settings.relative_tolerance, settings.absolute_tolerance
-        if loop.saturated(solver.t, solver.y):
-            relative, absolute = max(relative, _SATURATED[0]), max(absolute, _SATURATED[1])
+        if loop.compensates or loop.saturated(solver.t, solver.y):
+            relative, absolute = max(relative, _NOT_SMOOTH[0]), max(absolute, _NOT_SMOOTH[1])
         solver.rtol = relative
         solver.atol = np.full(len(solver.y), absolute)
         solver.atol[loop.work_place] *= _WORK_SCALE

@@ -72,6 +72,11 @@ class ClosedLoop:
         """Whether a motor lags."""
         return bool(np.any(self.actuators.lag))
 
+    @property
+    def compensates(self) -> bool:
+        """Whether motors lag, and that is compensated."""
+        return self.compensated and self.lags and self.controller.law != "off"
+
     @cached_property
     def wrenches(self) -> Array:
         """Wrenches (f, 6) on the frames while the push acts: force and torque, world axes."""
@@ -140,9 +145,9 @@ class ClosedLoop:
         """
         q, v, _, thrusts, memory = parts
         wanted = self.controller(time, q, v, memory)
-        if self.lags and self.compensated:
+        if self.compensates:
             acting = self.applied(wanted, thrusts)
-            rates = wanted_rates(self.controller, time, q, v, memory, acting)
+            rates = wanted_rates(self.controller, time, (q, v, memory), wanted, acting)
             wanted[..., : self.vehicle.rotors] += self.actuators.lag * rates
         return wanted
 

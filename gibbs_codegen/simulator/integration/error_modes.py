@@ -51,7 +51,8 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
         for damping, stiffness in sorted(pairs):
             # Joint torques do not lag, so errors of joints are always of second order.
             polynomials = [np.array([1.0, damping, stiffness])]
-            polynomials += [np.array([lag, 1.0, damping, stiffness]) / lag for lag in lags]
+            if not loop.compensates:
+                polynomials += [np.array([lag, 1.0, damping, stiffness]) / lag for lag in lags]
             found += [
                 Mode(abs(root), "the gains of control", "lower gains", complex(root))
                 for root in itertools.chain.from_iterable(map(np.roots, polynomials))

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "kinematics.h"
+#include "lag.h"
 #include "laws.h"
 #include "loop.h"
 #include "plant.h"
@@ -39,6 +40,9 @@ static int derivative(const Loop *f, double time, const double *wanted, const do
         memcpy(rate, now.v, (size_t)n * sizeof *rate);
     }
     command(f, &now, inputs, room);
+    if (f->actuators.compensates && f->law != HELD) {
+        compensate(f, &now, inputs, room);
+    }
     if (f->actuators.limited && !within_limits(f, inputs_of(f), inputs)) {
         return LIMIT;
     }
@@ -91,7 +95,8 @@ ptrdiff_t gibbs_codegen_loop_room(const Loop *loop)
     const ptrdiff_t n = loop->layout.coordinates, m = loop->layout.velocities;
     const ptrdiff_t inputs = inputs_of(loop);
     const ptrdiff_t of_law = 4 * m + m * inputs;
-    return 3 * size_of(loop) + 3 * (n + 2 * n) + n + inputs + m * inputs + of_law;
+    const ptrdiff_t of_lag = 2 * size_of(loop) + 3 * inputs + 3 * n;
+    return 3 * size_of(loop) + 3 * (n + 2 * n) + n + inputs + m * inputs + of_lag + of_law;
 }
 
 /* The time derivative of a state at a time. Returns 0, or LIMIT where an input meets one. */
