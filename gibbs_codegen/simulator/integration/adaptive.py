@@ -11,6 +11,7 @@ from gibbs_codegen.scenario.scenario import Settings
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.error_modes import integration_burdens, stable_modes
+from gibbs_codegen.simulator.integration.seen_inputs import SeenInputs
 from gibbs_codegen.simulator.integration.state_history import (
     Array,
     IntervalResult,
@@ -29,6 +30,8 @@ _EVALUATIONS_AHEAD = 10_000
 _NOT_SMOOTH = (1e-6, 1e-7)
 # A step times the rate of the fastest mode, from which on stiffness is what makes steps small.
 _STIFF = 0.5
+# Shares of a step at which inputs are looked at.
+_SHARES = np.array([0.25, 0.5, 0.75, 1.0])
 # Steps, in s, that a flight can be waited for.
 _SHORTEST = 1e-6
 
@@ -59,6 +62,7 @@ class AdaptiveIntegrator:
             interval.end,
         )
         samples, stopped = [np.zeros((0, len(start)))], ""
+        inputs = SeenInputs(loop, interval.acting)
         sample_times = interval.sample_times(self.settings.rate)
         time, state, spent = interval.begin, start, 0
         while solver.status == "running" and not stopped:
@@ -75,6 +79,7 @@ class AdaptiveIntegrator:
                 time = _first_violation(envelope, path, before, time)
                 state = path(time)
                 stopped = envelope.reason(time, state)
+            inputs.path(path, before + _SHARES * (time - before))
             inside = sample_times[(sample_times > before) & (sample_times <= time)]
             if len(inside):
                 samples.append(path(inside).T)
@@ -84,7 +89,7 @@ class AdaptiveIntegrator:
                 stopped = self._too_slow(time, time - before, state)
             progress(solver.t)
         states = np.concatenate(samples)
-        history = StateHistory(sample_times[: len(states)], states, stopped)
+        history = StateHistory(sample_times[: len(states)], states, stopped, inputs.found())
         return IntervalResult(history, time, state)
 
     def _set_tolerances(self, solver: DOP853) -> None:

@@ -10,6 +10,7 @@ import ctypes
 import functools
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from gibbs_codegen.runtime.cache import CacheError, cached_library
 from gibbs_codegen.runtime.compiler import Compiler, CompilerError, find_compiler
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.loop_parts import LAWS, POINTER, Loop, filled
 from gibbs_codegen.simulator.plant.vehicle import Array
 
@@ -83,7 +85,14 @@ class CompiledLoop:
         return cls(rk4, structure, closed.size, held, [*owned, scratch])
 
     def __call__(
-        self, time: float, state: Array, step: float, count: int, every: int = 1, number: int = 0
+        self,
+        time: float,
+        state: Array,
+        step: float,
+        count: int,
+        every: int = 1,
+        number: int = 0,
+        seen: Callable[[InputRanges], None] | None = None,
     ) -> tuple[int, Array, Array]:
         """Take steps, fewer where an input would be saturated or the flight cannot go on.
 
@@ -94,12 +103,15 @@ class CompiledLoop:
             count: Greatest number of steps.
             every: Each `every`-th step is a sample, counted from `number`.
             number: Number of steps before the first.
+            seen: Is given the ranges of the inputs from sample to sample.
 
         Returns:
             The number of steps taken, the samples (s, size), and the last state (size).
         """
         last = np.array(state, dtype=np.float64)
         samples = np.empty((count // every + 1, self.size))
+        ranges = np.empty((len(samples) + 1, 2, 2, len(self.held)))
+        ranges[:, :, 0], ranges[:, :, 1] = np.inf, -np.inf
         taken = self.library.gibbs_codegen_rk4(
             ctypes.byref(self.structure),
             time,
@@ -109,9 +121,15 @@ class CompiledLoop:
             number,
             last.ctypes.data,
             samples.ctypes.data,
+            ranges.ctypes.data if seen else None,
         )
-        kept = (number + taken) // every - number // every
-        return taken, samples[:kept], last
+        first = number // every
+        if seen:
+            # The last stretch may end before its sample.
+            stretches = -(-(number + taken) // every) - first
+            middle = (first + 0.5 + np.arange(stretches)) * every * step
+            seen(InputRanges(middle, ranges[:stretches]))
+        return taken, samples[: (number + taken) // every - first], last
 
 
 class CompiledLoops:
@@ -162,7 +180,7 @@ def _rk4(compiler: Compiler) -> ctypes.CDLL:
     library.gibbs_codegen_rk4.argtypes = [
         *(POINTER, real, real),
         *(size, size, size),
-        *(POINTER, POINTER),
+        *(POINTER, POINTER, POINTER),
     ]
     library.gibbs_codegen_rk4.restype = size
     library.gibbs_codegen_rate.argtypes = [POINTER, real, POINTER, POINTER]

@@ -13,6 +13,7 @@ from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.compiled_loop import CompiledLoops
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.error_modes import stable_modes
+from gibbs_codegen.simulator.integration.seen_inputs import SeenInputs
 from gibbs_codegen.simulator.integration.state_history import (
     SAME_TIME,
     Array,
@@ -56,7 +57,7 @@ class FixedStepIntegrator:
         last = int(np.ceil(interval.end / size - SAME_TIME))
         whole = number + (interval.begin / size - number > SAME_TIME)
         cut = last - (last - interval.end / size > SAME_TIME)
-        samples = [np.zeros((0, len(start)))]
+        samples, inputs = [np.zeros((0, len(start)))], SeenInputs(loop, interval.acting)
         times = np.arange(number // every + 1, cut // every + 1) / self.settings.rate
         if cut == last and cut % every == 0 and len(times):
             times[-1] = interval.end
@@ -65,10 +66,13 @@ class FixedStepIntegrator:
             taken = 0
             if compiled is not None and whole <= number < cut:
                 count = min(_STEPS_A_CALL, cut - number)
-                taken, kept, state = compiled(time, state, size, count, every, number)
+                taken, kept, state = compiled(
+                    time, state, size, count, every, number, inputs.ranges
+                )
                 samples.append(kept)
             if taken == 0:
                 taken = 1
+                inputs.state(time, state)
                 ahead = (interval.end if number + 1 == last else (number + 1) * size) - time
                 with np.errstate(all="ignore"):
                     state = rk4_step(loop, time, state, ahead, interval.acting)
@@ -79,7 +83,8 @@ class FixedStepIntegrator:
             stopped = self.envelope.reason(time, state)
             progress(time)
         states = np.concatenate(samples)
-        return IntervalResult(StateHistory(times[: len(states)], states, stopped), time, state)
+        history = StateHistory(times[: len(states)], states, stopped, inputs.found())
+        return IntervalResult(history, time, state)
 
 
 def rk4_step(loop: ClosedLoop, time: float, state: Array, size: float, acting: Acting) -> Array:

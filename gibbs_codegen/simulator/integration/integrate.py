@@ -11,6 +11,7 @@ from gibbs_codegen.simulator.integration.adaptive import AdaptiveIntegrator
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.integration.envelope import Envelope
 from gibbs_codegen.simulator.integration.fixed_step import FixedStepIntegrator
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 from gibbs_codegen.simulator.integration.state_history import Array, StateHistory
 
 
@@ -44,6 +45,7 @@ def integrate(
     method = AdaptiveIntegrator if settings.method == "adaptive" else FixedStepIntegrator
     integrator = method(loop, settings, envelope)
     times, states = [np.zeros(1)], [start[np.newaxis]]
+    inputs = [InputRanges.none(len(loop.vehicle.inputs))]
     now, state = 0.0, start
     stopped = envelope.reason(now, state)
     for interval in loop.smooth_intervals(duration):
@@ -52,6 +54,7 @@ def integrate(
         result = integrator(interval, state, lambda time: progress(time, duration))
         times.append(result.samples.time)
         states.append(result.samples.states)
+        inputs.append(result.samples.inputs)
         now, state, stopped = result.end, result.state, result.samples.stopped
     if now > next(time[-1] for time in reversed(times) if len(time)):
         times.append(np.array([now]))
@@ -60,4 +63,4 @@ def integrate(
     # Samples in which control was lost would dwarf all others.
     kept = envelope.holds(time, samples)
     kept[0] = True
-    return StateHistory(time[kept], samples[kept], stopped)
+    return StateHistory(time[kept], samples[kept], stopped, InputRanges.joined(inputs))

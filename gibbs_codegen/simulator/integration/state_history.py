@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gibbs_codegen.simulator.integration.acting import Acting
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
 
 Array = NDArray[np.float64]
 
@@ -17,11 +18,15 @@ SAME_TIME = 1e-6
 
 @dataclass(frozen=True)
 class StateHistory:
-    """Samples of the state (s, size) at times (s), and why there are no more; "" if complete."""
+    """Samples of the state (s, size) at times (s), and why there are no more; "" if complete.
+
+    `inputs` has the ranges of the inputs between the samples.
+    """
 
     time: Array
     states: Array
     stopped: str
+    inputs: InputRanges
 
 
 @dataclass(frozen=True)

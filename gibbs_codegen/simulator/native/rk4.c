@@ -16,16 +16,17 @@
 #include "laws.h"
 #include "loop.h"
 #include "plant.h"
+#include "ranges.h"
 #include "reference.h"
 
 enum { DONE = 0, LIMIT = 1 };
 
 /*
  * Time derivative of a state. `wanted` is the reference at its time. Returns LIMIT, without a rate,
- * where an input meets one.
+ * where an input meets one. `range` is of the inputs that are commanded, then of those that act.
  */
 static int derivative(const Loop *f, double time, const double *wanted, const double *state,
-                      double *rate, Room room)
+                      double *rate, double *range, Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t n = at->coordinates, m = at->velocities, memory = memory_of(f);
@@ -46,7 +47,9 @@ static int derivative(const Loop *f, double time, const double *wanted, const do
     if (f->actuators.limited && !within_limits(f, inputs_of(f), inputs)) {
         return LIMIT;
     }
+    widen(inputs_of(f), inputs, range);
     actuate(f, now.thrusts, inputs, rate + n + m + 1);
+    widen(inputs_of(f), inputs, range ? range + 2 * inputs_of(f) : NULL);
     f->functions.input_matrix(f->plant, q, matrix);
     rate[n + m] = move(f, &now, matrix, inputs, rate + n, room);
     remember(f, &now, rate + memory);
@@ -107,20 +110,24 @@ int gibbs_codegen_rate(const Loop *loop, double time, const double *state, doubl
     Room room = {loop->scratch};
     double *const wanted = take(&room, 3 * loop->layout.coordinates);
     reference(loop, time, wanted);
-    return derivative(loop, time, wanted, state, rate, room);
+    return derivative(loop, time, wanted, state, rate, NULL, room);
 }
 
 /*
  * Take up to `count` steps of `step` from `state` at `time`; every `every`-th step, counted from
  * `number`, is a sample. Returns the steps taken; `state` is the last one, and `samples` has room
- * for count / every + 1 states. Ends before a step in which an input meets a limit, and after one
- * from which the flight cannot go on.
+ * for count / every + 1 states. `ranges`, if it is not NULL, has room for one more ranges of inputs,
+ * [2][2][inputs]: of those commanded and those that act, the least and the greatest at the begins of
+ * the steps from one sample to the next. Ends before a step in which an input meets a limit, and after one from
+ * which the flight cannot go on.
  */
 ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t count,
-                            ptrdiff_t every, ptrdiff_t number, double *state, double *samples);
+                            ptrdiff_t every, ptrdiff_t number, double *state, double *samples,
+                            double *ranges);
 
 ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_t count,
-                            ptrdiff_t every, ptrdiff_t number, double *state, double *samples)
+                            ptrdiff_t every, ptrdiff_t number, double *state, double *samples,
+                            double *ranges)
 {
     static const double weight[4] = {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0};
     static const double ahead[4] = {0.5, 0.5, 1.0, 0.0}; /* to where the next slopes are taken */
@@ -130,6 +137,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
     double *const rate = take(&room, size), *const stage = take(&room, size);
     double *const sum = take(&room, size), *const middle = take(&room, 3 * n);
     double *now = take(&room, 3 * n), *then = take(&room, 3 * n);
+    ptrdiff_t kept = 0; /* samples */
     reference(&f, time, now);
     for (ptrdiff_t done = 0; done < count; ++done) {
         const double *const wanted[4] = {now, middle, middle, then};
@@ -142,7 +150,8 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
         memcpy(sum, state, (size_t)size * sizeof *sum);
         for (int k = 0; k < 4; ++k) {
             const double *const from = k > 0 ? stage : state;
-            if (derivative(&f, times[k], wanted[k], from, rate, room) == LIMIT) {
+            double *const range = ranges && k == 0 ? ranges + 4 * inputs_of(&f) * kept : NULL;
+            if (derivative(&f, times[k], wanted[k], from, rate, range, room) == LIMIT) {
                 return done;
             }
             advance(size, rate, step * weight[k], sum, state, step * ahead[k], stage);
@@ -151,6 +160,7 @@ ptrdiff_t gibbs_codegen_rk4(const Loop *loop, double time, double step, ptrdiff_
         if ((number + done + 1) % every == 0) {
             memcpy(samples, state, (size_t)size * sizeof *samples);
             samples += size;
+            ++kept;
         }
         double *const swap = now;
         now = then;

@@ -11,6 +11,7 @@ from gibbs_codegen.simulator.integration.state_history import StateHistory
 from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 from gibbs_codegen.simulator.record.connections import point_parents
 from gibbs_codegen.simulator.record.flight import Flight
+from gibbs_codegen.simulator.record.series import RANGES
 
 
 def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Flight:
@@ -48,8 +49,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         v=v,
         a=a,
         **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
-        commanded=commanded,
-        applied=applied,
+        **_inputs(history, commanded, applied),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
@@ -64,6 +64,21 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         potential_energy=vehicle.potential_energy(q),
         work=work,
     )
+
+
+def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Array]:
+    """Inputs, with their ranges between samples.
+
+    Args:
+        history: Samples of the state.
+        commanded, applied: Inputs (s, nu) at the samples.
+
+    Returns:
+        Series (s, nu) by the names of their fields.
+    """
+    ranges = history.inputs.up_to_samples(history.time, commanded, applied)
+    known = {"commanded": commanded, "applied": applied}
+    return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
 
 
 def _thrust_directions(vehicle: Vehicle, q: Array) -> Array:

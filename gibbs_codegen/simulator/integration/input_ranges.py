@@ -1,0 +1,67 @@
+"""The least and the greatest inputs between samples, which samples alone would miss."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gibbs_codegen.simulator.plant.vehicle import Array
+
+
+@dataclass(frozen=True)
+class InputRanges:
+    """Ranges of the inputs, each over a stretch of time between two samples.
+
+    `time` (k), s, is a time in each stretch; `values` (k, 2, 2, nu) are of the commanded and of the
+    applied inputs the least and the greatest.
+    """
+
+    time: Array
+    values: Array
+
+    @classmethod
+    def none(cls, width: int) -> InputRanges:
+        """No ranges.
+
+        Args:
+            width: Number of inputs nu.
+
+        Returns:
+            Ranges of no stretch.
+        """
+        return cls(np.zeros(0), np.zeros((0, 2, 2, width)))
+
+    @classmethod
+    def joined(cls, parts: Sequence[InputRanges]) -> InputRanges:
+        """Ranges of parts of a flight as one.
+
+        Args:
+            parts: The ranges, at least one, in the order of time.
+
+        Returns:
+            All of them.
+        """
+        times, values = [each.time for each in parts], [each.values for each in parts]
+        return cls(np.concatenate(times), np.concatenate(values))
+
+    def up_to_samples(self, time: Array, commanded: Array, applied: Array) -> Array:
+        """Ranges since the sample before, with the values at both samples.
+
+        Args:
+            time: Times (s) of the samples, s.
+            commanded, applied: Inputs (s, nu) at the samples.
+
+        Returns:
+            The ranges (2, 2, s, nu): of commanded and applied inputs the least and the greatest.
+        """
+        here = np.stack([commanded, applied], axis=1)
+        before = np.concatenate([here[:1], here[:-1]])
+        ranges = np.stack([np.fmin(here, before), np.fmax(here, before)], axis=2)
+        sample = np.searchsorted(time, self.time)
+        known = sample < len(time)
+        place, values = sample[known], self.values[known]
+        np.fmin.at(ranges[:, :, 0], place, values[:, :, 0])
+        np.fmax.at(ranges[:, :, 1], place, values[:, :, 1])
+        return np.moveaxis(ranges, 0, 2)

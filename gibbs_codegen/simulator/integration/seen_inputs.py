@@ -1,0 +1,84 @@
+"""The inputs of the states that an integrator comes to, and their ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from gibbs_codegen.simulator.integration.acting import Acting
+from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
+from gibbs_codegen.simulator.integration.input_ranges import InputRanges
+from gibbs_codegen.simulator.plant.vehicle import Array
+
+# States whose inputs are computed at once: bounds the memory.
+_BATCH = 4096
+
+
+class SeenInputs:
+    """Gathers the inputs of the states that an integrator comes to while the same acts.
+
+    Args:
+        loop: the closed loop.
+        acting: what acts on the robot.
+    """
+
+    def __init__(self, loop: ClosedLoop, acting: Acting) -> None:
+        self.loop, self.acting = loop, acting
+        self._found = [InputRanges.none(len(loop.vehicle.inputs))]
+        self._times: list[float] = []
+        self._states: list[Array] = []
+
+    def state(self, time: float, state: Array) -> None:
+        """Take a state.
+
+        Args:
+            time: Its time, s.
+            state: The state (size).
+        """
+        if np.all(np.isfinite(state)):
+            self._times.append(time)
+            self._states.append(state)
+        if len(self._times) >= _BATCH:
+            self._compute()
+
+    def path(self, path: Callable[[float], Array], times: Array) -> None:
+        """Take states of a path.
+
+        Args:
+            path: State (size) at a time.
+            times: Times (k) at which states are taken, s.
+        """
+        for time in times.tolist():
+            self.state(time, path(time))
+
+    def ranges(self, ranges: InputRanges) -> None:
+        """Take ranges that are known already.
+
+        Args:
+            ranges: The ranges.
+        """
+        self._found.append(ranges)
+
+    def found(self) -> InputRanges:
+        """The ranges of all that was taken.
+
+        Returns:
+            The ranges; a state is a stretch of its own.
+        """
+        if self._times:
+            self._compute()
+        return InputRanges.joined(self._found)
+
+    def _compute(self) -> None:
+        time, states = np.array(self._times), np.stack(self._states)
+        q, v, _, thrusts, memory = self.loop.parts(states)
+        held = self.acting.held
+        if held is None:
+            commanded = self.loop.controller(time, q, v, memory)
+        else:
+            commanded = np.tile(np.array(held), (len(time), 1))
+        inputs = np.stack([commanded, self.loop.applied(commanded, thrusts)], axis=1)
+        self._found.append(InputRanges(time, np.stack([inputs, inputs], axis=2)))
+        self._times.clear()
+        self._states.clear()
