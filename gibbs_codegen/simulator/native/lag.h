@@ -3,7 +3,6 @@
 #ifndef GIBBS_CODEGEN_LAG_H
 #define GIBBS_CODEGEN_LAG_H
 
-#include <math.h>
 #include <string.h>
 
 #include "laws.h"
@@ -14,17 +13,15 @@
 /* Time, s, over which thrusts are differenced. */
 #define AHEAD 1e-7
 
-/* How fast coordinates, velocities and memory change as the law knows the robot, under its inputs
- * within limits and the thrusts of the motors. */
+/* How fast coordinates, velocities and memory change as the law knows the robot, under its inputs,
+ * which are within limits, and the thrusts of the motors. */
 static void moving(const Loop *f, const Moment *now, const double *inputs, double *rate, Room room)
 {
     const Layout *const at = &f->layout;
-    const Actuators *const motors = &f->actuators;
     double *const acting = take(&room, inputs_of(f));
-    for (ptrdiff_t k = 0; k < inputs_of(f); ++k) {
-        const int lags = k < at->rotors && motors->lag[k] > 0.0;
-        acting[k] = lags ? now->thrusts[k]
-                         : fmin(fmax(inputs[k], motors->least[k]), motors->most[k]);
+    memcpy(acting, inputs, (size_t)inputs_of(f) * sizeof *acting);
+    for (ptrdiff_t k = 0; k < at->rotors; ++k) {
+        acting[k] = f->actuators.lag[k] > 0.0 ? now->thrusts[k] : acting[k];
     }
     if (has_quaternion(at)) {
         rates_of(at, now->q, now->q, now->v, rate);

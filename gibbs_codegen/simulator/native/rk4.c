@@ -41,11 +41,14 @@ static int derivative(const Loop *f, double time, const double *wanted, const do
         memcpy(rate, now.v, (size_t)n * sizeof *rate);
     }
     command(f, &now, inputs, room);
-    if (f->actuators.compensates && f->law != HELD) {
-        compensate(f, &now, inputs, room);
-    }
     if (f->actuators.limited && !within_limits(f, inputs_of(f), inputs)) {
         return LIMIT;
+    }
+    if (f->actuators.compensates && f->law != HELD) {
+        compensate(f, &now, inputs, room);
+        if (f->actuators.limited && !within_limits(f, inputs_of(f), inputs)) {
+            return LIMIT;
+        }
     }
     widen(inputs_of(f), inputs, range);
     actuate(f, now.thrusts, inputs, rate + n + m + 1);

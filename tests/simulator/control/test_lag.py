@@ -1,4 +1,4 @@
-"""Motor lag, compensated: flights as if there were none, and thrusts that find back by themselves."""
+"""Motor lag, compensated: flights as if there were none, and thrusts that find back."""
 
 from __future__ import annotations
 
