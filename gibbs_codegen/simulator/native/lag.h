@@ -13,13 +13,14 @@
 /* Time, s, over which thrusts are differenced. */
 #define AHEAD 1e-7
 
-/* How fast coordinates, velocities and memory change as the law knows the robot, under its inputs,
- * which are within limits, and the thrusts of the motors. */
+/* How fast coordinates, velocities and memory change as the law knows the robot, under its inputs
+ * within limits and the thrusts of the motors. */
 static void moving(const Loop *f, const Moment *now, const double *inputs, double *rate, Room room)
 {
     const Layout *const at = &f->layout;
     double *const acting = take(&room, inputs_of(f));
     memcpy(acting, inputs, (size_t)inputs_of(f) * sizeof *acting);
+    limit(f, acting);
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
         acting[k] = f->actuators.lag[k] > 0.0 ? now->thrusts[k] : acting[k];
     }
@@ -33,9 +34,9 @@ static void moving(const Loop *f, const Moment *now, const double *inputs, doubl
     remember(f, now, rate + at->velocities);
 }
 
-/* Inputs that the law wants some time ahead, for which the motion goes on at a rate. */
-static void want(const Loop *f, const Moment *now, const double *rate, double ahead, double *inputs,
-                 Room room)
+/* Inputs that the law wants some time ahead, for which the motion goes on at a rate; or REFUSED. */
+static int want(const Loop *f, const Moment *now, const double *rate, double ahead, double *inputs,
+                Room room)
 {
     const Layout *const at = &f->layout;
     const ptrdiff_t n = at->coordinates, m = at->velocities;
@@ -54,12 +55,14 @@ static void want(const Loop *f, const Moment *now, const double *rate, double ah
         normalise(at, q);
     }
     reference(f, now->time + ahead, wanted);
-    const Moment then = {now->time + ahead, wanted, q, v, now->thrusts, memory};
-    command(f, &then, inputs, room);
+    const Moment then = {now->time + ahead, wanted, q, v, now->thrusts, memory,
+                         attitude_of(at, q)};
+    return command(f, &then, inputs, room);
 }
 
-/* Add what makes up for the lag of the motors to the inputs that the law wants. */
-static void compensate(const Loop *f, const Moment *now, double *inputs, Room room)
+/* Add what makes up for the lag of the motors to the inputs that the law wants, unless they are held.
+ * REFUSED where the law refuses those that it wants next. */
+static int compensate(const Loop *f, const Moment *now, double *inputs, Room room)
 {
     const Desired *const path = &f->desired;
     const Layout *const at = &f->layout;
@@ -67,11 +70,23 @@ static void compensate(const Loop *f, const Moment *now, double *inputs, Room ro
     const double ahead = now->time > last ? -AHEAD : AHEAD;
     double *const rate = take(&room, at->coordinates + at->velocities + at->memory);
     double *const later = take(&room, inputs_of(f));
+    if (f->law == HELD) {
+        return DONE;
+    }
     moving(f, now, inputs, rate, room);
-    want(f, now, rate, ahead, later, room);
+    if (want(f, now, rate, ahead, later, room) == REFUSED) {
+        return REFUSED;
+    }
     for (ptrdiff_t k = 0; k < at->rotors; ++k) {
         inputs[k] += f->actuators.lag[k] * ((later[k] - inputs[k]) / ahead);
     }
+    return DONE;
+}
+
+/* Room that `compensate` takes besides that of the law. */
+static ptrdiff_t room_of_lag(const Loop *f)
+{
+    return 2 * size_of(f) + 2 * inputs_of(f) + 3 * f->layout.coordinates;
 }
 
 #endif

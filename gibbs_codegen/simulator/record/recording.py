@@ -27,15 +27,15 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     """
     vehicle, time = loop.vehicle, history.time
     parts = loop.parts(history.states)
-    q, v, work, thrusts, _ = parts
+    q, v = parts.q, parts.v
     reference = loop.controller.reference(time)
-    commanded = loop.commanded(time, parts)
-    applied = loop.applied(commanded, thrusts)
+    applied = loop.applied(commanded := loop.commanded(time, parts), parts.thrusts)
     a = loop.acceleration(q, v, applied, loop.push_acts(time))
     return Flight(
         robot=vehicle.name,
         scenario=scenario.name,
         law=loop.controller.law,
+        control_rate=loop.held.rate if loop.held else 0.0,
         attitude=vehicle.attitude,
         coordinates=vehicle.coordinates,
         coordinate_units=vehicle.layout.q.units,
@@ -62,7 +62,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         heading_error=_heading_errors(vehicle, scenario, time, q),
         kinetic_energy=vehicle.kinetic_energy(q, v),
         potential_energy=vehicle.potential_energy(q),
-        work=work,
+        work=parts.work,
     )
 
 

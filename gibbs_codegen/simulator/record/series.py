@@ -46,13 +46,16 @@ class Series:
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
       external force have done since the start
 
-    `law` is the control law that was flown, "" in files of before flights said so.
+    `law` is the control law that was flown, "own" for a controller of the caller, "" in files of
+    before flights said so. `control_rate` is how often it was sampled, Hz, 0 where it acts at all
+    times, or where inputs came from step to step.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
     robot: str
     scenario: str
     law: str
+    control_rate: float
     attitude: str
     coordinates: tuple[str, ...]
     coordinate_units: tuple[str, ...]
