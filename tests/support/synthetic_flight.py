@@ -36,6 +36,7 @@ def synthetic_flight(
     fields: dict[str, object] = {
         "robot": module.NAME,
         "scenario": "synthetic",
+        "law": "computed_torque",
         "attitude": module.ATTITUDE,
         "coordinates": module.COORDINATES,
         "coordinate_units": module.COORDINATE_UNITS,
@@ -44,6 +45,7 @@ def synthetic_flight(
         "constraint_names": tuple(f"tau_prime_{k}" for k in range(2, rotors + 1)),
         "tangent_arm": 2,
         "stopped": "",
+        "weight": 90.0,
         "time": time,
         "q": q,
         "v": _rate(q, time),
@@ -57,6 +59,7 @@ def synthetic_flight(
         "commanded_greatest": commanded + 2.0,
         "applied_least": np.minimum(commanded, 20.0) - 0.5,
         "applied_greatest": np.minimum(commanded, 20.0) + 0.5,
+        "input_limits": np.array([[-np.inf], [np.inf]]) * np.ones(len(module.INPUTS)),
         "constraint_torques": 0.1 * wave[:, : rotors - 1] * np.arange(1, rotors),
         "base_arm_angles": angles + 1e-9 * wave[:, : rotors - 1],
         "base_arm_angles_desired": angles,

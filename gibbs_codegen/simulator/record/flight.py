@@ -96,6 +96,7 @@ def read_flight(path: StrPath) -> Flight:
         if value.dtype.kind == "U":
             values[name] = str(value) if value.ndim == 0 else tuple(map(str, value))
     values["tangent_arm"] = int(values["tangent_arm"])
+    values["weight"] = float(values["weight"])
     return Flight(**values)
 
 

@@ -25,6 +25,9 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
     found = {} if "parents" in stored else _before_trees(stored)
     if "law" not in stored:
         found["law"] = np.array("")
+    if "weight" not in stored:
+        limits = np.full(len(stored["input_names"]), np.inf)
+        found |= {"weight": np.array(np.nan), "input_limits": np.stack([-limits, limits])}
     for name in RANGES:
         if name not in stored:
             found[name] = stored[name.partition("_")[0]]

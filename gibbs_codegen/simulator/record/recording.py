@@ -48,7 +48,8 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         v=v,
         a=a,
         **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
-        **_inputs(history, commanded, applied),
+        **_inputs(loop, history, commanded, applied),
+        weight=_weight(vehicle),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
@@ -65,18 +66,29 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     )
 
 
-def _inputs(history: StateHistory, commanded: Array, applied: Array) -> dict[str, Array]:
-    """Inputs, with their ranges between samples.
+def _weight(vehicle: Vehicle) -> float:
+    """Weight of a robot, N: what its potential energy grows by for each metre of height."""
+    lifted = vehicle.neutral
+    lifted[vehicle.layout.q.position][2] += 1.0
+    return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
+
+
+def _inputs(
+    loop: ClosedLoop, history: StateHistory, commanded: Array, applied: Array
+) -> dict[str, Array]:
+    """Inputs, with their limits and their ranges between samples.
 
     Args:
+        loop: The closed loop that was integrated.
         history: Samples of the state.
         commanded, applied: Inputs (s, nu) at the samples.
 
     Returns:
-        Series (s, nu) by the names of their fields.
+        Series (s, nu) and limits (2, nu) by the names of their fields.
     """
     ranges = history.inputs.up_to_samples(history.time, commanded, applied)
-    known = {"commanded": commanded, "applied": applied}
+    limits = np.array(loop.actuators.inputs)
+    known = {"commanded": commanded, "applied": applied, "input_limits": limits}
     return {**known, **dict(zip(RANGES, ranges.reshape(4, *applied.shape), strict=True))}
 
 

@@ -46,7 +46,9 @@ class Series:
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
       external force have done since the start
 
-    `law` is the control law that was flown, "" in files of before flights said so.
+    `law` is the control law that was flown, "" in files of before flights said so. `weight` is that
+    of the robot, N, and `input_limits` (2, nu) are the least and the greatest inputs that motors
+    and joints give, infinite without limits.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
@@ -61,6 +63,7 @@ class Series:
     constraint_names: tuple[str, ...]
     tangent_arm: int
     stopped: str
+    weight: float
     time: Array = field(repr=False)
     q: Array = field(repr=False)
     v: Array = field(repr=False)
@@ -74,6 +77,7 @@ class Series:
     commanded_greatest: Array = field(repr=False)
     applied_least: Array = field(repr=False)
     applied_greatest: Array = field(repr=False)
+    input_limits: Array = field(repr=False)
     constraint_torques: Array = field(repr=False)
     base_arm_angles: Array = field(repr=False)
     base_arm_angles_desired: Array = field(repr=False)
