@@ -15,7 +15,7 @@ import numpy as np
 from gibbs_codegen.scenario.attitude import LARGEST_THETA_0
 from gibbs_codegen.simulator.integration.acting import Acting
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
-from gibbs_codegen.simulator.plant.vehicle import Array
+from gibbs_codegen.simulator.plant.vehicle import Array, Vehicle
 
 POINTER = ctypes.c_void_p
 _SIZE, _NUMBER, _FLAG = ctypes.c_ssize_t, ctypes.c_double, ctypes.c_int
@@ -38,18 +38,17 @@ class _Functions(ctypes.Structure):
 
 
 class _Layout(ctypes.Structure):
-    _fields_ = tuple(
-        (name, _SIZE)
-        for name in (
-            *("coordinates", "velocities", "rotors", "memory"),
-            *("attitude", "joints", "position"),
-            *("middle_angle", "quaternion", "placed"),
-        )
+    _fields_ = (
+        *((name, _SIZE) for name in ("coordinates", "velocities", "rotors", "memory")),
+        *((name, _SIZE) for name in ("attitude", "joints", "position")),
+        ("axes", _SIZE * 3),
+        *((name, _SIZE) for name in ("middle_angle", "quaternion", "placed")),
     )
 
 
 def _layout(closed: ClosedLoop, acting: Acting) -> Values:
     layout = closed.vehicle.layout
+    turned = () if layout.is_quaternion else map("xyz".index, closed.vehicle.attitude)
     return {
         "coordinates": layout.q.size,
         "velocities": layout.v.size,
@@ -58,6 +57,7 @@ def _layout(closed: ClosedLoop, acting: Acting) -> Values:
         "attitude": layout.v.attitude.start,
         "joints": layout.v.joints.start,
         "position": layout.v.position.start,
+        "axes": (_SIZE * 3)(*turned),
         "middle_angle": -1 if layout.is_quaternion else layout.middle_angle,
         "quaternion": layout.q.attitude.start,
         "placed": layout.q.position.start,
@@ -90,12 +90,36 @@ def _gains(closed: ClosedLoop, acting: Acting) -> Values:
     return {"stiffness": gains.stiffness, "damping": gains.damping}
 
 
+class _Rotors(ctypes.Structure):
+    _fields_ = (("move", _FLAG), ("centre", POINTER), ("wrenches", POINTER))
+
+
+def _rotors(vehicle: Vehicle) -> Values:
+    return {
+        "move": vehicle.rotors_move,
+        "centre": vehicle.centre_offset(vehicle.neutral),
+        "wrenches": vehicle.thrust_wrenches().T,
+    }
+
+
 class _Sharing(ctypes.Structure):
-    _fields_ = (("distribution", POINTER),)
+    _fields_ = (
+        *(("limited", _FLAG), ("lacks", _FLAG), ("distribution", POINTER)),
+        *(("least", POINTER), ("most", POINTER)),
+    )
 
 
 def _sharing(closed: ClosedLoop, acting: Acting) -> Values:
-    return {"distribution": closed.controller.allocation.inverse}
+    allocation, count = closed.controller.allocation, closed.vehicle.rotors
+    limits = (-np.inf, np.inf) if allocation.limits is None else allocation.limits
+    least, most = (np.broadcast_to(each, count) for each in limits)
+    return {
+        "limited": allocation.limits is not None,
+        "lacks": bool(allocation.missing),
+        "distribution": allocation.inverse,
+        "least": least,
+        "most": most,
+    }
 
 
 class _Actuators(ctypes.Structure):
@@ -134,6 +158,8 @@ _PARTS: tuple[tuple[str, Any, Callable[[ClosedLoop, Acting], Values]], ...] = (
     ("layout", _Layout, _layout),
     ("desired", _Desired, _desired),
     ("gains", _Gains, _gains),
+    ("flown", _Rotors, lambda closed, acting: _rotors(closed.vehicle)),
+    ("known", _Rotors, lambda closed, acting: _rotors(closed.controller.vehicle)),
     ("sharing", _Sharing, _sharing),
     ("actuators", _Actuators, _actuators),
     ("surroundings", _Surroundings, _surroundings),

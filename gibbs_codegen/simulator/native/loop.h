@@ -6,6 +6,8 @@
 #include <stddef.h>
 
 enum { BASE = 6, POWERS = 6 };
+/* Whether something could be found, or Python is to take over and say why not. */
+enum { DONE = 0, REFUSED = 1 };
 enum { COMPUTED_TORQUE = 0, OPEN_LOOP = 1, OFF = 2, HELD = 3 };
 
 typedef void Forward(const void *, const double *, const double *, const double *, double *);
@@ -33,6 +35,7 @@ typedef struct {
     ptrdiff_t attitude;     /* places in the velocities: where the attitude's begin, */
     ptrdiff_t joints;       /* where the joints' begin, */
     ptrdiff_t position;     /* and where the position's begin */
+    ptrdiff_t axes[3];      /* 0 to 2, that attitude angles turn about, from the outermost */
     ptrdiff_t middle_angle; /* place of the angle that has a singularity; -1: quaternion, */
     ptrdiff_t quaternion;   /* place in the coordinates where that begins, */
     ptrdiff_t placed;       /* and where the position begins */
@@ -52,9 +55,20 @@ typedef struct {
     const double *damping;   /* [velocities] */
 } Gains;
 
-/* What rotors do about a wrench on the base. */
+/* Rotors of the robot that flies or of the one that the law knows. */
 typedef struct {
-    const double *distribution; /* [rotors][6]: thrusts of a force and a torque on the base */
+    int move;               /* whether joints move them; then their wrenches are those of zero */
+    const double *centre;   /* [3]: from where the position is to the base centre, base axes, m */
+    const double *wrenches; /* [rotors][6] of unit thrusts: forces, torques about the centre */
+} Rotors;
+
+/* How the rotors that the law knows share a wrench on the base. */
+typedef struct {
+    int limited;
+    int lacks;                  /* whether there are directions that rotors cannot command */
+    const double *distribution; /* [rotors][6]: thrusts of a force and a torque */
+    const double *least;        /* [rotors]: limits of the thrusts */
+    const double *most;
 } Sharing;
 
 /* Limits and lag of motors and joints. */
@@ -85,14 +99,23 @@ typedef struct {
     Layout layout;
     Desired desired;
     Gains gains;
+    Rotors flown;
+    Rotors known;
     Sharing sharing;
     Actuators actuators;
     Surroundings surroundings;
     Envelope envelope;
     int law;
     const double *held; /* [rotors + joints]: inputs that are commanded all through, under HELD */
-    double *scratch;    /* [gibbs_codegen_loop_room] */
+    double *scratch;    /* [gibbs_codegen_loop_room], zeros before the first call */
 } Loop;
+
+/* Attitude of the base: a quaternion of unit length, or sines and cosines of its angles. */
+typedef struct {
+    const double *quaternion;
+    double sine[3];
+    double cosine[3];
+} Attitude;
 
 /* A state at a time: `q` has a quaternion of unit length; `thrusts` are there if motors lag. */
 typedef struct {
@@ -102,6 +125,7 @@ typedef struct {
     const double *v;
     const double *thrusts;
     const double *memory;
+    Attitude attitude;
 } Moment;
 
 /* Room for numbers. What is taken is free again where the copy ends that it was taken from. */

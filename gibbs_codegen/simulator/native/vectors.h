@@ -1,4 +1,4 @@
-/* Vectors of three, quaternions, and small systems of equations. */
+/* Vectors of three, and quaternions. */
 
 #ifndef GIBBS_CODEGEN_VECTORS_H
 #define GIBBS_CODEGEN_VECTORS_H
@@ -41,20 +41,6 @@ static void between(const double *p, const double *r, double *out)
         out[i] = p[3] * r[i] - r[3] * p[i] - carried[i];
     }
     out[3] = dot(4, p, r);
-}
-
-
-/* Solve A x = b for three unknowns by Cramer's rule, A row by row. */
-static void solve(const double *a, const double *b, double *x)
-{
-    double first[3], second[3], third[3];
-    cross(a + 3, a + 6, first);
-    cross(a + 6, a, second);
-    cross(a, a + 3, third);
-    const double scale = 1.0 / (a[0] * first[0] + a[1] * first[1] + a[2] * first[2]);
-    for (int j = 0; j < 3; ++j) {
-        x[j] = scale * (first[j] * b[0] + second[j] * b[1] + third[j] * b[2]);
-    }
 }
 
 #endif

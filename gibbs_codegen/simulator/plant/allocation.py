@@ -19,12 +19,12 @@ from gibbs_codegen.robot.wrenches import directions
 Array = NDArray[np.float64]
 
 # Singular values below this share of the largest belong to directions that rotors cannot command.
-_RANK = 1e-9
+RANK = 1e-9
 # Share of a wrench that thrusts may fail to produce and still count as exact.
-_EXACT = 1e-9
-# Weight of small thrusts against the wrench, as a share of the smallest singular value. It picks
-# one of many solutions; the share of the wrench that it costs is its square.
-_PREFERENCE = 1e-4
+EXACT = 1e-9
+# Weight of small thrusts against the wrench, as a share of the norm of all wrenches. It picks one
+# of many solutions; of a wrench that takes great thrusts it costs a share that is its square.
+_PREFERENCE = 1e-5
 
 
 class AllocationError(UsageError):
@@ -50,15 +50,14 @@ class Allocation:
         self.wrenches = wrenches
         self.limits = limits
         left, values, _ = np.linalg.svd(wrenches)
-        rank = int(np.sum(values > _RANK * values.max(initial=0.0)))
+        rank = int(np.sum(values > RANK * values.max(initial=0.0)))
         self.missing = directions(left[:, rank:])
-        self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=_RANK), dtype=np.float64)
+        self.inverse = np.asarray(np.linalg.pinv(wrenches, rcond=RANK), dtype=np.float64)
         # Torque is divided by the mean lever arm, so that it compares with force.
         force, torque = (float(np.linalg.norm(part)) for part in (wrenches[:3], wrenches[3:]))
         self._weights = np.repeat([1.0, force / torque if force and torque else 1.0], 3)
         weighted = self._weights[:, np.newaxis] * wrenches
-        least = np.linalg.svd(weighted, compute_uv=False)[:rank].min(initial=np.inf)
-        preference = _PREFERENCE * least * np.eye(wrenches.shape[1])
+        preference = _PREFERENCE * np.linalg.norm(weighted) * np.eye(wrenches.shape[1])
         self._weighted = np.vstack([weighted, preference])
 
     def require_all_directions(self, purpose: str) -> None:
@@ -137,10 +136,7 @@ class Allocation:
         Returns:
             Its norm (…), N and N m; 0 where thrusts are exact but for rounding.
         """
-        norm = np.linalg.norm(wrenches @ (np.eye(6) - self.wrenches @ self.inverse).T, axis=-1)
-        exact = _EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
-        residual: Array = np.where(norm > exact, norm, 0.0)
-        return residual
+        return unproduced(self.wrenches, self.inverse, wrenches)
 
     def _check_produced(self, wrenches: Array) -> None:
         if np.any(missed := self.residual(wrenches)):
@@ -150,6 +146,24 @@ class Allocation:
                 "tilt some thrusts in the robot file, or add rotors",
                 self.missing,
             )
+
+
+def unproduced(wrenches_of_thrusts: Array, inverse: Array, wrenches: Array) -> Array:
+    """The part of wrenches that no thrusts produce, whatever the limits.
+
+    Args:
+        wrenches_of_thrusts: Wrench of a unit thrust of each rotor (…, 6, N).
+        inverse: Its pseudo-inverse (…, N, 6).
+        wrenches: Desired wrenches (…, 6).
+
+    Returns:
+        Its norm (…), N and N m; 0 where thrusts are exact but for rounding.
+    """
+    left = np.eye(6) - wrenches_of_thrusts @ inverse
+    norm = np.linalg.norm((left @ wrenches[..., np.newaxis])[..., 0], axis=-1)
+    exact = EXACT * (1.0 + np.linalg.norm(wrenches, axis=-1))
+    residual: Array = np.where(norm > exact, norm, 0.0)
+    return residual
 
 
 def _listed(names: Sequence[str]) -> str:
