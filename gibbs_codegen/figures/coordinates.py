@@ -20,7 +20,7 @@ _RATIO = 5.0
 # A panel: the curves of the axes that it consists of, from above.
 _Panel = list[Curves]
 # What constrained angles change by, rad, where they were integrated and drift.
-_DRIFT = 1e-9
+_DRIFT = 1e-8
 
 # Points of a base with arms that x, y, z may be of; else they are of the frame of the base.
 _ORIGINS = {"O1": "$O_1$", "O2": "$O_2$"}

@@ -16,6 +16,7 @@ from gibbs_codegen.figures.curves import (
     Curves,
     add_key,
     finished,
+    label_axes,
     stack,
     symbol,
 )
@@ -61,6 +62,8 @@ def inputs(flight: Flight) -> Figure:
         for axes, group in zip(figure.axes, shown.values(), strict=True):
             _draw_bands(axes, flight, group)
             keys |= _draw_bounds(axes, flight, group)
+            axes.autoscale(axis="y")
+            label_axes(axes, axes.get_ylabel())
         if not _followed(flight).all():
             keys = {
                 "applied": Line2D([], [], color=COLOURS[0], **SOLID),
