@@ -12,6 +12,7 @@ from gibbs_codegen.scenario.checks import require
 from gibbs_codegen.scenario.control import Control, Motors
 from gibbs_codegen.scenario.orientation import Level, Tangent, Turn
 from gibbs_codegen.scenario.paths import Path, Vector
+from gibbs_codegen.scenario.sensors import Sensors
 
 Method = Literal["adaptive", "rk4"]
 
@@ -107,6 +108,7 @@ class Scenario:
     start: StartOffset = StartOffset()
     control: Control = field(default_factory=Control)
     motors: Motors = field(default_factory=Motors)
+    sensors: Sensors | None = None
     push: Push | None = None
     integration: Settings = field(default_factory=Settings)
     parameters: Mapping[str, float] = field(default_factory=dict)

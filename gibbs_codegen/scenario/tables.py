@@ -36,6 +36,7 @@ from gibbs_codegen.scenario.scenario import (
     Settings,
     StartOffset,
 )
+from gibbs_codegen.scenario.sensors_table import SensorsTable
 
 _MIN_DURATION = 1e-3
 _MAX_SAMPLES, _MAX_STEPS = 1_000_000, 100_000_000
@@ -170,6 +171,10 @@ class ScenarioTable(Table):
     )
     control: ControlTable = Field(default_factory=ControlTable, description="the control law")
     motors: MotorsTable = Field(default_factory=MotorsTable, description="limits and lag of motors")
+    sensors: SensorsTable | None = Field(
+        default=None,
+        description="noise and delay of what a sampled law observes; default: the state as it is",
+    )
     push: PushTable | None = Field(
         default=None, description="a force and a torque at a frame; default: none"
     )
@@ -228,6 +233,7 @@ class ScenarioTable(Table):
             start=self.start.start(),
             control=self.control.control(),
             motors=self.motors.motors(),
+            sensors=self.sensors.sensors() if self.sensors else None,
             push=push.push() if push else None,
             integration=Settings(**dict(self.integration)),
             parameters=self.parameters,

@@ -28,6 +28,7 @@ from gibbs_codegen.scenario.scenario import (
     Settings,
     StartOffset,
 )
+from gibbs_codegen.scenario.sensors import Sensors
 
 LEAST = """
 name = "test"
@@ -65,6 +66,16 @@ FULL: dict[str, Any] = {
         "delay": 0.004,
     },
     "motors": {"limits": [-10, 25], "time_constant": 0.05, "compensation": False},
+    "sensors": {
+        "position": 0.002,
+        "attitude_deg": 0.1,
+        "joints": 0.003,
+        "velocity": 0.01,
+        "angular_velocity": 0.02,
+        "joint_rates": 0.05,
+        "delay": 0.004,
+        "seed": 12345,
+    },
     "push": {"frame": "base", "force": [5, 0, -2], "torque": [0, 3, 1], "begin": 2, "end": 4},
     "integration": {
         "method": "rk4",
@@ -146,6 +157,7 @@ def test_all_keys() -> None:
         ),
         control=Control("open_loop", 4, 0.7, 16, 0.5, 200, 0.004),
         motors=Motors((-10, 25), 0.05, compensation=False),
+        sensors=Sensors(0.002, 0.1 * degree, 0.003, 0.01, 0.02, 0.05, 0.004, 12345),
         push=Push((5, 0, -2), 2, 4, (0, 3, 1), "base"),
         integration=Settings("rk4", 0.002, 1e-8, 1e-9, 50, 3),
         parameters={"gravity": 3.7, "link_2_mass": 1.5},
@@ -188,6 +200,7 @@ OTHERS: dict[object, object] = {
     "open_loop": "off",
     "rk4": "adaptive",
     "base": "tip",
+    12345: 54321,
 }
 
 
@@ -198,7 +211,7 @@ def test_no_key_is_read_in_vain(path: tuple[str | int, ...]) -> None:
     for key in path:
         value = value[key]
     other: object = OTHERS.get(value)
-    if isinstance(value, int | float):
+    if isinstance(value, int | float) and other is None:
         other = not value if isinstance(value, bool) else 0.9 * value + 0.003
     if path[-1] == "kind":
         # Another kind has other keys: those that are there are now unknown, so this one is read.
@@ -393,6 +406,10 @@ def test_what_should_be_a_table(path: tuple[str, ...], value: object) -> None:
         ("control.law", "off ", "did you mean 'off'?"),
         ("motors.limits", [25, 10], "the least thrust must be below the greatest"),
         ("motors.time_constant", -1, "must be at least 0, not -1"),
+        ("sensors.position", -1, "must be at least 0, not -1"),
+        ("sensors.attitude_deg", 100, "must be at most 90°, not 100"),
+        ("sensors.delay", 11, "must be at most 10 s, not 11"),
+        ("sensors.seed", 1.5, "must be a whole number"),
         ("tip_force", {"begin": 1}, "tip_force.force: missing: [x, y, z] in N"),
         ("tip_force", {"force": [1, 2, 3], "torque": [1, 2, 3]}, "tip_force.torque: unknown key"),
         ("push", {"begin": 1}, "push.force: missing: give a force, a torque, or both"),

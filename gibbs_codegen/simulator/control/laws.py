@@ -66,7 +66,7 @@ class ControlLaw(Protocol):
         """Gains of the tracking errors."""
 
     @property
-    def law(self) -> Law:
+    def law(self) -> str:
         """Its name."""
 
     @property

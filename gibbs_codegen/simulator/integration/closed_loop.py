@@ -9,7 +9,8 @@ takes a state apart gets it of length 1.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ import numpy as np
 
 from gibbs_codegen.errors import UsageError, printable
 from gibbs_codegen.scenario.scenario import Push
+from gibbs_codegen.simulator.control.held import HeldInputs
 from gibbs_codegen.simulator.control.laws import ControlLaw
 from gibbs_codegen.simulator.integration.acting import NOTHING, Acting
 from gibbs_codegen.simulator.integration.state_history import SmoothInterval
@@ -64,6 +66,11 @@ class ClosedLoop:
         """Whether a thrust, torque or force has a limit."""
         return bool(np.any(np.isfinite(self.actuators.inputs)))
 
+    @property
+    def held(self) -> HeldInputs | None:
+        """The law that holds its inputs from one command to the next, if it is one."""
+        return self.controller if isinstance(self.controller, HeldInputs) else None
+
     @cached_property
     def lags(self) -> bool:
         """Whether a motor lags."""
@@ -102,6 +109,8 @@ class ClosedLoop:
         Returns:
             The state (size).
         """
+        if self.held is not None:
+            self.held.start(q, v)
         memory = np.zeros(self.controller.memory)
         setpoints = self._setpoints(self.controller(0.0, q, v, memory))
         thrusts = setpoints[: self.vehicle.rotors if self.lags else 0]
@@ -229,18 +238,37 @@ class ClosedLoop:
         rates.append(self.controller.growth(time, q, v, memory))
         return np.concatenate(rates)
 
-    def smooth_intervals(self, duration: float) -> list[SmoothInterval]:
-        """The intervals of a flight between which the push begins or ends.
+    def begun(self, interval: SmoothInterval, state: Array) -> tuple[SmoothInterval, str]:
+        """An interval with the inputs that are held through it, after samples that are due.
 
         Args:
-            duration: Duration of the flight, s.
+            interval: The interval.
+            state: State (size) at its begin.
 
         Returns:
-            Intervals from 0 to `duration`, each beginning where the one before ends.
+            The interval, and why the flight cannot go on, "" if it can.
+        """
+        if self.held is None:
+            return interval, ""
+        q, v, *_ = self.parts(state)
+        stopped = self.held.begin(interval.begin, q, v)
+        acting = replace(interval.acting, held=tuple(self.held.held.tolist()))
+        return replace(interval, acting=acting), stopped
+
+    def smooth_intervals(self, begin: float, end: float) -> Iterator[SmoothInterval]:
+        """The intervals of a flight between which the push or held inputs may change.
+
+        Args:
+            begin, end: The time that they cover, s.
+
+        Yields:
+            Intervals, each beginning where the one before ends, without the inputs that are held.
         """
         jumps = [self.push.begin, self.push.end] if self.push else []
-        times = sorted({0.0, duration, *(t for t in jumps if 0.0 < t < duration)})
-        return [
-            SmoothInterval(begin, end, Acting(push=bool(self.push_acts(begin))))
-            for begin, end in itertools.pairwise(times)
-        ]
+        times = np.array(sorted({begin, end, *(t for t in jumps if begin < t < end)}))
+        if self.held is not None:
+            instants = self.held.instants(begin, end)
+            near = np.abs(instants[:, np.newaxis] - times) <= self.held.same
+            times = np.sort(np.concatenate([times, instants[~near.any(axis=1)]]))
+        for first, last in itertools.pairwise(times.tolist()):
+            yield SmoothInterval(first, last, Acting(push=bool(self.push_acts(first))))

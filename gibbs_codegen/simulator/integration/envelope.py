@@ -16,6 +16,9 @@ from gibbs_codegen.simulator.control.laws import Gains
 from gibbs_codegen.simulator.integration.closed_loop import ClosedLoop
 from gibbs_codegen.simulator.plant.vehicle import Array, Flags
 
+# What to try instead of a law, where it is not lower gains.
+_OTHER_CONTROL = {"open_loop": "a closed loop (control.law)", "own": "another controller"}
+
 
 class Envelope:
     """The tracking errors beyond which control counts as lost.
@@ -115,9 +118,8 @@ class Envelope:
             *(["wider motors.limits"] if np.any(limited[0]) else []),
             *(["a greater arm.effort"] if np.any(limited[1]) else []),
             *(["a weaker push"] if loop.push else []),
-            "a closed loop (control.law)"
-            if loop.controller.law == "open_loop"
-            else "a lower control.frequency",
+            *(["a higher rate of control"] if loop.held is not None else []),
+            _OTHER_CONTROL.get(loop.controller.law, "a lower control.frequency"),
         ]
         return f"try {', '.join(remedies)} or a gentler motion"
 

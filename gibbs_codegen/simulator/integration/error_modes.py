@@ -31,7 +31,7 @@ class Mode:
 
 
 def stable_modes(loop: ClosedLoop) -> list[Mode]:
-    """Modes that decay: those of lagging thrusts, and of errors under computed torque.
+    """Modes that decay: those of lagging thrusts, and of errors under computed torque at all times.
 
     Args:
         loop: The closed loop.
@@ -45,7 +45,8 @@ def stable_modes(loop: ClosedLoop) -> list[Mode]:
     for lag in lags:
         remedy = f"a longer time constant of the motors than {lag:g} s, or none"
         found.append(Mode(1.0 / lag, "the motors' lag", remedy, complex(-1.0 / lag)))
-    if loop.controller.law == "computed_torque":
+    # Held inputs do not follow the errors within a step.
+    if loop.controller.law == "computed_torque" and loop.held is None:
         gains = loop.controller.gains
         pairs = {*zip(gains.damping.tolist(), gains.stiffness.tolist(), strict=True)}
         for damping, stiffness in sorted(pairs):

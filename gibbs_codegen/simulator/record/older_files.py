@@ -23,11 +23,14 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         Their values. The ranges of inputs are those of the samples alone.
     """
     found = {} if "parents" in stored else _before_trees(stored)
-    if "law" not in stored:
-        found["law"] = np.array("")
-    if "weight" not in stored:
-        limits = np.full(len(stored["input_names"]), np.inf)
-        found |= {"weight": np.array(np.nan), "input_limits": np.stack([-limits, limits])}
+    endless = np.full(len(stored["input_names"]), np.inf)
+    later = {
+        "law": np.array(""),
+        "control_rate": np.array(0.0),
+        "weight": np.array(np.nan),
+        "input_limits": np.stack([-endless, endless]),
+    }
+    found |= {name: value for name, value in later.items() if name not in stored}
     for name in RANGES:
         if name not in stored:
             found[name] = stored[name.partition("_")[0]]

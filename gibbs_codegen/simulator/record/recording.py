@@ -35,6 +35,7 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         robot=vehicle.name,
         scenario=scenario.name,
         law=loop.controller.law,
+        control_rate=loop.held.rate if loop.held else 0.0,
         attitude=vehicle.attitude,
         coordinates=vehicle.coordinates,
         coordinate_units=vehicle.layout.q.units,

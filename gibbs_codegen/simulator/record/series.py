@@ -46,15 +46,18 @@ class Series:
     - `kinetic_energy`, `potential_energy`, `work` (s): energies, and the work that inputs and
       external force have done since the start
 
-    `law` is the control law that was flown, "" in files of before flights said so. `weight` is that
-    of the robot, N, and `input_limits` (2, nu) are the least and the greatest inputs that motors
-    and joints give, infinite without limits.
+    `law` is the control law that was flown, "own" for a controller of the caller, "" in files of
+    before flights said so. `control_rate` is how often it was sampled, Hz, 0 where it acts at all
+    times, or where inputs came from step to step.
+    `weight` is that of the robot, N, and `input_limits` (2, nu) are the least and the greatest
+    inputs that motors and joints give, infinite without limits.
     `stopped` says why the flight ended before its time; it is empty where it did not.
     """
 
     robot: str
     scenario: str
     law: str
+    control_rate: float
     attitude: str
     coordinates: tuple[str, ...]
     coordinate_units: tuple[str, ...]
