@@ -37,6 +37,7 @@ def synthetic_flight(
         "robot": module.NAME,
         "scenario": "synthetic",
         "law": "computed_torque",
+        "control_rate": 0.0,
         "attitude": module.ATTITUDE,
         "coordinates": module.COORDINATES,
         "coordinate_units": module.COORDINATE_UNITS,

@@ -50,7 +50,6 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         a=a,
         **dict(zip(("q_desired", "v_desired", "a_desired"), reference, strict=True)),
         **_inputs(loop, history, commanded, applied),
-        weight=_weight(vehicle),
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         base_arm_angles=_measured_arm_angles(vehicle, q),
         base_arm_angles_desired=vehicle.arm_angles()[1:],
@@ -61,9 +60,8 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(vehicle, scenario, time, reference[0]),
         heading_error=_heading_errors(vehicle, scenario, time, q),
-        kinetic_energy=vehicle.kinetic_energy(q, v),
-        potential_energy=vehicle.potential_energy(q),
-        work=work,
+        weight=_weight(vehicle),
+        **_energies(vehicle, q, v, work),
     )
 
 
@@ -72,6 +70,21 @@ def _weight(vehicle: Vehicle) -> float:
     lifted = vehicle.neutral
     lifted[vehicle.layout.q.position][2] += 1.0
     return float(vehicle.potential_energy(lifted) - vehicle.potential_energy(vehicle.neutral))
+
+
+def _energies(vehicle: Vehicle, q: Array, v: Array, work: Array) -> dict[str, Array]:
+    """Energies and work, by the names of the fields.
+
+    Args:
+        vehicle: The robot.
+        q, v: Coordinates (s, nq) and velocities (s, nv).
+        work: Work (s), J.
+
+    Returns:
+        The series (s), J.
+    """
+    kinetic, potential = vehicle.kinetic_energy(q, v), vehicle.potential_energy(q)
+    return {"kinetic_energy": kinetic, "potential_energy": potential, "work": work}
 
 
 def _inputs(
