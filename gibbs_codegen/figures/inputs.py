@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from gibbs_codegen.figures.curves import (
@@ -26,6 +27,7 @@ from gibbs_codegen.simulator.record.flight import Array, Flight
 # Shares of a thrust along the base normal: of rotors that are called vertical at least this.
 _VERTICAL = 0.5
 _BAND: dict[str, Any] = {"alpha": 0.3, "linewidth": 0}
+_SPAN: dict[str, Any] = {"color": "0.92", "zorder": 0, "linewidth": 0}
 _SHARE: dict[str, Any] = {"color": "0.45", "linewidth": 0.9, "linestyle": (0, (1, 1.2))}
 _LIMIT: dict[str, Any] = {"color": "#b00000", "linewidth": 0.8, "linestyle": "-."}
 
@@ -36,7 +38,7 @@ def inputs(flight: Flight) -> Figure:
     Thrusts of rotors that lift and of rotors that push sideways have panels of their own. Lines are
     the applied inputs, with bands from the least to the greatest between samples; dashes, where
     they differ, the commanded ones. A dotted line is what each rotor bears of the weight, others
-    are limits.
+    are limits. The background is grey while a force or torque acts on a frame for a time.
 
     Args:
         flight: The flight.
@@ -61,7 +63,7 @@ def inputs(flight: Flight) -> Figure:
         keys: dict[str, Any] = {}
         for axes, group in zip(figure.axes, shown.values(), strict=True):
             _draw_bands(axes, flight, group)
-            keys |= _draw_bounds(axes, flight, group)
+            keys |= _draw_bounds(axes, flight, group) | _draw_spans(axes, flight)
             axes.autoscale(axis="y")
             label_axes(axes, axes.get_ylabel())
         if not _followed(flight).all():
@@ -134,6 +136,27 @@ def _draw_bounds(axes: Axes, flight: Flight, places: NDArray[np.int_]) -> dict[s
     for limit in np.unique(limits[np.isfinite(limits)]):
         keys["limit"] = axes.axhline(limit, **_LIMIT)
     return keys
+
+
+def _draw_spans(axes: Axes, flight: Flight) -> dict[str, Any]:
+    """Shade the times at which a frame is acted on, if it is not all the time.
+
+    Args:
+        axes: The axes.
+        flight: The flight.
+
+    Returns:
+        What was drawn, by its name in the legend.
+    """
+    acts = np.any(flight.frame_wrenches != 0.0, axis=2)
+    now = np.any(acts & ~np.all(acts, axis=0), axis=1)
+    if not now.any():
+        return {}
+    edges = np.flatnonzero(np.diff(now, prepend=False, append=False))
+    last = len(flight.time) - 1
+    for begin, end in edges.reshape(-1, 2):
+        axes.axvspan(flight.time[begin], flight.time[min(end, last)], **_SPAN)
+    return {"external force": Patch(**_SPAN)}
 
 
 def _followed(flight: Flight) -> Any:

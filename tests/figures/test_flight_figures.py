@@ -14,6 +14,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 from support.synthetic_flight import names, synthetic_flight
 
@@ -287,6 +288,19 @@ def test_bands_between_samples_and_limits(paper: Flight) -> None:
     assert {-3.0, 40.0} < drawn
     assert "limit" in legend_texts(lift)
     assert "limit" not in [line.get_label() for line in figure.axes[2].get_lines()]
+
+
+def test_background_tells_when_frames_are_pushed(paper: Flight) -> None:
+    """A push from sample 10 to 30; wind, which blows all the time, tells nothing."""
+    wrenches = np.zeros((len(paper.time), 2, 6))
+    wrenches[10:30, 0, 2] = 5.0
+    wrenches[:, 1, 0] = 1.0
+    pushed = replace(paper, frames=("base", "tip"), frame_wrenches=wrenches)
+    axes = figures.inputs(pushed).axes[0]
+    (span,) = [patch for patch in axes.patches if isinstance(patch, Rectangle)]
+    assert span.get_x() == paper.time[10]
+    assert np.isclose(span.get_x() + span.get_width(), paper.time[30])
+    assert "external force" in legend_texts(axes)
 
 
 def test_constraint_torques_are_the_flight(paper: Flight, drawn: Drawn) -> None:

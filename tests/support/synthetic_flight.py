@@ -68,6 +68,8 @@ def synthetic_flight(
         "parents": _parents(module, column["O2"], rotors),
         "base_rotation": Rotation.from_euler("XYZ", q[:, :3]).as_matrix(),
         "thrust_directions": _thrust_directions(rotors),
+        "frames": (),
+        "frame_wrenches": np.zeros((len(time), 0, 6)),
         "centre_desired": wanted[:, column["O2"]],
         "tip_desired": wanted[:, column["tip"]],
         "heading_error": error * np.abs(np.cos(time)),

@@ -29,6 +29,8 @@ def lacking(stored: Mapping[str, NDArray[Any]]) -> Arrays:
         "control_rate": np.array(0.0),
         "weight": np.array(np.nan),
         "input_limits": np.stack([-endless, endless]),
+        "frames": np.array([], dtype=str),
+        "frame_wrenches": np.zeros((len(stored["time"]), 0, 6)),
     }
     found |= {name: value for name, value in later.items() if name not in stored}
     for name in RANGES:
