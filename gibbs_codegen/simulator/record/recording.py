@@ -54,10 +54,9 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
         constraint_torques=vehicle.constraint_torques(q, v, a, applied),
         frames=vehicle.frames,
         frame_wrenches=loads,
-        **_base_arms(vehicle, q),
+        **_base(vehicle, q),
         positions=vehicle.positions(q),
         parents=point_parents(vehicle),
-        base_rotation=vehicle.base_rotation(q),
         thrust_directions=_thrust_directions(vehicle, q),
         centre_desired=scenario.base(time)[:, 0],
         tip_desired=_desired_tip(loop.controller.vehicle, scenario, time, reference[0]),
@@ -67,10 +66,11 @@ def flight_of(loop: ClosedLoop, scenario: Scenario, history: StateHistory) -> Fl
     )
 
 
-def _base_arms(vehicle: Vehicle, q: Array) -> dict[str, Array]:
-    """Measured and desired angles of base arms, rad, by the names of the fields."""
+def _base(vehicle: Vehicle, q: Array) -> dict[str, Array]:
+    """Rotation of the base, and angles of its arms, rad, by the names of the fields."""
     measured, desired = _measured_arm_angles(vehicle, q), vehicle.arm_angles()[1:]
-    return {"base_arm_angles": measured, "base_arm_angles_desired": desired}
+    arms = {"base_arm_angles": measured, "base_arm_angles_desired": desired}
+    return {**arms, "base_rotation": vehicle.base_rotation(q)}
 
 
 def _weight(vehicle: Vehicle) -> float:
